@@ -1,11 +1,13 @@
 """Counts what a netlist does in a co-simulation: the input of an energy estimate.
 
-A counter beside the cells sees every cycle, so nothing is sampled: register bits that change, by block; multipliers whose operands
-change (a multiplier with still operands does not switch); block RAM reads; reads and writes of the large memories of one port. It counts
-from a recording's first frame to its last decision, not while weights are loaded.
+A counter beside the cells sees every cycle, so nothing is sampled: register bits that change, by block;
+multipliers whose operands change (a multiplier with still operands does not switch); block RAM reads; reads
+and writes of the large memories of one port. It counts from a recording's first frame to its last decision,
+not while weights are loaded.
 
-Two runs over the same recordings, at full pace and at a slower declared one, do the same frames and steps and differ only in cycles
-without work: their difference is what an idle cycle costs, the rest is what frames and steps cost.
+Two runs over the same recordings, at full pace and at a slower declared one, do the same frames and steps and
+differ only in cycles without work: their difference is what an idle cycle costs, the rest is what frames and
+steps cost.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ FILE = "activity.txt"
 
 @dataclass(frozen=True, kw_only=True)
 class Count:
-    """One run: cycles counted, register-bit toggles by block, multiplies (operands changed), block RAM reads, uses of large memories."""
+    """One run: cycles counted, register-bit toggles by block, multiplies (operands changed), block RAM reads,
+    uses of large memories."""
 
     cycles: int
     toggles: dict[str, int]
@@ -60,7 +63,9 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
         if "Q" in ports:
             bits[block_of(cell["name"].lstrip("\\"))].append(ports["Q"])
         elif kind in OPERANDS:
-            operands.append(", ".join(value for port, value in ports.items() if OPERANDS[kind].fullmatch(port)))
+            operands.append(
+                ", ".join(value for port, value in ports.items() if OPERANDS[kind].fullmatch(port))
+            )
         elif kind == LARGE:
             uses.append(ports["CHIPSELECT"])
         else:
@@ -80,7 +85,8 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
             f"wire [{len(nets) - 1}:0] now_{index} = {{{', '.join(nets)}}};",
             f"reg [{len(nets) - 1}:0] before_{index};",
             f"reg [63:0] toggles_{index} = 0;",
-            f"always @(posedge clk) begin before_{index} <= now_{index}; if (counting) toggles_{index} <= toggles_{index} + "
+            f"always @(posedge clk) begin before_{index} <= now_{index}; if (counting) toggles_{index} <= "
+            f"toggles_{index} + "
             f"64'($countones(now_{index} ^ before_{index})); end",
         ]
         written.append(f"toggles {block} %0d\\n")
@@ -94,9 +100,15 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
         ]
         changed.append(f"64'(operands_{index} != operands_before_{index})")
     counted = {"ram_reads": reads, "large_uses": uses}
-    for name, terms in (("multiplies", changed), *((name, [f"64'({net})" for net in ones]) for name, ones in counted.items())):
+    for name, terms in (
+        ("multiplies", changed),
+        *((name, [f"64'({net})" for net in ones]) for name, ones in counted.items()),
+    ):
         total = " + ".join(["64'd0", *terms])
-        lines += [f"reg [63:0] {name} = 0;", f"always @(posedge clk) if (counting) {name} <= {name} + {total};"]
+        lines += [
+            f"reg [63:0] {name} = 0;",
+            f"always @(posedge clk) if (counting) {name} <= {name} + {total};",
+        ]
         written.append(f"{name} %0d\\n")
         values.append(name)
     lines += [

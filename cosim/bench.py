@@ -1,13 +1,16 @@
 """The cocotb bench: reset, register checks, start, and the wait for the harness to have played everything.
 
-It runs in the simulator's own Python in the work folder, takes its settings from ``bench.json`` there and answers in ``result.json``. It
-drives and samples on falling edges, where both simulators agree on what a signal holds.
+It runs in the simulator's own Python in the work folder, takes its settings from ``bench.json`` there and
+answers in ``result.json``. It drives and samples on falling edges, where both simulators agree on what a
+signal holds.
 
 bench.json
-    registers: name -> address. id: what register ID must read. measure: what LONGEST counts, a value of register MEASURE. probe (or
-    null): while the harness holds before a frame of an open touch, a weight write is tried; it must be refused and flagged.
+    registers: name -> address. id: what register ID must read. measure: what LONGEST counts, a value of
+    register MEASURE. probe (or null): while the harness holds before a frame of an open touch, a weight write
+    is tried; it must be refused and flagged.
 result.json
-    registers: name -> value when all is played. probe: FAULTS before and after the refused write, and after it was cleared.
+    registers: name -> value when all is played. probe: FAULTS before and after the refused write, and after
+    it was cleared.
 """
 
 from __future__ import annotations
@@ -22,7 +25,8 @@ RESET_CYCLES = 4
 
 
 class HostBus:
-    """The register bus, an access at a time; usable while the harness leaves it to the host: idle, held, done."""
+    """The register bus, an access at a time; usable while the harness leaves it to the host: idle, held,
+    done."""
 
     def __init__(self, dut, addresses: dict[str, int]) -> None:
         self.dut = dut
@@ -50,7 +54,9 @@ class HostBus:
 async def refused_write(dut, bus: HostBus, bits: dict[str, int]) -> dict[str, int]:
     """A weight write in an open touch: FAULTS before, after, and once cleared."""
     status = await bus.read("STATUS")
-    assert status & bits["TOUCH"], f"the touch is not open where the weight write is tried: STATUS is 0x{status:04x}"
+    assert status & bits["TOUCH"], (
+        f"the touch is not open where the weight write is tried: STATUS is 0x{status:04x}"
+    )
     before = await bus.read("FAULTS")
     await bus.write("MEMORY_SELECT", 0)
     for _ in range(4):
@@ -76,7 +82,9 @@ async def play(dut) -> None:
     dut.rst.value = 0
     await FallingEdge(dut.clk)
     identity = await bus.read("ID")
-    assert identity == settings["id"], f"register ID reads 0x{identity:04x}, not 0x{settings['id']:04x}: this is no accelerator"
+    assert identity == settings["id"], (
+        f"register ID reads 0x{identity:04x}, not 0x{settings['id']:04x}: this is no accelerator"
+    )
     result: dict[str, dict[str, int]] = {}
     await bus.write("MEASURE", settings["measure"])
     dut.start.value = 1

@@ -1,7 +1,9 @@
-"""A device in this process: bus accesses, frames, waiting, every stage taken down. The cycles themselves run in C++.
+"""A device in this process: bus accesses, frames, waiting, every stage taken down. The cycles themselves run
+in C++.
 
-Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`). What is
-played into it, a scenario, is the same for both: `eskin.cosim.live`, `eskin.cosim.upsets`, `eskin.cosim.gate_flow`.
+Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`). What
+is played into it, a scenario, is the same for both: `eskin.cosim.live`, `eskin.cosim.upsets`,
+`eskin.cosim.gate_flow`.
 """
 
 from __future__ import annotations
@@ -30,8 +32,8 @@ STUCK = 100_000
 QUIET = 4
 """Cycles a bus command may need before busy shows it."""
 FRAME_END, HUNG = -1, -2
-"""Of `Device.seen` in place of a stage: a frame's last taxel is taken; the watchdog acts (``value`` frames and
-``also`` taxels taken)."""
+"""Of `Device.seen` in place of a stage: a frame's last taxel is taken; the watchdog acts (``value`` frames
+and ``also`` taxels taken)."""
 SEEN = np.dtype([("stage", "<i4"), ("value", "<u4"), ("also", "<u4"), ("cycle", "<i8")], align=True)
 Write = tuple[int, int]
 """Address and word of a bus write."""
@@ -41,7 +43,19 @@ class State(ctypes.Structure):
     """Counts and settings that the C++ program shares; what they mean stands there."""
 
     _fields_ = [
-        *((name, ctypes.c_int64) for name in ("cycle", "edges", "decisions", "stalls", "overruns", "frame_cycles_max", "frame", "taxel")),
+        *(
+            (name, ctypes.c_int64)
+            for name in (
+                "cycle",
+                "edges",
+                "decisions",
+                "stalls",
+                "overruns",
+                "frame_cycles_max",
+                "frame",
+                "taxel",
+            )
+        ),
         *((name, ctypes.c_int64) for name in ("stop_at", "poke_at", "global_after")),
         *((name, ctypes.c_int32) for name in ("watch", "failed")),
     ]
@@ -148,7 +162,9 @@ class Device:
         self.state.watch = self.state.poke_at = -1
         for role, name in enumerate(ROLES):
             self._library.set_role(self._device, role, self.port(name))
-        pairs = {stage: (f"probe__{stage}__valid", f"probe__{stage}__value") for stage in stages} | {"decision": ("o__valid", "o__payload")}
+        pairs = {stage: (f"probe__{stage}__valid", f"probe__{stage}__value") for stage in stages} | {
+            "decision": ("o__valid", "o__payload")
+        }
         self.stages = tuple(stage for stage, (valid, _) in pairs.items() if self.port(valid) >= 0)
         for stage in self.stages:
             self._library.add_stage(self._device, *map(self.port, pairs[stage]))
@@ -220,13 +236,15 @@ class Device:
             A taxel is not taken within ``limit`` cycles.
         """
         samples = np.ascontiguousarray(frames, np.int32)
-        if not self._library.play_frames(self._device, samples.ctypes.data, *samples.shape, self._bits, period, limit):
+        if not self._library.play_frames(
+            self._device, samples.ctypes.data, *samples.shape, self._bits, period, limit
+        ):
             raise SimulationError("the simulated hardware stands still: a beat is not taken")
         self._rested()
 
     def line(self, levels: np.ndarray) -> bytes:
-        """What the sending serial line says, a byte (0, 1) a cycle, while the other one has these levels; where they
-        have bit 1 too, a decision is offered from there on until it is taken."""
+        """What the sending serial line says, a byte (0, 1) a cycle, while the other one has these levels;
+        where they have bit 1 too, a decision is offered from there on until it is taken."""
         driven, sent = np.ascontiguousarray(levels, np.uint8), np.zeros(len(levels), np.uint8)
         ports = map(self.port, ("rx", "tx", "decision__valid", "decision__ready"))
         self._library.play_line(self._device, *ports, driven.ctypes.data, len(driven), sent.ctypes.data)
@@ -240,16 +258,23 @@ class Device:
         self.state.poke_at = cycle
 
     def seen(self) -> np.ndarray:
-        """What was taken down since the last `forget`: rows of ``SEEN``; stage: its place in `stages`; also: what
-        the bus reads."""
+        """What was taken down since the last `forget`: rows of ``SEEN``; stage: its place in `stages`; also:
+        what the bus reads."""
         count, size = self._library.event_count(self._device), SEEN.itemsize
-        return np.frombuffer(ctypes.string_at(self._library.events_of(self._device), count * size), SEEN) if count else np.empty(0, SEEN)
+        return (
+            np.frombuffer(ctypes.string_at(self._library.events_of(self._device), count * size), SEEN)
+            if count
+            else np.empty(0, SEEN)
+        )
 
     def streams(self) -> dict[str, Stream]:
         """Words (hex) and cycles of each stage since the last `forget`."""
         events = self.seen()
         rows = {stage: events[events["stage"] == place] for place, stage in enumerate(self.stages)}
-        return {stage: Stream([f"{word:08x}" for word in row["value"]], row["cycle"].tolist()) for stage, row in rows.items()}
+        return {
+            stage: Stream([f"{word:08x}" for word in row["value"]], row["cycle"].tolist())
+            for stage, row in rows.items()
+        }
 
     def forget(self) -> None:
         """What was taken down so far."""
@@ -260,9 +285,12 @@ class Device:
         self._library.mark_frames(self._device)
 
     def marks(self, width: int) -> np.ndarray:
-        """Of each frame the counts (``width`` of them) in the cycle that takes its first taxel, before the edge."""
+        """Of each frame the counts (``width`` of them) in the cycle that takes its first taxel, before the
+        edge."""
         count = self._library.mark_count(self._device)
-        return np.frombuffer(ctypes.string_at(self._library.marks_of(self._device), 8 * count)).reshape(-1, width)
+        return np.frombuffer(ctypes.string_at(self._library.marks_of(self._device), 8 * count)).reshape(
+            -1, width
+        )
 
     def _rested(self) -> None:
         if self.state.failed:

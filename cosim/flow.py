@@ -16,7 +16,16 @@ import numpy as np
 
 from eskin.cosim import latency, runner
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import DECISION_FIELDS, KEPT_MISMATCHES, Capture, Mismatch, Verdict, compare, flat_stages, read_capture
+from eskin.cosim.scoreboard import (
+    DECISION_FIELDS,
+    KEPT_MISMATCHES,
+    Capture,
+    Mismatch,
+    Verdict,
+    compare,
+    flat_stages,
+    read_capture,
+)
 from eskin.golden.core import converters, images
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
@@ -79,11 +88,13 @@ def cosim(
     hardware:
         A netlist of the same design; default: the design's own Verilog.
     measure:
-        What the design's own counter measures, ``frame``, ``step`` or ``windows`` (register MEASURE); read as ``registers`` LONGEST.
+        What the design's own counter measures, ``frame``, ``step`` or ``windows`` (register MEASURE); read as
+        ``registers`` LONGEST.
     waves:
         On a mismatch, play its recording once more and keep waves.
     fault:
-        With a converter: (first frame, frames, kind) in which its model misbehaves, in every recording; kinds as in its file.
+        With a converter: (first frame, frames, kind) in which its model misbehaves, in every recording; kinds
+        as in its file.
     work:
         Folder for stimulus, captures, log and waves; made when absent.
     builds:
@@ -92,11 +103,10 @@ def cosim(
     Returns
     -------
     dict
-        recordings, frames, steps, decisions, compared_values, mismatches, bit_exact, simulator, level, lanes, clock_hz, cycles, budgets
-        (rows of ``eskin.cosim.latency``), simulated_cycles, wall_s, target (None at level rtl), stages (stage -> compared_values,
-        mismatches),
-        pace, stalls,
-        seed, cycles_per_s, overruns, input_stalls, registers (read at the end), probe, mismatch_list (sentences, the first ones), waves
+        recordings, frames, steps, decisions, compared_values, mismatches, bit_exact, simulator, level, lanes,
+        clock_hz, cycles, budgets (rows of ``eskin.cosim.latency``), simulated_cycles, wall_s, target (None at
+        level rtl), stages (stage -> compared_values, mismatches), pace, stalls, seed, cycles_per_s, overruns,
+        input_stalls, registers (read at the end), probe, mismatch_list (sentences, the first ones), waves
         (path or None), passed (bit-exact, no budget missed, probe refused).
 
     Raises
@@ -140,7 +150,14 @@ def cosim(
         expected,
         capture,
         verdict,
-        {"simulator": simulator, "level": hardware.level, "target": hardware.target, "pace": pace, "stalls": stalls, "seed": seed},
+        {
+            "simulator": simulator,
+            "level": hardware.level,
+            "target": hardware.target,
+            "pace": pace,
+            "stalls": stalls,
+            "seed": seed,
+        },
         probes=hardware.probes,
         clock_hz=clock_hz,
         wall_s=wall_s,
@@ -173,7 +190,8 @@ def result_of(
     wall_s: float,
     registers: Mapping[str, int],
 ) -> dict[str, Any]:
-    """The CONTRACT's result of a run, as `cosim` describes it; ``passed`` without what only a bench in a simulator tries.
+    """The CONTRACT's result of a run, as `cosim` describes it; ``passed`` without what only a bench in a
+    simulator tries.
 
     Parameters
     ----------
@@ -228,13 +246,18 @@ def _misbehaviour(fault: tuple[int, int, int] | None) -> dict[str, int]:
 
 
 def conversion(
-    config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture, work: Path, clock_hz: float
+    config: AcceleratorConfig,
+    expected: Mapping[str, np.ndarray],
+    capture: Capture,
+    work: Path,
+    clock_hz: float,
 ) -> dict[str, Any]:
     """What the frames' way from the pins took, in cycles.
 
-    converter, code_bits, scan_cycles (from a scan's begin to its last channel, at most), jitter_cycles (largest distance of a scan's
-    begin from the declared rate), feature_cycles (from a frame's last channel to the first feature of the window that it ends, at least and
-    at most; None where no window was complete), faults, violations (limits of the converter's data sheet that its model saw broken).
+    converter, code_bits, scan_cycles (from a scan's begin to its last channel, at most), jitter_cycles
+    (largest distance of a scan's begin from the declared rate), feature_cycles (from a frame's last channel
+    to the first feature of the window that it ends, at least and at most; None where no window was complete),
+    faults, violations (limits of the converter's data sheet that its model saw broken).
     """
     scans = np.fromfile(work / "scans.bin", dtype="<u4").reshape(-1, 2).astype(np.int64)
     period = clock_hz / config.sensor.sample_rate_hz
@@ -245,16 +268,30 @@ def conversion(
         if len(begins):
             due = begins[0] + np.arange(len(begins)) * period
             jitter = max(
-                jitter, float(np.abs((begins - due + latency.STAMP_RANGE / 2) % latency.STAMP_RANGE - latency.STAMP_RANGE / 2).max())
+                jitter,
+                float(
+                    np.abs(
+                        (begins - due + latency.STAMP_RANGE / 2) % latency.STAMP_RANGE
+                        - latency.STAMP_RANGE / 2
+                    ).max()
+                ),
             )
         stream = capture.stages["feature"].get(int(number))
         rows, frames = (
-            expected[name][slice(*expected["decision_offsets"][position : position + 2])] for name in ("decision", "decision_frame")
+            expected[name][slice(*expected["decision_offsets"][position : position + 2])]
+            for name in ("decision", "decision_frame")
         )
         ends = frames[rows[:, 0] == 0]
-        for step, frame in enumerate(ends):  # a step whose window the same frame ends as the one before waits for that
-            if stream and step * config.inputs < len(stream.cycles) and (step == 0 or frame != ends[step - 1]):
-                waits.append((stream.cycles[step * config.inputs] - scans[low + frame - 1, 1]) % latency.STAMP_RANGE)
+        # a step whose window the same frame ends as the one before waits for that
+        for step, frame in enumerate(ends):
+            if (
+                stream
+                and step * config.inputs < len(stream.cycles)
+                and (step == 0 or frame != ends[step - 1])
+            ):
+                waits.append(
+                    (stream.cycles[step * config.inputs] - scans[low + frame - 1, 1]) % latency.STAMP_RANGE
+                )
     return {
         "converter": config.interface.converter,
         "code_bits": converters.code_bits(config),
@@ -266,33 +303,56 @@ def conversion(
     }
 
 
-SUMMED = ("recordings", "frames", "steps", "decisions", "compared_values", "mismatches", "simulated_cycles", "overruns", "input_stalls")
+SUMMED = (
+    "recordings",
+    "frames",
+    "steps",
+    "decisions",
+    "compared_values",
+    "mismatches",
+    "simulated_cycles",
+    "overruns",
+    "input_stalls",
+)
 MOST = ("frame_max", "step_max", "decision_latency_max")
 
 
 def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """One result from those of parts of the recordings, in their order and played alike: counts and seconds are sums, cycles the extremes,
-    budgets those of these cycles; the registers are the last part's, with the faults of all and the longest of what LONGEST measures.
+    """One result from those of parts of the recordings, in their order and played alike: counts and seconds
+    are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
+    faults of all and the longest of what LONGEST measures.
     """
     first = results[0]
 
     def of(*path: str) -> list[Any]:  # what each part has there, but None
-        return [value for value in (functools.reduce(operator.getitem, path, result) for result in results) if value is not None]
+        return [
+            value
+            for value in (functools.reduce(operator.getitem, path, result) for result in results)
+            if value is not None
+        ]
 
     result = {**first, **{name: sum(of(name)) for name in SUMMED}}
     cycles = {**first["cycles"], **{name: max(of("cycles", name), default=None) for name in MOST}}
     result["cycles"] = cycles | {"step_min": min(of("cycles", "step_min"), default=None)}
     stages = dict.fromkeys(name for part in of("stages") for name in part)
     result["stages"] = {
-        name: {key: sum(part.get(name, {}).get(key, 0) for part in of("stages")) for key in ("compared_values", "mismatches")}
+        name: {
+            key: sum(part.get(name, {}).get(key, 0) for part in of("stages"))
+            for key in ("compared_values", "mismatches")
+        }
         for name in stages
     }
     result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
     declared = first["pace"] == "declared"
-    result["budgets"] = latency.budgets(config, result["cycles"], first["clock_hz"], declared=declared, overruns=result["overruns"])
+    result["budgets"] = latency.budgets(
+        config, result["cycles"], first["clock_hz"], declared=declared, overruns=result["overruns"]
+    )
     wall_s = sum(of("wall_s"))
     result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
-    faults, longest = functools.reduce(operator.or_, of("registers", "FAULTS")), max(of("registers", "LONGEST"))
+    faults, longest = (
+        functools.reduce(operator.or_, of("registers", "FAULTS")),
+        max(of("registers", "LONGEST")),
+    )
     result["registers"] = {**results[-1]["registers"], "FAULTS": faults, "LONGEST": longest}
     result["mismatch_list"] = [*chain.from_iterable(of("mismatch_list"))][:KEPT_MISMATCHES]
     if "conversion" in first:
@@ -305,24 +365,39 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> d
             "violations": sum(of("conversion", "violations")),
         }
     healthy = not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
-    result["passed"] = healthy and result["bit_exact"] and all(row["met"] or row["reference"] for row in result["budgets"])
+    result["passed"] = (
+        healthy and result["bit_exact"] and all(row["met"] or row["reference"] for row in result["budgets"])
+    )
     if "without_probes" in first:
         counts = {name: sum(of("without_probes", name)) for name in ("compared_values", "mismatches")}
         exact = all(of("without_probes", "bit_exact"))
         mismatches = [*chain.from_iterable(of("without_probes", "mismatch_list"))][:KEPT_MISMATCHES]
-        result["without_probes"] = {**first["without_probes"], **counts, "bit_exact": exact, "mismatch_list": mismatches}
+        result["without_probes"] = {
+            **first["without_probes"],
+            **counts,
+            "bit_exact": exact,
+            "mismatch_list": mismatches,
+        }
         result["passed"] = result["passed"] and exact
     return result
 
 
 def lowest_clock(
-    design: Path, vectors: Path, *, work: Path, cycles: Mapping[str, int | None] | None = None, rounds: int = 8, **options: Any
+    design: Path,
+    vectors: Path,
+    *,
+    work: Path,
+    cycles: Mapping[str, int | None] | None = None,
+    rounds: int = 8,
+    **options: Any,
 ) -> tuple[float, dict[str, Any]]:
-    """The lowest clock, Hz, that meets every budget, and the declared-pace run at it that shows so; ``options`` as for ``cosim``.
+    """The lowest clock, Hz, that meets every budget, and the declared-pace run at it that shows so;
+    ``options`` as for ``cosim``.
 
-    ``cycles``, the counts of a declared-pace run (default: made here, at twice the clock that the multiplies alone need), ask for a clock;
-    it is tried, raised until a run meets every budget, and lowered as long as the run's own counts ask for less (at a clock that is too
-    slow, steps wait for one another and their latencies count more). It is a multiple of 1 kHz.
+    ``cycles``, the counts of a declared-pace run (default: made here, at twice the clock that the multiplies
+    alone need), ask for a clock; it is tried, raised until a run meets every budget, and lowered as long as
+    the run's own counts ask for less (at a clock that is too slow, steps wait for one another and their
+    latencies count more). It is a multiple of 1 kHz.
 
     Raises
     ------
@@ -332,11 +407,15 @@ def lowest_clock(
     config = AcceleratorConfig.load(Path(design) / "config.json")
     if cycles is None:
         guess = 2 * latency.needed_clock(config, dict.fromkeys(latency.COUNT_OF.values(), config.step_ideal))
-        cycles = cosim(design, vectors, pace="declared", clock_hz=guess, work=Path(work) / "declared", **options)["cycles"]
+        cycles = cosim(
+            design, vectors, pace="declared", clock_hz=guess, work=Path(work) / "declared", **options
+        )["cycles"]
     clock = latency.needed_clock(config, cycles)
     lowest: tuple[float, dict[str, Any]] | None = None
     for attempt in range(rounds):
-        result = cosim(design, vectors, pace="declared", clock_hz=clock, work=Path(work) / f"clock{attempt}", **options)
+        result = cosim(
+            design, vectors, pace="declared", clock_hz=clock, work=Path(work) / f"clock{attempt}", **options
+        )
         needed = latency.needed_clock(config, result["cycles"])
         if result["passed"]:
             lowest = clock, result
@@ -349,10 +428,14 @@ def lowest_clock(
             clock = max(needed, clock + 1e3 * round(clock / 5e4 + 1))
     if lowest:
         return lowest
-    raise RuntimeError(f"no clock that meets every budget was found in {rounds} runs; the last one tried was {clock:.0f} Hz")
+    raise RuntimeError(
+        f"no clock that meets every budget was found in {rounds} runs; the last one tried was {clock:.0f} Hz"
+    )
 
 
-def check(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], vectors: Path, pace: str, clock_hz: float) -> None:
+def check(
+    config: AcceleratorConfig, expected: Mapping[str, np.ndarray], vectors: Path, pace: str, clock_hz: float
+) -> None:
     """Refuse a pace, an array or a clock that do not fit.
 
     Raises
@@ -363,17 +446,22 @@ def check(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], vectors
         raise InputError(f"--pace {pace}: is unknown; use {' or '.join(PACES)}")
     if expected["samples"].shape[1] != config.sensor.taxels:
         taxels = expected["samples"].shape[1]
-        raise InputError(f"{vectors}: has {taxels} taxels and the accelerator has {config.sensor.taxels}; use one array for both")
+        raise InputError(
+            f"{vectors}: has {taxels} taxels and the accelerator has {config.sensor.taxels}; use one array "
+            "for both"
+        )
     least = config.sensor.taxels * config.sensor.sample_rate_hz
     if pace == "declared" and clock_hz < least:
         raise InputError(
-            f"--clock {clock_hz:.0f}: is too slow for {config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz, one a cycle; "
+            f"--clock {clock_hz:.0f}: is too slow for {config.sensor.taxels} taxels at "
+            f"{config.sensor.sample_rate_hz:g} Hz, one a cycle; "
             f"give at least {least:.0f} Hz"
         )
 
 
 def _probe_frame(config: AcceleratorConfig, expected: Mapping[str, np.ndarray]) -> tuple[int, int]:
-    """(recording, frame) after a touch's first step of several, or within an image: there the touch is open."""
+    """(recording, frame) after a touch's first step of several, or within an image: there the touch is
+    open."""
     if config.is_image:
         return int(expected["numbers"][0]), config.image.height // 2
     for position, number in enumerate(expected["numbers"]):
@@ -382,7 +470,9 @@ def _probe_frame(config: AcceleratorConfig, expected: Mapping[str, np.ndarray]) 
         for row, frame, following in zip(rows[:-1], frames[:-1], frames[1:], strict=True):
             if row[0] == 0 and row[1] == 0 and following > frame:
                 return int(number), int(frame)
-    raise InputError("the weight write during a touch needs a recording with two completed steps; take other recordings")
+    raise InputError(
+        "the weight write during a touch needs a recording with two completed steps; take other recordings"
+    )
 
 
 @dataclass(frozen=True)
@@ -399,7 +489,12 @@ class _Run:
     measure: str
 
     def play(
-        self, expected: Mapping[str, np.ndarray], *, probing: bool = False, progress: Progress | None = None, waves: bool = False
+        self,
+        expected: Mapping[str, np.ndarray],
+        *,
+        probing: bool = False,
+        progress: Progress | None = None,
+        waves: bool = False,
     ) -> float:
         """Build, write the stimulus of ``expected``, run; wall seconds of the run alone."""
         described = json.loads((self.design / "registers.json").read_text())
@@ -411,17 +506,29 @@ class _Run:
         if self.config.interface.converter != "none":
             parameters |= converter_parameters(self.config)
         if self.config.faults.fault_frames:
-            parameters |= {"TAXEL_FAULTS": registers["TAXEL_FAULTS"], "FLAG_WORDS": -(-self.config.sensor.taxels // 16)}
+            parameters |= {
+                "TAXEL_FAULTS": registers["TAXEL_FAULTS"],
+                "FLAG_WORDS": -(-self.config.sensor.taxels // 16),
+            }
         options = [*self.hardware.options, *(() if self.hardware.probes else ("-DNO_PROBES",))]
         options += ["-DIMAGES"] * self.config.is_image
-        simulator = runner.build(self.simulator, self.hardware.sources, parameters, self.builds, options=options, waves=waves)
+        simulator = runner.build(
+            self.simulator, self.hardware.sources, parameters, self.builds, options=options, waves=waves
+        )
         self.work.mkdir(parents=True, exist_ok=True)
         lengths = np.diff(expected["offsets"])
-        stimulus = expected["codes"].astype(">u4") if "codes" in expected else expected["samples"].astype(">u2")
+        stimulus = (
+            expected["codes"].astype(">u4") if "codes" in expected else expected["samples"].astype(">u2")
+        )
         stimulus.tofile(self.work / "samples.bin")
         np.stack([expected["numbers"], lengths], axis=1).astype(">u4").tofile(self.work / "recordings.bin")
         np.array(boot).astype(">u4").tofile(self.work / "boot.bin")
-        bench = {"registers": registers, "id": described["id"], "probe": probing, "bits": bits["STATUS"] | bits["CONTROL"]}
+        bench = {
+            "registers": registers,
+            "id": described["id"],
+            "probe": probing,
+            "bits": bits["STATUS"] | bits["CONTROL"],
+        }
         bench["measure"] = described["measures"][self.measure.upper()]
         (self.work / "bench.json").write_text(json.dumps(bench))
         frames, stamps = int(lengths.sum()), self.work / "frames.bin"
@@ -473,9 +580,14 @@ def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
 
 
 def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture, verdict: Verdict) -> Path:
-    """Play the recording of the first mismatch alone, with waves around it; beside them the meaning of the signals. The folder."""
+    """Play the recording of the first mismatch alone, with waves around it; beside them the meaning of the
+    signals. The folder."""
     first = _earliest(run.config, verdict, capture)
-    position = int(np.flatnonzero(expected["numbers"] == first.recording)[0]) if first.recording in expected["numbers"] else 0
+    position = (
+        int(np.flatnonzero(expected["numbers"] == first.recording)[0])
+        if first.recording in expected["numbers"]
+        else 0
+    )
     number = int(expected["numbers"][position])
     centre = _cycles_since_arm(first, expected, capture, position)
     settings = {k: v for k, v in run.settings.items() if not k.startswith("hold_")}
@@ -493,22 +605,31 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
     formats = stage_formats(run.config)
     signals = {f"harness.{'state' if stage == 'map' else stage}": str(fmt) for stage, fmt in formats.items()}
     signals["harness.i_sample"] = str(run.config.sample_format)
-    (folder / "signals.json").write_text(json.dumps({"mismatch": str(first), "formats": signals}, indent=2) + "\n")
+    (folder / "signals.json").write_text(
+        json.dumps({"mismatch": str(first), "formats": signals}, indent=2) + "\n"
+    )
     (folder / "waves.gtkw").write_text(_gtkwave(list(signals)))
     replayed = read_capture(folder, flat_stages(run.config))
     with (folder / "decoded.csv").open("w", newline="") as handle:
         table = csv.writer(handle)
-        table.writerow(["stage", "index", "cycle_since_arm", "code", "value", "expected_code", "expected_value"])
+        table.writerow(
+            ["stage", "index", "cycle_since_arm", "code", "value", "expected_code", "expected_value"]
+        )
         armed = replayed.summary["armed_at"]
         for stage, fmt in formats.items():
             stream = replayed.stages[stage].get(number)
             offset, end = expected[f"{stage}_offsets"][position : position + 2]
             want = expected[stage][offset:end]
-            for index, (word, cycle) in enumerate(zip(stream.words, stream.cycles, strict=True) if stream else ()):
+            for index, (word, cycle) in enumerate(
+                zip(stream.words, stream.cycles, strict=True) if stream else ()
+            ):
                 definite = not set(word.lower()) & {"x", "z"}
                 code = int(np.uint32(int(word, 16)).astype(np.int32)) if definite else word
                 aim = int(want[index]) if index < len(want) else ""
-                value, aimed = (float(fmt.to_real(code)) if definite else ""), (float(fmt.to_real(aim)) if aim != "" else "")
+                value, aimed = (
+                    (float(fmt.to_real(code)) if definite else ""),
+                    (float(fmt.to_real(aim)) if aim != "" else ""),
+                )
                 table.writerow([stage, index, cycle - armed, code, value, aim, aimed])
     return folder
 
@@ -517,11 +638,17 @@ def _earliest(config: AcceleratorConfig, verdict: Verdict, capture: Capture) -> 
     """The mismatch nearest to the cause: lowest recording as played, then frame, then place in the chain."""
     chain = [*flat_stages(config), "decision"]
     within = [m for m in verdict.first if m.recording == verdict.first[0].recording]
-    return min(within, key=lambda m: (m.frame or 1 << 62, chain.index(m.stage) if m.stage in chain else len(chain), m.index))
+    return min(
+        within,
+        key=lambda m: (m.frame or 1 << 62, chain.index(m.stage) if m.stage in chain else len(chain), m.index),
+    )
 
 
-def _cycles_since_arm(mismatch: Mismatch, expected: Mapping[str, np.ndarray], capture: Capture, position: int) -> int:
-    """Where to look, in cycles since the recording's arm command: at the value, else at the frame that should have brought it."""
+def _cycles_since_arm(
+    mismatch: Mismatch, expected: Mapping[str, np.ndarray], capture: Capture, position: int
+) -> int:
+    """Where to look, in cycles since the recording's arm command: at the value, else at the frame that should
+    have brought it."""
     number = int(expected["numbers"][position])
     if number not in capture.status:
         return WAVES_BEFORE
@@ -536,7 +663,19 @@ def _cycles_since_arm(mismatch: Mismatch, expected: Mapping[str, np.ndarray], ca
 
 def _gtkwave(signals: list[str]) -> str:
     """A GTKWave state file that lists the stage signals, signed decimal."""
-    control = [f"harness.{name}" for name in ("clk", "i_valid", "i_ready", "i_first", "i_last", "o_valid", "o_ready", "o_payload[30:0]")]
+    control = [
+        f"harness.{name}"
+        for name in (
+            "clk",
+            "i_valid",
+            "i_ready",
+            "i_first",
+            "i_last",
+            "o_valid",
+            "o_ready",
+            "o_payload[30:0]",
+        )
+    ]
     valid = [f"{signal}_valid" for signal in signals if not signal.endswith("i_sample")]
     wide = [f"{signal}[31:0]" if not signal.endswith("i_sample") else signal for signal in signals]
     return "\n".join(['[dumpfile] "waves.vcd"', "@28", *control, *valid, "@420", *wide, ""])

@@ -1,8 +1,10 @@
-"""A co-simulation in this process: recordings into a device's ports, every stage and decision compared; the CONTRACT's result.
+"""A co-simulation in this process: recordings into a device's ports, every stage and decision compared; the
+CONTRACT's result.
 
 It is made for a chip's netlist, and plays a Verilated design as well.
 
-Beside Verilator it compiles a whole chip in seconds, and begins every recording with anything in every flip-flop, latch and macro.
+Beside Verilator it compiles a whole chip in seconds, and begins every recording with anything in every
+flip-flop, latch and macro.
 """
 
 from __future__ import annotations
@@ -47,8 +49,8 @@ def cosim(
     Parameters
     ----------
     chip:
-        Compiles it; called with the seed of what its states begin with. The recording at place k begins with those of ``seed + k``, a
-        reset and all bus writes.
+        Compiles it; called with the seed of what its states begin with. The recording at place k begins with
+        those of ``seed + k``, a reset and all bus writes.
     vectors:
         File written by eskin.golden.model.vectors.write_vectors.
     registers:
@@ -93,10 +95,14 @@ def cosim(
         device.cycle()
         return word
 
-    for place, (number, (low, high)) in enumerate(zip(expected["numbers"].tolist(), pairwise(expected["offsets"].tolist()), strict=True)):
+    for place, (number, (low, high)) in enumerate(
+        zip(expected["numbers"].tolist(), pairwise(expected["offsets"].tolist()), strict=True)
+    ):
         gates.begin(seed + place)
         try:
-            device.reset([*boot, (address["MEASURE"], measures["STEP"]), (address["CONTROL"], command["ARM"])])
+            device.reset(
+                [*boot, (address["MEASURE"], measures["STEP"]), (address["CONTROL"], command["ARM"])]
+            )
             armed_at = device.state.cycle
             device.settle(quiet=SETTLE)
             device.forget()  # what a chain not yet reset may have offered
@@ -112,17 +118,44 @@ def cosim(
         frame_ends += events["cycle"][events["stage"] == FRAME_END].tolist()
         device.forget()
         last = {name: read(address[name]) for name in ("STATUS", "FAULTS", "TOUCHES", "LONGEST")}
-        flags = [read(address["TAXEL_FAULTS"] + k) for k in range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)]
+        flags = [
+            read(address["TAXEL_FAULTS"] + k)
+            for k in range(-(-config.sensor.taxels // 16) if config.faults.fault_frames else 0)
+        ]
         words, flagged = ([f"{word:04x}" for word in part] for part in (list(last.values())[:3], flags))
         status[number] = (*words, armed_at, *flagged)
         if progress:
             progress(high, len(expected["samples"]))
     state, steps = device.state, stages.pop("step")
-    summary = {"frames": len(frame_ends), "cycles": state.cycle, "overruns": state.overruns, "input_stalls": state.stalls}
+    summary = {
+        "frames": len(frame_ends),
+        "cycles": state.cycle,
+        "overruns": state.overruns,
+        "input_stalls": state.stalls,
+    }
     summary |= {"frame_cycles_max": state.frame_cycles_max, "protocol_errors": 0, "unknown": 0, **stuck}
     stamps = np.array(frame_ends, dtype=np.int64) % STAMP_RANGE
-    capture = Capture(stages=stages, steps=steps, status=status, frame_cycles=stamps.astype(np.uint32), summary=summary)
+    capture = Capture(
+        stages=stages, steps=steps, status=status, frame_cycles=stamps.astype(np.uint32), summary=summary
+    )
     verdict = compare(config, expected, capture, probes=probes)
-    played = {"simulator": SIMULATOR, "level": "netlist", "target": "asic", "pace": pace, "stalls": stalls, "seed": seed}
+    played = {
+        "simulator": SIMULATOR,
+        "level": "netlist",
+        "target": "asic",
+        "pace": pace,
+        "stalls": stalls,
+        "seed": seed,
+    }
     wall_s = time.monotonic() - begun
-    return flow.result_of(config, expected, capture, verdict, played, probes=probes, clock_hz=clock_hz, wall_s=wall_s, registers=last)
+    return flow.result_of(
+        config,
+        expected,
+        capture,
+        verdict,
+        played,
+        probes=probes,
+        clock_hz=clock_hz,
+        wall_s=wall_s,
+        registers=last,
+    )

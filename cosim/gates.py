@@ -1,9 +1,11 @@
-"""A chip's netlist as tables that one small C++ program steps a clock cycle at a time, adding up what changes cost.
+"""A chip's netlist as tables that one small C++ program steps a clock cycle at a time, adding up what changes
+cost.
 
-The program (cosim/gates.cpp) is compiled once, whatever the netlist: a cell is its truth table and the nets at its pins, and only cells
-whose inputs changed are looked at. In each cycle all nets settle, the edge passes the clock gates that were enabled before it, flip-flops
-and macros take what they see, and latches whose gate's clock is high take what the flip-flops then give. With delays the same happens in
-order of time, so that glitches are seen and counted apart. `eskin.cosim.gate_bench` plays recordings into it.
+The program (cosim/gates.cpp) is compiled once, whatever the netlist: a cell is its truth table and the nets
+at its pins, and only cells whose inputs changed are looked at. In each cycle all nets settle, the edge passes
+the clock gates that were enabled before it, flip-flops and macros take what they see, and latches whose
+gate's clock is high take what the flip-flops then give. With delays the same happens in order of time, so
+that glitches are seen and counted apart. `eskin.cosim.gate_bench` plays recordings into it.
 """
 
 from __future__ import annotations
@@ -44,15 +46,29 @@ class _Tables(ctypes.Structure):
         *((name, ctypes.c_int32) for name in ("nets", "cells", "latches", "gates", "flops", "memories")),
         *((name, ctypes.c_void_p) for name in ("output", "inverse", "first", "inputs", "delay", "table")),
         *((name, ctypes.c_void_p) for name in ("gate_enable", "gate_clock")),
-        *((name, ctypes.c_void_p) for name in ("flop_first", "latch_first", "flop_data", "flop_q", "flop_inverse", "flop_delay", "memory")),
+        *(
+            (name, ctypes.c_void_p)
+            for name in (
+                "flop_first",
+                "latch_first",
+                "flop_data",
+                "flop_q",
+                "flop_inverse",
+                "flop_delay",
+                "memory",
+            )
+        ),
     ]
 
 
 @functools.cache
 def _truth(function: str, names: tuple[str, ...]) -> int:
-    """What a function in Python's operators gives for each combination of ``names``, the first one the lowest bit of its number."""
+    """What a function in Python's operators gives for each combination of ``names``, the first one the lowest
+    bit of its number."""
     code = compile(function.strip(), "liberty", "eval")
-    values = ((at, {name: at >> place & 1 for place, name in enumerate(names)}) for at in range(1 << len(names)))
+    values = (
+        (at, {name: at >> place & 1 for place, name in enumerate(names)}) for at in range(1 << len(names))
+    )
     return sum((eval(code, {"__builtins__": {}}, value) & 1) << at for at, value in values)
 
 
@@ -76,8 +92,9 @@ class Program:
 
     Attributes
     ----------
-    nets: how many; gates: nets of the clock gates' outputs, in the order of their tables; top: number of the gate that all clocks come
-    from, or None; enable: the net that opens it; states, words: flip-flops and latches, words of macros with their outputs.
+    nets: how many; gates: nets of the clock gates' outputs, in the order of their tables; top: number of the
+    gate that all clocks come from, or None; enable: the net that opens it; states, words: flip-flops and
+    latches, words of macros with their outputs.
     """
 
     def __init__(
@@ -92,12 +109,20 @@ class Program:
         self._expression, self._wrong = expression, wrong
         self._ticks = (lambda cell, pin: 1) if unit_delay else _ticks
         root = module["ports"]["clk"]["bits"][0]
-        used = [bit for cell in module["cells"].values() for bits in cell["connections"].values() for bit in bits if isinstance(bit, int)]
+        used = [
+            bit
+            for cell in module["cells"].values()
+            for bits in cell["connections"].values()
+            for bit in bits
+            if isinstance(bit, int)
+        ]
         used += [bit for port in module["ports"].values() for bit in port["bits"] if isinstance(bit, int)]
         self.nets = 1 + max(used)
         by_kind: dict[str, list[tuple[str, Any, dict]]] = {}
         for name, cell in module["cells"].items():
-            by_kind.setdefault(cells[cell["type"]].kind, []).append((name, cells[cell["type"]], cell["connections"]))
+            by_kind.setdefault(cells[cell["type"]].kind, []).append(
+                (name, cells[cell["type"]], cell["connections"])
+            )
         self._fixed = {
             bits[0]: int("HI" in pin)
             for _, kind, connections in by_kind.get("other", [])
@@ -105,7 +130,11 @@ class Program:
             if isinstance(bits[0], int) and kind.pins[pin].direction == "output"
         }
         roles = [
-            {port.gate: connections[pin][0] for pin, port in kind.pins.items() if port.gate and pin in connections}
+            {
+                port.gate: connections[pin][0]
+                for pin, port in kind.pins.items()
+                if port.gate and pin in connections
+            }
             for _, kind, connections in by_kind.get("gate", [])
         ]
         of_net = {role["output"]: number for number, role in enumerate(roles)}
@@ -121,7 +150,8 @@ class Program:
         self.top = entered[0] if len(entered) == used.count(root) - 1 == 1 else None
         self.enable = self.net(roles[self.top]["enable"]) if self.top is not None else 0
         functions = [self._follower(*row) for row in self._logic(by_kind.get("logic", []))]
-        """Of outputs of logic, and behind them of flip-flops that take more than a pin: net, nets of its inputs, truth table, delay."""
+        """Of outputs of logic, and behind them of flip-flops that take more than a pin: net, nets of its
+        inputs, truth table, delay."""
         flops = []
         for _, kind, connections in by_kind.get("flip-flop", []):
             gate = self._gate_of[connections[kind.state["clocked_on"]][0]]
@@ -150,7 +180,13 @@ class Program:
             pins = {pin: [self.net(bit) for bit in bits] for pin, bits in connections.items()}
             shows = [bit if isinstance(bit, int) else -1 for bit in connections["A_DOUT"]]
             enables = [pins[pin][0] for pin in ("A_MEN", "A_WEN", "A_REN")]
-            memory += [self._gate_of[connections["A_CLK"][0]], *enables, kind.words, len(pins["A_ADDR"]), len(shows)]
+            memory += [
+                self._gate_of[connections["A_CLK"][0]],
+                *enables,
+                kind.words,
+                len(pins["A_ADDR"]),
+                len(shows),
+            ]
             memory += [self._ticks(kind, "A_DOUT"), *pins["A_ADDR"], *pins["A_DIN"], *shows]
             self.words += kind.words + sum(net >= 0 for net in shows)
         self.states = len(flops) + len(latches)
@@ -166,13 +202,24 @@ class Program:
             "gate_clock": [self._gate_of[role["clock"]] for role in roles],
             "memory": memory,
         }
-        self._arrays |= {f"flop_{name}": columns[k] for k, name in enumerate(("data", "q", "inverse", "delay"), 1)}
-        for name, group in (("flop_first", flops), ("latch_first", latches)):  # behind no gate (-1), the first gate, the second ...
+        self._arrays |= {
+            f"flop_{name}": columns[k] for k, name in enumerate(("data", "q", "inverse", "delay"), 1)
+        }
+        # behind no gate (-1), the first gate, the second ...
+        for name, group in (("flop_first", flops), ("latch_first", latches)):
             self._arrays[name] = np.searchsorted([row[0] for row in group], range(-1, len(roles) + 1))
-        held: dict[str, np.ndarray] = {name: np.ascontiguousarray(values, np.int32) for name, values in self._arrays.items()}
+        held: dict[str, np.ndarray] = {
+            name: np.ascontiguousarray(values, np.int32) for name, values in self._arrays.items()
+        }
         held["table"] = np.array([row[3] for row in rows], np.uint64)
         self._arrays = held
-        counts = {"nets": self.nets, "cells": len(functions), "latches": len(latches), "gates": len(roles), "flops": len(flops)}
+        counts = {
+            "nets": self.nets,
+            "cells": len(functions),
+            "latches": len(latches),
+            "gates": len(roles),
+            "flops": len(flops),
+        }
         counts["memories"] = len(by_kind.get("memory", []))
         self.tables = _Tables(**counts, **{name: values.ctypes.data for name, values in held.items()})
 
@@ -195,9 +242,13 @@ class Program:
         names = tuple(sorted(set(NAME.findall(text))))
         return [self.net(ends[name]) for name in names], _truth(text, names)
 
-    def _follower(self, name: str, kind: Any, connections: Mapping[str, list], pin: str) -> tuple[int, list[int], int, int]:
+    def _follower(
+        self, name: str, kind: Any, connections: Mapping[str, list], pin: str
+    ) -> tuple[int, list[int], int, int]:
         """Of an output of a logic cell: its net, nets of its inputs, truth table, delay."""
-        inputs, table = self._evaluated(kind.pins[pin].function, {end: bits[0] for end, bits in connections.items() if bits})
+        inputs, table = self._evaluated(
+            kind.pins[pin].function, {end: bits[0] for end, bits in connections.items() if bits}
+        )
         if name == self._wrong:
             table ^= (1 << (1 << len(inputs))) - 1
         return connections[pin][0], inputs, table, self._ticks(kind, pin)
@@ -221,7 +272,12 @@ class Program:
                 elif name not in visited:
                     visited.add(name)
                     stack.append((name, True))
-                    stack += [(driver[bit], False) for bits in by_name[name][1].values() for bit in bits if bit in driver]
+                    stack += [
+                        (driver[bit], False)
+                        for bits in by_name[name][1].values()
+                        for bit in bits
+                        if bit in driver
+                    ]
         return [
             (name, kind, connections, pin)
             for name in order
@@ -247,7 +303,10 @@ def _library(builds: Path) -> ctypes.CDLL:
     library.open_device.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int32]
     library.port_of.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int]
     library.make.restype, library.make.argtypes = ctypes.c_void_p, [ctypes.c_void_p]
-    library.get.restype, library.get.argtypes = ctypes.c_uint64, [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int]
+    library.get.restype, library.get.argtypes = (
+        ctypes.c_uint64,
+        [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int],
+    )
     library.put.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64]
     library.begin.argtypes = [ctypes.c_void_p] * 3
     library.costs.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, *[ctypes.c_void_p] * 4]
@@ -264,7 +323,8 @@ class Chip:
     seed:
         Of what states and memories begin with.
     delays:
-        None: nets settle without delay; ``cells``: each cell takes its table's delay; ``unit``: all take the same.
+        None: nets settle without delay; ``cells``: each cell takes its table's delay; ``unit``: all take the
+        same.
     builds:
         Where the compiled program is kept.
     Others as of `Program`.
@@ -310,7 +370,9 @@ class Chip:
         """As after power-on: every flip-flop, latch and word of a macro anything."""
         rng, program = random.Random(seed), self.program
         states = (ctypes.c_ubyte * (program.states + 1))(*(rng.getrandbits(1) for _ in range(program.states)))
-        words = (ctypes.c_uint32 * (program.words + 1))(*(rng.getrandbits(WORD_BITS) for _ in range(program.words)))
+        words = (ctypes.c_uint32 * (program.words + 1))(
+            *(rng.getrandbits(WORD_BITS) for _ in range(program.words))
+        )
         self._rested(self.library.begin(self._chip, states, words))
 
     @staticmethod
@@ -342,18 +404,24 @@ class Chip:
         """As `eskin.cosim.device.Model`."""
         return self.library.port_of(opened, *self._ports[name]) if name in self._ports else -1
 
-    def count_into(self, joule: np.ndarray, costs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]) -> Callable[[], None]:
-        """Add up in ``joule``, by kind, what changes cost, and the clock gates that let an edge through. A device does so after every edge;
-        who steps the chip itself calls what this gives.
+    def count_into(
+        self, joule: np.ndarray, costs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    ) -> Callable[[], None]:
+        """Add up in ``joule``, by kind, what changes cost, and the clock gates that let an edge through. A
+        device does so after every edge; who steps the chip itself calls what this gives.
 
         Parameters
         ----------
         joule:
             With delays twice as long: behind the kinds the changes that a net takes back within a cycle.
         costs:
-            Joule a change, kind, of every net; joule of an edge, kind, of every gate. Kinds are places in ``joule``.
+            Joule a change, kind, of every net; joule of an edge, kind, of every gate. Kinds are places in
+            ``joule``.
         """
-        arrays = [np.ascontiguousarray(part, kind) for part, kind in zip(costs, (float, np.uint8, float, np.uint8), strict=True)]
+        arrays = [
+            np.ascontiguousarray(part, kind)
+            for part, kind in zip(costs, (float, np.uint8, float, np.uint8), strict=True)
+        ]
         kinds = len(joule) // (1 if self.delays is None else 2)
         self.library.costs(self._chip, joule.ctypes.data, kinds, *(part.ctypes.data for part in arrays))
         self._kept = arrays, joule

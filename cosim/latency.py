@@ -1,7 +1,7 @@
 """Cycle counts and latency budgets.
 
-decision latency: from the rising edge that takes the last taxel of the frame that completes a window to the first rising edge at which that
-window's decision can be taken, in cycles.
+decision latency: from the rising edge that takes the last taxel of the frame that completes a window to the
+first rising edge at which that window's decision can be taken, in cycles.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ REFERENCES = {"reference: LSTM on a GPU": 5e-3, "reference: SVM on an FPGA": 0.3
 
 
 def decision_latencies(expected: Mapping[str, np.ndarray], capture: Capture) -> np.ndarray:
-    """Cycles, one for each decision that a live frame brought about (decisions at a recording's end have none)."""
+    """Cycles, one for each decision that a live frame brought about (decisions at a recording's end have
+    none)."""
     latencies: list[int] = []
     begin = 0
     for position, number in enumerate(expected["numbers"]):
@@ -37,9 +38,16 @@ def decision_latencies(expected: Mapping[str, np.ndarray], capture: Capture) -> 
     return np.array(latencies, dtype=np.int64)
 
 
-def cycle_table(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture) -> dict[str, int | None]:
+def cycle_table(
+    config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture
+) -> dict[str, int | None]:
     """The CONTRACT's ``cycles``; None where the run had no step."""
-    steps = [int(word, 16) for stream in capture.steps.values() for word in stream.words if word.isalnum() and "x" not in word]
+    steps = [
+        int(word, 16)
+        for stream in capture.steps.values()
+        for word in stream.words
+        if word.isalnum() and "x" not in word
+    ]
     latencies = decision_latencies(expected, capture)
     return {
         "frame_max": capture.summary["frame_cycles_max"],
@@ -51,7 +59,8 @@ def cycle_table(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], c
 
 
 def step_limit_frames(config: AcceleratorConfig) -> int:
-    """Frames a step may take: the least distance between two window ends. Windows that end together end the touch; nothing follows them."""
+    """Frames a step may take: the least distance between two window ends. Windows that end together end the
+    touch; nothing follows them."""
     ends = sorted({last for _, last in config.window_spans})
     return min((after - before for before, after in pairwise(ends)), default=config.windows.hop)
 
@@ -69,12 +78,18 @@ COUNT_OF = {"frame": "frame_max", "step": "step_max", "decision": "decision_late
 
 
 def budgets(
-    config: AcceleratorConfig, cycles: Mapping[str, int | None], clock_hz: float, *, declared: bool, overruns: int
+    config: AcceleratorConfig,
+    cycles: Mapping[str, int | None],
+    clock_hz: float,
+    *,
+    declared: bool,
+    overruns: int,
 ) -> list[dict[str, Any]]:
     """Rows {name, limit_s, measured_s, met, margin_s, reference}.
 
-    frame and decision depend on the pace, so they are judged at the declared one only; an overrun there (a frame that was due while the
-    chain was not ready for it) misses ``frame``. A reference row's time is that of all steps of a touch; it never decides.
+    frame and decision depend on the pace, so they are judged at the declared one only; an overrun there (a
+    frame that was due while the chain was not ready for it) misses ``frame``. A reference row's time is that
+    of all steps of a touch; it never decides.
     """
     rows = []
     for name, limit in limits(config).items():
@@ -82,12 +97,29 @@ def budgets(
         if count is None or (name != "step" and not declared):
             continue
         measured = count / clock_hz
-        met = measured <= limit * (1 + 1e-12) and not (name == "frame" and overruns)  # equality survives the division
-        rows.append({"name": name, "limit_s": limit, "measured_s": measured, "met": met, "margin_s": limit - measured, "reference": False})
+        # equality survives the division
+        met = measured <= limit * (1 + 1e-12) and not (name == "frame" and overruns)
+        rows.append(
+            {
+                "name": name,
+                "limit_s": limit,
+                "measured_s": measured,
+                "met": met,
+                "margin_s": limit - measured,
+                "reference": False,
+            }
+        )
     if cycles["step_max"] is not None:
         touch = config.windows.steps * cycles["step_max"] / clock_hz
         rows += [
-            {"name": name, "limit_s": limit, "measured_s": touch, "met": touch <= limit, "margin_s": limit - touch, "reference": True}
+            {
+                "name": name,
+                "limit_s": limit,
+                "measured_s": touch,
+                "met": touch <= limit,
+                "margin_s": limit - touch,
+                "reference": True,
+            }
             for name, limit in REFERENCES.items()
         ]
     return rows
@@ -96,8 +128,13 @@ def budgets(
 def needed_clock(config: AcceleratorConfig, cycles: Mapping[str, int | None]) -> float:
     """The lowest clock, Hz (rounded up to 1 kHz), at which these cycle counts meet every budget.
 
-    The counts of a declared-pace run hardly depend on its clock, but a slow clock can make steps queue: run again at the result to verify.
+    The counts of a declared-pace run hardly depend on its clock, but a slow clock can make steps queue: run
+    again at the result to verify.
     """
     needed = [config.sensor.taxels * config.sensor.sample_rate_hz]
-    needed += [count / limit for name, limit in limits(config).items() if (count := cycles[COUNT_OF[name]]) is not None]
+    needed += [
+        count / limit
+        for name, limit in limits(config).items()
+        if (count := cycles[COUNT_OF[name]]) is not None
+    ]
     return math.ceil(max(needed) / 1e3 - 1e-9) * 1e3

@@ -1,4 +1,5 @@
-"""The host's side of the serial link (docs/specification.md, section 9): packets, numbering, sending again, playing a recording.
+"""The host's side of the serial link (docs/specification.md, section 9): packets, numbering, sending again,
+playing a recording.
 
 Plain Python over anything that reads and writes bytes, so that a board and a simulation run the same code.
 """
@@ -25,7 +26,8 @@ CYCLES_A_BYTE_MIN = 40
 CHATTER = 4096
 """Bytes without the answer in them, after which it is asked for again."""
 BURST = 64
-"""Packets sent before the device is asked what it took; below 128, so that half of the 256 numbers is never under way."""
+"""Packets sent before the device is asked what it took; below 128, so that half of the 256 numbers is never
+under way."""
 
 
 class LinkError(RuntimeError):
@@ -81,7 +83,8 @@ class Unpacker:
         self._unfinished = bytearray()
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The bodies (check sequence taken off) of the packets that ``data`` completes; damaged ones are dropped and counted."""
+        """The bodies (check sequence taken off) of the packets that ``data`` completes; damaged ones are
+        dropped and counted."""
         *ended, unfinished = (bytes(self._unfinished) + data).split(b"\x7e")
         self._unfinished = bytearray(unfinished)
         bodies = []
@@ -113,7 +116,8 @@ Packet = tuple[int, Sequence[int] | np.ndarray]
 
 
 def ordered_packet(number: int, command: int, words: Sequence[int] | np.ndarray) -> bytes:
-    """A write or a frame: ``words`` are 16-bit codes. Behind a long one, flags fill the line until the device is through with it."""
+    """A write or a frame: ``words`` are 16-bit codes. Behind a long one, flags fill the line until the device
+    is through with it."""
     body = bytes([number & 0xFF, command]) + np.asarray(words).astype("<u2").tobytes()
     fill = max(0, -(-(len(words) + 8) // CYCLES_A_BYTE_MIN) - 1)
     return pack(body) + b"\x7e" * fill
@@ -126,7 +130,8 @@ def read_packet(address: int) -> bytes:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a read brings: the register's value, the number of the write or frame the device waits for, decisions sent so far (mod 128)."""
+    """What a read brings: the register's value, the number of the write or frame the device waits for,
+    decisions sent so far (mod 128)."""
 
     address: int
     value: int
@@ -149,13 +154,19 @@ def parse(body: bytes) -> Answer | Decision | None:
     payload = int.from_bytes(body[1:], "little")
     if payload & DECISION:
         return Decision(body[0] % NUMBERS, payload ^ DECISION | body[0] // NUMBERS << 31)
-    return Answer(address=payload >> 24, value=payload & 0xFFFF, expected=payload >> 16 & 0xFF, decisions=body[0] % NUMBERS)
+    return Answer(
+        address=payload >> 24,
+        value=payload & 0xFFFF,
+        expected=payload >> 16 & 0xFF,
+        decisions=body[0] % NUMBERS,
+    )
 
 
 # -------------------------------------------------------------------- the conversation
 @dataclass(frozen=True)
 class Played:
-    """A recording as the device decided it. decisions: 32-bit payloads in order. status, touches, faults: the registers at the end."""
+    """A recording as the device decided it. decisions: 32-bit payloads in order. status, touches, faults: the
+    registers at the end."""
 
     decisions: list[int]
     status: int
@@ -166,13 +177,14 @@ class Played:
 class Link:
     """One device behind a transport.
 
-    Writes and frames are numbered and sent again until the device has taken each once, in order. A recording some of whose decisions
-    got lost on the way back is played again.
+    Writes and frames are numbered and sent again until the device has taken each once, in order. A recording
+    some of whose decisions got lost on the way back is played again.
 
     Parameters
     ----------
     register_map:
-        ``registers`` (name -> address), ``bits`` (register -> name -> bit), ``id``, ``version``: as in registers.json.
+        ``registers`` (name -> address), ``bits`` (register -> name -> bit), ``id``, ``version``: as in
+        registers.json.
     timeout_s:
         To wait for an answer before the question is asked again.
     tries:
@@ -183,7 +195,15 @@ class Link:
     repeated: packets sent again. replayed: recordings played again. unanswered: questions asked again.
     """
 
-    def __init__(self, transport: Transport, register_map: Mapping, *, timeout_s: float = 0.5, tries: int = 10, burst: int = BURST) -> None:
+    def __init__(
+        self,
+        transport: Transport,
+        register_map: Mapping,
+        *,
+        timeout_s: float = 0.5,
+        tries: int = 10,
+        burst: int = BURST,
+    ) -> None:
         self._transport, self._timeout, self._tries, self._burst_max = transport, timeout_s, tries, burst
         self._registers, self._bits, self._map = register_map["registers"], register_map["bits"], register_map
         self._unpacker = Unpacker()
@@ -211,11 +231,17 @@ class Link:
         answer = self._ask("ID")
         if answer.value != self._map["id"]:
             read, expected = answer.value, self._map["id"]
-            raise LinkError(f"the device's ID register reads 0x{read:04x}, not 0x{expected:04x}: load a bitstream of 'eskin build' into it")
+            raise LinkError(
+                f"the device's ID register reads 0x{read:04x}, not 0x{expected:04x}: load a bitstream of "
+                "'eskin build' into it"
+            )
         self._next = answer.expected
         version, expected = self.read("VERSION"), self._map["version"]
         if version != expected:
-            raise LinkError(f"the device has register map version {version} and this program has {expected}: build its bitstream anew")
+            raise LinkError(
+                f"the device has register map version {version} and this program has {expected}: build its "
+                "bitstream anew"
+            )
 
     def read(self, register: str) -> int:
         """A register's value."""
@@ -252,7 +278,10 @@ class Link:
             if not self.lost:
                 return played
             self.replayed += 1
-        raise LinkError(f"decisions of a recording got lost {self._tries} times in a row: use a better cable or a lower baud rate")
+        raise LinkError(
+            f"decisions of a recording got lost {self._tries} times in a row: use a better cable or a lower "
+            "baud rate"
+        )
 
     def begin(self) -> None:
         """Arm: what is fed from now on is a new recording."""
@@ -272,7 +301,8 @@ class Link:
         return Played(self._decisions, status, self.read("TOUCHES"), self.read("FAULTS"))
 
     def listen(self, timeout_s: float) -> list[int]:
-        """Decisions, 32-bit payloads, that a device sends by itself; waits for the first byte, at most ``timeout_s``."""
+        """Decisions, 32-bit payloads, that a device sends by itself; waits for the first byte, at most
+        ``timeout_s``."""
         self._decisions = []
         self._receive(timeout_s)
         return self._decisions
@@ -305,7 +335,9 @@ class Link:
         done = idle = 0
         while done < len(packets):
             batch = packets[done : done + self._burst]
-            self._transport.write(b"".join(ordered_packet(self._next + k, *packet) for k, packet in enumerate(batch)))
+            self._transport.write(
+                b"".join(ordered_packet(self._next + k, *packet) for k, packet in enumerate(batch))
+            )
             taken = self._taken(len(batch))
             done, self._next = done + taken, self._next + taken & 0xFF
             self.repeated += len(batch) - taken
@@ -314,19 +346,24 @@ class Link:
                 raise LinkError(
                     "the device answers but takes no frames: its bitstream is for another number of taxels"
                     if batch[0][0] == FRAME
-                    else "the device answers but takes no writes: the line towards it damages packets; lower the baud rate"
+                    else "the device answers but takes no writes: the line towards it damages packets; "
+                    "lower the baud rate"
                 )
             if idle:
                 self._let_pass()
-            # Where packets get lost, fewer go at a time: less is lost with one, and a device that is not ready in time gets a rest.
-            self._burst = max(1, self._burst // 2) if taken < len(batch) else min(2 * self._burst, self._burst_max)
+            # Where packets get lost, fewer go at a time: less is lost with one, and a device that is not
+            # ready in time gets a rest.
+            self._burst = (
+                max(1, self._burst // 2) if taken < len(batch) else min(2 * self._burst, self._burst_max)
+            )
             progress(done)
 
     def _let_pass(self) -> None:
         """Wait until the line is silent.
 
-        A device that still answers an earlier question drops what comes meanwhile; who takes that answer for the one to the next question
-        stays a question ahead, and each further packet meets an answer under way.
+        A device that still answers an earlier question drops what comes meanwhile; who takes that answer for
+        the one to the next question stays a question ahead, and each further packet meets an answer under
+        way.
         """
         heard = self._heard
         while self._heard - heard < CHATTER and self._receive(self._timeout) is not None:
@@ -338,8 +375,11 @@ class Link:
             taken = self._ask("STATUS").expected - self._next & 0xFF
             if taken <= sent:
                 return taken
-            # An answer to an earlier question, late, names fewer than were taken already; the next one is not late.
-        raise LinkError("the device counts other packets than were sent: it was reset, or another program uses its port")
+            # An answer to an earlier question, late, names fewer than were taken already; the next one is not
+            # late.
+        raise LinkError(
+            "the device counts other packets than were sent: it was reset, or another program uses its port"
+        )
 
     def _ask(self, register: str) -> Answer:
         address = self._registers[register]
@@ -356,7 +396,10 @@ class Link:
                     if answer.address == address:
                         return answer
             self.unanswered += 1
-        raise LinkError("the device does not answer: check port, cable, baud rate, and that a bitstream of 'eskin build' is loaded")
+        raise LinkError(
+            "the device does not answer: check port, cable, baud rate, and that a bitstream of 'eskin "
+            "build' is loaded"
+        )
 
     def _receive(self, timeout_s: float) -> list[Answer] | None:
         """Answers among what has come (None: nothing came); decisions are noted on the way."""

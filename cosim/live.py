@@ -1,4 +1,5 @@
-"""The simulated accelerator in lock step: frames go in, and every stage that they bring comes back before the next ones go."""
+"""The simulated accelerator in lock step: frames go in, and every stage that they bring comes back before the
+next ones go."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from eskin.golden.core.config import AcceleratorConfig
 
 @dataclass
 class Brought:
-    """What a frame (or the recording's end) brought: stage -> values as they came. cycles: clock cycles until nothing was under way."""
+    """What a frame (or the recording's end) brought: stage -> values as they came. cycles: clock cycles until
+    nothing was under way."""
 
     stages: dict[str, list[int]] = field(default_factory=dict)
     cycles: int = 0
@@ -43,7 +45,12 @@ class LiveSimulator:
     """
 
     def __init__(
-        self, design: str, config: AcceleratorConfig, registers: Mapping[str, Any], boot: Sequence[tuple[int, int]], builds: Path
+        self,
+        design: str,
+        config: AcceleratorConfig,
+        registers: Mapping[str, Any],
+        boot: Sequence[tuple[int, int]],
+        builds: Path,
     ) -> None:
         self._addresses, self._commands = registers["registers"], registers["bits"]["CONTROL"]
         self._limit = 20 * (config.step_ideal + 1000) + 4 * config.last_frame * (config.sensor.taxels + 32)

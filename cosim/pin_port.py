@@ -1,4 +1,5 @@
-"""The serial line of a simulated device at its pins, as a transport of cosim/link.py; and bytes as a line's levels, 8N1."""
+"""The serial line of a simulated device at its pins, as a transport of cosim/link.py; and bytes as a line's
+levels, 8N1."""
 
 from __future__ import annotations
 
@@ -13,7 +14,12 @@ def levels(data: bytes, clocks: int, broken: frozenset[int] = frozenset()) -> np
     """Bytes as levels, one a clock; the stop bits of bytes at the places in ``broken`` are low."""
     bits = np.unpackbits(np.frombuffer(data, np.uint8)[:, None], axis=1, bitorder="little")
     stops = [[place not in broken] for place in range(len(data))]
-    return np.repeat(np.hstack([np.zeros((len(data), 1), np.uint8), bits, np.array(stops, np.uint8).reshape(-1, 1)]).ravel(), clocks)
+    return np.repeat(
+        np.hstack(
+            [np.zeros((len(data), 1), np.uint8), bits, np.array(stops, np.uint8).reshape(-1, 1)]
+        ).ravel(),
+        clocks,
+    )
 
 
 def decoded(line: bytes, clocks: int) -> tuple[bytes, int]:

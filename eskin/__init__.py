@@ -7,9 +7,9 @@ In Python::
     model = eskin.Model.load("model")               # a folder that `eskin train` and `eskin quantise` wrote
     classes = model.predict(frames)                 # frames: (frames, taxels) codes, a list of such, or Recordings
 
-What this module names is public (docs/python.md) and loaded when it is first asked for, so that ``import eskin`` is quick and needs no
-torch. ``eskin.golden`` (models), ``eskin.rtl`` (hardware) and ``eskin.cosim`` (benches) stand at the top of the
-checkout; links in this folder make them parts of the package.
+What this module names is public (docs/python.md) and loaded when it is first asked for, so that ``import
+eskin`` is quick and needs no torch. ``eskin.golden`` (models), ``eskin.rtl`` (hardware) and ``eskin.cosim``
+(benches) stand at the top of the checkout; links in this folder make them parts of the package.
 """
 
 from __future__ import annotations
@@ -29,7 +29,18 @@ if TYPE_CHECKING:
 
 __version__ = version("eskin")
 
-__all__ = ["Config", "Decision", "InputError", "Model", "Recordings", "Stream", "Trace", "__version__", "load", "train"]
+__all__ = [
+    "Config",
+    "Decision",
+    "InputError",
+    "Model",
+    "Recordings",
+    "Stream",
+    "Trace",
+    "__version__",
+    "load",
+    "train",
+]
 
 _PLACES = {
     "Config": ("golden.core.config", "AcceleratorConfig"),

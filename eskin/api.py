@@ -1,6 +1,8 @@
-"""The Python interface behind ``import eskin`` (docs/python.md): a model that predicts, streams, explains and proves itself.
+"""The Python interface behind ``import eskin`` (docs/python.md): a model that predicts, streams, explains and
+proves itself.
 
-It stands with the command line because it brings together what golden model and hardware keep apart; torch is loaded by training alone.
+It stands with the command line because it brings together what golden model and hardware keep apart; torch is
+loaded by training alone.
 """
 
 from __future__ import annotations
@@ -20,7 +22,14 @@ from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings, check_fit, recordings_of
 from eskin.golden.model.image_network import ImageTrace, float_images, images_of, run_images
-from eskin.golden.model.model import FLOAT_FILE, INTEGER_FILE, FloatModel, IntegerModel, load_config, load_training
+from eskin.golden.model.model import (
+    FLOAT_FILE,
+    INTEGER_FILE,
+    FloatModel,
+    IntegerModel,
+    load_config,
+    load_training,
+)
 from eskin.golden.model.pipeline import Trace, float_run, run
 from eskin.golden.model.stream import Stream
 
@@ -32,7 +41,11 @@ Progress = Callable[[str, int, int], None]
 
 
 Simulator = Literal["verilator", "icarus"]
-CHOICES = {"simulator": get_args(Simulator), "level": ("rtl", "netlist", "bitstream"), "pace": ("full", "declared")}
+CHOICES = {
+    "simulator": get_args(Simulator),
+    "level": ("rtl", "netlist", "bitstream"),
+    "pace": ("full", "declared"),
+}
 """Words that `Model.cosim` takes."""
 
 NO_CLASS = "none"
@@ -40,7 +53,8 @@ NO_CLASS = "none"
 
 
 class ClassNames(np.ndarray):
-    """Names of the classes by their index; -1, which is no decision, is NO_CLASS where a plain array would name the last class."""
+    """Names of the classes by their index; -1, which is no decision, is NO_CLASS where a plain array would
+    name the last class."""
 
     def __getitem__(self, index: Any) -> Any:
         if np.asarray(index).dtype.kind not in "iu":  # slices and masks
@@ -49,22 +63,27 @@ class ClassNames(np.ndarray):
 
 
 class Model:
-    """A network that names touches, in integers as the hardware computes, and in real numbers as it was trained.
+    """A network that names touches, in integers as the hardware computes, and in real numbers as it was
+    trained.
 
-    Load one (`Model.load`), or train one (`fit`, or `eskin.train`). It keeps to what scikit-learn calls things: `fit`, `predict`,
-    `decision_function`, `score`, `classes_`. A sample there is a recording here; the class of a recording is the decision of its first
-    touch, and -1 where there is no touch or none that completes a window.
+    Load one (`Model.load`), or train one (`fit`, or `eskin.train`). It keeps to what scikit-learn calls
+    things: `fit`, `predict`, `decision_function`, `score`, `classes_`. A sample there is a recording here;
+    the class of a recording is the decision of its first touch, and -1 where there is no touch or none that
+    completes a window.
 
     Parameters
     ----------
     config : str, path, Config or None
         For `fit`: a preset's name, a file or a configuration; None: a front end is chosen by evidence.
-    cell : {"auto", "gru", "lstm", "linear"}, for images {"tactnet", "tactnet-half", "four", "four-lean"}, or None
-        For `fit`: the cell; None as "auto", the smallest network that is enough, where neither `config` nor `hidden` is given.
+    cell : {"auto", "gru", "lstm", "linear"}, for images {"tactnet", "tactnet-half", "four", "four-lean"}, or
+    None
+        For `fit`: the cell; None as "auto", the smallest network that is enough, where neither `config` nor
+        `hidden` is given.
     hidden : int or None
         For `fit`: hidden units.
     groups : sequence of str, str or None
-        For `fit`: group arrays that stay on one side of a split; None: the archive's first group that can be left out.
+        For `fit`: group arrays that stay on one side of a split; None: the archive's first group that can be
+        left out.
     folds : int
         For `fit`: folds of the cross-validation, 0 for none.
     seed : int
@@ -92,15 +111,26 @@ class Model:
         self,
         config: str | Path | AcceleratorConfig | None = None,
         *,
-        cell: Literal["auto", "gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean"] | None = None,
+        cell: Literal["auto", "gru", "lstm", "linear", "tactnet", "tactnet-half", "four", "four-lean"]
+        | None = None,
         hidden: int | None = None,
         groups: Sequence[str] | str | None = None,
         folds: int = 5,
         seed: int = 0,
     ) -> None:
-        self._asked = config if config is None or isinstance(config, AcceleratorConfig) else AcceleratorConfig.load(config)
+        self._asked = (
+            config
+            if config is None or isinstance(config, AcceleratorConfig)
+            else AcceleratorConfig.load(config)
+        )
         group = [groups] if isinstance(groups, str) else groups
-        self._options: dict[str, Any] = {"cell": cell, "hidden": hidden, "group": group, "folds": folds, "seed": seed}
+        self._options: dict[str, Any] = {
+            "cell": cell,
+            "hidden": hidden,
+            "group": group,
+            "folds": folds,
+            "seed": seed,
+        }
         self._integer: IntegerModel | None = None
         self._real: FloatModel | None = None
         self.training_: dict[str, Any] = {}
@@ -116,7 +146,9 @@ class Model:
             The folder is no model, or damaged.
         """
         if not isinstance(folder, str | os.PathLike):
-            raise InputError(f"model: is of type {type(folder).__name__}; name the folder that 'eskin train' wrote")
+            raise InputError(
+                f"model: is of type {type(folder).__name__}; name the folder that 'eskin train' wrote"
+            )
         model = cls(load_config(folder))
         if (Path(folder) / FLOAT_FILE).exists() or not (Path(folder) / INTEGER_FILE).exists():
             model._real = FloatModel.load(folder, images=True)
@@ -126,7 +158,8 @@ class Model:
         return model
 
     def save(self, folder: str | Path) -> None:
-        """Write a model folder, new or in place of an earlier model's, for the command line and for `load`."""
+        """Write a model folder, new or in place of an earlier model's, for the command line and for
+        `load`."""
         self.real.save(folder, self.training_)
         if self._integer is not None:
             self._integer.save(folder)
@@ -139,12 +172,14 @@ class Model:
         sample_rate_hz: float | None = None,
         progress: Progress | None = None,
     ) -> Model:
-        """Choose what was not asked for, cross-validate, train on all recordings, and make integers of it; needs the extra ``train``.
+        """Choose what was not asked for, cross-validate, train on all recordings, and make integers of it;
+        needs the extra ``train``.
 
         Parameters
         ----------
         recordings : Recordings, str, path, or list of arrays
-            What ``--data`` takes, loaded or by its name; or arrays (frames, taxels) of codes, then with the next two.
+            What ``--data`` takes, loaded or by its name; or arrays (frames, taxels) of codes, then with the
+            next two.
         labels : array of int
             Of a list of arrays: the class of each.
         sample_rate_hz : float
@@ -169,7 +204,10 @@ class Model:
             recordings = load_recordings(recordings, config=self._asked)
         elif not isinstance(recordings, Recordings):
             if labels is None or sample_rate_hz is None:
-                raise InputError("fit: arrays say neither their classes nor their rate; give labels and sample_rate_hz, or Recordings")
+                raise InputError(
+                    "fit: arrays say neither their classes nor their rate; give labels and sample_rate_hz, "
+                    "or Recordings"
+                )
             recordings = Recordings.of(recordings, labels, sample_rate_hz=sample_rate_hz)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
@@ -203,7 +241,8 @@ class Model:
 
     @property
     def classes_(self) -> np.ndarray:
-        """Class names, in the order of the class indices; ``classes_[predict(frames)]`` says "none" where `predict` says -1."""
+        """Class names, in the order of the class indices; ``classes_[predict(frames)]`` says "none" where
+        `predict` says -1."""
         return np.array(self.config.network.class_names).view(ClassNames)
 
     def __repr__(self) -> str:
@@ -224,7 +263,8 @@ class Model:
         Parameters
         ----------
         frames : array (frames, taxels), list of arrays, or Recordings
-            A/D codes, each recording from its first frame on; or real samples, for a model that was trained on such.
+            A/D codes, each recording from its first frame on; or real samples, for a model that was trained
+            on such.
         integer : bool
             The integer network, which is the hardware's; False: the float one.
 
@@ -243,7 +283,8 @@ class Model:
         return self.trace(frames, integer=integer).decision
 
     def decision_function(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
-        """What `predict` takes the largest of: logits of the step that decides, or the number of votes where steps vote.
+        """What `predict` takes the largest of: logits of the step that decides, or the number of votes where
+        steps vote.
 
         Parameters
         ----------
@@ -253,7 +294,8 @@ class Model:
         Returns
         -------
         numpy.ndarray
-            float64 (recordings, classes); logits as real values. NaN where `predict` says -1. Largest minus second largest is the margin.
+            float64 (recordings, classes); logits as real values. NaN where `predict` says -1. Largest minus
+            second largest is the margin.
         """
         if self.config.is_image:
             logits = self.image_trace(frames, integer=integer).logits
@@ -271,7 +313,8 @@ class Model:
         return scores_of_decisions
 
     def margin(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
-        """Largest minus second largest of `decision_function`, float64 (recordings); NaN where `predict` says -1."""
+        """Largest minus second largest of `decision_function`, float64 (recordings); NaN where `predict` says
+        -1."""
         ordered = np.sort(self.decision_function(frames, integer=integer), axis=1)
         return ordered[:, -1] - ordered[:, -2]
 
@@ -295,29 +338,44 @@ class Model:
             labels = frames.labels
         decision, indices = self.predict(frames, integer=integer), self._indices(labels)
         if indices.shape != decision.shape:
-            raise InputError(f"score: {indices.size} labels for {len(decision)} recordings; give one a recording")
+            raise InputError(
+                f"score: {indices.size} labels for {len(decision)} recordings; give one a recording"
+            )
         return float(np.mean(decision == indices))
 
     def _indices(self, labels: ArrayLike) -> np.ndarray:
         """Class indices of labels that are indices or names."""
         array = np.array([labels]).ravel() if isinstance(labels, str) else array_of(labels, "labels")
         names = self.config.network.class_names
-        place = {name: index for index, name in enumerate(names)} | {index: index for index in range(len(names))}
-        unknown = [label for label in array.ravel().tolist() if not isinstance(label, Hashable) or label not in place]
+        place = {name: index for index, name in enumerate(names)} | {
+            index: index for index in range(len(names))
+        }
+        unknown = [
+            label for label in array.ravel().tolist() if not isinstance(label, Hashable) or label not in place
+        ]
         if unknown:
-            raise InputError(f"score: label {unknown[0]!r} is no class of the model; give names ({', '.join(names)}) or their indices")
-        return np.array([place[label] for label in array.ravel().tolist()], dtype=np.int64).reshape(array.shape)
+            raise InputError(
+                f"score: label {unknown[0]!r} is no class of the model; give names ({', '.join(names)}) or "
+                "their indices"
+            )
+        return np.array([place[label] for label in array.ravel().tolist()], dtype=np.int64).reshape(
+            array.shape
+        )
 
     def stream(self, *, integer: bool = True) -> Stream:
-        """A stream that takes frames one by one and gives decisions as the hardware does, with the frame that brings each.
+        """A stream that takes frames one by one and gives decisions as the hardware does, with the frame that
+        brings each.
 
         Its ``push``, ``finish`` and ``arm`` are a recording's frames, its end and the next one's begin.
         """
         self._reads_recordings()
         return Stream(self.integer if integer else self.real)
 
-    def trace(self, frames: Frames, *, integer: bool = True, progress: Callable[[int, int], None] | None = None) -> Trace:
-        """Every stage between frames and decisions: onsets, windowed sums, features, hidden states, logits, decisions of each step.
+    def trace(
+        self, frames: Frames, *, integer: bool = True, progress: Callable[[int, int], None] | None = None
+    ) -> Trace:
+        """Every stage between frames and decisions: onsets, windowed sums, features, hidden states, logits,
+        decisions of each step.
 
         Parameters
         ----------
@@ -328,7 +386,11 @@ class Model:
         """
         self._reads_recordings()
         recordings = self.recordings(frames)
-        return run(self.integer, recordings, progress=progress) if integer else float_run(self.real, recordings, progress=progress)
+        return (
+            run(self.integer, recordings, progress=progress)
+            if integer
+            else float_run(self.real, recordings, progress=progress)
+        )
 
     def image_trace(self, images: Frames, *, integer: bool = True) -> ImageTrace:
         """Of a network for images: every map, logits and decision.
@@ -346,14 +408,21 @@ class Model:
         if not self.config.is_image:
             raise InputError("image_trace: the model reads recordings; use trace")
         recordings = self.recordings(images)
-        return run_images(self.integer, images_of(recordings)) if integer else float_images(self.real, images_of(recordings))
+        return (
+            run_images(self.integer, images_of(recordings))
+            if integer
+            else float_images(self.real, images_of(recordings))
+        )
 
     def _reads_recordings(self) -> None:
         if self.config.is_image:
-            raise InputError("model: is a network for images, which takes them whole; use image_trace or predict")
+            raise InputError(
+                "model: is a network for images, which takes them whole; use image_trace or predict"
+            )
 
     def recordings(self, frames: Frames) -> Recordings:
-        """Frames as a set of recordings of this model's array, their classes unknown (all 0) unless they are Recordings.
+        """Frames as a set of recordings of this model's array, their classes unknown (all 0) unless they are
+        Recordings.
 
         Raises
         ------
@@ -369,17 +438,30 @@ class Model:
             try:
                 images = np.array(frames)
             except ValueError:
-                raise InputError("images: are not all of one size; give an array (images, height, width)") from None
+                raise InputError(
+                    "images: are not all of one size; give an array (images, height, width)"
+                ) from None
             images = images[None] if images.ndim == 2 else images
-            arrays = {"images": images, "labels": np.zeros(len(images), dtype=np.int64), "class_names": np.array(names)}
-            recordings = recordings_of(arrays | {"sample_rate_hz": np.array(self.config.sensor.sample_rate_hz)}, "images")
+            arrays = {
+                "images": images,
+                "labels": np.zeros(len(images), dtype=np.int64),
+                "class_names": np.array(names),
+            }
+            recordings = recordings_of(
+                arrays | {"sample_rate_hz": np.array(self.config.sensor.sample_rate_hz)}, "images"
+            )
             check_fit(recordings, self.config)
             return recordings
         sensor = self.config.sensor
         scale = sensor.volt_per_code or None
-        recordings = Recordings.of(frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames")
+        recordings = Recordings.of(
+            frames, class_names=names, sample_rate_hz=sensor.sample_rate_hz, scale=scale, source="frames"
+        )
         if recordings.volt_per_code and scale is None:
-            raise InputError("frames: hold real numbers, not integers, and the model was trained on codes; give the A/D codes")
+            raise InputError(
+                "frames: hold real numbers, not integers, and the model was trained on codes; give the A/D "
+                "codes"
+            )
         check_fit(recordings, self.config)
         return recordings
 
@@ -394,7 +476,8 @@ class Model:
         progress: Progress | None = None,
         **options: Any,
     ) -> dict[str, Any]:
-        """Generate the accelerator, simulate it on the recordings, and compare every stage bit for bit; needs the extra ``sim``.
+        """Generate the accelerator, simulate it on the recordings, and compare every stage bit for bit; needs
+        the extra ``sim``.
 
         Parameters
         ----------
@@ -417,7 +500,8 @@ class Model:
         Returns
         -------
         dict
-            What ``eskin cosim --json`` writes: ``bit_exact``, ``mismatches``, ``compared_values``, ``cycles``, ``budgets``, ...
+            What ``eskin cosim --json`` writes: ``bit_exact``, ``mismatches``, ``compared_values``,
+            ``cycles``, ``budgets``, ...
         """
         from eskin.golden.core.jobs import Jobs
         from eskin.verbs import cosim_job
@@ -429,7 +513,9 @@ class Model:
         played = self.recordings(recordings)
         with tempfile.TemporaryDirectory() as work:
             jobs = Jobs(progress=progress, version=cosim_job.CODE)
-            return cosim_job.cosimulate(self.integer, played, range(len(played)), work=Path(work), jobs=jobs, **options)
+            return cosim_job.cosimulate(
+                self.integer, played, range(len(played)), work=Path(work), jobs=jobs, **options
+            )
 
 
 def train(

@@ -1,6 +1,7 @@
 """One proof, or one proof of a design with a seeded bug: elaborate, let SymbiYosys run, say what came out.
 
-Called by formal/run.py in a process of its own: ``python -m formal.job TITLE [NUMBER OF THE BUG]``; the last line it prints is JSON.
+Called by formal/run.py in a process of its own: ``python -m formal.job TITLE [NUMBER OF THE BUG]``; the last
+line it prints is JSON.
 """
 
 from __future__ import annotations
@@ -25,7 +26,10 @@ ENGINE = "smtbmc z3"
 SECONDS = 600
 """A job that takes longer has failed; on a machine with other work the longest took up to 90."""
 
-MODULES = {path.stem: ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in sorted(Path(__file__).parent.glob("*/*.py"))}
+MODULES = {
+    path.stem: ".".join(path.relative_to(ROOT).with_suffix("").parts)
+    for path in sorted(Path(__file__).parent.glob("*/*.py"))
+}
 """The files of properties, each in the folder of its block, by the name that begins their proofs' titles."""
 
 
@@ -45,7 +49,9 @@ class _Seeded(importlib.abc.MetaPathFinder):
             def get_code(self, fullname):
                 text = finder.path.read_text()
                 if finder.old not in text:
-                    raise ValueError(f"{finder.path.name} no longer has '{finder.old}': write the seeded bug anew")
+                    raise ValueError(
+                        f"{finder.path.name} no longer has '{finder.old}': write the seeded bug anew"
+                    )
                 return compile(text.replace(finder.old, finder.new), str(finder.path), "exec")
 
         return importlib.machinery.ModuleSpec(name, Loader(name, str(self.path)), origin=str(self.path))
@@ -80,7 +86,8 @@ def elaborate(title: str, bug) -> str:
 
 
 def _tidy(text: str) -> str:
-    """With properties called by their names; wires whose name begins with ``free_`` have no initial value: they may begin as anything."""
+    """With properties called by their names; wires whose name begins with ``free_`` have no initial value:
+    they may begin as anything."""
     lines: list[str] = []
     check = None
     for line in text.splitlines():
@@ -123,7 +130,8 @@ top.il
 
 
 def any_state_text(depth: int) -> str:
-    """Yosys commands: the properties in cycle ``depth`` after any state, and in none before; what is assumed holds in all."""
+    """Yosys commands: the properties in cycle ``depth`` after any state, and in none before; what is assumed
+    holds in all."""
     return f"""read_rtlil top.il
 hierarchy -top top
 proc
@@ -155,7 +163,9 @@ def _sby(folder: Path) -> tuple[str, str]:
     ]
     command = [str(programs / "yowasp-sby"), *tools, "-f", "task.sby"]
     path = f"{programs}{os.pathsep}{os.environ.get('PATH', '')}"  # z3 comes with a Python package too
-    done = subprocess.run(command, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True)
+    done = subprocess.run(
+        command, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True
+    )
     said = done.stdout + done.stderr
     found = re.search(r"DONE \((\w+), rc=", said)
     return found[1] if found else "ERROR", said
@@ -168,11 +178,19 @@ def _sat(folder: Path) -> tuple[str, str]:
     said = done.stdout + done.stderr
     if "SAT proof finished - no model found: SUCCESS!" in said:
         return "PASS", said
-    return "FAIL" if "SAT proof finished - model found: FAIL!" in said else "ERROR" if done.returncode else "TIMEOUT", said
+    return (
+        "FAIL"
+        if "SAT proof finished - model found: FAIL!" in said
+        else "ERROR"
+        if done.returncode
+        else "TIMEOUT",
+        said,
+    )
 
 
 def run(title: str, number: int | None) -> dict:
-    """Run a proof, or with ``number`` the proof of the design with that bug, unless build/formal has its verdict already."""
+    """Run a proof, or with ``number`` the proof of the design with that bug, unless build/formal has its
+    verdict already."""
     one = load(title)
     bug = None if number is None else one.bugs[number]
     text = elaborate(title, bug)
@@ -184,7 +202,8 @@ def run(title: str, number: int | None) -> dict:
     folder = folder_of(title, number)
     kept = folder / "result.json"
     old = json.loads(kept.read_text()) if kept.is_file() else {}
-    if old.get("digest") == digest and old["verdict"] in ("PASS", "FAIL"):  # a timeout may be the machine's fault, an error anybody's
+    # a timeout may be the machine's fault, an error anybody's
+    if old.get("digest") == digest and old["verdict"] in ("PASS", "FAIL"):
         return old | {"kept": True}
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

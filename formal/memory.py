@@ -1,4 +1,5 @@
-"""A memory of registers in place of `amaranth.lib.memory.Memory`, for proofs that must name a memory's words."""
+"""A memory of registers in place of `amaranth.lib.memory.Memory`, for proofs that must name a memory's
+words."""
 
 from __future__ import annotations
 
@@ -12,13 +13,15 @@ from amaranth.utils import ceil_log2
 
 
 class OpenMemory(Elaboratable):
-    """What the blocks use of a memory, with two freedoms of the real one: first contents are arbitrary, and so is a word that is read in
-    the cycle that writes it (rtl/common/collisions.py). A proof that holds for it holds for the real memory.
+    """What the blocks use of a memory, with two freedoms of the real one: first contents are arbitrary, and
+    so is a word that is read in the cycle that writes it (rtl/common/collisions.py). A proof that holds for
+    it holds for the real memory.
 
     Attributes
     ----------
     words:
-        The registers; their names begin with ``free_``, which makes formal/job.py leave out their initial values.
+        The registers; their names begin with ``free_``, which makes formal/job.py leave out their initial
+        values.
     """
 
     def __init__(self, *, shape, depth: int, init=(), attrs=None) -> None:
@@ -62,7 +65,8 @@ class OpenMemory(Elaboratable):
 
 @contextmanager
 def opened(*modules):
-    """Within it the named modules make `OpenMemory`; gives the list that collects them in the order of their making."""
+    """Within it the named modules make `OpenMemory`; gives the list that collects them in the order of their
+    making."""
     made: list[OpenMemory] = []
 
     def make(**arguments):

@@ -1,8 +1,9 @@
 """What a proof is, and the few words in which properties are written.
 
-A property file (``formal/<block>.py``) has functions that take an `amaranth.hdl.Module`, put the block into it as it is, leave the block's
-inputs free, and say what is assumed of them and proved of the block. `proof` registers such a function. All properties look at one clock
-edge at a time; what they need of the past is kept in registers of the harness. The reset input is low from the first cycle on.
+A property file (``formal/<block>.py``) has functions that take an `amaranth.hdl.Module`, put the block into
+it as it is, leave the block's inputs free, and say what is assumed of them and proved of the block. `proof`
+registers such a function. All properties look at one clock edge at a time; what they need of the past is kept
+in registers of the harness. The reset input is low from the first cycle on.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ from amaranth.hdl._ast import SignalDict
 from amaranth.lib import stream, wiring
 
 Method = Literal["induction", "bounded", "any state"]
-"""k-induction proves for every cycle of every run; bounded for the first ``depth`` cycles after reset; any state: ``depth`` cycles after a
-state of which nothing is known but what is assumed, so for every later cycle of every run too (by a SAT solver, gate by gate)."""
+"""k-induction proves for every cycle of every run; bounded for the first ``depth`` cycles after reset; any
+state: ``depth`` cycles after a state of which nothing is known but what is assumed, so for every later cycle
+of every run too (by a SAT solver, gate by gate)."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,8 @@ class Proof:
     build:
         Fills a module with the design and its properties.
     method, depth:
-        Induction: length of the induction step, as many first cycles are the base. Bounded, any state: cycles.
+        Induction: length of the induction step, as many first cycles are the base. Bounded, any state:
+        cycles.
     reduced:
         How the configuration differs from a real one; "none" and the preset where it does not.
     bugs:
@@ -90,7 +93,15 @@ PROOFS: dict[str, Proof] = {}
 """Proofs of the property files imported so far, by title."""
 
 
-def proof(claim: str, *, bugs: tuple[Bug, ...], depth: int, reduced: str, method: Method = "induction", quick: bool = False):
+def proof(
+    claim: str,
+    *,
+    bugs: tuple[Bug, ...],
+    depth: int,
+    reduced: str,
+    method: Method = "induction",
+    quick: bool = False,
+):
     """Register the decorated function as a proof; see `Proof`."""
 
     def register(build: Callable[[Module], None]) -> Callable[[Module], None]:
@@ -112,7 +123,8 @@ HARNESS = Module()
 
 
 def free(*signals: Value, m: Module | None = None) -> None:
-    """Drive signals with any value at all, another in every cycle; in another module of the harness, that one is ``m``."""
+    """Drive signals with any value at all, another in every cycle; in another module of the harness, that one
+    is ``m``."""
     for signal in signals:
         value = Value.cast(signal)
         (m or HARNESS).d.comb += value.eq(AnySeq(value.shape()))
@@ -144,10 +156,13 @@ def before(value, name: str) -> Signal:
 
 
 def keeps_its_beat(port: stream.Interface, name: str, state=prove) -> None:
-    """The stream rule: what is offered stays, and stays the same, until it is taken. ``state`` is `prove` or `assume`."""
+    """The stream rule: what is offered stays, and stays the same, until it is taken. ``state`` is `prove` or
+    `assume`."""
     was = before(port.valid & ~port.ready, f"{name}_stalled")
     payload = before(port.payload, f"{name}_payload")
-    state(~was | (port.valid & (Value.cast(port.payload) == payload)), f"{name}: offered beat stays until taken")
+    state(
+        ~was | (port.valid & (Value.cast(port.payload) == payload)), f"{name}: offered beat stays until taken"
+    )
 
 
 def free_source(port: stream.Interface, name: str = "i") -> None:
@@ -179,8 +194,9 @@ class _Elaborated(Elaboratable):
 class Inside:
     """A block's inside, for what induction must know of a state that no port shows.
 
-    An attribute is a local variable of the block's ``elaborate`` (or another of its methods) when that returned, so a signal has the name
-    it has in the source; one that is renamed fails the proof with an AttributeError.
+    An attribute is a local variable of the block's ``elaborate`` (or another of its methods) when that
+    returned, so a signal has the name it has in the source; one that is renamed fails the proof with an
+    AttributeError.
 
     Attributes
     ----------
@@ -201,12 +217,17 @@ class Inside:
 
 
 def opened_up(block: wiring.Component, name: str = "dut", reset: Signal | None = None) -> Inside:
-    """Put ``block`` into the harness as submodule ``name``, with a ``reset`` of its own where it is given; its inside."""
+    """Put ``block`` into the harness as submodule ``name``, with a ``reset`` of its own where it is given;
+    its inside."""
     names: dict[str, dict] = {type(block).__name__: {}}
 
     def look(frame, event, argument) -> None:
         local = frame.f_locals
-        if event == "return" and isinstance(local.get("self"), wiring.Component) and frame.f_globals["__name__"].startswith("eskin.rtl."):
+        if (
+            event == "return"
+            and isinstance(local.get("self"), wiring.Component)
+            and frame.f_globals["__name__"].startswith("eskin.rtl.")
+        ):
             found = names.setdefault(type(local["self"]).__name__, {})
             found |= {key: value for key, value in local.items() if key != "self"}
 

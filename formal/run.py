@@ -1,8 +1,9 @@
 """`make formal`: every proof and every seeded bug, two at a time, and the table of what came out.
 
-``python -m formal.run [--quick] [--jobs N] [WORD ...]``: only the proofs whose title has one of the words; ``--quick`` only those of
-``make test``. A job whose circuit and task are those of an earlier run is not run again, so an interrupted run goes on where it was.
-Exit status 0 where every proof passed and every bug was found. The table is also build/formal/proofs.md and proofs.json.
+``python -m formal.run [--quick] [--jobs N] [WORD ...]``: only the proofs whose title has one of the words;
+``--quick`` only those of ``make test``. A job whose circuit and task are those of an earlier run is not run
+again, so an interrupted run goes on where it was. Exit status 0 where every proof passed and every bug was
+found. The table is also build/formal/proofs.md and proofs.json.
 """
 
 from __future__ import annotations
@@ -66,7 +67,14 @@ class Runner:
             if self._stopped:
                 return {"verdict": "STOPPED"}
             # in a session of its own: a Ctrl-C reaches this process alone, which then ends the others
-            process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
+            process = subprocess.Popen(
+                command,
+                cwd=ROOT,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.PIPE,
+                text=True,
+                start_new_session=True,
+            )
             self._running.add(process)
         try:
             said, complaint = process.communicate(timeout=SECONDS + 60)
@@ -76,7 +84,14 @@ class Runner:
         with self._lock:
             self._running.discard(process)
         if process.returncode:
-            return {"verdict": "ERROR", "seconds": 0.0, "broken": [], "cycle": None, "kept": False, "said": complaint.strip()}
+            return {
+                "verdict": "ERROR",
+                "seconds": 0.0,
+                "broken": [],
+                "cycle": None,
+                "kept": False,
+                "said": complaint.strip(),
+            }
         return json.loads(said.splitlines()[-1])
 
     def _stop(self) -> None:
@@ -128,14 +143,18 @@ def rows(chosen: list[Proof], results: dict[Job, dict]) -> list[dict]:
 def markdown(table: list[dict]) -> str:
     """The table as Markdown."""
     lines = [
-        "| proof | what it proves | method | configuration reduced to | seconds | seeded bug: broken property, cycle |",
+        "| proof | what it proves | method | configuration reduced to | seconds | seeded bug: broken "
+        "property, cycle |",
         "|" + " --- |" * 6,
     ]
     for row in table:
         verdict = "proved" if row["verdict"] == "PASS" else row["verdict"]
         method = f"{'k-induction' if row['method'] == 'induction' else row['method']}, depth {row['depth']}"
         bugs = "<br>".join(_bug(bug) for bug in row["bugs"])
-        lines.append(f"| {row['proof']} ({verdict}) | {row['claim']} | {method} | {row['reduced']} | {row['seconds']} | {bugs} |")
+        lines.append(
+            f"| {row['proof']} ({verdict}) | {row['claim']} | {method} | {row['reduced']} | "
+            f"{row['seconds']} | {bugs} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -149,12 +168,28 @@ def _bug(bug: dict) -> str:
 def show(table: list[dict], console: Console) -> None:
     """The table on a terminal."""
     shown = Table(show_lines=True)
-    for name in ("proof", "what it proves", "method, depth", "reduced to", "s", "seeded bug: cycle in which it is found"):
+    for name in (
+        "proof",
+        "what it proves",
+        "method, depth",
+        "reduced to",
+        "s",
+        "seeded bug: cycle in which it is found",
+    ):
         shown.add_column(name, overflow="fold")
     for row in table:
         verdict = "" if row["verdict"] == "PASS" else f" [red]{row['verdict']}[/red]"
-        bugs = "\n".join(f"{bug['bug']}: {bug['cycle'] if bug['found'] else '[red]NOT FOUND[/red]'}" for bug in row["bugs"])
-        shown.add_row(row["proof"] + verdict, row["claim"], f"{row['method']} {row['depth']}", row["reduced"], str(row["seconds"]), bugs)
+        bugs = "\n".join(
+            f"{bug['bug']}: {bug['cycle'] if bug['found'] else '[red]NOT FOUND[/red]'}" for bug in row["bugs"]
+        )
+        shown.add_row(
+            row["proof"] + verdict,
+            row["claim"],
+            f"{row['method']} {row['depth']}",
+            row["reduced"],
+            str(row["seconds"]),
+            bugs,
+        )
     console.print(shown)
 
 
@@ -168,7 +203,9 @@ def write(path: Path, text: str) -> None:
 
 def main(arguments: list[str] | None = None) -> int:
     """The command; its exit status."""
-    parser = argparse.ArgumentParser(prog="python -m formal.run", description="Prove the hardware's properties; find the seeded bugs.")
+    parser = argparse.ArgumentParser(
+        prog="python -m formal.run", description="Prove the hardware's properties; find the seeded bugs."
+    )
     parser.add_argument("words", nargs="*", help="only proofs whose title has one of these")
     parser.add_argument("--quick", action="store_true", help="only the proofs of make test")
     parser.add_argument("--jobs", type=int, default=2, help="at a time (2)")
@@ -191,15 +228,24 @@ def main(arguments: list[str] | None = None) -> int:
             kept = " (kept)" if result["kept"] else f" {result['seconds']} s"
             print(f"[{len(results)}/{len(work)}] {job[0]}, {what}: {said}{kept}", flush=True)
             if not ok:
-                print(result.get("said") or f"    {'; '.join(result['broken'])}  log: {folder_of(*job) / 'log.txt'}", flush=True)
+                print(
+                    result.get("said")
+                    or f"    {'; '.join(result['broken'])}  log: {folder_of(*job) / 'log.txt'}",
+                    flush=True,
+                )
     except KeyboardInterrupt:
-        print(f"stopped after {len(results)} of {len(work)}; run it again to go on from there", file=sys.stderr)
+        print(
+            f"stopped after {len(results)} of {len(work)}; run it again to go on from there", file=sys.stderr
+        )
         return 130
     table = rows(chosen, results)
     failed = [job for job in work if not good(job, results[job])]
     show(table, console)
     count = sum(len(one.bugs) for one in chosen)
-    print(f"{len(chosen)} proofs, {count} seeded bugs, {len(failed)} not as they should be; {time.monotonic() - began:.0f} s")
+    print(
+        f"{len(chosen)} proofs, {count} seeded bugs, {len(failed)} not as they should be; "
+        f"{time.monotonic() - began:.0f} s"
+    )
     if not options.words and not options.quick:
         write(BUILD / "proofs.json", json.dumps(table, indent=1) + "\n")
         write(BUILD / "proofs.md", markdown(table))

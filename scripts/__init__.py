@@ -1,1 +1,2 @@
-"""Tools of the people who change eskin: fuzzing, mutants, random designs, the documents' site. Not installed."""
+"""Tools of the people who change eskin: fuzzing, mutants, random designs, the documents' site. Not
+installed."""

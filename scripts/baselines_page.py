@@ -1,9 +1,10 @@
 """The figures of docs/baselines.md from results of ``eskin baselines``, and its charts.
 
-    python -m scripts.baselines_page "pvdf:PVDF taxels on 5 objects=build/pvdf,build/pvdf_full" "fabric:7 fabrics=build/fabric"
+    python -m scripts.baselines_page "pvdf:PVDF taxels on 5 objects=build/pvdf,build/pvdf_full" "fabric:7
+    fabrics=build/fabric"
 
-NAME:TITLE=FOLDER[,FOLDER..] each: folders of one scene are joined, row by row (another set of methods, more seeds). What stands between the
-two marks of the page is replaced, and docs/baselines_NAME.svg written.
+NAME:TITLE=FOLDER[,FOLDER..] each: folders of one scene are joined, row by row (another set of methods, more
+seeds). What stands between the two marks of the page is replaced, and docs/baselines_NAME.svg written.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ VERDICT = {True: "holds", False: "does not hold", None: "not told apart"}
 
 @dataclass(frozen=True)
 class Scene:
-    """One scene's results: name (of the chart's file), title, rows (``eskin.golden.baselines.rows.row_of``), recordings, and what was left
-    out (method, split, reason)."""
+    """One scene's results: name (of the chart's file), title, rows (``eskin.golden.baselines.rows.row_of``),
+    recordings, and what was left out (method, split, reason)."""
 
     name: str
     title: str
@@ -44,7 +45,8 @@ class Scene:
 
     @classmethod
     def read(cls, argument: str) -> Scene:
-        """From NAME:TITLE=FOLDER[,FOLDER..]; of a method on a split that is in two folders, the later one's row.
+        """From NAME:TITLE=FOLDER[,FOLDER..]; of a method on a split that is in two folders, the later one's
+        row.
 
         Raises
         ------
@@ -59,9 +61,15 @@ class Scene:
         for folder in folders.split(","):
             file = Path(folder) / "baselines.json"
             if not file.is_file():
-                raise InputError(f"'{folder}': holds no baselines.json; make it with 'eskin baselines --out {folder}'")
+                raise InputError(
+                    f"'{folder}': holds no baselines.json; make it with 'eskin baselines --out {folder}'"
+                )
             results.append(json.loads(file.read_text()))
-        if any(result[key] != results[0][key] for result in results for key in ("recordings", "classes", "config", "shape", "folds")):
+        if any(
+            result[key] != results[0][key]
+            for result in results
+            for key in ("recordings", "classes", "config", "shape", "folds")
+        ):
             raise InputError(f"'{argument}': the folders are of different recordings, folds or front ends")
         rows = {(row["split"], row["method"]): row for result in results for row in result["rows"]}
         left = {(row["split"], row["method"]): row for result in results for row in result["left_out"]}
@@ -91,7 +99,9 @@ def table(scene: Scene) -> Iterator[str]:
     by_method: dict[str, dict[str, dict[str, Any]]] = {}
     for row in scene.rows:
         by_method.setdefault(row["method"], {})[row["split"]] = row
-    for rows in sorted(by_method.values(), key=lambda rows: -sum(row["accuracy"] for row in rows.values()) / len(rows)):
+    for rows in sorted(
+        by_method.values(), key=lambda rows: -sum(row["accuracy"] for row in rows.values()) / len(rows)
+    ):
         yield _line(scene, rows)
     yield ""
     for row in scene.left_out:
@@ -106,7 +116,10 @@ def _line(scene: Scene, rows: dict[str, dict[str, Any]]) -> str:
         return sum(row[key] or 0.0 for row in rows.values()) / len(rows)
 
     cost = f"{mean('multiplies'):.0f}" if first["multiplies"] else f"0, {mean('comparisons'):.0f} comparisons"
-    shares = [f"{percent(rows[s]['accuracy'])} ± {percent(rows[s]['spread'])}" if s in rows else "" for s in scene.splits]
+    shares = [
+        f"{percent(rows[s]['accuracy'])} ± {percent(rows[s]['spread'])}" if s in rows else ""
+        for s in scene.splits
+    ]
     figures = [cost, f"{mean('parameters'):.0f}", f"{mean('bytes'):.0f}", f"{mean('train_s'):.2g}"]
     figures.append(f"{mean('decision_us'):.0f}, {mean('decision_us_99'):.0f}")
     return f"| {' | '.join([first['label'], str(first['seeds']), *shares, *figures])} | {'yes' if first['hardware'] else ''} |"
@@ -121,7 +134,9 @@ def near(scene: Scene) -> Iterator[str]:
         if choice["network"] is None:
             yield f"| {scene.title} | {split} | {best} | - | - |"
             continue
-        network = f"{labels[choice['network']]}, {percent(choice['accuracy'])} %, {choice['multiplies']} multiplies"
+        network = (
+            f"{labels[choice['network']]}, {percent(choice['accuracy'])} %, {choice['multiplies']} multiplies"
+        )
         within = "yes" if choice["within"] else f"no: {percent(choice['gap'])} points below"
         yield f"| {scene.title} | {split} | {best} | {network} | {within} |"
 
@@ -131,7 +146,8 @@ def held(scene: Scene) -> Iterator[str]:
     for split in scene.splits:
         for order in orders(scene.of(split)):
             sides = [
-                f"{order[side]['method']} {percent(order[side]['accuracy'])} ± {percent(order[side]['spread'])} %"
+                f"{order[side]['method']} {percent(order[side]['accuracy'])} ± "
+                f"{percent(order[side]['spread'])} %"
                 for side in ("above", "below")
             ]
             apart = f"{100 * order['difference']:+.1f} ± {percent(order['standard_error'])}"
@@ -147,7 +163,10 @@ def figures(scenes: Sequence[Scene]) -> str:
     lines += [line for scene in scenes for line in near(scene)]
     lines += ["", *(line for scene in scenes for line in table(scene))]
     lines += [ORDERS]
-    lines += ["| recordings, unseen | order | first | second | difference | here |", "| --- | --- | --- | --- | --- | --- |"]
+    lines += [
+        "| recordings, unseen | order | first | second | difference | here |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
     lines += [line for scene in scenes for line in held(scene)]
     return "\n".join(lines)
 

@@ -1,7 +1,8 @@
 """``make docs``: what the site has beyond the pages in docs/. mkdocs calls the functions named ``on_...``.
 
-They add the order of the pages, the tables of fields and modules in place of their markers, and an API page for each
-folder of code. A page in docs/ that `ORDER` does not name comes last; a name without a page is skipped.
+They add the order of the pages, the tables of fields and modules in place of their markers, and an API page
+for each folder of code. A page in docs/ that `ORDER` does not name comes last; a name without a page is
+skipped.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ ROOT = Path(__file__).resolve().parents[1]
 CODE = ("golden", "rtl", "cosim", "eskin", "scripts")
 ORDER = {
     "": "index",
-    "Use": "quick_start report recordings images python configuration front_end features linear widths enrolment boards "
+    "Use": "quick_start report recordings images python configuration front_end features linear widths "
+    "enrolment boards "
     "live_view interface",
     "Judge": "results baselines robustness energy verification long_jobs skipped_work",
     "Change": "where specification changing area glossary",
@@ -36,9 +38,13 @@ LIMITS = {"minimum": "at least", "exclusiveMinimum": "above"}
 
 # ------------------------------------------------------------------ pages
 def pages() -> dict[str, list[Path]]:
-    """The pages in docs/ by section, in the order of the site; those that `ORDER` does not name, under More."""
+    """The pages in docs/ by section, in the order of the site; those that `ORDER` does not name, under
+    More."""
     rest = {path.stem: path for path in sorted((ROOT / "docs").glob("*.md"))}
-    sections = {section: [rest.pop(name) for name in names.split() if name in rest] for section, names in ORDER.items()}
+    sections = {
+        section: [rest.pop(name) for name in names.split() if name in rest]
+        for section, names in ORDER.items()
+    }
     return sections | {"More": [*rest.values()]}
 
 
@@ -75,7 +81,8 @@ def _choices(schema: dict[str, Any]) -> str:
 
 
 def fields_table(group: str) -> str:
-    """The docstring of ``group``, and a table of its fields: name, what may be given, default as in JSON. Markdown."""
+    """The docstring of ``group``, and a table of its fields: name, what may be given, default as in JSON.
+    Markdown."""
     kind = GROUPS[group]
     schemas = TypeAdapter(kind).json_schema()["properties"]
     defaults = {field.name: json.dumps(field.default, default=str) for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
@@ -103,16 +110,23 @@ def sections_of(path: Path) -> set[int]:
     sections: set[int] = set()
     pattern = r"specification\.md,?\s+sections?\s+(\d+)(?:\s+(to|and)\s+(\d+))?"
     for first, link, last in re.findall(pattern, docstring_of(path)):
-        sections |= {int(first), int(last or first)} | set(range(int(first), int(last) + 1) if link == "to" else ())
+        sections |= {int(first), int(last or first)} | set(
+            range(int(first), int(last) + 1) if link == "to" else ()
+        )
     return sections
 
 
 def companions(path: Path) -> dict[str, list[Path]]:
-    """A module's test, its proof, and (hardware) the golden models of the same sections, found by name and section."""
+    """A module's test, its proof, and (hardware) the golden models of the same sections, found by name and
+    section."""
     place = path.relative_to(ROOT)
     paths = {"test": [ROOT / "tests" / place.parent / f"test_{place.name}"], "proof": [], "model": []}
     if place.parts[0] == "rtl":
-        candidates = (model for name in ("golden/core", "golden/model", "cosim") for model in sorted((ROOT / name).glob("*.py")))
+        candidates = (
+            model
+            for name in ("golden/core", "golden/model", "cosim")
+            for model in sorted((ROOT / name).glob("*.py"))
+        )
         paths["proof"] = [ROOT / "formal" / place.relative_to("rtl")]
         paths["model"] = [model for model in candidates if sections_of(model) & sections_of(path)]
     return {kind: [path for path in files if path.exists()] for kind, files in paths.items()}
@@ -122,14 +136,17 @@ def modules_table() -> str:
     """Every module: its file, what it is, its test, proof and model. Markdown."""
     lines = ["| module | what | test | proof | model |", "| --- | --- | --- | --- | --- |"]
     for path in (path for paths in packages().values() for path in paths):
-        cells = [", ".join(f"`{file.relative_to(ROOT)}`" for file in files) for files in companions(path).values()]
+        cells = [
+            ", ".join(f"`{file.relative_to(ROOT)}`" for file in files) for files in companions(path).values()
+        ]
         summary = summary_of(path).replace("|", "\\|")
         lines.append(f"| `{path.relative_to(ROOT)}` | {summary} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
 def filled(text: str) -> str:
-    """A page with its tables in place of the markers, and an empty line before each list, which Python's Markdown needs."""
+    """A page with its tables in place of the markers, and an empty line before each list, which Python's
+    Markdown needs."""
     text = re.sub(r"<!-- fields: (\w+) -->", lambda marker: fields_table(marker[1]), text)
     text = re.sub(r"<!-- modules -->", lambda _: modules_table(), text)
     parts = re.split(r"(^```.*?^```$)", text, flags=re.MULTILINE | re.DOTALL)
@@ -139,8 +156,8 @@ def filled(text: str) -> str:
 
 # ------------------------------------------------------------------ mkdocs
 def on_startup(**_: Any) -> None:
-    """Copy the code as it lies once installed, for the API reference, which resolves links. It looks for its folder
-    only when the configuration is read, so the copy is made before that."""
+    """Copy the code as it lies once installed, for the API reference, which resolves links. It looks for its
+    folder only when the configuration is read, so the copy is made before that."""
     roof = ROOT / "build" / "docs_source"
     shutil.rmtree(roof, ignore_errors=True)
     for path in (path for folder in CODE for path in (ROOT / folder).rglob("*.py")):
@@ -151,7 +168,11 @@ def on_startup(**_: Any) -> None:
 
 def on_config(config: Any) -> Any:
     """The navigation."""
-    config.nav = [{section: [path.name for path in paths]} if section else paths[0].name for section, paths in pages().items() if paths]
+    config.nav = [
+        {section: [path.name for path in paths]} if section else paths[0].name
+        for section, paths in pages().items()
+        if paths
+    ]
     config.nav.append({"API": [f"api/{name}.md" for name in packages()]})
     return config
 
@@ -161,7 +182,10 @@ def on_files(files: Any, config: Any) -> Any:
     from mkdocs.structure.files import File
 
     for name, paths in packages().items():
-        parts = [f"## {path.stem}\n\n::: {name}.{path.stem}\n    options:\n      show_root_heading: false\n" for path in paths]
+        parts = [
+            f"## {path.stem}\n\n::: {name}.{path.stem}\n    options:\n      show_root_heading: false\n"
+            for path in paths
+        ]
         files.append(File.generated(config, f"api/{name}.md", content=f"# {name}\n\n" + "\n".join(parts)))
     return files
 

@@ -1,15 +1,19 @@
-"""``make mutants``: breaks the code in many small ways, one at a time, and looks whether the tests of the broken file see it.
+"""``make mutants``: breaks the code in many small ways, one at a time, and looks whether the tests of the
+broken file see it.
 
-A mutant replaces one expression, found in a file's syntax tree. Left alone are texts, type hints, ``raise`` and the conditions that only
-lead to one (what a user's mistake is told), assertions, decorators and default arguments: none of them says what the hardware computes.
-Faults that somebody thought of (``named`` in tests/mutants.toml) are judged beside those that are drawn.
+A mutant replaces one expression, found in a file's syntax tree. Left alone are texts, type hints, ``raise``
+and the conditions that only lead to one (what a user's mistake is told), assertions, decorators and default
+arguments: none of them says what the hardware computes. Faults that somebody thought of (``named`` in
+tests/mutants.toml) are judged beside those that are drawn.
 
-Each mutant is tested in a copy of the project. Verdicts are kept by the content of the whole project with the mutant in it, so an
-interrupted run goes on where it stopped, and a mutant is judged anew when its tests or the code below them change. It is killed when its
-tests fail, cannot be loaded, or take too long. One that survives is a hole in the tests, or equivalent: the same function written
-otherwise, of which tests/mutants.toml says why. The score is the killed share of those that are drawn and not equivalent.
+Each mutant is tested in a copy of the project. Verdicts are kept by the content of the whole project with the
+mutant in it, so an interrupted run goes on where it stopped, and a mutant is judged anew when its tests or
+the code below them change. It is killed when its tests fail, cannot be loaded, or take too long. One that
+survives is a hole in the tests, or equivalent: the same function written otherwise, of which
+tests/mutants.toml says why. The score is the killed share of those that are drawn and not equivalent.
 
-No library does this: cosmic-ray knows four of the nine kinds of fault and one test command for all files, mutmut neither.
+No library does this: cosmic-ray knows four of the nine kinds of fault and one test command for all files,
+mutmut neither.
 """
 
 from __future__ import annotations
@@ -45,9 +49,20 @@ SCOPE = Path("tests/mutants.toml")
 FOLDERS = ("eskin", "golden", "rtl", "cosim", "scripts", "formal", "tests")
 REQUIRED = 0.95
 HEAVY = ["pytest", "numpy", "amaranth.sim", "amaranth.lib.wiring", "torch"]
-"""Loaded once, before the test processes are forked: loading them takes longer than most mutants. (No plugins of pytest.)"""
+"""Loaded once, before the test processes are forked: loading them takes longer than most mutants. (No plugins
+of pytest.)"""
 CONTEXT = multiprocessing.get_context("forkserver")
-KINDS = ("operator", "condition", "off-by-one", "constant", "width", "reset", "swapped operands", "saturation", "signal")
+KINDS = (
+    "operator",
+    "condition",
+    "off-by-one",
+    "constant",
+    "width",
+    "reset",
+    "swapped operands",
+    "saturation",
+    "signal",
+)
 Work = tuple[str, list[str], float, "Mutant | None"]
 """File, tests, seconds of the processor, fault."""
 
@@ -56,7 +71,9 @@ def _signs(text: str) -> dict[str, str]:
     return dict(pair.split(":") for pair in text.split(","))
 
 
-OTHER = _signs("Add:-,Sub:+,Mult:+,FloorDiv:*,Div:*,Mod://,LShift:>>,RShift:<<,BitAnd:|,BitOr:&,BitXor:|,And:or,Or:and")
+OTHER = _signs(
+    "Add:-,Sub:+,Mult:+,FloorDiv:*,Div:*,Mod://,LShift:>>,RShift:<<,BitAnd:|,BitOr:&,BitXor:|,And:or,Or:and"
+)
 INVERTED = _signs("Eq:!=,NotEq:==,Lt:>=,LtE:>,Gt:<=,GtE:<,Is:is not,IsNot:is,In:not in,NotIn:in")
 ONE_OFF = _signs("Lt:<=,LtE:<,Gt:>=,GtE:>")
 SIGN = _signs("Lt:<,LtE:<=,Gt:>,GtE:>=,Sub:-,FloorDiv://,Mod:%")
@@ -68,7 +85,8 @@ ROUNDINGS = ("narrow", "round_half_up", "shift_right", "_narrow")
 # ---------------------------------------------------------------------- faults
 @dataclass(frozen=True)
 class Mutant:
-    """``new`` in place of ``old``, from character ``begin`` of the file on; a named one (``begin`` -1) wherever ``old`` stands."""
+    """``new`` in place of ``old``, from character ``begin`` of the file on; a named one (``begin`` -1)
+    wherever ``old`` stands."""
 
     file: str
     kind: str
@@ -80,11 +98,18 @@ class Mutant:
 
     def apply(self, text: str) -> str:
         """The whole file with the fault in it."""
-        assert text.find(self.old, self.begin) == self.begin or (self.begin < 0 and self.old in text), f"{self.file} has no '{self.old}'"
-        return text.replace(self.old, self.new) if self.begin < 0 else text[: self.begin] + self.new + text[self.begin + len(self.old) :]
+        assert text.find(self.old, self.begin) == self.begin or (self.begin < 0 and self.old in text), (
+            f"{self.file} has no '{self.old}'"
+        )
+        return (
+            text.replace(self.old, self.new)
+            if self.begin < 0
+            else text[: self.begin] + self.new + text[self.begin + len(self.old) :]
+        )
 
     def lines(self, text: str) -> tuple[str, str]:
-        """What is different, as the stretch of lines before and after, blanks squeezed: names the mutant wherever the lines move to."""
+        """What is different, as the stretch of lines before and after, blanks squeezed: names the mutant
+        wherever the lines move to."""
         begin = text.index(self.old) if self.begin < 0 else self.begin
         first, last = text.rfind("\n", 0, begin) + 1, text.find("\n", begin + len(self.old))
         changed = text[first:begin] + self.new + text[begin + len(self.old) : last]
@@ -105,7 +130,9 @@ class _Finder(ast.NodeVisitor):
 
     def span(self, node: Any) -> tuple[int, int]:
         places = ((node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset))
-        begin, end = (self.starts[line - 1] + len(self.rows[line - 1][:byte].decode()) for line, byte in places)
+        begin, end = (
+            self.starts[line - 1] + len(self.rows[line - 1][:byte].decode()) for line, byte in places
+        )
         return begin, end
 
     def source(self, node: ast.AST) -> str:
@@ -128,7 +155,9 @@ class _Finder(ast.NodeVisitor):
 
     # ------------------------------------------------------------------ what is left alone
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        if node.name in self.skip or (node.name.startswith("__") and node.name not in ("__init__", "__post_init__")):
+        if node.name in self.skip or (
+            node.name.startswith("__") and node.name not in ("__init__", "__post_init__")
+        ):
             return
         outer, self.names = self.names, sorted(set(_signals(node)))
         self.visit_all(node.body)
@@ -139,7 +168,9 @@ class _Finder(ast.NodeVisitor):
             self.visit(node)
 
     def visit_ClassDef(self, node: ast.ClassDef) -> None:
-        self.visit_all([statement for statement in node.body if not isinstance(statement, (ast.AnnAssign, ast.Assign))])
+        self.visit_all(
+            [statement for statement in node.body if not isinstance(statement, (ast.AnnAssign, ast.Assign))]
+        )
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
         if node.value is not None:
@@ -165,7 +196,11 @@ class _Finder(ast.NodeVisitor):
         if op in OTHER and not joins:
             self.between("operator", node.left, node.right, OTHER[op])
             if op in SIGN:
-                self.replace("swapped operands", node, f"(({self.source(node.right)}) {SIGN[op]} ({self.source(node.left)}))")
+                self.replace(
+                    "swapped operands",
+                    node,
+                    f"(({self.source(node.right)}) {SIGN[op]} ({self.source(node.left)}))",
+                )
         self.generic_visit(node)
 
     def visit_BoolOp(self, node: ast.BoolOp) -> None:
@@ -183,8 +218,14 @@ class _Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> None:
-        if not isinstance(node.op, ast.UAdd) and not (isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant)):
-            self.replace("operator" if isinstance(node.op, ast.USub) else "condition", node, f"({self.source(node.operand)})")
+        if not isinstance(node.op, ast.UAdd) and not (
+            isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant)
+        ):
+            self.replace(
+                "operator" if isinstance(node.op, ast.USub) else "condition",
+                node,
+                f"({self.source(node.operand)})",
+            )
         self.generic_visit(node)
 
     def visit_IfExp(self, node: ast.IfExp) -> None:
@@ -214,11 +255,18 @@ class _Finder(ast.NodeVisitor):
             self.replace("off-by-one" if name == "range" else "width", args[0], f"({sources[0]}) - 1")
         if name == "If" and args:
             self.replace("condition", args[0], f"~({sources[0]})")
-        swapped = name in ("Cat", "concatenate") and plain and len(args) >= 2 and [sources[1], sources[0], *sources[2:]]
+        swapped = (
+            name in ("Cat", "concatenate")
+            and plain
+            and len(args) >= 2
+            and [sources[1], sources[0], *sources[2:]]
+        )
         if name in ("Mux", "where") and len(args) == 3:
             swapped = [sources[0], sources[2], sources[1]]
         if swapped:
-            self.replace("swapped operands", node, f"{self.source(node.func)}({', '.join([*swapped, *words])})")
+            self.replace(
+                "swapped operands", node, f"{self.source(node.func)}({', '.join([*swapped, *words])})"
+            )
         if name in NARROWINGS and args and plain and not isinstance(args[0], ast.GeneratorExp):
             of_value = isinstance(node.func, ast.Attribute) and _name(node.func.value) not in ("np", "torch")
             self.replace("saturation", node, f"({self.source(node.func.value) if of_value else sources[0]})")  # type: ignore[attr-defined]
@@ -232,7 +280,9 @@ class _Finder(ast.NodeVisitor):
                 target = self.source(node.func.value)  # type: ignore[attr-defined]
                 self.replace("reset", node, f"{target}.eq({target})")
             self.exchange_signals(args[0])
-        self.visit_all([node.func, *args, *(word.value for word in node.keywords if word.arg not in ("name", "dtype"))])
+        self.visit_all(
+            [node.func, *args, *(word.value for word in node.keywords if word.arg not in ("name", "dtype"))]
+        )
 
     def exchange_signals(self, value: ast.expr) -> None:
         """Each signal read in what is assigned, exchanged for another one of the function."""
@@ -240,7 +290,12 @@ class _Finder(ast.NodeVisitor):
             if isinstance(node, ast.Name) and node.id in self.names and len(self.names) > 1:
                 candidates = [name for name in self.names if name != node.id]
                 self.replace(
-                    "signal", node, candidates[hashlib.sha256(f"{node.id}{self.source(value)}".encode()).digest()[0] % len(candidates)]
+                    "signal",
+                    node,
+                    candidates[
+                        hashlib.sha256(f"{node.id}{self.source(value)}".encode()).digest()[0]
+                        % len(candidates)
+                    ],
                 )
 
 
@@ -254,7 +309,11 @@ def _is_text(node: ast.AST) -> bool:
 
 def _refuses(statement: ast.stmt) -> bool:
     """Only tells the user of a mistake."""
-    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Call) and _name(statement.value.func) == "refuse"
+    return (
+        isinstance(statement, ast.Expr)
+        and isinstance(statement.value, ast.Call)
+        and _name(statement.value.func) == "refuse"
+    )
 
 
 def _signals(function: ast.FunctionDef) -> Iterator[str]:
@@ -269,7 +328,8 @@ def _signals(function: ast.FunctionDef) -> Iterator[str]:
 
 
 def mutants(file: str, text: str, skip: frozenset[str] = frozenset()) -> list[Mutant]:
-    """All mutants of a file but in the functions of ``skip``, in the order of its text; some may be no faults (`is_fault`)."""
+    """All mutants of a file but in the functions of ``skip``, in the order of its text; some may be no faults
+    (`is_fault`)."""
     finder = _Finder(file, text, skip)
     finder.visit(ast.parse(text))
     return sorted(finder.mutants, key=lambda mutant: (mutant.begin, mutant.kind, mutant.old, mutant.new))
@@ -284,7 +344,8 @@ def is_fault(mutant: Mutant, text: str) -> bool:
 
 
 def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = frozenset()) -> list[Mutant]:
-    """``count`` mutants of these files (or all): files in turn, in a file its kinds in turn, those chosen least so far first."""
+    """``count`` mutants of these files (or all): files in turn, in a file its kinds in turn, those chosen
+    least so far first."""
     pools: dict[str, dict[str, list[Mutant]]] = {file: defaultdict(list) for file in texts}
     for file, text in texts.items():
         of_file = mutants(file, text, skip)
@@ -297,7 +358,9 @@ def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = 
             ready = [kind for kind in KINDS if kinds[kind]]
             if not ready or len(chosen) == count:
                 continue
-            kind = min(ready, key=lambda kind, file=file: (here[file, kind], overall[kind], KINDS.index(kind)))  # type: ignore[misc]
+            kind = min(
+                ready, key=lambda kind, file=file: (here[file, kind], overall[kind], KINDS.index(kind))
+            )  # type: ignore[misc]
             mutant = kinds[kind].pop()
             if is_fault(mutant, texts[file]):
                 here[file, kind] += 1
@@ -309,7 +372,8 @@ def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = 
 # ---------------------------------------------------------------------- judging
 @dataclass
 class Scope:
-    """Files with their tests, faults that somebody thought of with theirs, what is said of survivors: tests/mutants.toml."""
+    """Files with their tests, faults that somebody thought of with theirs, what is said of survivors:
+    tests/mutants.toml."""
 
     tests: dict[str, list[str]]
     named: dict[Mutant, list[str]]
@@ -326,11 +390,18 @@ class Scope:
             return [test for word in tests for test in groups.get(word, [word])]
 
         named = {
-            Mutant(fault["file"], "named", -1, fault["old"], fault["new"], name=fault["name"]): spelled([fault["test"]])
+            Mutant(fault["file"], "named", -1, fault["old"], fault["new"], name=fault["name"]): spelled(
+                [fault["test"]]
+            )
             for fault in values.get("named", [])
         }
         reasons = {(entry["file"], entry["was"], entry["now"]): entry for entry in values.get("survivor", [])}
-        return cls({file: spelled(tests) for file, tests in values["files"].items()}, named, frozenset(values.get("skip", [])), reasons)
+        return cls(
+            {file: spelled(tests) for file, tests in values["files"].items()},
+            named,
+            frozenset(values.get("skip", [])),
+            reasons,
+        )
 
 
 def sources(root: Path) -> Iterator[Path]:
@@ -343,7 +414,8 @@ def sources(root: Path) -> Iterator[Path]:
 
 
 def copy_project(root: Path, copy: Path) -> None:
-    """A copy, links included: found as ``eskin`` by whoever has ``copy`` on its path, whatever is installed."""
+    """A copy, links included: found as ``eskin`` by whoever has ``copy`` on its path, whatever is
+    installed."""
     for path in sources(root):
         target = copy / path.relative_to(root)
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -353,14 +425,19 @@ def copy_project(root: Path, copy: Path) -> None:
 
 
 class _Judges:
-    """pytest as a judge of mutants. A failing example is enough: making it smaller would take longer than the test. And of slow tests those
-    run that are named one by one; of a file that is named whole only the quick ones."""
+    """pytest as a judge of mutants. A failing example is enough: making it smaller would take longer than the
+    test. And of slow tests those run that are named one by one; of a file that is named whole only the quick
+    ones."""
 
     def __init__(self, tests: list[str]) -> None:
         self._named = tuple(test for test in tests if "::" in test)
 
     def pytest_collection_modifyitems(self, config, items) -> None:
-        slow = [item for item in items if item.get_closest_marker("slow") and not item.nodeid.startswith(self._named)]
+        slow = [
+            item
+            for item in items
+            if item.get_closest_marker("slow") and not item.nodeid.startswith(self._named)
+        ]
         config.hook.pytest_deselected(items=slow)
         items[:] = [item for item in items if item not in slow]
 
@@ -372,7 +449,8 @@ class _Judges:
 
 
 def _child(copy: Path, tests: list[str], limit: float) -> None:
-    """pytest on the copy, in a process of its own; its status and the processor's seconds go to a file beside the copy."""
+    """pytest on the copy, in a process of its own; its status and the processor's seconds go to a file beside
+    the copy."""
     os.setsid()
     resource.setrlimit(resource.RLIMIT_CPU, (int(limit), int(limit) + 5))
     with (copy.parent / "log.txt").open("w") as output:
@@ -392,12 +470,15 @@ def _child(copy: Path, tests: list[str], limit: float) -> None:
     finally:
         sys.stdout.flush()
         used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-        (copy.parent / "seconds").write_text(str(sum(process.ru_utime + process.ru_stime for process in used)))
+        (copy.parent / "seconds").write_text(
+            str(sum(process.ru_utime + process.ru_stime for process in used))
+        )
     os._exit(status)
 
 
 class Bench:
-    """Copies of the project, and the verdicts that are kept in ``out``; one judgement at a time in each copy."""
+    """Copies of the project, and the verdicts that are kept in ``out``; one judgement at a time in each
+    copy."""
 
     def __init__(self, root: Path, out: Path, jobs: int) -> None:
         self.root, self.out, self.jobs = root, out / "verdicts", jobs
@@ -405,7 +486,8 @@ class Bench:
         self.free: queue.Queue[Path] = queue.Queue()
 
     def kept(self, work: Work) -> Path:
-        """Where a verdict is: by code, tests and fault. Of the tests' own files only those that are run, and the helpers, count."""
+        """Where a verdict is: by code, tests and fault. Of the tests' own files only those that are run, and
+        the helpers, count."""
         _, tests, _, mutant = work
         run = {test.partition("::")[0] for test in tests}
         digest = hashlib.sha256(str(tests).encode())
@@ -433,7 +515,12 @@ class Bench:
             try:
                 for number, (piece, future) in enumerate(zip(work, begun, strict=True), 1):
                     write_json(self.kept(piece), future.result())
-                    print(f"\r{title}: {number} of {len(work)}", end="\n" if number == len(work) else "", file=sys.stderr, flush=True)
+                    print(
+                        f"\r{title}: {number} of {len(work)}",
+                        end="\n" if number == len(work) else "",
+                        file=sys.stderr,
+                        flush=True,
+                    )
             finally:
                 pool.shutdown(wait=False, cancel_futures=True)
                 self.free = queue.Queue()
@@ -458,11 +545,23 @@ class Bench:
             _put(copy / file, self.contents[file])
         self.free.put(copy)
         failed = [line for line in output.splitlines() if line.startswith(("FAILED", "ERROR"))]
-        outcome = "timeout" if status in (None, -signal.SIGXCPU, -signal.SIGKILL) else "survived" if status == 0 else "killed"
+        outcome = (
+            "timeout"
+            if status in (None, -signal.SIGXCPU, -signal.SIGKILL)
+            else "survived"
+            if status == 0
+            else "killed"
+        )
         # a test compared, and did not find what it asserts
         compared = outcome == "killed" and bool(re.search(r":\d+: (AssertionError|assert )", output[-6000:]))
         by = failed[0][:200] if failed else ""
-        return {"outcome": outcome, "seconds": round(seconds, 1), "by": by, "compared": compared, "end": output[-6000:]}
+        return {
+            "outcome": outcome,
+            "seconds": round(seconds, 1),
+            "by": by,
+            "compared": compared,
+            "end": output[-6000:],
+        }
 
 
 def _put(path: Path, content: bytes) -> None:
@@ -472,13 +571,16 @@ def _put(path: Path, content: bytes) -> None:
     os.utime(path, (later, later))
 
 
-def judge(root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: float = 60.0, only: str = "") -> dict[str, Any]:
+def judge(
+    root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: float = 60.0, only: str = ""
+) -> dict[str, Any]:
     """Choose mutants, run what is not yet known, return the result.
 
     Parameters
     ----------
     least_limit:
-        Seconds of the processor before a mutant's tests are ended at the earliest; otherwise three times what they take without it.
+        Seconds of the processor before a mutant's tests are ended at the earliest; otherwise three times what
+        they take without it.
     only:
         All ``count`` mutants are of files whose path contains this, and none is a named one.
 
@@ -489,10 +591,15 @@ def judge(root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: 
     """
     scope = Scope.load(root)
     texts = {file: (root / file).read_text() for file in scope.tests if only in file}
-    tests_of = {mutant: scope.tests[mutant.file] for mutant in choose(texts, count, seed, scope.skip)} | ({} if only else scope.named)
+    tests_of = {mutant: scope.tests[mutant.file] for mutant in choose(texts, count, seed, scope.skip)} | (
+        {} if only else scope.named
+    )
     bench = Bench(root, out, jobs)
     CONTEXT.set_forkserver_preload(HEAVY)
-    plain: dict[str, Work] = {test: ("", [test], 1200.0, None) for test in sorted({test for tests in tests_of.values() for test in tests})}
+    plain: dict[str, Work] = {
+        test: ("", [test], 1200.0, None)
+        for test in sorted({test for tests in tests_of.values() for test in tests})
+    }
     bench.judge(list(plain.values()), "tests as they are")
     seconds = {}
     for test, work in plain.items():
@@ -514,7 +621,17 @@ def judge(root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: 
             row["outcome"] = "equivalent"
         reason_text = mutant.name or reason.get("reason", "")
         del row["end"]
-        rows.append(row | {"file": mutant.file, "line": mutant.line, "kind": mutant.kind, "was": was, "now": now, "reason": reason_text})
+        rows.append(
+            row
+            | {
+                "file": mutant.file,
+                "line": mutant.line,
+                "kind": mutant.kind,
+                "was": was,
+                "now": now,
+                "reason": reason_text,
+            }
+        )
     counts = Counter(row["outcome"] for row in rows if row["kind"] != "named")
     killed = counts["killed"] + counts["timeout"]
     score = killed / (killed + counts["survived"]) if killed else 0.0
@@ -526,11 +643,17 @@ def table(result: dict[str, Any]) -> str:
     """The result as Markdown: score, by kind, by file, survivors."""
     outcomes, rows = ("killed", "timeout", "survived", "equivalent"), result["mutants"]
     compared = sum(row["compared"] for row in rows if row["kind"] != "named")
-    lines = [f"# Mutants: {result['score']:.1%} killed (seed {result['seed']}), {compared} by a comparison; required {REQUIRED:.0%}\n"]
+    lines = [
+        f"# Mutants: {result['score']:.1%} killed (seed {result['seed']}), {compared} by a comparison; "
+        f"required {REQUIRED:.0%}\n"
+    ]
     for title in ("kind", "file"):
         groups = Counter((row[title], row["outcome"]) for row in rows)
         lines += [f"| {title} | {' | '.join(outcomes)} |", "| :-- |" + " --: |" * len(outcomes)]
-        lines += [f"| {name} | {' | '.join(str(groups[name, end]) for end in outcomes)} |" for name in sorted({name for name, _ in groups})]
+        lines += [
+            f"| {name} | {' | '.join(str(groups[name, end]) for end in outcomes)} |"
+            for name in sorted({name for name, _ in groups})
+        ]
         lines.append("")
     for row in sorted(rows, key=lambda row: row["outcome"]):
         if row["outcome"] in ("survived", "equivalent") or (row["kind"] == "named" and not row["compared"]):
@@ -540,17 +663,22 @@ def table(result: dict[str, Any]) -> str:
 
 
 def main(words: list[str] | None = None, root: Path = ROOT) -> int:
-    """The command; returns its exit status: 1 below the required score, or where a named fault is not found by a comparison."""
+    """The command; returns its exit status: 1 below the required score, or where a named fault is not found
+    by a comparison."""
     parser = argparse.ArgumentParser(prog="make mutants", description=__doc__.partition("\n")[0])
     parser.add_argument("--count", type=int, default=154, help="mutants that are drawn (default 154)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2, help="at a time")
     parser.add_argument("--limit", type=float, default=60.0, help="least time limit of a mutant, in seconds")
-    parser.add_argument("--only", default="", help="all mutants in files whose path contains this; the result is not written")
+    parser.add_argument(
+        "--only", default="", help="all mutants in files whose path contains this; the result is not written"
+    )
     parser.add_argument("--out", type=Path, default=Path("build/mutants"))
     options = parser.parse_args(words)
     try:
-        result = judge(root, options.out, options.count, options.seed, options.jobs, options.limit, options.only)
+        result = judge(
+            root, options.out, options.count, options.seed, options.jobs, options.limit, options.only
+        )
     except RuntimeError as error:
         print(error, file=sys.stderr)
         return 2

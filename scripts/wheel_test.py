@@ -1,7 +1,9 @@
-"""`make wheel-test`: the wheel, installed without extras into an empty environment, does what the README promises.
+"""`make wheel-test`: the wheel, installed without extras into an empty environment, does what the README
+promises.
 
-It builds the wheel, looks at its files, installs it with the locked versions of its dependencies, and runs the verbs that
-need neither training nor a simulator. The other verbs must name the extra that they need. It needs a package index.
+It builds the wheel, looks at its files, installs it with the locked versions of its dependencies, and runs
+the verbs that need neither training nor a simulator. The other verbs must name the extra that they need. It
+needs a package index.
 """
 
 from __future__ import annotations
@@ -42,7 +44,10 @@ def must(*command: str | Path, status: int = 0, words: str = "") -> None:
     done = subprocess.run(command, cwd=WORK, capture_output=True, text=True, timeout=600, check=False)
     line, text = " ".join(map(str, command)), done.stdout + done.stderr
     if done.returncode != status or words not in text:
-        sys.exit(f"wheel test: {line} ended with {done.returncode}, not {status}, or did not print '{words}':\n{text[-3000:]}")
+        sys.exit(
+            f"wheel test: {line} ended with {done.returncode}, not {status}, or did not print "
+            f"'{words}':\n{text[-3000:]}"
+        )
     print(f"ok: {line[:120]}", flush=True)
 
 
@@ -59,7 +64,10 @@ def main() -> None:
     strays = [name for name in names if not name.startswith(("eskin/", "eskin-")) or "/dev/" in name]
     missing = {".py", ".sv", ".v", ".cpp", ".j2", ".css"} - {Path(name).suffix for name in names}
     if strays or missing:
-        sys.exit(f"wheel test: the wheel holds {strays[:3]}, which is not the product's, or lacks files of kinds {sorted(missing)}")
+        sys.exit(
+            f"wheel test: the wheel holds {strays[:3]}, which is not the product's, or lacks files of kinds "
+            f"{sorted(missing)}"
+        )
     random_integer_model(PRESETS["pvdf"], seed=3).save(WORK / "model")
     venv.create(WORK / "venv", with_pip=True)
     python, eskin = WORK / "venv" / "bin" / "python", WORK / "venv" / "bin" / "eskin"

@@ -1,7 +1,7 @@
 """``make where NAME=onset_detector``: the files that belong to a block, a stage of the comparison or a verb.
 
-A name is a file's (``classifier``), a stage's (``feature``) or a verb's (``cosim``). A name that fits several is answered
-for each.
+A name is a file's (``classifier``), a stage's (``feature``) or a verb's (``cosim``). A name that fits several
+is answered for each.
 """
 
 from __future__ import annotations
@@ -25,7 +25,10 @@ STAGES = {
     "decision": "rtl/decision/classifier.py",
 }
 """The block that produces each compared stage."""
-SHARED = [ROOT / "golden" / name for name in ("core/errors.py", "core/files.py", "core/jobs.py", "data/load.py", "model/model.py")]
+SHARED = [
+    ROOT / "golden" / name
+    for name in ("core/errors.py", "core/files.py", "core/jobs.py", "data/load.py", "model/model.py")
+]
 """Nearly every verb calls these, so they say nothing about one."""
 
 
@@ -37,7 +40,11 @@ def verbs() -> dict[str, list[Path]]:
         assert call is not None
         body = ast.walk(ast.parse(textwrap.dedent(inspect.getsource(call))))
         imports = [node for node in body if isinstance(node, ast.ImportFrom) and node.module]
-        names = [name for node in imports for name in (node.module, *(f"{node.module}.{item.name}" for item in node.names))]
+        names = [
+            name
+            for node in imports
+            for name in (node.module, *(f"{node.module}.{item.name}" for item in node.names))
+        ]
         modules = [(ROOT / f"{str(name).replace('.', '/')}.py").resolve() for name in names]
         home = Path(inspect.getsourcefile(inspect.unwrap(call)) or "").resolve()
         files[command.name or call.__name__.strip("_").replace("_", "-")] = [
@@ -48,7 +55,8 @@ def verbs() -> dict[str, list[Path]]:
 
 
 def index() -> dict[str, list[Path]]:
-    """The modules of every name: files of that name, then the block of that stage, then the modules of that verb."""
+    """The modules of every name: files of that name, then the block of that stage, then the modules of that
+    verb."""
     files: dict[str, list[Path]] = {}
     for path in (path for paths in packages().values() for path in paths):
         files.setdefault(path.stem, []).append(path)

@@ -14,7 +14,15 @@ from pathlib import Path
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.data.load import load_recordings
 from eskin.golden.training.choose_front_end import configure
-from eskin.golden.training.widths import Case, Tried, feature_headroom, fold_cases, integers_of, ladder, measure
+from eskin.golden.training.widths import (
+    Case,
+    Tried,
+    feature_headroom,
+    fold_cases,
+    integers_of,
+    ladder,
+    measure,
+)
 
 SETS = (
     ("pvdf_indent", "pvdf", ("seq",)),
@@ -22,7 +30,12 @@ SETS = (
     ("biotac_slide", None, ("block",)),
 )
 """(folder, preset or None: the front end is chosen by evidence, groups left out)."""
-ROWS = tuple((weight, table) for weight in (4, 6, 8, 10, 12, 14, 16) for table in (512, 1024) if table == 512 or weight >= 8)
+ROWS = tuple(
+    (weight, table)
+    for weight in (4, 6, 8, 10, 12, 14, 16)
+    for table in (512, 1024)
+    if table == 512 or weight >= 8
+)
 LIMITS = (2.0, 1.0, 0.5, 0.25)
 
 HEAD = """# Widths against logit error
@@ -48,7 +61,9 @@ give up fraction bits, which the tables do not resolve.
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Widths against logit error on the recorded data sets, as a page.")
+    parser = argparse.ArgumentParser(
+        description="Widths against logit error on the recorded data sets, as a page."
+    )
     parser.add_argument("folder", type=Path, help="the folder of the data sets")
     folder = parser.parse_args().folder
     print(HEAD)
@@ -59,12 +74,21 @@ def main() -> None:
         headroom = feature_headroom(cases)
         print(f"## {name}, {' and '.join(groups)} left out ({len(cases)} folds)\n")
         print(f"Features left out are up to {headroom:.2f} times as large as any seen in training.\n")
-        print("| weight bits | table entries | accumulator bits | mean | largest | most of all by | features at an end |")
+        print(
+            "| weight bits | table entries | accumulator bits | mean | largest | most of all by | features "
+            "at an end |"
+        )
         print("|--:|--:|--:|--:|--:|---|--:|")
         for weight, table in ROWS:
             print(_row(cases, headroom, measure(cases, headroom, weight, table)), flush=True)
-        print("\nWidths that `eskin quantise --logit-error` chooses on all groups but one, judged on that one:\n")
-        print("| asked for | chosen, weights x table | largest error where it was chosen | on the group left out | kept |")
+        print(
+            "\nWidths that `eskin quantise --logit-error` chooses on all groups but one, judged on that "
+            "one:\n"
+        )
+        print(
+            "| asked for | chosen, weights x table | largest error where it was chosen | on the group left "
+            "out | kept |"
+        )
         print("|--:|---|---|---|--:|")
         for line in _nested(cases):
             print(line, flush=True)

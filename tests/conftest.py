@@ -1,4 +1,5 @@
-"""Fixtures for all tests: the real recordings (where they are), torch's threads, recordings made on the spot."""
+"""Fixtures for all tests: the real recordings (where they are), torch's threads, recordings made on the
+spot."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from hypothesis import settings
 from eskin.golden.data.recordings import Recordings
 from eskin.rtl.fpga.tools import run_tool
 
-# Before torch is loaded: its operations here are small, and a second thread on a busy machine costs a factor of ten.
+# Before torch is loaded: its operations here are small, and a second thread on a busy machine costs a factor
+# of ten.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # Where no profile is named (--hypothesis-profile): tests/support/strategies.py says what they are.
@@ -22,12 +24,18 @@ settings.register_profile("long", print_blob=True)
 
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 NO_RECORDINGS = "no real recordings beside the checkout"
-NAMED_SKIPS = (NO_RECORDINGS, "no Liberty files of SG13G2 beside the checkout", "icebox_vlog is not installed")
-"""Why a test may be skipped where CI is set: what a fresh checkout cannot have. For any other reason the run fails."""
+NAMED_SKIPS = (
+    NO_RECORDINGS,
+    "no Liberty files of SG13G2 beside the checkout",
+    "icebox_vlog is not installed",
+)
+"""Why a test may be skipped where CI is set: what a fresh checkout cannot have. For any other reason the run
+fails."""
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
-    """Let Yosys compile itself, if it must, before any test's time runs (once, not in every process of xdist)."""
+    """Let Yosys compile itself, if it must, before any test's time runs (once, not in every process of
+    xdist)."""
     if not hasattr(session.config, "workerinput"):
         run_tool("yosys", ["-V"], Path(__file__).parent)
 
@@ -48,7 +56,8 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     for reason in sorted(set(reasons)):
         allowed = reason in NAMED_SKIPS
         terminal.write_line(
-            f"skipped, {'as named' if allowed else 'NOT NAMED in tests/conftest.py'}: {reasons.count(reason)} for '{reason}'"
+            f"skipped, {'as named' if allowed else 'NOT NAMED in tests/conftest.py'}: "
+            f"{reasons.count(reason)} for '{reason}'"
         )
         if not allowed:
             session.exitstatus = pytest.ExitCode.TESTS_FAILED
@@ -62,14 +71,17 @@ def shared_data() -> Path:
 
 @pytest.fixture
 def make_recordings() -> Callable[..., Recordings]:
-    """A small set of noise recordings: ``make_recordings(lengths=[...], taxels=4, labels=[...], seed=1, ...)``."""
+    """A small set of noise recordings: ``make_recordings(lengths=[...], taxels=4, labels=[...], seed=1,
+    ...)``."""
 
     def make(lengths=(40, 50, 60, 70), taxels=4, labels=None, classes=2, seed=1, **fields) -> Recordings:
         rng = np.random.default_rng(seed)
         return Recordings(
             samples=rng.integers(1000, 1010, (sum(lengths), taxels)).astype(np.int32),
             offsets=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
-            labels=np.array(labels if labels is not None else [i % classes for i in range(len(lengths))], dtype=np.int64),
+            labels=np.array(
+                labels if labels is not None else [i % classes for i in range(len(lengths))], dtype=np.int64
+            ),
             class_names=tuple(f"class{i}" for i in range(classes)),
             **{"sample_rate_hz": 500.0, "source": "made", **fields},
         )

@@ -1,8 +1,9 @@
-"""What the benches reach: states, stalls, saturations, table halves, faults, registers, counted on the simulated hardware.
+"""What the benches reach: states, stalls, saturations, table halves, faults, registers, counted on the
+simulated hardware.
 
-``make coverage`` plays small configurations in which extremes are forced, compares nearly all of them bit for bit with the golden model,
-and writes ``build/coverage/coverage.json`` and ``.md``: for every point of every group the cycles in which it was seen. A point that no
-run reaches is a hole, and the exit status 1.
+``make coverage`` plays small configurations in which extremes are forced, compares nearly all of them bit for
+bit with the golden model, and writes ``build/coverage/coverage.json`` and ``.md``: for every point of every
+group the cycles in which it was seen. A point that no run reaches is a hole, and the exit status 1.
 """
 
 from __future__ import annotations
@@ -50,11 +51,22 @@ GROUPS: dict[str, list[str]] = {
     "ring": ["full", "not full", "touch", "no touch"],
     "averager": [*(f"operation {one.name}" for one in Operation), "bank 0", "bank 1", "last beat of a touch"],
     "sequencer": ["primes", "waits", "goes", "repeats a word", "turns back to the step", "restarts"],
-    "classifier": ["idle", "finds the largest", "finds the next", "scores are votes", "ends a touch", "finishes"],
+    "classifier": [
+        "idle",
+        "finds the largest",
+        "finds the next",
+        "scores are votes",
+        "ends a touch",
+        "finishes",
+    ],
     "control": ["idle", "busy", "clear", "restart by a write", "finish", "frame open"],
     "ports": [f"{port} {what}" for port in PORTS for what in ("moves", "is held up", "is empty")],
     "saturation": [f"{what} {end}" for what in NARROWED for end in ("low", "high")],
-    "tables": [f"{table}, {part}" for table in ("sigmoid", "tanh") for part in ("lower half", "upper half", "first entry", "last entry")],
+    "tables": [
+        f"{table}, {part}"
+        for table in ("sigmoid", "tanh")
+        for part in ("lower half", "upper half", "first entry", "last entry")
+    ],
     "faults": [str(flag.name) for flag in Fault],
     "registers": [f"{register.name} {'written' if register in WRITTEN else 'read'}" for register in Register],
     "commands": [
@@ -99,11 +111,19 @@ class Coverage:
 
     def _watch(self, sim, dut, config) -> None:
         named = {}
-        for info in sim._design.fragments.values():  # signals by their path in the design; no public way to them
+        for (
+            info
+        ) in sim._design.fragments.values():  # signals by their path in the design; no public way to them
             for signal, name in info.signal_names.items():
                 named[".".join([*info.name, name]).removeprefix("top.dut.")] = signal
-        named |= {f"{port}__{name}": getattr(getattr(dut, port), name) for port in ("i", "o") for name in ("valid", "ready")}
-        named |= {f"bus__{name}": getattr(dut.bus, name) for name in ("addr", "w_data", "w_stb", "r_stb")} | {"busy": dut.busy}
+        named |= {
+            f"{port}__{name}": getattr(getattr(dut, port), name)
+            for port in ("i", "o")
+            for name in ("valid", "ready")
+        }
+        named |= {f"bus__{name}": getattr(dut.bus, name) for name in ("addr", "w_data", "w_stb", "r_stb")} | {
+            "busy": dut.busy
+        }
         names = [name for name in named if name.startswith(LOOKED_AT) and "$" not in name]
         points = _Points(config, self.seen)
 
@@ -122,8 +142,16 @@ class Coverage:
         """Markdown: groups with their shares, holes, points with their cycles."""
         lines = ["| group | points | reached |", "| :-- | --: | --: |"]
         for group, points in GROUPS.items():
-            lines.append(f"| {group} | {len(points)} | {sum(self.seen[f'{group}: {point}'] > 0 for point in points)} |")
-        lines += ["", *(f"- hole: {point}" for point in self.holes()), "", "| point | cycles |", "| :-- | --: |"]
+            lines.append(
+                f"| {group} | {len(points)} | {sum(self.seen[f'{group}: {point}'] > 0 for point in points)} |"
+            )
+        lines += [
+            "",
+            *(f"- hole: {point}" for point in self.holes()),
+            "",
+            "| point | cycles |",
+            "| :-- | --: |",
+        ]
         return "\n".join([*lines, *(f"| {point} | {self.seen[point]} |" for point in POINTS)]) + "\n"
 
 
@@ -139,7 +167,9 @@ class _Points:
 
     def note(self, group: str, **points: bool) -> None:
         """Count those that are true."""
-        self.seen.update(f"{group}: {point.replace('_', ' ')}" for point, is_true in points.items() if is_true)
+        self.seen.update(
+            f"{group}: {point.replace('_', ' ')}" for point, is_true in points.items() if is_true
+        )
 
     def cycle(self, now: dict[str, int]) -> None:
         """One clock cycle."""
@@ -166,7 +196,9 @@ class _Points:
         ready, touch = of("front_end.pretrigger_ring", "i__ready", "touch")
         if "front_end.pretrigger_ring.i__ready" in now:
             self.note("ring", full=not ready, not_full=ready, touch=touch, no_touch=not touch)
-        offered, operation, bank, last = of("front_end.window_averager", "i__valid", "operation_next", "bank", "touch_last")
+        offered, operation, bank, last = of(
+            "front_end.window_averager", "i__valid", "operation_next", "bank", "touch_last"
+        )
         if offered and "front_end.window_averager.operation_next" in now:
             self.seen[f"averager: operation {Operation(operation).name}"] += 1
         self.note("averager", bank_0=not bank, bank_1=bank, last_beat_of_a_touch=last)
@@ -209,10 +241,16 @@ class _Points:
         for port, path in PORTS.items():
             if f"{path}__valid" in now:
                 valid, ready = now[f"{path}__valid"], now[f"{path}__ready"]
-                self.seen[f"ports: {port} {'is empty' if not valid else 'moves' if ready else 'is held up'}"] += 1
+                self.seen[
+                    f"ports: {port} {'is empty' if not valid else 'moves' if ready else 'is held up'}"
+                ] += 1
         if self.config.rest_level.clip and now["front_end.onset_detector.o__valid"]:
             deviation = ~unpack(self.frame, now["front_end.onset_detector.o__payload"])["complement"]
-            self.note("saturation", clip_low=deviation == -self.config.rest_level.clip, clip_high=deviation == self.config.rest_level.clip)
+            self.note(
+                "saturation",
+                clip_low=deviation == -self.config.rest_level.clip,
+                clip_high=deviation == self.config.rest_level.clip,
+            )
 
     def bus(self, now: dict[str, int]) -> None:
         self.seen.update(f"faults: {flag.name}" for flag in Fault if now["control.faults"] & flag)
@@ -238,22 +276,36 @@ class _Points:
         config = self.config
         word = unpack(self.words, now["engine.sequencer.word"])
         total = now["engine.narrowing.total"]
-        if (word["gate_write"] or (word["t_write"] and not word["value"])) and self.before:  # the table answers a slot later
+        if (
+            word["gate_write"] or (word["t_write"] and not word["value"])
+        ) and self.before:  # the table answers a slot later
             index, tanh, activated, earlier = self.before
-            table, low, high = "tanh" if tanh else "sigmoid", config.index_format.min_code, config.index_format.max_code
+            table, low, high = (
+                "tanh" if tanh else "sigmoid",
+                config.index_format.min_code,
+                config.index_format.max_code,
+            )
             self.seen[f"tables: {table}, {'lower' if index < 0 else 'upper'} half"] += 1
             self.seen[f"tables: {table}, first entry"] += index == low
             self.seen[f"tables: {table}, last entry"] += index == high
             if activated:
                 self.note("saturation", state_index_low=index == low, state_index_high=index == high)
             else:
-                self.narrowed(f"{table} index", earlier >> (config.tanh_shift if tanh else config.sigmoid_shift), config.index_format)
+                self.narrowed(
+                    f"{table} index",
+                    earlier >> (config.tanh_shift if tanh else config.sigmoid_shift),
+                    config.index_format,
+                )
         if word["t_write"] and word["value"]:
             self.narrowed("value", total >> config.value_shift, config.formats.state_format)
         if word["logit"]:
             self.narrowed("logit", total >> config.logit_shift, config.formats.logit_format)
         if word["state_write"]:
-            name, fmt = ("feature", config.formats.feature_format) if word["feature"] else ("state", config.formats.state_format)
+            name, fmt = (
+                ("feature", config.formats.feature_format)
+                if word["feature"]
+                else ("state", config.formats.state_format)
+            )
             self.narrowed(name, now["engine.elementwise.acc"] >> config.formats.gate_frac, fmt)
         self.before = now["engine.activation.index"], word["tanh"], word["activated"], total
 
@@ -265,7 +317,8 @@ class _Points:
 
 # ---------------------------------------------------------------------- runs
 def extreme(model: IntegerModel) -> IntegerModel:
-    """Every array at the ends of its format: sums beyond what narrowings hold; gates open and shut, with candidates of both signs."""
+    """Every array at the ends of its format: sums beyond what narrowings hold; gates open and shut, with
+    candidates of both signs."""
     arrays = {name: np.array(array) for name, array in model.arrays.items()}
     for name, fmt in network_formats(model.config).items():
         rows = np.arange(arrays[name].shape[0]) // (1 + name.endswith(("_n", "_g"))) % 2 == 0
@@ -274,7 +327,8 @@ def extreme(model: IntegerModel) -> IntegerModel:
 
 
 async def _registers(host: chain.Host) -> None:
-    """Every register that changes nothing, and a frame broken off: the next one's first sample comes too early."""
+    """Every register that changes nothing, and a frame broken off: the next one's first sample comes too
+    early."""
     for measure in Measure:
         await host.write(Register.MEASURE, measure)
     for register in (Register.VERSION, Register.LONGEST, Register.STATUS, Register.FAULTS):
@@ -301,11 +355,15 @@ async def _writes(host: chain.Host) -> None:
 def collect(coverage: Coverage) -> None:
     """All runs; those with a golden counterpart are compared at every stage."""
 
-    def exact(config, seed: int, *, stall: float = 0.0, forced: bool = False, during=None, lengths=(150, 60, 33)) -> None:
+    def exact(
+        config, seed: int, *, stall: float = 0.0, forced: bool = False, during=None, lengths=(150, 60, 33)
+    ) -> None:
         model = random_integer_model(config, seed=seed)
         model = extreme(model) if forced else model
         data = chain.recordings(model.config, seed, list(lengths))
-        streams, _ = coverage.watching(model.config, lambda: chain.play(model, data, stall=stall, during=during))
+        streams, _ = coverage.watching(
+            model.config, lambda: chain.play(model, data, stall=stall, during=during)
+        )
         chain.check(model, data, streams)
 
     exact(chain.CONFIGS["thesis, defended"], 11, stall=0.4, during=_registers)
@@ -316,7 +374,8 @@ def collect(coverage: Coverage) -> None:
     exact(chain.CONFIGS["tracked, free, masked, reset after"], 6, forced=True)
     exact(chain.small(lanes=1, logit_format=QFormat(3, 5)), 1, forced=True)
 
-    # Without a golden counterpart: writes during a touch, a frame broken off, a wrong word in a checked memory, a chain that hangs.
+    # Without a golden counterpart: writes during a touch, a frame broken off, a wrong word in a checked
+    # memory, a chain that hangs.
     config = chain.small(checksum=True, watchdog=True, rearm_frames=60)
     model = random_integer_model(config, seed=3)
     data = chain.recordings(config, 3, [100])
@@ -333,7 +392,8 @@ def collect(coverage: Coverage) -> None:
 
 
 def hung(config) -> list[int]:
-    """FAULTS after the watchdog acted, and after they were cleared: on the block of the registers, as no chain hangs by itself."""
+    """FAULTS after the watchdog acted, and after they were cleared: on the block of the registers, as no
+    chain hangs by itself."""
     dut, flags = HostControl(config), []
 
     async def bench(ctx):
@@ -364,15 +424,26 @@ def test_what_is_counted_is_what_happened():
     seen = coverage.seen
     assert seen["ports: frames in moves"] == seen["ports: onset detector moves"] == data.samples.size
     assert seen["ports: window averager moves"] == seen["ports: normaliser moves"] == len(streams["sum"])
-    assert seen["ports: decisions out moves"] == len(streams["decision"]) > 0 < seen["ports: decisions out is held up"]
+    assert (
+        seen["ports: decisions out moves"]
+        == len(streams["decision"])
+        > 0
+        < seen["ports: decisions out is held up"]
+    )
     assert seen["detector: touch begins"] == sum(status[2] for status in statuses) > 0
     assert seen["sequencer: goes"] == len(streams["sum"]) // config.sensor.taxels
     assert seen["commands: CONTROL ARM"] == seen["control: finish"] == len(data)
-    # a value, two gates; and the word that stands for 0, in the prologue that is ahead of the first touch and follows each
-    assert sum(seen[f"tables: {table}, {half} half"] for table in ("sigmoid", "tanh") for half in ("lower", "upper")) == (
-        3 * len(streams["state"]) + 1 + seen["detector: touch begins"]
-    )
-    assert {"saturation: value low", "faults: CHECKSUM", "registers: VERSION read", "ports: compander moves"} <= set(coverage.holes())
+    # a value, two gates; and the word that stands for 0, in the prologue that is ahead of the first touch and
+    # follows each
+    assert sum(
+        seen[f"tables: {table}, {half} half"] for table in ("sigmoid", "tanh") for half in ("lower", "upper")
+    ) == (3 * len(streams["state"]) + 1 + seen["detector: touch begins"])
+    assert {
+        "saturation: value low",
+        "faults: CHECKSUM",
+        "registers: VERSION read",
+        "ports: compander moves",
+    } <= set(coverage.holes())
 
 
 def test_a_hang_is_flagged_until_cleared():
@@ -392,7 +463,10 @@ def main(out: Path = Path("build/coverage")) -> int:
     coverage = Coverage()
     collect(coverage)
     out.mkdir(parents=True, exist_ok=True)
-    write_json(out / "coverage.json", {"points": {point: coverage.seen[point] for point in POINTS}, "holes": coverage.holes()})
+    write_json(
+        out / "coverage.json",
+        {"points": {point: coverage.seen[point] for point in POINTS}, "holes": coverage.holes()},
+    )
     (out / "coverage.md").write_text(coverage.table())
     print(coverage.table())
     return 1 if coverage.holes() else 0

@@ -1,7 +1,9 @@
-"""README and docs/: links lead somewhere, commands exist and run, every field is named, a name leads to file, model, test and proof.
+"""README and docs/: links lead somewhere, commands exist and run, every field is named, a name leads to file,
+model, test and proof.
 
-A block of ``sh`` or ``python`` is run in one folder for all pages, in the order of the site (docs/changing.md says what a comment before a
-block means). ``make`` is only asked what it would do: its targets are this project's own jobs, these tests among them.
+A block of ``sh`` or ``python`` is run in one folder for all pages, in the order of the site (docs/changing.md
+says what a comment before a block means). ``make`` is only asked what it would do: its targets are this
+project's own jobs, these tests among them.
 """
 
 from __future__ import annotations
@@ -52,7 +54,9 @@ def blocks() -> list[Block]:
     found = []
     for path in PAGES:
         text = path.read_text()
-        for match in re.finditer(r"(?:^<!-- test: (\w+) -->\n)?^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+        for match in re.finditer(
+            r"(?:^<!-- test: (\w+) -->\n)?^```(\w*)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL
+        ):
             line = text[: match.start()].count("\n") + 1
             found.append(Block(path.name, line, match[1] or "", match[2], match[3]))
     return found
@@ -79,7 +83,9 @@ def dead_links(path: Path, text: str) -> list[str]:
     for link in re.findall(r"\]\(([^)\s]+)\)", text):
         name, _, anchor = link.partition("#")
         target = path.parent / name if name else path
-        if not re.match(r"https?:", link) and (not target.is_file() or (anchor and anchor not in anchors(target))):
+        if not re.match(r"https?:", link) and (
+            not target.is_file() or (anchor and anchor not in anchors(target))
+        ):
             dead.append(f"{path.name}: {link}")
     return dead
 
@@ -99,7 +105,16 @@ def test_a_dead_link_is_seen():
 
 def test_the_readme_leads_to_every_page_of_the_first_order():
     linked = set(re.findall(r"\]\(docs/(\w+)\.md", (ROOT / "README.md").read_text()))
-    wanted = {"quick_start", "recordings", "configuration", "boards", "results", "robustness", "verification", "specification"}
+    wanted = {
+        "quick_start",
+        "recordings",
+        "configuration",
+        "boards",
+        "results",
+        "robustness",
+        "verification",
+        "specification",
+    }
     assert wanted | {"glossary", "area", "changing", "where", "energy"} <= linked
 
 
@@ -110,7 +125,11 @@ OF_THEN = {"golden/sparsity.py"}
 @each_row("path", PAGES)
 def test_files_that_are_named_are_there(path):
     named = re.findall(r"`((?:golden|rtl|cosim|scripts|tests|formal|docs)/[\w/.]+)`", path.read_text())
-    assert [name for name in named if not re.search("NAME|FOLDER", name) and name not in OF_THEN and not (ROOT / name).exists()] == []
+    assert [
+        name
+        for name in named
+        if not re.search("NAME|FOLDER", name) and name not in OF_THEN and not (ROOT / name).exists()
+    ] == []
 
 
 # ------------------------------------------------------------------ commands
@@ -130,13 +149,22 @@ def wrong(command: str) -> list[str]:
         return []
     if words[1] not in verbs():
         return [words[1]]
-    known = {option for parameter in verbs()[words[1]].params for option in (*parameter.opts, *parameter.secondary_opts)} | {"--help"}
+    known = {
+        option
+        for parameter in verbs()[words[1]].params
+        for option in (*parameter.opts, *parameter.secondary_opts)
+    } | {"--help"}
     return [word for word in words[2:] if word.startswith("-") and word.split("=")[0] not in known]
 
 
 def commands(path: Path) -> list[str]:
     """Every command that a page shows: lines of its blocks, and code within its sentences."""
-    lines = [line for block in blocks() if block.page == path.name and block.language == "sh" for line in block.text.splitlines()]
+    lines = [
+        line
+        for block in blocks()
+        if block.page == path.name and block.language == "sh"
+        for line in block.text.splitlines()
+    ]
     return lines + [" ".join(code.split()) for code in re.findall(r"`((?:eskin|make) [^`]+)`", prose(path))]
 
 
@@ -147,7 +175,11 @@ def test_verbs_options_and_targets_exist(path):
 
 def test_an_option_that_does_not_exist_is_seen():
     assert sum(len(commands(path)) for path in PAGES) > 40
-    assert wrong("eskin train --data x --epochs 3") == ["--epochs"] and wrong("make fun") == ["fun"] and wrong("eskin trian") == ["trian"]
+    assert (
+        wrong("eskin train --data x --epochs 3") == ["--epochs"]
+        and wrong("make fun") == ["fun"]
+        and wrong("eskin trian") == ["trian"]
+    )
 
 
 def test_every_verb_is_in_the_readme():
@@ -158,15 +190,24 @@ def test_every_verb_is_in_the_readme():
 
 def test_commands_stand_in_blocks_that_are_run():
     assert {block.mark for block in blocks()} <= MARKS
-    assert [str(block) for block in blocks() if not block.language and any(COMMAND.match(line) for line in block.text.splitlines())] == []
+    assert [
+        str(block)
+        for block in blocks()
+        if not block.language and any(COMMAND.match(line) for line in block.text.splitlines())
+    ] == []
 
 
 def run(block: Block, folder: Path) -> str:
     """Runs a block in ``folder``; what went wrong, or nothing."""
     if block.language == "python":
-        done = subprocess.run([sys.executable, "-c", block.text], cwd=folder, capture_output=True, text=True, timeout=1800)
+        done = subprocess.run(
+            [sys.executable, "-c", block.text], cwd=folder, capture_output=True, text=True, timeout=1800
+        )
     else:
-        lines = ["make -n -C " + shlex.quote(str(ROOT)) + line[4:] if line.startswith("make") else line for line in block.text.splitlines()]
+        lines = [
+            "make -n -C " + shlex.quote(str(ROOT)) + line[4:] if line.startswith("make") else line
+            for line in block.text.splitlines()
+        ]
         done = subprocess.run(
             ["bash", "-euo", "pipefail", "-c", "\n".join(lines)],
             cwd=folder,
@@ -175,7 +216,11 @@ def run(block: Block, folder: Path) -> str:
             timeout=1800,
             env=os.environ | {"COLUMNS": "140"},
         )
-    return "" if done.returncode == 0 else f"{block}: status {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+    return (
+        ""
+        if done.returncode == 0
+        else f"{block}: status {done.returncode}\n{done.stdout[-2000:]}{done.stderr[-2000:]}"
+    )
 
 
 @pytest.fixture
@@ -215,7 +260,11 @@ def test_every_field_is_named():
     page = docs_site.filled((ROOT / "docs" / "configuration.md").read_text())
     rows = dict(re.findall(r"^\| `(\w+)` \| (.+?) \| .+? \|$", page, re.MULTILINE))
     assert set(GROUP_OF) - set(rows) == set() and "<!-- fields" not in page
-    assert rows["taxels"] == "whole number, 4..160" and rows["weight_format"] == "signed format" and "`tracked`" in rows["rest"]
+    assert (
+        rows["taxels"] == "whole number, 4..160"
+        and rows["weight_format"] == "signed format"
+        and "`tracked`" in rows["rest"]
+    )
     said = "\n".join(line for line in page.splitlines() if not line.startswith("| `"))
     assert [name for name in GROUP_OF if f"`{name}`" not in said] == []
 
@@ -248,11 +297,17 @@ def test_a_page_that_nobody_listed_comes_last(tmp_path, monkeypatch):
     for name in ("zebra", "index", "results"):
         (tmp_path / "docs" / f"{name}.md").touch()
     monkeypatch.setattr(docs_site, "ROOT", tmp_path)
-    assert [path.stem for paths in docs_site.pages().values() for path in paths] == ["index", "results", "zebra"]
+    assert [path.stem for paths in docs_site.pages().values() for path in paths] == [
+        "index",
+        "results",
+        "zebra",
+    ]
 
 
 def test_lists_become_lists():
-    assert docs_site.filled("a:\n- b\n  c\n- d\n```\nx\n- y\n```\n") == "a:\n\n- b\n  c\n- d\n```\nx\n- y\n```\n"
+    assert (
+        docs_site.filled("a:\n- b\n  c\n- d\n```\nx\n- y\n```\n") == "a:\n\n- b\n  c\n- d\n```\nx\n- y\n```\n"
+    )
 
 
 @pytest.mark.timeout(600)
@@ -261,11 +316,18 @@ def test_the_site_is_built_and_fetches_nothing(tmp_path):
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
-    html = {path.relative_to(tmp_path / "site").as_posix(): path.read_text() for path in (tmp_path / "site").rglob("*.html")}
-    assert {path.stem + ".html" for path in PAGES[1:]} <= set(html) and "OnsetDetector" in html["api/eskin.rtl.frontend.html"]
+    html = {
+        path.relative_to(tmp_path / "site").as_posix(): path.read_text()
+        for path in (tmp_path / "site").rglob("*.html")
+    }
+    assert {path.stem + ".html" for path in PAGES[1:]} <= set(html) and "OnsetDetector" in html[
+        "api/eskin.rtl.frontend.html"
+    ]
     assert "<table>" in html["configuration.html"] and "fault_activity" in html["configuration.html"]
     fetched = {
-        found for text in html.values() for found in re.findall(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=.(?:https?:)?//[^>]*", text)
+        found
+        for text in html.values()
+        for found in re.findall(r"<(?:script|link|img|iframe)[^>]*(?:src|href)=.(?:https?:)?//[^>]*", text)
     }
     styles = "".join(path.read_text() for path in (tmp_path / "site").rglob("*.css"))
     assert fetched == set() and not re.search(r"(url\(|@import\s*)['\"]?(https?:)?//", styles)

@@ -14,7 +14,9 @@ from formal.run import Runner, good, proofs
 def test_only_verdicts_are_kept(monkeypatch, tmp_path):
     """What ran out of time, or failed on a full disk, is run again; what was proved or found is not."""
     monkeypatch.setattr(job, "BUILD", tmp_path)
-    monkeypatch.setattr(job, "load", lambda title: types.SimpleNamespace(method="induction", depth=3, bugs=()))
+    monkeypatch.setattr(
+        job, "load", lambda title: types.SimpleNamespace(method="induction", depth=3, bugs=())
+    )
     monkeypatch.setattr(job, "elaborate", lambda title, bug: "module")
     came = iter(["TIMEOUT", "ERROR", "UNKNOWN", "PASS", "never"])
     monkeypatch.setattr(job, "_sby", lambda folder: (next(came), ""))
@@ -35,7 +37,9 @@ def test_every_proof_has_a_seeded_bug_that_is_in_the_design():
     for one in proofs():
         assert one.bugs, one.title
         for bug in one.bugs:
-            assert bug.old in (ROOT / bug.file).read_text(), f"{one.title}: {bug.file} no longer has '{bug.old}': write the bug anew"
+            assert bug.old in (ROOT / bug.file).read_text(), (
+                f"{one.title}: {bug.file} no longer has '{bug.old}': write the bug anew"
+            )
 
 
 @pytest.mark.parametrize("title", [one.title for one in proofs() if not one.quick])

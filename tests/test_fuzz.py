@@ -1,5 +1,6 @@
-"""Damaged inputs, odd command lines and odd calls from Python: no traceback, no hang, nothing written elsewhere, no input changed, memory
-bounded. A few here, 10 000 with ``make fuzz``; then, that the fuzzer sees each kind of defect, and what it found."""
+"""Damaged inputs, odd command lines and odd calls from Python: no traceback, no hang, nothing written
+elsewhere, no input changed, memory bounded. A few here, 10 000 with ``make fuzz``; then, that the fuzzer sees
+each kind of defect, and what it found."""
 
 from __future__ import annotations
 
@@ -68,7 +69,10 @@ def judged(corpus, tmp_path_factory, make, rng, run=watched.watched) -> str:
 
 
 @pytest.mark.timeout(0 if LONG else 600)
-@pytest.mark.parametrize(("make", "part"), [(make, part) for make, (_, _, parts) in SHARES.items() for part in range(parts if LONG else 1)])
+@pytest.mark.parametrize(
+    ("make", "part"),
+    [(make, part) for make, (_, _, parts) in SHARES.items() for part in range(parts if LONG else 1)],
+)
 def test_every_input_ends_well(corpus, tmp_path_factory, make, part):
     quick, long, _ = SHARES[make]
     ends = Counter()
@@ -104,7 +108,10 @@ ODD = st.one_of(
     NUMBER,
     st.binary(max_size=3),
     st.recursive(NUMBER, lambda inner: st.lists(inner, max_size=3), max_leaves=6),
-    arrays(st.sampled_from(["f8", "f2", "i8", "u8", "c16", "?", "U2", "M8[s]", "i4,f8"]), array_shapes(min_dims=0, max_dims=4, max_side=5)),
+    arrays(
+        st.sampled_from(["f8", "f2", "i8", "u8", "c16", "?", "U2", "M8[s]", "i4,f8"]),
+        array_shapes(min_dims=0, max_dims=4, max_side=5),
+    ),
     st.just(np.array([[None, {}]])),
     st.dictionaries(st.text(max_size=2), NUMBER, max_size=1),
 )
@@ -117,8 +124,12 @@ CALLS = {
     "frames": lambda model, odd: eskin.Recordings.of([FRAMES, odd], [0, 1], sample_rate_hz=500),
     "labels": lambda model, odd: eskin.Recordings.of([FRAMES, FRAMES], odd, sample_rate_hz=500),
     "rate": lambda model, odd: eskin.Recordings.of([FRAMES, FRAMES], [0, 1], sample_rate_hz=odd),
-    "names": lambda model, odd: eskin.Recordings.of([FRAMES, FRAMES], [0, 1], class_names=odd, sample_rate_hz=500),
-    "groups": lambda model, odd: eskin.Recordings.of([FRAMES, FRAMES], [0, 1], sample_rate_hz=500, groups={"person": odd}),
+    "names": lambda model, odd: eskin.Recordings.of(
+        [FRAMES, FRAMES], [0, 1], class_names=odd, sample_rate_hz=500
+    ),
+    "groups": lambda model, odd: eskin.Recordings.of(
+        [FRAMES, FRAMES], [0, 1], sample_rate_hz=500, groups={"person": odd}
+    ),
     "load": lambda model, odd: eskin.load(odd),
     "Model.load": lambda model, odd: eskin.Model.load(odd),
     "simulator": lambda model, odd: model.cosim([FRAMES], simulator=f"x{odd}"),
@@ -130,7 +141,10 @@ CALLS = {
 
 @pytest.fixture
 def bounded_memory():
-    limits, used = resource.getrlimit(resource.RLIMIT_AS), int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    limits, used = (
+        resource.getrlimit(resource.RLIMIT_AS),
+        int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize(),
+    )
     resource.setrlimit(resource.RLIMIT_AS, (used + watched.MEMORY_BYTES, limits[1]))
     yield
     resource.setrlimit(resource.RLIMIT_AS, limits)
@@ -149,16 +163,20 @@ def test_an_odd_argument_from_python_is_refused_in_a_sentence(corpus, bounded_me
 
 BREAKS = {
     "traceback": "def broken(*a, **k): return 1 / 0\n",
-    "wrote outside": f"def broken(*a, **k): open({str(watched.ROOT)!r} + '/README.md', 'a').close(); raise SystemExit(2)\n",
+    "wrote outside": f"def broken(*a, **k): open({str(watched.ROOT)!r} + '/README.md', 'a').close(); raise "
+    "SystemExit(2)\n",
     "hang": "def broken(*a, **k):\n    while True: pass\n",
     "too much memory": "def broken(*a, **k): return bytearray(3 << 30)\n",
     "odd status": "def broken(*a, **k): raise SystemExit(7)\n",
     "no sentence": "def broken(*a, **k): raise SystemExit(2)\n",
     "left behind": "def broken(*a, **k): open('.half.tmp', 'w').close(); raise InputError('no')\n",
-    "unpickled": "def broken(*a, **k): import pickle; pickle.loads(b'cos\\nsep\\n.'); raise InputError('no')\n",
-    "written by a refused command": "def broken(*a, **k): open('keep', 'w').close(); raise InputError('no')\n",
+    "unpickled": "def broken(*a, **k): import pickle; pickle.loads(b'cos\\nsep\\n.'); raise "
+    "InputError('no')\n",
+    "written by a refused command": "def broken(*a, **k): open('keep', 'w').close(); raise "
+    "InputError('no')\n",
     # past Python, so that no audit event tells of it
-    "input changed": "def broken(path, **k):\n    import ctypes\n    ctypes.CDLL(None).truncate(path.encode(), 5)\n    raise SystemExit(0)",
+    "input changed": "def broken(path, **k):\n    import ctypes\n    "
+    "ctypes.CDLL(None).truncate(path.encode(), 5)\n    raise SystemExit(0)",
 }
 
 
@@ -184,9 +202,13 @@ def test_damage_is_drawn_anew_from_every_generator(corpus, tmp_path):
 
 # ---------------------------------------------------------------------- what it found
 def test_archives_of_odd_members_are_refused_everywhere(tmp_path):
-    """An unknown compression method and an encrypted member ended `eskin evaluate` and `eskin report` in a traceback."""
+    """An unknown compression method and an encrypted member ended `eskin evaluate` and `eskin report` in a
+    traceback."""
     folder = make_result(tmp_path / "result")
-    for file, load in (("model/weights.npz", lambda: IntegerModel.load(folder / "model")), ("trace.npz", lambda: write_report(folder))):
+    for file, load in (
+        ("model/weights.npz", lambda: IntegerModel.load(folder / "model")),
+        ("trace.npz", lambda: write_report(folder)),
+    ):
         good = (folder / file).read_bytes()
         for change in ((8, 1), (10, 97)):
             (folder / file).write_bytes(lying_zip(good, change))

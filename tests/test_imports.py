@@ -1,4 +1,5 @@
-"""Which folder imports which, that there is no circle, and that nothing is imported past the package. The files are read, not run."""
+"""Which folder imports which, that there is no circle, and that nothing is imported past the package. The
+files are read, not run."""
 
 from __future__ import annotations
 
@@ -33,7 +34,8 @@ WAY = (
         ["rtl.asic"],
     ],
 )
-"""Models and hardware, each in the order in which a folder may import from those before it, and from none beside it."""
+"""Models and hardware, each in the order in which a folder may import from those before it, and from none
+beside it."""
 
 TORCH_MODULES = {
     f"eskin.golden.{name}"
@@ -63,13 +65,17 @@ def modules() -> dict[str, Path]:
     named = {}
     for folder in ("eskin", *FOLDERS, "scripts"):
         for path in sorted((ROOT / folder).rglob("*.py")):  # rglob follows no links
-            parts = (*(("eskin",) if folder in FOLDERS else ()), *path.relative_to(ROOT).with_suffix("").parts)
+            parts = (
+                *(("eskin",) if folder in FOLDERS else ()),
+                *path.relative_to(ROOT).with_suffix("").parts,
+            )
             named[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
     return named
 
 
 def imports_of(tree: ast.AST, known: set[str]) -> set[str]:
-    """Dotted names that the code imports, inside functions too. ``from eskin.golden import core`` counts as eskin.golden.core."""
+    """Dotted names that the code imports, inside functions too. ``from eskin.golden import core`` counts as
+    eskin.golden.core."""
     names: set[str] = set()
     skipped = set()
     for node in ast.walk(tree):
@@ -114,7 +120,8 @@ def reached(name: str) -> set[str]:
 
 
 def part(name: str) -> str:
-    """``rtl.engine`` of ``eskin.rtl.engine.lanes``; the folder alone where it has no parts; ``scripts`` of the developers' tools."""
+    """``rtl.engine`` of ``eskin.rtl.engine.lanes``; the folder alone where it has no parts; ``scripts`` of
+    the developers' tools."""
     words = name.split(".")
     if words[0] != "eskin":
         return "scripts" if words[0] == "scripts" else ""
@@ -140,7 +147,9 @@ def breaches(name: str, used: frozenset[str] | None = None) -> list[str]:
             broken.append(f"golden imports {other}")
         if own.startswith("rtl") and its and not its.startswith("rtl") and its != "golden.core":
             broken.append(f"rtl imports {other}; of the golden model it takes golden.core alone")
-        if other.partition(".")[0] in (*FOLDERS, "formal") or (other.partition(".")[0] in ("tests", "scripts") and own != "scripts"):
+        if other.partition(".")[0] in (*FOLDERS, "formal") or (
+            other.partition(".")[0] in ("tests", "scripts") and own != "scripts"
+        ):
             broken.append(f"{other} is imported past the package: it would be a second copy of the module")
         if other == "torch" or other.startswith("torch."):
             if own.startswith("golden") and name not in TORCH_MODULES:
@@ -153,7 +162,8 @@ def breaches(name: str, used: frozenset[str] | None = None) -> list[str]:
         broken += [
             f"cosim loads {other}"
             for other in used | reached(name)
-            if other.partition(".")[0] in ("torch", "amaranth") or (not part(other).startswith(("golden", "cosim")) and part(other))
+            if other.partition(".")[0] in ("torch", "amaranth")
+            or (not part(other).startswith(("golden", "cosim")) and part(other))
         ]
     return broken
 
@@ -187,14 +197,19 @@ def test_there_is_no_circle():
 def test_nothing_of_formal_and_tests_imports_past_the_package():
     for folder in ("formal", "tests"):
         for path in sorted((ROOT / folder).rglob("*.py")):
-            tops = {name.partition(".")[0] for name in imports_of(ast.parse(path.read_text()), set(modules()))}
+            tops = {
+                name.partition(".")[0] for name in imports_of(ast.parse(path.read_text()), set(modules()))
+            }
             assert not tops & set(FOLDERS), path
 
 
 def test_no_module_has_two_names():
-    """A file reached past its link would be loaded a second time, with classes that are not the first ones."""
+    """A file reached past its link would be loaded a second time, with classes that are not the first
+    ones."""
     for folder in FOLDERS:
-        done = subprocess.run([sys.executable, "-c", f"import {folder}"], cwd=ROOT, capture_output=True, text=True, timeout=60)
+        done = subprocess.run(
+            [sys.executable, "-c", f"import {folder}"], cwd=ROOT, capture_output=True, text=True, timeout=60
+        )
         assert done.returncode == 1 and f"import eskin.{folder}" in done.stderr
     by_file = {}
     for name, module in list(sys.modules.items()):
@@ -205,13 +220,26 @@ def test_no_module_has_two_names():
 
 
 def test_the_walk_sees_what_it_should():
-    assert "eskin.golden.core.formats" in imports("eskin.golden.core.config") and "torch" in reached("eskin.golden.training.train")
-    tree = ast.parse("import torch.nn\nfrom eskin.golden.model import model\ndef f():\n    from eskin.rtl.engine.engine import Engine\n")
-    assert imports_of(tree, set(modules())) == {"torch.nn", "eskin.golden.model.model", "eskin.rtl.engine.engine"}
+    assert "eskin.golden.core.formats" in imports("eskin.golden.core.config") and "torch" in reached(
+        "eskin.golden.training.train"
+    )
+    tree = ast.parse(
+        "import torch.nn\nfrom eskin.golden.model import model\ndef f():\n    from eskin.rtl.engine.engine "
+        "import Engine\n"
+    )
+    assert imports_of(tree, set(modules())) == {
+        "torch.nn",
+        "eskin.golden.model.model",
+        "eskin.rtl.engine.engine",
+    }
     against = {
         "eskin.golden.data.recordings": ["torch", "eskin.golden.model.model", "golden.core.config"],
         "eskin.golden.training.train": ["eskin.cosim.flow", "eskin.pages.report"],
-        "eskin.rtl.engine.engine": ["eskin.golden.model.model", "eskin.rtl.frontend.normaliser", "eskin.rtl.top.accelerator"],
+        "eskin.rtl.engine.engine": [
+            "eskin.golden.model.model",
+            "eskin.rtl.frontend.normaliser",
+            "eskin.rtl.top.accelerator",
+        ],
         "eskin.rtl.program.schedule": ["eskin.rtl.common.fixed"],
         "eskin.cosim.flow": ["torch", "eskin.rtl.program.schedule"],
     }
@@ -223,7 +251,8 @@ def test_the_walk_sees_what_it_should():
 def test_help_is_quick_because_nothing_heavy_is_loaded():
     code = (
         "import sys, eskin.cli.main, eskin.golden.data.load\n"
-        "heavy = {'torch', 'amaranth', 'matplotlib', 'cocotb', 'sklearn', 'scipy', 'pandas'} & set(sys.modules)\n"
+        "heavy = {'torch', 'amaranth', 'matplotlib', 'cocotb', 'sklearn', 'scipy', 'pandas'} & "
+        "set(sys.modules)\n"
         "sys.exit(', '.join(heavy) or 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=60)

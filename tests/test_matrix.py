@@ -73,7 +73,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "inspect": ("inspect {data} --config {config} --out {out}/picture.png", ("linear", "image")),
     "convert": ("convert {data} --out {out}/converted.npz", ("linear", "image")),
     "train": (f"train {JUDGED} --folds 2 --out {{out}}/model", ("lstm", "image")),
-    "import": ("import {weights} --config {config} {scale} --out {out}/model", ("linear", "gru-before", "gru-after", "image")),
+    "import": (
+        "import {weights} --config {config} {scale} --out {out}/model",
+        ("linear", "gru-before", "gru-after", "image"),
+    ),
     "quantise": ("quantise {model}", ("linear", "serial", "image")),
     "quantise --logit-error": ("quantise {model} --data {data} --logit-error 5 --group person", ("image",)),
     "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
@@ -82,34 +85,64 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "schedule": ("schedule {model} --out {out}", ("serial", "image")),
     "schedule --table": ("schedule {model} --table", ("linear", "image")),
     "schedule --complexity": ("schedule {model} --complexity --out {out}", ("image",)),
-    "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear", "converter", "image")),
-    "cosim netlist": ("cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker", ("converter",)),
+    "cosim": (
+        "cosim {model} --data {data} --recordings 1 --simulator icarus",
+        ("linear", "converter", "image"),
+    ),
+    "cosim netlist": (
+        "cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker",
+        ("converter",),
+    ),
     "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ()),
     "build icestick": ("build {model} --target icestick --out {out}/board", ("image",)),
     "replay": ("replay {model} --data {data} --port {port} --baud 2000000", ("early", "image")),
     "watch": ("watch {model} --data {data} --terminal --speed max --once", ("rom", "image")),
-    "watch --simulate": ("watch {model} --data {data} --simulate --terminal --speed max --once --recordings 1", ()),
+    "watch --simulate": (
+        "watch {model} --data {data} --simulate --terminal --speed max --once --recordings 1",
+        (),
+    ),
     "enrol": ("enrol {model} --data {data} --with {data} --out {out}/model", ("lstm", "image")),
     "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1 --jobs 1", ("image",)),
-    "stability": ("stability {model} --data {data} --no-cosim --no-defences --few 4 --jobs 1 --out {out}", ()),
-    "sweep": ("sweep --data {data} {sweep} --grid {grid} --group person --folds 2 --seeds 1 --jobs 1 --out {out}", ("linear",)),
-    "baselines": (f"baselines {JUDGED} --methods simple --folds 2 --jobs 1 --out {{out}}", ("linear", "image")),
+    "stability": (
+        "stability {model} --data {data} --no-cosim --no-defences --few 4 --jobs 1 --out {out}",
+        (),
+    ),
+    "sweep": (
+        "sweep --data {data} {sweep} --grid {grid} --group person --folds 2 --seeds 1 --jobs 1 --out {out}",
+        ("linear",),
+    ),
+    "baselines": (
+        f"baselines {JUDGED} --methods simple --folds 2 --jobs 1 --out {{out}}",
+        ("linear", "image"),
+    ),
     "leak-check": (f"leak-check {JUDGED} --folds 2", ("linear", "image")),
-    "energy": ("energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}", ()),
+    "energy": (
+        "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
+        (),
+    ),
     "asic": ("asic {model} --pdk ihp-sg13g2 {liberty} --out {out}/chip", ("image",)),
 }
-"""A command line, and the kinds that differ for it, on which every test run tries it; ``make test-all`` tries it on all."""
+"""A command line, and the kinds that differ for it, on which every test run tries it; ``make test-all`` tries
+it on all."""
 
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("quantise --logit-error",), ("image",), "--logit-error: is for models that read recordings"),
     (("schedule --table",), ("image",), "--table: is for cells that read windows"),
     (("schedule --complexity",), ("image",), "--complexity: is for cells that read windows"),
-    (("cosim netlist",), ("converter",), "--converter: is matrix, which goes with the design's own Verilog and clock"),
+    (
+        ("cosim netlist",),
+        ("converter",),
+        "--converter: is matrix, which goes with the design's own Verilog and clock",
+    ),
     (("build icestick",), ("image",), "field lane_type: is 'serial'; a network for images needs multipliers"),
     (("enrol", "asic"), ("image",), "is a network for images, which this verb does not take"),
-    (("baselines", "leak-check", "enrol --evaluate"), ("image",), "array images: holds images, which this verb does not take"),
+    (
+        ("baselines", "leak-check", "enrol --evaluate"),
+        ("image",),
+        "array images: holds images, which this verb does not take",
+    ),
 ]
 """Rows, kinds, and what the sentence says with which they end."""
 
@@ -120,13 +153,21 @@ def archives(folder: Path) -> None:
     samples = rng.normal(2000, 1, (12, 80, 4))
     for index in range(12):
         samples[index, 32:] += 300 * np.exp(-((taxel - (frame / 12 if index % 2 else 1.5)) ** 2))
-    labels = {"labels": np.arange(12) % 2, "class_names": TOUCHES.network.class_names, "person": np.arange(12) // 4}
+    labels = {
+        "labels": np.arange(12) % 2,
+        "class_names": TOUCHES.network.class_names,
+        "person": np.arange(12) // 4,
+    }
     codes = np.rint(samples).astype(np.uint16).reshape(-1, 4)
     np.savez(folder / "data.npz", samples=codes, offsets=np.arange(13) * 80, sample_rate_hz=2000.0, **labels)
     images = rng.integers(0, 60, (24, 8, 8)).astype(np.uint8)
     for index in range(24):
         images[index, index % 3 * 2 : index % 3 * 2 + 3, 2:6] += 150
-    labels = {"labels": np.arange(24) % 3, "class_names": IMAGES.network.class_names, "person": np.arange(24) // 8}
+    labels = {
+        "labels": np.arange(24) % 3,
+        "class_names": IMAGES.network.class_names,
+        "person": np.arange(24) // 8,
+    }
     np.savez(folder / "images.npz", images=images, **labels)
 
 
@@ -134,14 +175,26 @@ def weights_of(config: AcceleratorConfig, path: Path) -> Path:
     """A network as another tool saves it: torch, or Keras and scikit-learn for cells that torch has not."""
     import torch
 
-    inputs, classes, units, rng = config.inputs, config.classes, config.network.hidden, np.random.default_rng(1)
+    inputs, classes, units, rng = (
+        config.inputs,
+        config.classes,
+        config.network.hidden,
+        np.random.default_rng(1),
+    )
     if config.network.cell == "linear":
-        np.savez(path.with_suffix(".npz"), coef_=rng.normal(size=(classes, config.windows.steps * inputs)), intercept_=np.zeros(classes))
+        np.savez(
+            path.with_suffix(".npz"),
+            coef_=rng.normal(size=(classes, config.windows.steps * inputs)),
+            intercept_=np.zeros(classes),
+        )
     elif config.network.cell == "gru" and config.network.reset == "before":
         shapes = ((inputs, 3 * units), (units, 3 * units), (3 * units,), (units, classes), (classes,))
         np.savez(path.with_suffix(".npz"), *(rng.normal(size=shape) for shape in shapes))
     elif config.is_image:
-        torch.save(torch.nn.Sequential(torch.nn.Conv2d(1, 4, 3), torch.nn.Linear(64, classes)).state_dict(), path.with_suffix(".pt"))
+        torch.save(
+            torch.nn.Sequential(torch.nn.Conv2d(1, 4, 3), torch.nn.Linear(64, classes)).state_dict(),
+            path.with_suffix(".pt"),
+        )
     else:
         cell = torch.nn.LSTM if config.network.cell == "lstm" else torch.nn.GRU
         layers = torch.nn.ModuleList([cell(inputs, units), torch.nn.Linear(units, classes)])
@@ -163,7 +216,8 @@ def call(*words: str) -> int:
 
 @dataclass(frozen=True)
 class Case:
-    """What there is of one kind. Models and results are made when a row first asks for them, once a session."""
+    """What there is of one kind. Models and results are made when a row first asks for them, once a
+    session."""
 
     shop: Path
     kind: str
@@ -189,7 +243,20 @@ class Case:
     def model(self) -> Path:
         def train(path: Path) -> None:
             new = path.with_name(f"{path.name}-new")
-            assert call("train", "--data", f"{self.data()}", "--config", f"{self.config()}", "--folds", "0", "--out", f"{new}") == 0
+            assert (
+                call(
+                    "train",
+                    "--data",
+                    f"{self.data()}",
+                    "--config",
+                    f"{self.config()}",
+                    "--folds",
+                    "0",
+                    "--out",
+                    f"{new}",
+                )
+                == 0
+            )
             assert call("quantise", f"{new}") == 0
             new.rename(path)
 
@@ -289,7 +356,10 @@ def test_every_verb_has_a_row():
 
 
 def test_the_documents_show_what_is_refused():
-    lines = [f"| {', '.join(f'`{row}`' for row in rows)} | {', '.join(kinds)} | {words} |" for rows, kinds, words in REFUSED]
+    lines = [
+        f"| {', '.join(f'`{row}`' for row in rows)} | {', '.join(kinds)} | {words} |"
+        for rows, kinds, words in REFUSED
+    ]
     table = "\n".join(["| verb | kind of model | ends with 2, and says |", "| --- | --- | --- |", *lines])
     page = (ROOT / "docs/verification.md").read_text()
     assert table in page, table
@@ -297,7 +367,8 @@ def test_the_documents_show_what_is_refused():
 
 @pytest.mark.parametrize("held", [1, 4, 9, 300])
 def test_the_slower_run_of_energy_is_slower(held):
-    """Its frames take more cycles than at full pace, however many those take: the difference is divided by."""
+    """Its frames take more cycles than at full pace, however many those take: the difference is divided
+    by."""
     full = {"frames": 80, "simulated_cycles": 80 * held * TOUCHES.sensor.taxels}
     assert 80 * energy_job.slower_cycles(TOUCHES, full) >= 1.5 * full["simulated_cycles"]
     assert energy_job.slower_cycles(IMAGES, full) == 4 * IMAGES.sensor.taxels  # its rows are never held up

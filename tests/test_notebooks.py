@@ -14,11 +14,15 @@ NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 def run(notebook: dict[str, Any], name: str) -> dict[str, Any]:
     """The names that all code cells leave, run one after the other as Jupyter runs them."""
-    assert notebook["nbformat"] == 4 and len({cell["id"] for cell in notebook["cells"]}) == len(notebook["cells"])
+    assert notebook["nbformat"] == 4 and len({cell["id"] for cell in notebook["cells"]}) == len(
+        notebook["cells"]
+    )
     names: dict[str, Any] = {"__name__": "__main__"}
     for cell in notebook["cells"]:
         if cell["cell_type"] == "code":
-            assert not cell["outputs"] and cell["execution_count"] is None, "save the notebook without its outputs"
+            assert not cell["outputs"] and cell["execution_count"] is None, (
+                "save the notebook without its outputs"
+            )
             exec(compile("".join(cell["source"]), f"{name}, {cell['id']}", "exec"), names)
     return names
 
@@ -28,7 +32,11 @@ def test_a_notebook_runs(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = run(json.loads(path.read_text()), path.stem)
     if path.stem == "model_against_rtl":
-        assert names["result"]["bit_exact"] and names["result"]["compared_values"] > 100 and names["verdict"].mismatches > 0
+        assert (
+            names["result"]["bit_exact"]
+            and names["result"]["compared_values"] > 100
+            and names["verdict"].mismatches > 0
+        )
     else:
         assert names["states"] == names["expected"] and len(names["states"]) > 20
 
@@ -36,7 +44,15 @@ def test_a_notebook_runs(path, tmp_path, monkeypatch):
 def test_a_cell_that_fails_is_seen():
     assert len(NOTEBOOKS) == 2
     notebook = json.loads(NOTEBOOKS[1].read_text())
-    notebook["cells"].append({"cell_type": "code", "id": "last", "outputs": [], "execution_count": None, "source": ["assert False"]})
+    notebook["cells"].append(
+        {
+            "cell_type": "code",
+            "id": "last",
+            "outputs": [],
+            "execution_count": None,
+            "source": ["assert False"],
+        }
+    )
     broken = {**notebook, "cells": notebook["cells"][-1:]}
     with pytest.raises(AssertionError):
         run(broken, "broken")

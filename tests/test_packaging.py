@@ -31,10 +31,14 @@ def test_every_dependency_is_locked_within_its_range():
     extras = PROJECT["optional-dependencies"]
     wanted = [
         Requirement(text)
-        for text in [*PROJECT["dependencies"], *(text for name in ("train", "sim", "test", "docs") for text in extras[name])]
+        for text in [
+            *PROJECT["dependencies"],
+            *(text for name in ("train", "sim", "test", "docs") for text in extras[name]),
+        ]
     ]
     assert all(requirement.specifier.contains(locked[plain(requirement.name)]) for requirement in wanted)
-    assert "torch==2.13.0" in extras["train"] and locked["setuptools"]  # make builds without fetching a build environment
+    # make builds without fetching a build environment
+    assert "torch==2.13.0" in extras["train"] and locked["setuptools"]
 
 
 def check_tools(path: Path, python: str, *more: str) -> tuple[int, str]:
@@ -63,14 +67,26 @@ def tools(tmp_path) -> Path:
 def test_every_folder_of_code_is_a_package_of_the_wheel():
     from setuptools import find_packages
 
-    folders = {path.parent for top in ("eskin", "golden", "rtl", "cosim") for path in (ROOT / top).rglob("*.py")}
-    names = {".".join(("eskin", *(part for part in folder.relative_to(ROOT).parts if part != "eskin"))) for folder in folders}
+    folders = {
+        path.parent for top in ("eskin", "golden", "rtl", "cosim") for path in (ROOT / top).rglob("*.py")
+    }
+    names = {
+        ".".join(("eskin", *(part for part in folder.relative_to(ROOT).parts if part != "eskin")))
+        for folder in folders
+    }
     options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]["packages"]["find"]
-    assert sorted(find_packages(str(ROOT), include=options["include"])) == sorted(names)  # a folder without __init__.py would be left out
+    # a folder without __init__.py would be left out
+    assert sorted(find_packages(str(ROOT), include=options["include"])) == sorted(names)
 
 
 @pytest.mark.parametrize(
-    ("name", "package"), [("g++", "g++"), ("perl", "perl"), ("iverilog", "iverilog"), ("python3", "python3 python3-venv python3-dev")]
+    ("name", "package"),
+    [
+        ("g++", "g++"),
+        ("perl", "perl"),
+        ("iverilog", "iverilog"),
+        ("python3", "python3 python3-venv python3-dev"),
+    ],
 )
 def test_a_missing_tool_is_named_with_the_command_that_installs_it(tools, name, package):
     assert check_tools(tools, "python3", "test") == (0, "")
@@ -85,10 +101,16 @@ def test_only_the_tests_want_icarus(tools):
 
 
 @pytest.mark.parametrize(
-    ("trait", "package"), [("version_info", "python3.11 python3.11-venv"), ("ensurepip", "python3-venv"), ("INSTSONAME", "python3-dev")]
+    ("trait", "package"),
+    [
+        ("version_info", "python3.11 python3.11-venv"),
+        ("ensurepip", "python3-venv"),
+        ("INSTSONAME", "python3-dev"),
+    ],
 )
 def test_a_python_that_lacks_something_is_named(tools, trait, package):
-    # The check asks by `-c CODE` or by a script on standard input: this interpreter fails the question that holds the trait.
+    # The check asks by `-c CODE` or by a script on standard input: this interpreter fails the question that
+    # holds the trait.
     read_all = '[ "$1" = "-" ] && while read line; do asked="$asked $line"; done'
     program(tools, "python3", f'asked="$*"\n{read_all}\ncase "$asked" in *{trait}*) exit 1;; esac')
     status, said = check_tools(tools, "python3")

@@ -1,4 +1,5 @@
-"""Random designs, golden against RTL at every stage: a few, and those that once failed; ``make designs`` draws 300."""
+"""Random designs, golden against RTL at every stage: a few, and those that once failed; ``make designs``
+draws 300."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What documents, comments and docstrings refer to is there: files, sections of the specification, one run of the mutants."""
+"""What documents, comments and docstrings refer to is there: files, sections of the specification, one run of
+the mutants."""
 
 from __future__ import annotations
 
@@ -20,17 +21,29 @@ def texts() -> dict[str, str]:
     kinds = {".py", ".md", ".sv", ".v", ".cpp", ".toml", ".j2"}
     paths = [*ROOT.glob("*.md"), *(path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*")))]
     own = Path(__file__).resolve()
-    return {path.relative_to(ROOT).as_posix(): path.read_text() for path in paths if path.suffix in kinds and path.resolve() != own}
+    return {
+        path.relative_to(ROOT).as_posix(): path.read_text()
+        for path in paths
+        if path.suffix in kinds and path.resolve() != own
+    }
 
 
 def dead(texts_: dict[str, str]) -> list[str]:
     """(file, Markdown file it names) that is neither in the repository nor written by a command."""
     there = {Path(name).name for name in texts_} | WRITTEN
-    return [f"{name}: {other}" for name, text in texts_.items() for other in re.findall(r"[\w-]+\.md\b", text) if other not in there]
+    return [
+        f"{name}: {other}"
+        for name, text in texts_.items()
+        for other in re.findall(r"[\w-]+\.md\b", text)
+        if other not in there
+    ]
 
 
 def headings() -> dict[int, str]:
-    return {int(number): title for number, title in re.findall(r"^## (\d+)\. (.*)$", texts()["docs/specification.md"], re.MULTILINE)}
+    return {
+        int(number): title
+        for number, title in re.findall(r"^## (\d+)\. (.*)$", texts()["docs/specification.md"], re.MULTILINE)
+    }
 
 
 def test_every_document_that_is_named_is_there():
@@ -39,7 +52,11 @@ def test_every_document_that_is_named_is_there():
 
 
 def test_every_section_that_is_named_is_there():
-    named = {(name, int(number)) for name, text in texts().items() for number in re.findall(r"specification\.md,? sections? (\d+)", text)}
+    named = {
+        (name, int(number))
+        for name, text in texts().items()
+        for number in re.findall(r"specification\.md,? sections? (\d+)", text)
+    }
     assert len(named) > 10 and [place for place in named if place[1] not in headings()] == []
 
 

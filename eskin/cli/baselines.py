@@ -32,23 +32,30 @@ from eskin.cli.common import (
 def baselines(
     data: DataOption,
     methods: Annotated[
-        str | None, option("Methods, or ours, thesis, simple, tensor, tiles, transfer; default: each once.", metavar="A,B")
+        str | None,
+        option(
+            "Methods, or ours, thesis, simple, tensor, tiles, transfer; default: each once.", metavar="A,B"
+        ),
     ] = None,
     group: SplitOption = None,
     out: Annotated[Path, option("Folder of baselines.json and the chart.")] = Path("build/baselines"),
     config: ConfigOption = None,
     shape: Annotated[str | None, option("Rows and columns of the array, 4x4 say.", metavar="RxC")] = None,
     weights: Annotated[
-        Path | None, option("Weights of torchvision's mobilenet_v2 for dcnn; without: random layers.", metavar="FILE")
+        Path | None,
+        option("Weights of torchvision's mobilenet_v2 for dcnn; without: random layers.", metavar="FILE"),
     ] = None,
     folds: FoldsOption = 5,
     seed: SeedOption = 0,
     seeds: Annotated[int, option("Runs of each fold; the thesis has 10.", min=1, max=100)] = 3,
-    full: Annotated[bool, option("Every number of windows; every seed for slow methods too.", "--full")] = False,
+    full: Annotated[
+        bool, option("Every number of windows; every seed for slow methods too.", "--full")
+    ] = False,
     jobs: JobsOption = None,
     dask: DaskOption = None,
 ) -> None:
-    """Judge other methods, the thesis's own among them, on the same unseen recordings: accuracy against cost, table, chart, JSON."""
+    """Judge other methods, the thesis's own among them, on the same unseen recordings: accuracy against cost,
+    table, chart, JSON."""
     from eskin.verbs import baselines_job
 
     recordings, user_config = load_data(data, config)
@@ -89,12 +96,15 @@ def _show(result: dict[str, Any]) -> None:
         "hardware": "{hardware:yes|}",
     }
     for near in result["nearest"]:
-        rows = sorted((row for row in result["rows"] if row["split"] == near["split"]), key=lambda row: -row["accuracy"])
+        rows = sorted(
+            (row for row in result["rows"] if row["split"] == near["split"]), key=lambda row: -row["accuracy"]
+        )
         print_records(f"unseen {near['split']}, {result['recordings']} recordings", rows, columns)
         say(_nearest(near))
     for order in result["orders"]:
         sides = " against ".join(
-            f"{order[side]['method']} {100 * order[side]['accuracy']:.1f} ± {100 * order[side]['spread']:.1f} %"
+            f"{order[side]['method']} {100 * order[side]['accuracy']:.1f} ± "
+            f"{100 * order[side]['spread']:.1f} %"
             for side in ("above", "below")
         )
         verdict = {True: "holds", False: "does not hold", None: "is not told apart"}[order["holds"]]

@@ -8,30 +8,63 @@ from typing import Annotated
 
 from rich.markup import escape
 
-from eskin.cli.common import ModelArgument, app, console, option, print_records, print_table, progress_bars, recordings_for, stop
+from eskin.cli.common import (
+    ModelArgument,
+    app,
+    console,
+    option,
+    print_records,
+    print_table,
+    progress_bars,
+    recordings_for,
+    stop,
+)
 
 
-@app.command(epilog="Example: eskin asic model --pdk ihp-sg13g2 --liberty cells_typ.lib --liberty cells_slow.lib --liberty sram.lib --rom")
+@app.command(
+    epilog="Example: eskin asic model --pdk ihp-sg13g2 --liberty cells_typ.lib --liberty cells_slow.lib "
+    "--liberty sram.lib --rom"
+)
 def asic(
     model: ModelArgument,
     pdk: Annotated[str, option("The process: ihp-sg13g2 or sky130hd.", metavar="NAME")],
     liberty: Annotated[
-        list[Path], option("Its Liberty files, .gz too: cells and memory macros, in any order; several times.", metavar="FILE")
+        list[Path],
+        option(
+            "Its Liberty files, .gz too: cells and memory macros, in any order; several times.",
+            metavar="FILE",
+        ),
     ],
     lanes: Annotated[int | None, option("Multipliers that work at once; default: the model's.")] = None,
-    rom: Annotated[bool, option("Weights and constants are fixed; otherwise the host loads them.", "--rom")] = False,
+    rom: Annotated[
+        bool, option("Weights and constants are fixed; otherwise the host loads them.", "--rom")
+    ] = False,
     data: Annotated[
-        str | None, option("One of these recordings is played into the netlist and its energy counted; many minutes.", metavar="D")
+        str | None,
+        option(
+            "One of these recordings is played into the netlist and its energy counted; many minutes.",
+            metavar="D",
+        ),
     ] = None,
     fit: Annotated[
         str | None,
-        option("Tiles of Tiny Tapeout, such as 8x2: the most lanes that fit, of --lanes, half of them and so on.", metavar="WxH"),
+        option(
+            "Tiles of Tiny Tapeout, such as 8x2: the most lanes that fit, of --lanes, half of them and so "
+            "on.",
+            metavar="WxH",
+        ),
     ] = None,
     sweep: Annotated[
-        Path | None, option("With --fit: the sweep.json of eskin sweep, whose networks are tried in place of the model's.", metavar="FILE")
+        Path | None,
+        option(
+            "With --fit: the sweep.json of eskin sweep, whose networks are tried in place of the model's.",
+            metavar="FILE",
+        ),
     ] = None,
     latches: Annotated[bool, option("What small memories are made of.", "--latches/--flip-flops")] = True,
-    out: Annotated[Path, option("Folder of asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path("build/asic"),
+    out: Annotated[Path, option("Folder of asic.json, asic.md, netlist.v and accelerator.sdc.")] = Path(
+        "build/asic"
+    ),
 ) -> None:
     """Make the netlist for a chip's process; tell area, memories, clock, leakage. Before layout; minutes."""
     from eskin.golden.core.errors import InputError
@@ -52,12 +85,22 @@ def asic(
             area_of = chip_fit.areas(pdk, liberty, latches=latches)
             with progress_bars() as report:
                 networks = chip_fit.searched(points, fit, area_of, rom=rom, lanes=lanes, progress=report)
-            request = {"tiles": fit, "pdk": pdk, "rom": rom, "utilisation": asic_job.UTILISATION, "sweep": str(sweep)}
+            request = {
+                "tiles": fit,
+                "pdk": pdk,
+                "rom": rom,
+                "utilisation": asic_job.UTILISATION,
+                "sweep": str(sweep),
+            }
             chip_fit.write(request | networks, out)
             print_table(f"in {fit} tiles", *chip_fit.COLUMNS, rows=chip_fit.table(networks))
             console.print(f"{escape(str(out))}: {chip_fit.MARK}, {chip_fit.PAGE}", soft_wrap=True)
             if networks["chosen"] is None:
-                stop(f"--fit {fit}: no network of the sweep fits; sweep smaller ones (fewer hidden units, linear)", 1)
+                stop(
+                    f"--fit {fit}: no network of the sweep fits; sweep smaller ones (fewer hidden units, "
+                    "linear)",
+                    1,
+                )
             return
         integer = IntegerModel.load(model)
         played = None if data is None else recordings_for(data, integer.config)
@@ -77,7 +120,9 @@ def asic(
     print_records("memories", result["memories"], asic_job.MEMORIES)
     columns = {"lanes": "{lanes}", "um2": "{area_um2:.4g}", "of the cells' room": "{tiles_filled:.4g}"}
     print_records(f"in {fit} tiles", tried, columns)
-    console.print(f"{escape(str(out))}: {asic_job.MARK}, {asic_job.PAGE}, netlist.v, accelerator.sdc", soft_wrap=True)
+    console.print(
+        f"{escape(str(out))}: {asic_job.MARK}, {asic_job.PAGE}, netlist.v, accelerator.sdc", soft_wrap=True
+    )
     if not fits:
         smaller = "train a smaller network (eskin train --hidden H or --cell linear)"
         stop(f"--fit {fit}: even one lane is too large; {smaller}", 1)

@@ -1,4 +1,5 @@
-"""What the verbs share: the application, the console, progress, options, and how recordings and configurations are read."""
+"""What the verbs share: the application, the console, progress, options, and how recordings and
+configurations are read."""
 
 from __future__ import annotations
 
@@ -25,7 +26,8 @@ REPLACING = ("build", "enrol", "generate", "import_", "run", "train")
 """Verbs whose --out is a folder that they replace as a whole."""
 
 RESULTS = (".json", ".html", ".svg")
-"""Files that no verb reads from a folder, but for a model's own: a run may write them into its model's folder again."""
+"""Files that no verb reads from a folder, but for a model's own: a run may write them into its model's folder
+again."""
 
 
 class Application(typer.Typer):
@@ -46,8 +48,8 @@ class Application(typer.Typer):
 
 
 def check_outputs(verb: str, options: Mapping[str, Any]) -> None:
-    """Refuse an output that is another output or an input, under whatever name, is a file of an input folder, or
-    is replaced as a whole with an input in it.
+    """Refuse an output that is another output or an input, under whatever name, is a file of an input folder,
+    or is replaced as a whole with an input in it.
 
     Raises
     ------
@@ -63,24 +65,45 @@ def check_outputs(verb: str, options: Mapping[str, Any]) -> None:
     for name, value in options.items():
         if name not in OUTPUTS:
             several = value if isinstance(value, list) else [value]
-            inputs += [Path(path) for path in several if isinstance(path, Path) or (name in INPUT_WORDS and path and path not in words)]
+            inputs += [
+                Path(path)
+                for path in several
+                if isinstance(path, Path) or (name in INPUT_WORDS and path and path not in words)
+            ]
     places = [(path, path.resolve()) for path in inputs if path.exists()]
     for option, path in outputs.items():
         place = path.resolve()
-        twin = next((name for name, other_path in outputs.items() if name != option and other_path.resolve() == place), None)
+        twin = next(
+            (
+                name
+                for name, other_path in outputs.items()
+                if name != option and other_path.resolve() == place
+            ),
+            None,
+        )
         if twin:
             raise InputError(f"{option} {path}: is what {twin} names, too; give each a name of its own")
         for given_path, source in places:
             if source == place or (path.exists() and path.samefile(source)):
-                raise InputError(f"{option} {path}: is the input {given_path}, which would be lost; give another name")
+                raise InputError(
+                    f"{option} {path}: is the input {given_path}, which would be lost; give another name"
+                )
             if verb in REPLACING and place in source.parents and option == "--out":
-                raise InputError(f"{option} {path}: is replaced as a whole and holds the input {given_path}; name another folder")
+                raise InputError(
+                    f"{option} {path}: is replaced as a whole and holds the input {given_path}; name "
+                    "another folder"
+                )
             result = path.suffix in RESULTS and path.name not in ("config.json", "training.json")
             if path.is_file() and source in place.parents and not result:
-                raise InputError(f"{option} {path}: is a file of the input {given_path}, which would be lost; give another name")
+                raise InputError(
+                    f"{option} {path}: is a file of the input {given_path}, which would be lost; give "
+                    "another name"
+                )
 
 
-app = Application(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich")
+app = Application(
+    add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode="rich"
+)
 
 console = Console()
 if not console.is_terminal:  # a file or a pipe has no width: tables are not broken there
@@ -88,9 +111,7 @@ if not console.is_terminal:  # a file or a pipe has no width: tables are not bro
 
 messages = Console(stderr=True)
 
-DATA = (
-    "An .npz archive, a folder of .csv, .lvm or .png files (one sub-folder a class), a long .csv table, a .mat file, or the word synthetic."
-)
+DATA = "An .npz archive, a folder of .csv, .lvm or .png files (one sub-folder a class), a long .csv table, a .mat file, or the word synthetic."
 
 SEED_MAX = 2**31 - 1
 
@@ -98,7 +119,8 @@ CONFIG = "A preset (thesis, synthetic, pvdf, fabric) or a JSON file; without it 
 
 
 def option(help: str, *names: str, **settings: Any) -> Any:
-    """An option of a verb; ``names`` where it is not the parameter's, ``settings`` as `typer.Option` takes them."""
+    """An option of a verb; ``names`` where it is not the parameter's, ``settings`` as `typer.Option` takes
+    them."""
     return typer.Option(*names, help=help, **settings)
 
 
@@ -111,14 +133,19 @@ ModelArgument = Annotated[Path, argument("A quantised model folder.")]
 DataOption = Annotated[str, option(DATA)]
 ConfigOption = Annotated[str | None, option(CONFIG)]
 JsonOption = Annotated[Path | None, option("Also write the result as JSON.")]
-SplitOption = Annotated[str | None, option("Group arrays A[,B..] of one split; default: the configuration's splits.")]
+SplitOption = Annotated[
+    str | None, option("Group arrays A[,B..] of one split; default: the configuration's splits.")
+]
 FoldsOption = Annotated[int, option("Folds of each split.", min=2)]
 SeedOption = Annotated[int, option("First seed.", min=0, max=SEED_MAX)]
 LanesOption = Annotated[int | None, option("Multipliers that work at once; default 4.")]
 JobsOption = Annotated[int | None, option("Processes at a time; default: one a core.", min=1, metavar="N")]
 
 DaskOption = Annotated[
-    str | None, option("A dask scheduler, tcp://HOST:PORT, whose workers do it; default: processes here.", metavar="ADDRESS")
+    str | None,
+    option(
+        "A dask scheduler, tcp://HOST:PORT, whose workers do it; default: processes here.", metavar="ADDRESS"
+    ),
 ]
 
 
@@ -129,8 +156,8 @@ def stop(sentence: str, status: int) -> None:
 
 @contextmanager
 def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
-    """Progress bars on standard error, moved by calling ``(what, done, total)``; gone when done. ``Milestones`` where that is no
-    terminal."""
+    """Progress bars on standard error, moved by calling ``(what, done, total)``; gone when done.
+    ``Milestones`` where that is no terminal."""
     from rich.progress import Progress, TaskID
 
     if not messages.is_terminal:
@@ -177,11 +204,14 @@ def print_records(title: str, records: Iterable[Mapping[str, Any]], columns: Col
 
 
 def fitting_config(recordings, user_config, groups=None, folds: int = 5, nested: bool = False):
-    """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are printed."""
+    """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are
+    printed."""
     from eskin.golden.training.choose_front_end import configure
 
     with progress_bars() as report:
-        front_end = configure(recordings, user_config, groups=groups, folds=folds, nested=nested, progress=report)
+        front_end = configure(
+            recordings, user_config, groups=groups, folds=folds, nested=nested, progress=report
+        )
     for reason in front_end.reasons:
         warn(f"configuration: {reason}")
     if front_end.record:
@@ -192,9 +222,7 @@ def fitting_config(recordings, user_config, groups=None, folds: int = 5, nested:
 def show_front_ends(record: dict[str, Any]) -> None:
     from eskin.golden.training.choice_table import front_end_table, front_end_words, left_out
 
-    title = (
-        f"front ends, judged by a linear classifier leaving out {left_out(record['split'])}, {record['recordings_looked_at']} recordings"
-    )
+    title = f"front ends, judged by a linear classifier leaving out {left_out(record['split'])}, {record['recordings_looked_at']} recordings"
     columns: dict[str, Any] = {
         "accuracy": "{accuracy:percent}",
         "standard error": "{standard_error:100*.2f}",
@@ -234,7 +262,8 @@ CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four",
 
 
 CELL_CHOICE = (
-    "tactnet, tactnet-half, four, four-lean are for images. auto: the smallest of several that is enough. Default: auto without --config "
+    "tactnet, tactnet-half, four, four-lean are for images. auto: the smallest of several that is enough. "
+    "Default: auto without --config "
     "and --hidden, else the configuration's."
 )
 
@@ -247,7 +276,9 @@ ClassPins = Literal["each", "binary", "none"]
 """How a board shows the class."""
 
 
-LaneTypeOption = Annotated[LaneType | None, option("plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")]
+LaneTypeOption = Annotated[
+    LaneType | None, option("plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")
+]
 
 
 def how_many(text: str) -> int | None:

@@ -35,7 +35,8 @@ def inspect(
     out: Annotated[Path | None, option("The picture; default build/inspect/NAME.png.")] = None,
     json: JsonOption = None,
 ) -> None:
-    """Show what an archive holds: taxels, rate, lengths, classes, groups, the onset of each recording, a plot."""
+    """Show what an archive holds: taxels, rate, lengths, classes, groups, the onset of each recording, a
+    plot."""
     from eskin.pages.inspect_data import draw
     from eskin.pages.inspect_data import inspect as look
 
@@ -54,22 +55,46 @@ def inspect(
         _show_inspection(recordings, figures, data)
 
 
-@app.command(epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz")
+@app.command(
+    epilog="Example: eskin convert measurements --rate 1000 --out mine.npz, then eskin inspect mine.npz"
+)
 def convert(
     source: Annotated[
-        Path, argument("A folder of .csv, .lvm or .png files by class, one long .csv table, a .mat file, an archive of images.")
+        Path,
+        argument(
+            "A folder of .csv, .lvm or .png files by class, one long .csv table, a .mat file, an archive of "
+            "images."
+        ),
     ],
     out: Annotated[Path, option("The archive to write, FILE.npz.")],
-    rate: Annotated[float | None, option("Frames a second; default: of the time column.", metavar="HZ")] = None,
-    time: Annotated[str | None, option("The time column, by name or number from 1.", metavar="COLUMN")] = None,
-    columns: Annotated[str | None, option("The taxels: names or numbers from 1, such as 2-17; default: all else.", metavar="A,B..")] = None,
-    recording: Annotated[str | None, option("Long table: what recording a row belongs to.", metavar="COLUMN")] = None,
-    class_: Annotated[str | None, option("Long table: the class of a row. .mat: the array of classes.", "--class", metavar="NAME")] = None,
-    group: Annotated[str | None, option("Long table: columns that are groups. .mat: arrays.", metavar="A,B..")] = None,
+    rate: Annotated[
+        float | None, option("Frames a second; default: of the time column.", metavar="HZ")
+    ] = None,
+    time: Annotated[
+        str | None, option("The time column, by name or number from 1.", metavar="COLUMN")
+    ] = None,
+    columns: Annotated[
+        str | None,
+        option("The taxels: names or numbers from 1, such as 2-17; default: all else.", metavar="A,B.."),
+    ] = None,
+    recording: Annotated[
+        str | None, option("Long table: what recording a row belongs to.", metavar="COLUMN")
+    ] = None,
+    class_: Annotated[
+        str | None,
+        option("Long table: the class of a row. .mat: the array of classes.", "--class", metavar="NAME"),
+    ] = None,
+    group: Annotated[
+        str | None, option("Long table: columns that are groups. .mat: arrays.", metavar="A,B..")
+    ] = None,
     delimiter: Annotated[str | None, option("What separates the cells: a character, or tab, blank.")] = None,
     samples: Annotated[str | None, option(".mat: the array of samples.", metavar="NAME")] = None,
-    scale: Annotated[float | None, option("What one code is worth; default: whole numbers are codes, others get a scale.")] = None,
-    size: Annotated[str | None, option("Images: bring them to so many pixels, 26x47 say.", metavar="HxW")] = None,
+    scale: Annotated[
+        float | None, option("What one code is worth; default: whole numbers are codes, others get a scale.")
+    ] = None,
+    size: Annotated[
+        str | None, option("Images: bring them to so many pixels, 26x47 say.", metavar="HxW")
+    ] = None,
 ) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
     from eskin.golden.data.archive import save_archive
@@ -98,14 +123,26 @@ def convert(
     if size is not None:
         recordings = resized(recordings, *image_size(size))
     save_archive(recordings, out)
-    counts = ", ".join(f"{name} {count}" for name, count in zip(recordings.class_names, recordings.class_counts, strict=True))
+    counts = ", ".join(
+        f"{name} {count}" for name, count in zip(recordings.class_names, recordings.class_counts, strict=True)
+    )
     lengths = recordings.lengths
     rows = [
         ("recordings", f"{len(recordings)}, of {lengths.min()} to {lengths.max()} frames"),
         ("classes", counts),
         *_size(recordings),
-        ("codes", f"{recordings.sample_format}" + (f", one is {recordings.volt_per_code:.6g}" if recordings.volt_per_code else "")),
-        ("groups", ", ".join(f"{name} ({len(set(values.tolist()))} values)" for name, values in recordings.groups.items()) or "none"),
+        (
+            "codes",
+            f"{recordings.sample_format}"
+            + (f", one is {recordings.volt_per_code:.6g}" if recordings.volt_per_code else ""),
+        ),
+        (
+            "groups",
+            ", ".join(
+                f"{name} ({len(set(values.tolist()))} values)" for name, values in recordings.groups.items()
+            )
+            or "none",
+        ),
     ]
     print_table(str(source), "what", "understood", rows=rows)
     for note in recordings.notes:
@@ -114,10 +151,21 @@ def convert(
 
 
 def _show_images(figures: dict[str, Any]) -> None:
-    silent = [f"{len(figures[name])} {name.removeprefix('silent_')}" for name in ("silent_rows", "silent_columns") if figures[name]]
+    silent = [
+        f"{len(figures[name])} {name.removeprefix('silent_')}"
+        for name in ("silent_rows", "silent_columns")
+        if figures[name]
+    ]
     rows = [
-        ("images", f"{figures['recordings']} of {figures['image_height']} x {figures['image_width']} pixels (height x width)"),
-        ("pixels", f"from {figures['sample_min']} to {figures['sample_max']}, {percent(figures['zeros'])} are 0"),
+        (
+            "images",
+            f"{figures['recordings']} of {figures['image_height']} x {figures['image_width']} pixels "
+            "(height x width)",
+        ),
+        (
+            "pixels",
+            f"from {figures['sample_min']} to {figures['sample_max']}, {percent(figures['zeros'])} are 0",
+        ),
         ("classes", ", ".join(f"{name} {count}" for name, count in figures["classes"].items())),
         ("groups", _groups(figures)),
         ("equal to an earlier image", figures["copies"]),
@@ -142,43 +190,84 @@ def _size(recordings) -> list[tuple[str, str]]:
 
 def _short_name(data: str) -> str:
     path = Path(data)
-    return Path(os.path.abspath(path)).parent.name if path.name == "recordings.npz" else path.stem or "recordings"
+    return (
+        Path(os.path.abspath(path)).parent.name
+        if path.name == "recordings.npz"
+        else path.stem or "recordings"
+    )
 
 
 def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
     from eskin.pages.inspect_data import LISTED, advice
 
     rate, lengths = figures["sample_rate_hz"], figures["lengths"]
-    volts = f", one is {figures['volt_per_code']:.6g} (volt, or the unit of the samples)" if figures["volt_per_code"] else ""
+    volts = (
+        f", one is {figures['volt_per_code']:.6g} (volt, or the unit of the samples)"
+        if figures["volt_per_code"]
+        else ""
+    )
     seconds = "/".join(f"{lengths[key] / rate:.3g}" for key in ("min", "median", "max"))
     rows = [
         ("recordings", figures["recordings"]),
         ("taxels", figures["taxels"]),
         ("sample rate", f"{rate:g} Hz"),
-        ("codes", f"{figures['sample_format']}, from {figures['sample_min']} to {figures['sample_max']}{volts}"),
-        ("lengths (shortest/median/longest)", f"{lengths['min']}/{lengths['median']:g}/{lengths['max']} frames, {seconds} s"),
+        (
+            "codes",
+            f"{figures['sample_format']}, from {figures['sample_min']} to {figures['sample_max']}{volts}",
+        ),
+        (
+            "lengths (shortest/median/longest)",
+            f"{lengths['min']}/{lengths['median']:g}/{lengths['max']} frames, {seconds} s",
+        ),
         ("groups", _groups(figures)),
     ]
     print_table(figures["source"], "what", "value", rows=rows)
     onsets = figures["onset_frames"]
     class_rows = []
     for label, (name, count) in enumerate(figures["classes"].items()):
-        mine = [] if onsets is None else [frame for frame, of in zip(onsets, recordings.labels, strict=True) if of == label]
+        mine = (
+            []
+            if onsets is None
+            else [frame for frame, of in zip(onsets, recordings.labels, strict=True) if of == label]
+        )
         onset_frames = sorted(frame for frame in mine if frame >= 0)
-        span = f"{onset_frames[0]}/{onset_frames[len(onset_frames) // 2]}/{onset_frames[-1]}" if onset_frames else "-"
+        span = (
+            f"{onset_frames[0]}/{onset_frames[len(onset_frames) // 2]}/{onset_frames[-1]}"
+            if onset_frames
+            else "-"
+        )
         class_rows.append((name, count, len(mine) - len(onset_frames) if onsets is not None else "-", span))
-    print_table("classes", "class", "recordings", "no onset", "onset frame (first/median/last)", rows=class_rows)
+    print_table(
+        "classes", "class", "recordings", "no onset", "onset frame (first/median/last)", rows=class_rows
+    )
     odd = [{"index": index} | taxel for index, taxel in enumerate(figures["taxel"]) if taxel["state"] != "ok"]
-    columns = {"taxel": "{index}", "state": "{state}", "smallest": "{min}", "largest": "{max}", "held at an end": "{held:percent}"}
+    columns = {
+        "taxel": "{index}",
+        "state": "{state}",
+        "smallest": "{min}",
+        "largest": "{max}",
+        "held at an end": "{held:percent}",
+    }
     print_records("taxels to look at", odd, columns)
     for reason in figures["configuration"]["reasons"]:
         say(f"configuration: {reason}")
     if onsets is not None and any(frame != 0 for frame in onsets):
         lost = [index for index, frame in enumerate(onsets) if frame < 0]
-        late = sorted((index for index, frame in enumerate(onsets) if frame >= 0), key=lambda index: onsets[index])
-        listed = (lost + late[: LISTED // 2] + late[-(LISTED // 2) :])[:LISTED] if len(onsets) > LISTED else range(len(onsets))
+        late = sorted(
+            (index for index, frame in enumerate(onsets) if frame >= 0), key=lambda index: onsets[index]
+        )
+        listed = (
+            (lost + late[: LISTED // 2] + late[-(LISTED // 2) :])[:LISTED]
+            if len(onsets) > LISTED
+            else range(len(onsets))
+        )
         shown = [
-            (index, recordings.class_names[recordings.labels[index]], onsets[index], recordings.lengths[index])
+            (
+                index,
+                recordings.class_names[recordings.labels[index]],
+                onsets[index],
+                recordings.lengths[index],
+            )
             for index in sorted(set(listed))
         ]
         selection = f" of {len(shown)} recordings: those without one, the earliest, the latest (all: --json)"

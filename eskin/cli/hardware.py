@@ -59,9 +59,12 @@ def generate(
     out: Annotated[Path, option("The folder to write: new, or an earlier generated one, which is replaced.")],
     lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
-    data: Annotated[str | None, option("The testbench plays the first of these recordings; default: a made-up one.")] = None,
+    data: Annotated[
+        str | None, option("The testbench plays the first of these recordings; default: a made-up one.")
+    ] = None,
 ) -> None:
-    """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking testbench."""
+    """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking
+    testbench."""
     from eskin.verbs.generate_job import generate_design
 
     integer = integer_model(model)
@@ -70,29 +73,53 @@ def generate(
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
-@app.command(epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json")
+@app.command(
+    epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json"
+)
 def cosim(
     model: ModelArgument,
     data: DataOption,
-    recordings: Annotated[str, option("How many, the same every time, spread over the classes.", metavar="N|all")] = "all",
+    recordings: Annotated[
+        str, option("How many, the same every time, spread over the classes.", metavar="N|all")
+    ] = "all",
     lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
     simulator: Annotated[
         Simulator | None,
-        option("Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, else verilator."),
+        option(
+            "Icarus is four-state and slow; compiled: a chip's netlist as C. Default: compiled for chips, "
+            "else verilator."
+        ),
     ] = None,
-    level: Annotated[Level, option("Generated Verilog, its netlist, or what its bitstream reads back as.")] = "rtl",
-    target: Annotated[str | None, option("Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")] = None,
+    level: Annotated[
+        Level, option("Generated Verilog, its netlist, or what its bitstream reads back as.")
+    ] = "rtl",
+    target: Annotated[
+        str | None, option("Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")
+    ] = None,
     pdk: Annotated[str | None, option("With --target asic: ihp-sg13g2 or sky130hd.", metavar="NAME")] = None,
-    liberty: Annotated[list[Path] | None, option("With --target asic: the process's Liberty files; several times.", metavar="FILE")] = None,
+    liberty: Annotated[
+        list[Path] | None,
+        option("With --target asic: the process's Liberty files; several times.", metavar="FILE"),
+    ] = None,
     rom: Annotated[bool, option("With --target asic: weights and constants are fixed.", "--rom")] = False,
     converter: Annotated[
         str | None,
-        option("Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; or none.", metavar="NAME"),
+        option(
+            "Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; "
+            "or none.",
+            metavar="NAME",
+        ),
     ] = None,
-    pace: Annotated[Pace, option("full: as fast as frames are taken; declared: at the recordings' rate.")] = "full",
+    pace: Annotated[
+        Pace, option("full: as fast as frames are taken; declared: at the recordings' rate.")
+    ] = "full",
     clock: Annotated[
-        str | None, option("Clock of the declared pace; default: the configuration's. lowest: look for it.", metavar="HZ|lowest")
+        str | None,
+        option(
+            "Clock of the declared pace; default: the configuration's. lowest: look for it.",
+            metavar="HZ|lowest",
+        ),
     ] = None,
     stalls: Annotated[bool, option("Random stalls on both sides.", "--stalls")] = False,
     seed: Annotated[int, option("Of the stalls.", min=0, max=SEED_MAX)] = 1,
@@ -102,7 +129,8 @@ def cosim(
 ) -> None:
     """Simulate the hardware on recordings and compare every stage with the golden model, bit for bit.
 
-    Many recordings are split into parts that run beside each other; interrupted, the same command goes on where it stopped.
+    Many recordings are split into parts that run beside each other; interrupted, the same command goes on
+    where it stopped.
     """
     from eskin.golden.core.jobs import Jobs
     from eskin.verbs import cosim_job
@@ -113,9 +141,13 @@ def cosim(
     hertz = _clock(clock)
     lowest = clock == "lowest"
     if lowest and pace != "declared":
-        raise InputError("--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared")
+        raise InputError(
+            "--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared"
+        )
     if lowest and dask:
-        raise InputError("--dask: the lowest clock is looked for in one run after the other, here; leave --dask out")
+        raise InputError(
+            "--dask: the lowest clock is looked for in one run after the other, here; leave --dask out"
+        )
     simulator = simulator or ("compiled" if target == "asic" and not (stalls or lowest) else "verilator")
     integer = integer_model(model)
     loaded = recordings_for(data, integer.config)
@@ -180,33 +212,67 @@ def _clock(text: str | None) -> float | None:
 def _show_cosimulation(result: dict[str, Any]) -> None:
     cycles = result["cycles"]
     verdict = "bit-exact" if result["bit_exact"] else f"{result['mismatches']} MISMATCHES"
-    on = f"the {result['level']} for {result['target']} on {result['simulator']}" if result["target"] else result["simulator"]
+    on = (
+        f"the {result['level']} for {result['target']} on {result['simulator']}"
+        if result["target"]
+        else result["simulator"]
+    )
     speed = f"{result['cycles_per_s'] / 1e6:.3g} M cycles/s"
     rows = [
-        ("verdict", f"{verdict}: {result['compared_values']} values of {result['recordings']} recordings compared"),
-        ("simulated", f"{result['frames']} frames, {result['steps']} steps, {result['decisions']} decisions, {on}"),
+        (
+            "verdict",
+            f"{verdict}: {result['compared_values']} values of {result['recordings']} recordings compared",
+        ),
+        (
+            "simulated",
+            f"{result['frames']} frames, {result['steps']} steps, {result['decisions']} decisions, {on}",
+        ),
         ("time", f"{result['simulated_cycles']} cycles in {result['wall_s']:.1f} s, {speed}"),
-        ("cycles a step", f"{cycles['step_min']} to {cycles['step_max']}, ideal {cycles['step_ideal']} with {result['lanes']} lanes"),
-        ("pace", f"{result['pace']}, clock {result['clock_hz'] / 1e6:g} MHz" + (", random stalls" if result["stalls"] else "")),
+        (
+            "cycles a step",
+            f"{cycles['step_min']} to {cycles['step_max']}, ideal {cycles['step_ideal']} with "
+            f"{result['lanes']} lanes",
+        ),
+        (
+            "pace",
+            f"{result['pace']}, clock {result['clock_hz'] / 1e6:g} MHz"
+            + (", random stalls" if result["stalls"] else ""),
+        ),
     ]
     if "conversion" in result:
         way = result["conversion"]
         first = (
-            "no window" if way["feature_cycles"] is None else " to ".join(f"{cycles}" for cycles in dict.fromkeys(way["feature_cycles"]))
+            "no window"
+            if way["feature_cycles"] is None
+            else " to ".join(f"{cycles}" for cycles in dict.fromkeys(way["feature_cycles"]))
         )
         rows.append(
             (
                 "converter",
-                f"{way['converter']}, {way['code_bits']} bits: scan {way['scan_cycles']} cycles, jitter {way['jitter_cycles']:g}, last "
-                f"channel to first feature {first}; faults {way['faults']}, limits of its data sheet broken {way['violations']}",
+                f"{way['converter']}, {way['code_bits']} bits: scan {way['scan_cycles']} cycles, jitter "
+                f"{way['jitter_cycles']:g}, last "
+                f"channel to first feature {first}; faults {way['faults']}, limits of its data sheet broken "
+                f"{way['violations']}",
             )
         )
     if "without_probes" in result:
         bare = result["without_probes"]
         exact = "bit-exact" if bare["bit_exact"] else f"{bare['mismatches']} MISMATCHES"
-        rows.insert(1, ("without probes", f"{exact}: {bare['compared_values']} values of decisions and registers of the netlist as placed"))
+        rows.insert(
+            1,
+            (
+                "without probes",
+                f"{exact}: {bare['compared_values']} values of decisions and registers of the netlist as "
+                "placed",
+            ),
+        )
     print_table("co-simulation", "what", "value", rows=rows)
-    columns = {"budget": "{name}", "limit": "{limit_s:1e3*.4g} ms", "measured": "{measured_s:1e3*.4g} ms", "verdict": "{met:met|missed}"}
+    columns = {
+        "budget": "{name}",
+        "limit": "{limit_s:1e3*.4g} ms",
+        "measured": "{measured_s:1e3*.4g} ms",
+        "verdict": "{met:met|missed}",
+    }
     print_records("latency budgets", result["budgets"], columns)
     for sentence in result["mismatch_list"] + result.get("without_probes", {}).get("mismatch_list", []):
         console.print(f"mismatch: {escape(sentence)}")
@@ -217,46 +283,86 @@ def _show_cosimulation(result: dict[str, Any]) -> None:
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
 def build(
     model: ModelArgument,
-    target: Annotated[str | None, option("icebreaker, upduino, ulx3s, icestick or icesugar-nano.", metavar="NAME")] = None,
-    lanes: Annotated[int | None, option("Multipliers that work at once; default 4, or 1 where the part has no multiplier.")] = None,
+    target: Annotated[
+        str | None, option("icebreaker, upduino, ulx3s, icestick or icesugar-nano.", metavar="NAME")
+    ] = None,
+    lanes: Annotated[
+        int | None, option("Multipliers that work at once; default 4, or 1 where the part has no multiplier.")
+    ] = None,
     lane_type: Annotated[LaneType | None, option("Default: what suits the part.")] = None,
-    link: Annotated[bool, option("With the serial link; without it: onset to decision alone, for its figures.")] = True,
+    link: Annotated[
+        bool, option("With the serial link; without it: onset to decision alone, for its figures.")
+    ] = True,
     class_pins: Annotated[
         ClassPins | None,
-        option("A pin for each class, the class as a binary number, or none; default: each, or binary where pins are too few."),
+        option(
+            "A pin for each class, the class as a binary number, or none; default: each, or binary where "
+            "pins are too few."
+        ),
     ] = None,
     converter: Annotated[
-        str | None, option("Frames from its pins: any that cosim takes; with --standalone default: the model's.", metavar="NAME")
+        str | None,
+        option(
+            "Frames from its pins: any that cosim takes; with --standalone default: the model's.",
+            metavar="NAME",
+        ),
     ] = None,
-    stimulator: Annotated[bool, option("With a converter: drive the stimulator by decisions.", "--stimulator")] = False,
+    stimulator: Annotated[
+        bool, option("With a converter: drive the stimulator by decisions.", "--stimulator")
+    ] = False,
     standalone: Annotated[
-        bool, option("No host: the model in the bitstream, frames from a converter on the board's pins.", "--standalone")
+        bool,
+        option(
+            "No host: the model in the bitstream, frames from a converter on the board's pins.",
+            "--standalone",
+        ),
     ] = False,
     flash: Annotated[
-        bool, option("With --standalone: the model not in the bitstream but in the board's flash, read at start.", "--flash")
+        bool,
+        option(
+            "With --standalone: the model not in the bitstream but in the board's flash, read at start.",
+            "--flash",
+        ),
     ] = False,
-    baud: Annotated[float | None, option("Of the serial link; default: up to 2000000, as the clock allows.", min=300)] = None,
-    clock: Annotated[float | None, option("The clock to reach; default: the board's oscillator.", min=1e3, metavar="HZ")] = None,
+    baud: Annotated[
+        float | None, option("Of the serial link; default: up to 2000000, as the clock allows.", min=300)
+    ] = None,
+    clock: Annotated[
+        float | None, option("The clock to reach; default: the board's oscillator.", min=1e3, metavar="HZ")
+    ] = None,
     seed: Annotated[int, option("First seed of the placement.", min=1, max=SEED_MAX)] = 1,
-    seeds: Annotated[int, option("How many seeds to try; the fastest placement is kept.", min=1, max=1000)] = 1,
+    seeds: Annotated[
+        int, option("How many seeds to try; the fastest placement is kept.", min=1, max=1000)
+    ] = 1,
     out: Annotated[Path | None, option("New folder or an earlier build; default build/board/NAME.")] = None,
-    table: Annotated[bool, option("Build for every part, and with several lanes, and print one table.", "--table")] = False,
+    table: Annotated[
+        bool, option("Build for every part, and with several lanes, and print one table.", "--table")
+    ] = False,
 ) -> None:
-    """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the clock each budget needs."""
+    """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the
+    clock each budget needs."""
     from eskin.rtl.fpga.targets import target as board
     from eskin.verbs import build_job as job
 
     if table == (target is not None):
-        raise InputError("--table: goes through the boards by itself; leave out --target" if table else "--target: is missing; name one")
+        raise InputError(
+            "--table: goes through the boards by itself; leave out --target"
+            if table
+            else "--target: is missing; name one"
+        )
     if class_pins and not link:
         raise InputError("--class-pins: is for a build with the link; leave it out, or leave out --no-link")
     if table and not (link and lanes is lane_type is clock is baud is class_pins is None):
         extra = "--lanes, --lane-type, --no-link, --class-pins, --clock and --baud"
         raise InputError(f"--table: goes through designs by itself; leave out {extra}")
     if stimulator and not (standalone or converter):
-        raise InputError("--stimulator: is for a board with a converter; add --converter NAME or --standalone")
+        raise InputError(
+            "--stimulator: is for a board with a converter; add --converter NAME or --standalone"
+        )
     if converter and not standalone and (table or not link or class_pins is not None):
-        raise InputError("--converter: goes with the link or --standalone; leave out --table, --no-link and --class-pins")
+        raise InputError(
+            "--converter: goes with the link or --standalone; leave out --table, --no-link and --class-pins"
+        )
     if flash and not standalone:
         raise InputError("--flash: is for a board without a host; add --standalone")
     if standalone and (table or not link or baud is not None or class_pins is not None):
@@ -305,30 +411,47 @@ def build(
     if standalone or converter:
         print_table("wiring", "port", "pin", "to", rows=[tuple(row.values()) for row in result["wiring"]])
     if flash:
-        console.print(f"put {job.FLASH_IMAGE} into the flash from byte {result['flash']['offset']} on: iceprog -o 1M {job.FLASH_IMAGE}")
+        console.print(
+            f"put {job.FLASH_IMAGE} into the flash from byte {result['flash']['offset']} on: iceprog -o 1M "
+            f"{job.FLASH_IMAGE}"
+        )
     console.print(f"files: {escape(str(folder))}")
     if not result["clock_met"]:
         stop(job.clock_sentence(result), 1)
 
 
-@app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz --build build/board/icebreaker --recordings 40")
+@app.command(
+    epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz --build "
+    "build/board/icebreaker --recordings 40"
+)
 def replay(
     model: Annotated[Path, argument("The quantised model folder that the bitstream was built from.")],
     port: Annotated[str, option("The board's serial port.")],
     data: DataOption,
-    recordings: Annotated[str, option("How many, the same every time, spread over the classes.", metavar="N|all")] = "all",
+    recordings: Annotated[
+        str, option("How many, the same every time, spread over the classes.", metavar="N|all")
+    ] = "all",
     build: Annotated[
         Path | None,
         option(
-            "Folder of 'eskin build' with the board's bitstream, which tells its rate and lanes; default: the only one in build/board.",
+            "Folder of 'eskin build' with the board's bitstream, which tells its rate and lanes; default: "
+            "the only one in build/board.",
             metavar="DIR",
         ),
     ] = None,
     baud: Annotated[
-        int | None, option("Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077).", min=1)
+        int | None,
+        option(
+            "Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077).",
+            min=1,
+        ),
     ] = None,
-    lanes: Annotated[int | None, option("With --baud: lanes that the bitstream was built with; default 4.")] = None,
-    lane_type: Annotated[LaneType | None, option("With --baud: lanes that the bitstream was built with; default plain.")] = None,
+    lanes: Annotated[
+        int | None, option("With --baud: lanes that the bitstream was built with; default 4.")
+    ] = None,
+    lane_type: Annotated[
+        LaneType | None, option("With --baud: lanes that the bitstream was built with; default plain.")
+    ] = None,
     json: JsonOption = None,
 ) -> None:
     """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
@@ -340,7 +463,10 @@ def replay(
         raise InputError(f"--build {build}: tells the rate by itself; leave out --baud")
     if not baud:
         if lanes is not None or lane_type:
-            raise InputError(f"--{'lanes' if lanes is not None else 'lane-type'}: is told by the build; leave it out, or give --baud too")
+            raise InputError(
+                f"--{'lanes' if lanes is not None else 'lane-type'}: is told by the build; leave it out, or "
+                "give --baud too"
+            )
         baud, lanes, lane_type = build_job.link_of(build or build_job.only_build())
     count = how_many(recordings)
     integer = integer_model(model).with_lanes(lanes, lane_type)
@@ -360,7 +486,11 @@ def replay(
     verdict = "equal" if result["passed"] else f"{result['mismatches']} MISMATCHES"
     lost = f"{result['repeated']} packets sent again, {result['damaged']} came back damaged, {result['replayed']} recordings played again"
     rows = [
-        ("verdict", f"{verdict}: {result['decisions']} decisions of {result['recordings']} recordings, {result['compared_values']} values"),
+        (
+            "verdict",
+            f"{verdict}: {result['decisions']} decisions of {result['recordings']} recordings, "
+            f"{result['compared_values']} values",
+        ),
         ("pace", f"{result['frames']} frames in {result['wall_s']:.1f} s, {result['frames_per_s']} a second"),
         ("line", f"{port}, {baud} baud; {lost}"),
     ]
@@ -368,7 +498,11 @@ def replay(
     for sentence in result["mismatch_list"]:
         console.print(f"mismatch: {escape(sentence)}")
     if not result["passed"]:
-        console.print("where most decisions differ, the bitstream is of another model, or of other --lanes or --lane-type", soft_wrap=True)
+        console.print(
+            "where most decisions differ, the bitstream is of another model, or of other --lanes or "
+            "--lane-type",
+            soft_wrap=True,
+        )
         raise typer.Exit(1)
 
 
@@ -377,9 +511,15 @@ def schedule(
     model: Annotated[str, argument("A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],
     lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
-    out: Annotated[Path | None, option("Folder of the files; default build/schedule, with --table none.")] = None,
-    table: Annotated[bool, option("Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.", "--table")] = False,
-    complexity: Annotated[bool, option("Cycles and memory against taxels and against classes.", "--complexity")] = False,
+    out: Annotated[
+        Path | None, option("Folder of the files; default build/schedule, with --table none.")
+    ] = None,
+    table: Annotated[
+        bool, option("Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.", "--table")
+    ] = False,
+    complexity: Annotated[
+        bool, option("Cycles and memory against taxels and against classes.", "--complexity")
+    ] = False,
 ) -> None:
     """Draw which unit does what in which cycle, from the very program that goes into the hardware."""
     from eskin.golden.core.config import PRESETS
@@ -398,7 +538,10 @@ def schedule(
     folder = out or Path("build/schedule")
     check_target(folder / "schedule")
     if config.is_image and (table or complexity):
-        raise InputError(f"--{'table' if table else 'complexity'}: is for cells that read windows; leave it out for a model of images")
+        raise InputError(
+            f"--{'table' if table else 'complexity'}: is for cells that read windows; leave it out for a "
+            "model of images"
+        )
     if config.is_image:
         from eskin.rtl.program.image_passes import plan_of
         from eskin.rtl.top.image_accelerator import refuse_hardware
@@ -407,7 +550,11 @@ def schedule(
         refuse_hardware(config)
         passes = plan_of(config)
         files = image_view.drawing_files(passes)
-        shown: tuple[str, Sequence[str], Sequence[tuple]] = (image_view.title(passes), image_view.COLUMNS, image_view.cells(passes))
+        shown: tuple[str, Sequence[str], Sequence[tuple]] = (
+            image_view.title(passes),
+            image_view.COLUMNS,
+            image_view.cells(passes),
+        )
     elif table:
         rows, left_out = schedule_view.ratio_table(config)
         files = schedule_view.table_files(rows) if out else {}
@@ -419,7 +566,11 @@ def schedule(
         with progress_bars() as report:
             sweeps = costs.complexity(config, report)
         files = costs.files(config, sweeps)
-        shown = ("complexity", costs.COLUMNS, [costs.cells(point) for sweep in sweeps.values() for point in sweep])
+        shown = (
+            "complexity",
+            costs.COLUMNS,
+            [costs.cells(point) for sweep in sweeps.values() for point in sweep],
+        )
     else:
         from eskin.rtl.program.schedule import schedule as plan_step
 
@@ -446,20 +597,28 @@ def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None
             write(temporary)
 
 
-@app.command(epilog="Example: eskin energy model --data recordings.npz --configuration icebreaker:6 --configuration ulx3s:12")
+@app.command(
+    epilog="Example: eskin energy model --data recordings.npz --configuration icebreaker:6 --configuration "
+    "ulx3s:12"
+)
 def energy(
     model: ModelArgument,
     data: DataOption,
     configuration: Annotated[
-        list[str] | None, option("A board, its lanes and their type; may be given several times.", metavar="TARGET:LANES[:TYPE]")
+        list[str] | None,
+        option(
+            "A board, its lanes and their type; may be given several times.", metavar="TARGET:LANES[:TYPE]"
+        ),
     ] = None,
     chip: Annotated[
-        list[Path] | None, option("An asic.json of eskin asic --data, shown beside the boards; several times.", metavar="FILE")
+        list[Path] | None,
+        option("An asic.json of eskin asic --data, shown beside the boards; several times.", metavar="FILE"),
     ] = None,
     recordings: Annotated[int, option("Recordings whose activity is counted.", min=1)] = 2,
     out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy"),
 ) -> None:
-    """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists; minutes a configuration."""
+    """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists;
+    minutes a configuration."""
     from eskin.pages.energy_page import PAGE
     from eskin.verbs.energy_job import RESULT, job
 
@@ -467,7 +626,13 @@ def energy(
     integer = integer_model(model)
     loaded = recordings_for(data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        options: dict[str, Any] = {"count": recordings, "out": out, "work": work, "notify": report, "chips": chip or ()}
+        options: dict[str, Any] = {
+            "count": recordings,
+            "out": out,
+            "work": work,
+            "notify": report,
+            "chips": chip or (),
+        }
         result = job(integer, loaded, configuration, **options)
     _show_energy(result)
     console.print(f"page: {escape(str(out / PAGE))}")
@@ -491,7 +656,11 @@ def _show_energy(result: dict[str, Any]) -> None:
     print_records("compute energy, estimate", result["configurations"], columns | exact)
     columns = {"chip": "{name}", "a step": step, "a touch, everything": touch}
     print_records("chips, before layout", result["chips"], columns | exact)
-    choices = [row | choice | {"of": row["name"]} for row in (*result["configurations"], *result["chips"]) for choice in row["choices"]]
+    choices = [
+        row | choice | {"of": row["name"]}
+        for row in (*result["configurations"], *result["chips"])
+        for choice in row["choices"]
+    ]
     columns = {
         "configuration": "{of}",
         "clock": "{name}",
@@ -502,13 +671,21 @@ def _show_energy(result: dict[str, Any]) -> None:
         "1000 mAh, 5 V": "{hours:.0f} h",
     }
     print_records("power, estimate", choices, columns)
-    if converter := next((row["interface"] for row in result["configurations"] if row.get("interface")), None):
+    if converter := next(
+        (row["interface"] for row in result["configurations"] if row.get("interface")), None
+    ):
         from eskin.golden.studies.converter_power import in_words
 
         say(f"the converter by itself: {in_words(converter)}")
     if result["least_average"]:
         console.print(f"least energy {article(result['what'])}: {escape(result['least_touch'])}")
-        console.print(f"least average power: {escape(result['least_average']['name'])}, {escape(result['least_average']['choice'])}")
+        console.print(
+            f"least average power: {escape(result['least_average']['name'])}, "
+            f"{escape(result['least_average']['choice'])}"
+        )
     for check in result["checks"]:
-        value, limit = (unit(check[key], check["unit"]) if check["unit"] else f"{check[key]:.2f}" for key in ("value", "limit"))
+        value, limit = (
+            unit(check[key], check["unit"]) if check["unit"] else f"{check[key]:.2f}"
+            for key in ("value", "limit")
+        )
         say(f"{check['name']}: {value}, aim {limit}: {'met' if check['met'] else 'missed'}")

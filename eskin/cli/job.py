@@ -29,22 +29,41 @@ from eskin.cli.common import (
 def run(
     data: DataOption = "synthetic",
     config: ConfigOption = None,
-    recordings: Annotated[str | None, option("Co-simulated ones; default: 8 a class, or all of few.", metavar="N|all")] = None,
-    out: Annotated[Path, option("The result folder: new, or an earlier result, which is replaced.")] = Path("build/run"),
+    recordings: Annotated[
+        str | None, option("Co-simulated ones; default: 8 a class, or all of few.", metavar="N|all")
+    ] = None,
+    out: Annotated[Path, option("The result folder: new, or an earlier result, which is replaced.")] = Path(
+        "build/run"
+    ),
     seed: Annotated[int, option("First seed of the training.", min=0, max=SEED_MAX)] = 0,
     group: Annotated[str | None, option("Group arrays A[,B..] that stay on one side of a split.")] = None,
     cell: Annotated[CellChoice | None, option(CELL_CHOICE)] = None,
     hidden: Annotated[int | None, option("Hidden units.")] = None,
-    seeds: Annotated[int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)] = None,
-    test: Annotated[str | None, option("Recordings held back: judged once, shown apart.", metavar="HELD")] = None,
+    seeds: Annotated[
+        int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)
+    ] = None,
+    test: Annotated[
+        str | None, option("Recordings held back: judged once, shown apart.", metavar="HELD")
+    ] = None,
 ) -> None:
-    """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and report, all in one folder."""
+    """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and
+    report, all in one folder."""
     count = None if recordings is None else how_many(recordings) or sys.maxsize
     from eskin.pages.report import PAGE, summary
     from eskin.verbs.main_job import run as main_job
 
     record = main_job(
-        data, config, count, out, seed=seed, group=groups_of(group), cell=cell, hidden=hidden, seeds=seeds, test=test, console=messages
+        data,
+        config,
+        count,
+        out,
+        seed=seed,
+        group=groups_of(group),
+        cell=cell,
+        hidden=hidden,
+        seeds=seeds,
+        test=test,
+        console=messages,
     )
     console.print(summary(out))
     console.print(f"report: {escape(str(out / PAGE))}")

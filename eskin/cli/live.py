@@ -27,45 +27,81 @@ from eskin.golden.core.errors import InputError
 
 
 @app.command(
-    epilog="Example: eskin watch model --data recordings.npz, or eskin watch model --simulate --speed 0.5, or "
+    epilog="Example: eskin watch model --data recordings.npz, or eskin watch model --simulate --speed 0.5, "
+    "or "
     "eskin watch model --data recordings.npz --port /dev/ttyUSB1 --build build/board/icebreaker, or "
     "eskin watch model --data recordings.npz --terminal"
 )
 def watch(
     model: ModelArgument,
     data: Annotated[str | None, option(f"Recordings to play. {DATA}")] = None,
-    port: Annotated[str | None, option("A board's serial port: with --data it is given the recordings, without it is listened to.")] = None,
+    port: Annotated[
+        str | None,
+        option("A board's serial port: with --data it is given the recordings, without it is listened to."),
+    ] = None,
     simulate: Annotated[
-        bool, option("The RTL in Verilator in lock step, beside the model; without --data a synthetic scene.", "--simulate")
+        bool,
+        option(
+            "The RTL in Verilator in lock step, beside the model; without --data a synthetic scene.",
+            "--simulate",
+        ),
     ] = False,
     host: Annotated[str, option("Interface of the page; 0.0.0.0 lets other machines watch.")] = "127.0.0.1",
     host_port: Annotated[int, option("Port of the page; 0: any that is free.", min=0, max=65535)] = 8765,
-    terminal: Annotated[bool, option("Show it here instead of in a browser, until all is played.", "--terminal")] = False,
-    record: Annotated[Path | None, option("Also write all that is played to this archive.", metavar="FILE")] = None,
-    speed: Annotated[str, option("Times the sensor's pace (images: one a second), or as fast as possible.", metavar="X|max")] = "1",
-    recordings: Annotated[str, option("How many, spread over the classes, the classes in turn.", metavar="N|all")] = "all",
-    shape: Annotated[str | None, option("Rows and columns of the array; default: guessed.", metavar="RxC")] = None,
-    once: Annotated[bool, option("End when all is played; otherwise the page may ask for more.", "--once")] = False,
+    terminal: Annotated[
+        bool, option("Show it here instead of in a browser, until all is played.", "--terminal")
+    ] = False,
+    record: Annotated[
+        Path | None, option("Also write all that is played to this archive.", metavar="FILE")
+    ] = None,
+    speed: Annotated[
+        str,
+        option("Times the sensor's pace (images: one a second), or as fast as possible.", metavar="X|max"),
+    ] = "1",
+    recordings: Annotated[
+        str, option("How many, spread over the classes, the classes in turn.", metavar="N|all")
+    ] = "all",
+    shape: Annotated[
+        str | None, option("Rows and columns of the array; default: guessed.", metavar="RxC")
+    ] = None,
+    once: Annotated[
+        bool, option("End when all is played; otherwise the page may ask for more.", "--once")
+    ] = False,
     build: Annotated[
-        Path | None, option("With --port: the board's build, which tells rate and lanes; default: the only one.", metavar="DIR")
+        Path | None,
+        option(
+            "With --port: the board's build, which tells rate and lanes; default: the only one.",
+            metavar="DIR",
+        ),
     ] = None,
     baud: Annotated[int | None, option("With --port, without a build at hand: bits a second.", min=1)] = None,
-    lanes: Annotated[int | None, option("Lanes of the simulated hardware (default 4), or with --baud the board's.")] = None,
+    lanes: Annotated[
+        int | None, option("Lanes of the simulated hardware (default 4), or with --baud the board's.")
+    ] = None,
     lane_type: Annotated[LaneType | None, option("plain, dsp or serial, likewise.")] = None,
 ) -> None:
-    """Watch a model at work in the browser: taxels, windows, features, hidden state, logits and decisions as they come."""
+    """Watch a model at work in the browser: taxels, windows, features, hidden state, logits and decisions as
+    they come."""
     from eskin.verbs import build_job, watch_job
 
     if port and simulate:
-        raise InputError("--simulate: the simulated hardware or the board at --port is watched, not both; leave one out")
+        raise InputError(
+            "--simulate: the simulated hardware or the board at --port is watched, not both; leave one out"
+        )
     if not (data or port or simulate):
-        raise InputError("--data: is missing; name recordings, or a board with --port, or add --simulate for a synthetic scene")
+        raise InputError(
+            "--data: is missing; name recordings, or a board with --port, or add --simulate for a synthetic "
+            "scene"
+        )
     if not port and (build or baud):
         raise InputError(f"--{'build' if build else 'baud'}: is for a board; add --port, or leave it out")
     if build and baud:
         raise InputError(f"--build {build}: tells the rate by itself; leave out --baud")
     if not (simulate or baud) and (lanes is not None or lane_type):
-        raise InputError(f"--{'lanes' if lanes is not None else 'lane-type'}: is for --simulate, or for --port with --baud; leave it out")
+        raise InputError(
+            f"--{'lanes' if lanes is not None else 'lane-type'}: is for --simulate, or for --port with "
+            "--baud; leave it out"
+        )
     if terminal and host != "127.0.0.1":
         raise InputError(f"--host {host}: no page is served with --terminal; leave one of them out")
     pace, count = watch_job.parsed_speed(speed), how_many(recordings)
@@ -74,9 +110,15 @@ def watch(
     lanes = 1 if lanes is None and port else lanes
     integer = integer_model(model).with_lanes(lanes, lane_type)
     if integer.config.is_image and not data:
-        raise InputError("--data: is missing; a model of images has no synthetic scene and no converter: name images")
+        raise InputError(
+            "--data: is missing; a model of images has no synthetic scene and no converter: name images"
+        )
     loaded = None if port and not data else recordings_for(data or "synthetic", integer.config)
-    numbers = [] if loaded is None else watch_job.in_turn(loaded, np.asarray(loaded.evenly(len(loaded) if count is None else count)))
+    numbers = (
+        []
+        if loaded is None
+        else watch_job.in_turn(loaded, np.asarray(loaded.evenly(len(loaded) if count is None else count)))
+    )
 
     def ready(address: str, controls: object) -> None:
         if address:
@@ -102,16 +144,36 @@ def watch(
         ready=ready,
     )
     rows = [
-        ("played", f"{result['recordings']} recordings to their end, {result['frames']} frames, {result['touches']} touches"),
-        ("decided", f"{result['correct']} of {result['labelled']} as labelled, {result['undecided']} without a touch"),
+        (
+            "played",
+            f"{result['recordings']} recordings to their end, {result['frames']} frames, "
+            f"{result['touches']} touches",
+        ),
+        (
+            "decided",
+            f"{result['correct']} of {result['labelled']} as labelled, {result['undecided']} without a touch",
+        ),
     ]
     if simulate or port:
         verdict = "all equal" if result["passed"] else f"{result['mismatches']} DIFFER"
         rows.append(("hardware", f"{result['compared_values']} values compared with the model, {verdict}"))
     if record:
-        rows.append(("recorded", f"{record}, {result['recorded']} frames" if result["recorded"] else "nothing was played: no file"))
+        rows.append(
+            (
+                "recorded",
+                f"{record}, {result['recorded']} frames"
+                if result["recorded"]
+                else "nothing was played: no file",
+            )
+        )
     if result["display_frames_dropped"]:
-        rows.append(("display", f"{result['display_frames_dropped']} display frames dropped; the model and the record got every frame"))
+        rows.append(
+            (
+                "display",
+                f"{result['display_frames_dropped']} display frames dropped; the model and the record got "
+                "every frame",
+            )
+        )
     print_table("watch", "what", "value", rows=rows)
     for sentence in result["mismatch_list"]:
         say(f"note: {sentence}")

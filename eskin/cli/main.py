@@ -35,15 +35,20 @@ def _version(show: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(epilog="Exit status: 0 done and every check held, 1 a check did not hold, 2 bad usage or bad input.")
+@app.callback(
+    epilog="Exit status: 0 done and every check held, 1 a check did not hold, 2 bad usage or bad input."
+)
 def eskin(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and end.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and end.")
+    ] = False,
 ) -> None:
     """From recorded tactile streams to a trained GRU or LSTM in bit-exact hardware."""
 
 
 def main() -> None:
-    """Entry point: every foreseen mistake becomes one sentence on standard error and status 2, an interrupt status 130."""
+    """Entry point: every foreseen mistake becomes one sentence on standard error and status 2, an interrupt
+    status 130."""
     try:
         app()
     except InputError as error:
@@ -58,7 +63,10 @@ def main() -> None:
         if package not in EXTRAS:
             raise
         extra = EXTRAS[package]
-        stop(f"this needs {package}, which comes with the extra '{extra}'; run: pip install 'eskin[{extra}]'", 2)
+        stop(
+            f"this needs {package}, which comes with the extra '{extra}'; run: pip install 'eskin[{extra}]'",
+            2,
+        )
     except SystemExit as end:
         if end.code == 130:
             stop("stopped by the user; files that were being written are as they were before", 130)

@@ -1,4 +1,5 @@
-"""What a source tells as it happens: frames, and every stage that the frames bring. Plain data, so that page, terminal and tests read it.
+"""What a source tells as it happens: frames, and every stage that the frames bring. Plain data, so that page,
+terminal and tests read it.
 
 Frames are numbered from 1 in their recording, touches and steps from 0, as in docs/specification.md.
 """
@@ -15,8 +16,8 @@ import numpy as np
 class Begin:
     """A recording begins.
 
-    number: its index in the data, -1 where there is none. label: its class, -1 unknown. frames: its length, 0 unknown. level (taxels):
-    codes that the eye takes for rest.
+    number: its index in the data, -1 where there is none. label: its class, -1 unknown. frames: its length, 0
+    unknown. level (taxels): codes that the eye takes for rest.
     """
 
     number: int
@@ -35,7 +36,8 @@ class Frames:
 
 @dataclass(frozen=True)
 class Onset:
-    """A touch begins: the frame that met the rule (0: the gate opens at once) and the first frame of its first window."""
+    """A touch begins: the frame that met the rule (0: the gate opens at once) and the first frame of its
+    first window."""
 
     touch: int
     frame: int
@@ -44,10 +46,11 @@ class Onset:
 
 @dataclass(frozen=True)
 class Where:
-    """Where the array is touched, as of docs/specification.md section 13: centre x, y in sixteenths of a cell, ``peak`` a taxel.
+    """Where the array is touched, as of docs/specification.md section 13: centre x, y in sixteenths of a
+    cell, ``peak`` a taxel.
 
-    frame: whose it is (0: not known). ended: the touch is over; direction: of its slide, `eskin.golden.model.position.DIRECTIONS`. wrong:
-    hardware told another one.
+    frame: whose it is (0: not known). ended: the touch is over; direction: of its slide,
+    `eskin.golden.model.position.DIRECTIONS`. wrong: hardware told another one.
     """
 
     frame: int
@@ -63,7 +66,8 @@ class Where:
 class Step:
     """A window is complete, and what the model makes of it.
 
-    frame: the live frame that completes it. features (D), hidden (H), logits (C): codes. label, margin: the local decision.
+    frame: the live frame that completes it. features (D), hidden (H), logits (C): codes. label, margin: the
+    local decision.
     """
 
     touch: int
@@ -80,8 +84,8 @@ class Step:
 class Decided:
     """A touch's global decision.
 
-    frame: the one that brings it. since_onset_s: seconds from the onset to that frame. partial: the end of the recording brought it.
-    unsure: its margin is below the threshold.
+    frame: the one that brings it. since_onset_s: seconds from the onset to that frame. partial: the end of
+    the recording brought it. unsure: its margin is below the threshold.
     """
 
     touch: int
@@ -96,7 +100,8 @@ class Decided:
 
 @dataclass(frozen=True)
 class Stage:
-    """What hardware gave at one stage: values (None: nothing came), and the places where they differ from the model's."""
+    """What hardware gave at one stage: values (None: nothing came), and the places where they differ from the
+    model's."""
 
     values: tuple[int | None, ...]
     wrong: tuple[int, ...] = ()
@@ -104,8 +109,8 @@ class Stage:
 
 @dataclass(frozen=True)
 class Hardware:
-    """What hardware said of a step (or, ``closing``, of a touch), stage by stage: ``sum``, ``feature``, ``state``, ``logit``
-    and ``decision``, of which class and margin stand first."""
+    """What hardware said of a step (or, ``closing``, of a touch), stage by stage: ``sum``, ``feature``,
+    ``state``, ``logit`` and ``decision``, of which class and margin stand first."""
 
     touch: int
     step: int
@@ -115,7 +120,8 @@ class Hardware:
 
 @dataclass(frozen=True)
 class Differs:
-    """Something of the hardware that belongs to no step of the model, or could not be compared: a sentence; is it a mismatch."""
+    """Something of the hardware that belongs to no step of the model, or could not be compared: a sentence;
+    is it a mismatch."""
 
     sentence: str
     mismatch: bool = True
@@ -131,8 +137,8 @@ class End:
 
 @dataclass(frozen=True)
 class Result:
-    """A recording that was played to its end. since_onset_s: of its first touch's decision, -1 none. wrong: values of hardware that
-    differ."""
+    """A recording that was played to its end. since_onset_s: of its first touch's decision, -1 none. wrong:
+    values of hardware that differ."""
 
     number: int
     label: int
@@ -148,8 +154,8 @@ Event = Begin | Frames | Onset | Where | Step | Decided | Hardware | Differs | E
 class Tally:
     """What has been played: counted by the player, shown by page and terminal.
 
-    recordings: played to their end. correct, undecided: of those with a label. compared, mismatches: values of hardware. recorded: frames
-    in the file. behind_s: how much later than asked the source is.
+    recordings: played to their end. correct, undecided: of those with a label. compared, mismatches: values
+    of hardware. recorded: frames in the file. behind_s: how much later than asked the source is.
     """
 
     frames: int = 0

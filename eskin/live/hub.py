@@ -1,6 +1,8 @@
-"""From a source to any number of viewers: frames are thinned out, messages wait in bounded queues; what does not fit is counted.
+"""From a source to any number of viewers: frames are thinned out, messages wait in bounded queues; what does
+not fit is counted.
 
-Nothing here waits for a viewer. The source's thread calls ``publish``; a viewer takes messages (JSON text) when it can.
+Nothing here waits for a viewer. The source's thread calls ``publish``; a viewer takes messages (JSON text)
+when it can.
 """
 
 from __future__ import annotations
@@ -13,10 +15,24 @@ from typing import Any
 
 import numpy as np
 
-from eskin.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Step, Tally, Where
+from eskin.live.feed import (
+    Begin,
+    Decided,
+    Differs,
+    End,
+    Event,
+    Frames,
+    Hardware,
+    Onset,
+    Result,
+    Step,
+    Tally,
+    Where,
+)
 
 DISPLAY_HZ = 100.0
-"""Display frames (buckets of frames) a second, at most: more than an eye sees and a screen has columns for."""
+"""Display frames (buckets of frames) a second, at most: more than an eye sees and a screen has columns
+for."""
 VALUES_HZ = 3200.0
 """Taxel values a second that a viewer gets, at most: large arrays get fewer display frames."""
 WAITING_FRAMES, WAITING_EVENTS = 240, 1500
@@ -26,7 +42,8 @@ HISTORY, RESULTS = 900, 60
 
 
 class Thinner:
-    """Frames to display frames: of each bucket of ``size`` frames its first frame, count, and per taxel least, greatest and last code.
+    """Frames to display frames: of each bucket of ``size`` frames its first frame, count, and per taxel
+    least, greatest and last code.
 
     So a spike of one frame is seen however much is left out. Holds one bucket; ``rest`` gives what is in it.
     """
@@ -41,7 +58,8 @@ class Thinner:
         done: list[list[Any]] = []
         at = 0
         while at < len(samples):
-            part = samples[at : at + max(1, self.size - self._count)]  # the size may have become less than what is held
+            # the size may have become less than what is held
+            part = samples[at : at + max(1, self.size - self._count)]
             low, high = part.min(axis=0), part.max(axis=0)
             if self._count:
                 low, high = np.minimum(low, self._low), np.maximum(high, self._high)
@@ -63,7 +81,8 @@ class Thinner:
 
 
 class Viewer:
-    """One viewer's queue. ``take`` gives what waits. dropped: display frames, lost: other messages that did not fit."""
+    """One viewer's queue. ``take`` gives what waits. dropped: display frames, lost: other messages that did
+    not fit."""
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self._waiting: deque[tuple[int, str]] = deque()
@@ -72,7 +91,8 @@ class Viewer:
         self.dropped = self.lost = 0
 
     def put(self, frames: int, text: str) -> None:
-        """Queue a message of ``frames`` display frames (0: another message); the oldest of its kind makes room."""
+        """Queue a message of ``frames`` display frames (0: another message); the oldest of its kind makes
+        room."""
         with self._lock:
             self._waiting.append((frames, text))
             self._frames, self._events = self._frames + frames, self._events + (not frames)
@@ -134,13 +154,15 @@ class Hub:
         self._thinner.size = self.bucket(frames_per_s / self._rate)
 
     def attach(self, wake: Callable[[], None] = lambda: None) -> Viewer:
-        """A new viewer, who has the present recording's beginning waiting; ``wake`` is called, from any thread, when something waits."""
+        """A new viewer, who has the present recording's beginning waiting; ``wake`` is called, from any
+        thread, when something waits."""
         viewer = Viewer(wake)
         with self._lock:
             viewer.put(0, self._hello)
             for text in filter(None, (self._state, self._tally)):
                 viewer.put(0, text)
-            for text in (*self._results, *self._history):  # all of it: what he came too late for is not what he is too slow for
+            # all of it: what he came too late for is not what he is too slow for
+            for text in (*self._results, *self._history):
                 viewer.put(0, text)
             self._viewers.append(viewer)
         return viewer
@@ -150,7 +172,10 @@ class Hub:
         with self._lock:
             if viewer in self._viewers:
                 self._viewers.remove(viewer)
-                self._gone_dropped, self._gone_lost = self._gone_dropped + viewer.dropped, self._gone_lost + viewer.lost
+                self._gone_dropped, self._gone_lost = (
+                    self._gone_dropped + viewer.dropped,
+                    self._gone_lost + viewer.lost,
+                )
 
     @property
     def viewers(self) -> int:
@@ -171,13 +196,18 @@ class Hub:
 
     def tally(self, tally: Tally) -> None:
         """Tell what has been played so far; late viewers get the last of these."""
-        figures = {name: value for name, value in vars(tally).items() if name not in ("said", "behind_s", "frames_per_s")}
+        figures = {
+            name: value
+            for name, value in vars(tally).items()
+            if name not in ("said", "behind_s", "frames_per_s")
+        }
         rates = {"behind_s": round(tally.behind_s, 3), "frames_per_s": round(tally.frames_per_s)}
         self._tally = encoded("tally", **figures, **rates, dropped=self.dropped, viewers=self.viewers)
         self._send(0, self._tally, keep=False)
 
     def publish(self, event: Event) -> None:
-        """Hand on an event; frames that fill no bucket wait for the next ones, but no other event overtakes them."""
+        """Hand on an event; frames that fill no bucket wait for the next ones, but no other event overtakes
+        them."""
         if isinstance(event, Frames):
             self._frames(self._thinner.add(event.first, event.samples))
             return
@@ -215,7 +245,13 @@ def as_text(event: Event) -> str:
     """The message of an event that is not Frames."""
     match event:
         case Begin():
-            return encoded("begin", number=event.number, label=event.label, frames=event.frames, level=event.level.tolist())
+            return encoded(
+                "begin",
+                number=event.number,
+                label=event.label,
+                frames=event.frames,
+                level=event.level.tolist(),
+            )
         case Onset():
             return encoded("onset", touch=event.touch, frame=event.frame, start=event.start)
         case Where():
@@ -223,20 +259,37 @@ def as_text(event: Event) -> str:
             return encoded("where", **where, ended=bool(event.ended), wrong=bool(event.wrong))
         case Step():
             arrays = {name: getattr(event, name).tolist() for name in ("features", "hidden", "logits")}
-            where = {name: int(getattr(event, name)) for name in ("touch", "step", "frame", "label", "margin")}
+            where = {
+                name: int(getattr(event, name)) for name in ("touch", "step", "frame", "label", "margin")
+            }
             return encoded("step", **where, **arrays)
         case Decided():
-            where = {name: int(getattr(event, name)) for name in ("touch", "step", "frame", "label", "margin")}
+            where = {
+                name: int(getattr(event, name)) for name in ("touch", "step", "frame", "label", "margin")
+            }
             since = round(float(event.since_onset_s), 6)
-            return encoded("decided", **where, partial=bool(event.partial), unsure=bool(event.unsure), since=since)
+            return encoded(
+                "decided", **where, partial=bool(event.partial), unsure=bool(event.unsure), since=since
+            )
         case Hardware():
-            stages = {name: {"values": stage.values, "wrong": stage.wrong} for name, stage in event.stages.items()}
-            return encoded("hardware", touch=event.touch, step=event.step, closing=event.closing, stages=stages)
+            stages = {
+                name: {"values": stage.values, "wrong": stage.wrong} for name, stage in event.stages.items()
+            }
+            return encoded(
+                "hardware", touch=event.touch, step=event.step, closing=event.closing, stages=stages
+            )
         case Differs():
             return encoded("said", sentence=event.sentence, mismatch=event.mismatch)
         case End():
             return encoded("end", decision=event.decision, whole=event.whole)
         case Result():
             since = round(float(event.since_onset_s), 6)
-            return encoded("result", number=event.number, label=event.label, decision=event.decision, since=since, wrong=event.wrong)
+            return encoded(
+                "result",
+                number=event.number,
+                label=event.label,
+                decision=event.decision,
+                since=since,
+                wrong=event.wrong,
+            )
     raise TypeError(f"no message for {type(event).__name__}")

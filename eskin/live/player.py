@@ -1,6 +1,8 @@
-"""Plays recordings through a source at their own pace, under the control of whoever watches; the one place that keeps time and counts.
+"""Plays recordings through a source at their own pace, under the control of whoever watches; the one place
+that keeps time and counts.
 
-The player's thread goes: frames to the recorder, frames to the source, events to the hub. None of these waits for a viewer.
+The player's thread goes: frames to the recorder, frames to the source, events to the hub. None of these waits
+for a viewer.
 """
 
 from __future__ import annotations
@@ -107,7 +109,13 @@ class Player:
         once: bool = False,
         apart_s: float = 0.0,
     ) -> None:
-        self._source, self._recordings, self._numbers, self._hub, self.controls = source, recordings, list(numbers), hub, controls
+        self._source, self._recordings, self._numbers, self._hub, self.controls = (
+            source,
+            recordings,
+            list(numbers),
+            hub,
+            controls,
+        )
         self._recorder, self._once, self._apart_s = recorder, once, apart_s
         self.tally = Tally()
         self.decisions: dict[int, int] = {}
@@ -210,13 +218,16 @@ class Player:
         self._hub.publish(End(source.decision, whole))
         if whole:
             self._count(number, label, source.decision)
-            self._hub.publish(Result(number, label, source.decision, self._first_s, self.tally.mismatches - wrong_before))
+            self._hub.publish(
+                Result(number, label, source.decision, self._first_s, self.tally.mismatches - wrong_before)
+            )
         self._tell()
         if whole and self._apart_s:
             self._hold(begun, label)
 
     def _until(self, due: float, speed: float, label: int) -> tuple[float, float]:
-        """Wait until ``due``, which moves with the pace; not for a recording that is left. Both as they are then."""
+        """Wait until ``due``, which moves with the pace; not for a recording that is left. Both as they are
+        then."""
         controls = self.controls
         while True:
             self._state()
@@ -274,7 +285,9 @@ class Player:
                     if wrong:
                         names = ", ".join(name for name, stage in event.stages.items() if stage.wrong)
                         where = "global decision" if event.closing else "step"
-                        sentence = f"touch {event.touch}, {where} {event.step + 1}: {wrong} values differ ({names})"
+                        sentence = (
+                            f"touch {event.touch}, {where} {event.step + 1}: {wrong} values differ ({names})"
+                        )
                         if self._say(sentence):  # viewers count the values themselves
                             self._hub.publish(Differs(sentence, mismatch=False))
                 case Differs():
@@ -309,7 +322,9 @@ class Player:
         self._hub.tally(tally)
 
 
-def hello(config: AcceleratorConfig, recordings: Recordings | None, numbers: Sequence[int], **more: Any) -> dict[str, Any]:
+def hello(
+    config: AcceleratorConfig, recordings: Recordings | None, numbers: Sequence[int], **more: Any
+) -> dict[str, Any]:
     """What a viewer must know first, for JSON."""
     network, formats = config.network, config.formats
     labels = recordings.labels[list(numbers)] if recordings is not None else np.zeros(0, dtype=np.int64)

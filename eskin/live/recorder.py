@@ -54,7 +54,9 @@ class Recorder:
             self._file = self._raw.open("wb")
             self._file.write(json.dumps(head).encode() + b"\n")
         except OSError as error:
-            raise InputError(f"--record {path}: cannot be written ({error.strerror}); name a file in a folder of yours") from None
+            raise InputError(
+                f"--record {path}: cannot be written ({error.strerror}); name a file in a folder of yours"
+            ) from None
         self._decisions: dict[int, int] = {}  # of the recordings that have a frame
         self._number = self._label = -1
         self.frames_written = 0
@@ -80,13 +82,14 @@ class Recorder:
     def close(self) -> bool:
         """Make the archive; False: nothing was recorded, and there is none.
 
-        Arrays: those of docs/recordings.md, and ``decision`` (recordings, 1): the model's, -1 none (of this shape it
-        is no group).
+        Arrays: those of docs/recordings.md, and ``decision`` (recordings, 1): the model's, -1 none (of this
+        shape it is no group).
 
         Raises
         ------
         InputError
-            The archive cannot be written; the frames stay, and the sentence says where and what to do with them.
+            The archive cannot be written; the frames stay, and the sentence says where and what to do with
+            them.
         """
         try:
             with self._file:
@@ -99,7 +102,8 @@ class Recorder:
         except OSError as error:
             reason = error.strerror or error
             raise InputError(
-                f"--record {self.path}: cannot be written ({reason}), what was recorded is in {self._raw}; make room, then run: "
+                f"--record {self.path}: cannot be written ({reason}), what was recorded is in {self._raw}; "
+                "make room, then run: "
                 f"eskin convert {self._raw} --out {self.path}"
             ) from None
         self._raw.unlink(missing_ok=True)

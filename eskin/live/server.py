@@ -1,6 +1,8 @@
-"""The browser page and its messages over one port: HTTP for the page, a websocket for the rest. A thread of its own.
+"""The browser page and its messages over one port: HTTP for the page, a websocket for the rest. A thread of
+its own.
 
-Each viewer has a queue in the hub; a viewer who does not take his messages fills only that. One who vanished is found out by a ping.
+Each viewer has a queue in the hub; a viewer who does not take his messages fills only that. One who vanished
+is found out by a ping.
 """
 
 from __future__ import annotations
@@ -33,7 +35,8 @@ PING_S = 10.0
 COMMAND_BYTES, COMMAND_S = 1000, 1 / 50
 """Length of a command, and the time that the commands of all viewers take, in turn."""
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; "
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; connect-src "
+    "'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 """The page brings all that it needs; a browser refuses whatever it would fetch elsewhere."""
@@ -65,9 +68,15 @@ class PageServer:
         if self._failed is not None:
             self._thread.join()
             if self._failed.errno == 98:
-                raise InputError(f"--host-port {port}: another program uses it; give another one, or 0 for any that is free")
+                raise InputError(
+                    f"--host-port {port}: another program uses it; give another one, or 0 for any that is "
+                    "free"
+                )
             reason = self._failed.strerror or self._failed
-            raise InputError(f"--host {host}, --host-port {port}: cannot be opened ({reason}); give an address of this machine")
+            raise InputError(
+                f"--host {host}, --host-port {port}: cannot be opened ({reason}); give an address of this "
+                "machine"
+            )
 
     @property
     def address(self) -> str:
@@ -114,11 +123,17 @@ class PageServer:
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page, or None: the request is for the websocket."""
         try:
-            path, asked, origin = urlsplit(request.path).path, request.headers["Host"], request.headers.get("Origin")
+            path, asked, origin = (
+                urlsplit(request.path).path,
+                request.headers["Host"],
+                request.headers.get("Origin"),
+            )
             named, port = urlsplit(f"//{asked}").hostname or "", urlsplit(f"//{asked}").port or 80
             site = None if origin is None else urlsplit(origin).netloc
         except (ValueError, LookupError):
-            return connection.respond(http.HTTPStatus.BAD_REQUEST, "Host or Origin is missing, there twice, or damaged\n")
+            return connection.respond(
+                http.HTTPStatus.BAD_REQUEST, "Host or Origin is missing, there twice, or damaged\n"
+            )
         if "@" in asked or not port or not self._is_ours(named):
             said = f"this page is not at {asked!r:.80}; open it by an address of this machine\n"
             return connection.respond(http.HTTPStatus.FORBIDDEN, said)
@@ -133,7 +148,8 @@ class PageServer:
         return connection.respond(http.HTTPStatus.NOT_FOUND, "there is one page here: /\n")
 
     def _is_ours(self, name: str) -> bool:
-        """Whether ``name`` is this machine's: another site's name may lead here, and its page would then read ours."""
+        """Whether ``name`` is this machine's: another site's name may lead here, and its page would then read
+        ours."""
         machine = socket.gethostname().lower()
         if name in ("localhost", machine, f"{machine}.local", self.host.lower()):
             return True
@@ -151,9 +167,13 @@ class PageServer:
                 loop.call_soon_threadsafe(waiting.set)
 
         viewer = self._hub.attach(wake)
-        tasks = [asyncio.create_task(self._send(connection, viewer, waiting)), asyncio.create_task(self._listen(connection))]
+        tasks = [
+            asyncio.create_task(self._send(connection, viewer, waiting)),
+            asyncio.create_task(self._listen(connection)),
+        ]
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)  # he who has left sends nothing any more
+            # he who has left sends nothing any more
+            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             self._hub.detach(viewer)
             for task in tasks:
@@ -161,7 +181,8 @@ class PageServer:
             await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _send(self, connection: ServerConnection, viewer: Viewer, waiting: asyncio.Event) -> None:
-        """What waits for the viewer, in one message at a time: JSON, a list. The next only when the browser has room for it."""
+        """What waits for the viewer, in one message at a time: JSON, a list. The next only when the browser
+        has room for it."""
         with contextlib.suppress(ConnectionClosed):
             while True:
                 await waiting.wait()
@@ -181,8 +202,8 @@ class PageServer:
 
 
 def obey(controls: Controls, command: dict) -> None:
-    """Do what a viewer asks: ``{"do": "pause", "on": true}``, ``speed`` with ``times`` (0: as fast as possible), ``next``, ``class`` with
-    ``index`` (-1: all). Anything else is not heard."""
+    """Do what a viewer asks: ``{"do": "pause", "on": true}``, ``speed`` with ``times`` (0: as fast as
+    possible), ``next``, ``class`` with ``index`` (-1: all). Anything else is not heard."""
     acts: dict[str, Callable[[], None]] = {
         "pause": lambda: controls.pause(bool(command["on"])),
         "speed": lambda: controls.pace(float(command["times"]) or math.inf),

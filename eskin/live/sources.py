@@ -1,7 +1,8 @@
-"""Where stages come from: the integer model alone, the simulated hardware beside it, a board beside it, or a board that works by itself.
+"""Where stages come from: the integer model alone, the simulated hardware beside it, a board beside it, or a
+board that works by itself.
 
-Each takes frames as fast as they are given and tells what they brought (``eskin.live.feed``). The model always runs, frame by frame
-and unthinned; what hardware says is held against it value by value.
+Each takes frames as fast as they are given and tells what they brought (``eskin.live.feed``). The model
+always runs, frame by frame and unthinned; what hardware says is held against it value by value.
 """
 
 from __future__ import annotations
@@ -95,10 +96,27 @@ class ModelSource:
             self._begun(found, made.touch, made.onset_frame, made.start_frame)
             if made.is_global:
                 since = (made.frame - made.onset_frame) / self.config.sensor.sample_rate_hz
-                found.append(Decided(made.touch, made.step, made.frame, made.label, int(made.margin), made.partial, made.unsure, since))
+                found.append(
+                    Decided(
+                        made.touch,
+                        made.step,
+                        made.frame,
+                        made.label,
+                        int(made.margin),
+                        made.partial,
+                        made.unsure,
+                        since,
+                    )
+                )
             else:
-                feature, state, logit = (np.asarray(made.stages.get(name, NOTHING)) for name in ("feature", "state", "logit"))
-                found.append(Step(made.touch, made.step, made.frame, feature, state, logit, made.label, int(made.margin)))
+                feature, state, logit = (
+                    np.asarray(made.stages.get(name, NOTHING)) for name in ("feature", "state", "logit")
+                )
+                found.append(
+                    Step(
+                        made.touch, made.step, made.frame, feature, state, logit, made.label, int(made.margin)
+                    )
+                )
         if self.stream.onset_frame is not None:
             self._begun(found, self.stream.touches - 1, self.stream.onset_frame, self.stream.start_frame or 1)
         return found
@@ -155,9 +173,15 @@ class SimulationSource(ModelSource):
         compared = self._compare(decisions, self._simulator.finish().stages, "the recording's end")
         touches, faults = self._simulator.read("TOUCHES"), self._simulator.read("FAULTS")
         if touches != self.stream.touches % 256:
-            compared.append(Differs(f"register TOUCHES reads {touches} and the model saw {self.stream.touches}"))
+            compared.append(
+                Differs(f"register TOUCHES reads {touches} and the model saw {self.stream.touches}")
+            )
         if faults & UNEXPECTED_FAULTS:
-            compared.append(Differs(f"register FAULTS reads 0x{faults:04x}: the chain saw a fault that no recording may raise"))
+            compared.append(
+                Differs(
+                    f"register FAULTS reads 0x{faults:04x}: the chain saw a fault that no recording may raise"
+                )
+            )
         return [*self.events(decisions), *compared]
 
     def close(self) -> None:
@@ -168,18 +192,29 @@ class SimulationSource(ModelSource):
         left = {stage: deque(values) for stage, values in came.items() if stage != "step_cycles"}
         found: list[Event] = []
         for made in decisions:
-            stages = {stage: _stage(made.stages[stage], left.get(stage)) for stage in STAGES if stage in made.stages}
+            stages = {
+                stage: _stage(made.stages[stage], left.get(stage)) for stage in STAGES if stage in made.stages
+            }
             stages["decision"] = _decision_stage(made, left.get("decision"))
             found.append(Hardware(made.touch, made.step, made.is_global, stages))
         for stage, values in left.items():
             if values:
-                found.append(Differs(f"at {where} the hardware gave {len(values)} values of stage {stage} that the model does not have"))
+                found.append(
+                    Differs(
+                        f"at {where} the hardware gave {len(values)} values of stage {stage} that the model "
+                        "does not have"
+                    )
+                )
         return found
 
 
 def _stage(expected: np.ndarray, came: deque[int] | None) -> Stage:
     values = tuple(came.popleft() if came else None for _ in range(np.size(expected)))
-    wrong = tuple(place for place, (aim, value) in enumerate(zip(np.asarray(expected).tolist(), values, strict=True)) if value != aim)
+    wrong = tuple(
+        place
+        for place, (aim, value) in enumerate(zip(np.asarray(expected).tolist(), values, strict=True))
+        if value != aim
+    )
     return Stage(values, wrong)
 
 
@@ -189,7 +224,10 @@ def _decision_stage(made: Decision, came: deque[int] | None) -> Stage:
         return Stage((None,) * len(SHOWN), tuple(range(len(SHOWN))))
     payload, row = came.popleft(), dict(zip(DECISION_FIELDS, made.row(), strict=True))
     values = decoded(payload)
-    return Stage(tuple(values[name] for name in SHOWN), tuple(place for place, name in enumerate(SHOWN) if values[name] != row[name]))
+    return Stage(
+        tuple(values[name] for name in SHOWN),
+        tuple(place for place, name in enumerate(SHOWN) if values[name] != row[name]),
+    )
 
 
 SHOWN = ("class", "margin", "step", "is_global", "partial", "unsure")
@@ -201,7 +239,8 @@ def decoded(payload: int) -> dict[str, int]:
 
 
 class BoardSource(ModelSource):
-    """A board on the link, given the same frames as the model; its decisions are compared, its stages are not on the link."""
+    """A board on the link, given the same frames as the model; its decisions are compared, its stages are not
+    on the link."""
 
     kind = "board"
 
@@ -223,7 +262,11 @@ class BoardSource(ModelSource):
             self._link.feed(samples)
         decisions = self.stream.push(samples)
         self._waiting.extend(decisions)
-        return [*self.events(decisions), *self._compare(), *self._held_against_the_boards(self.where(samples))]
+        return [
+            *self.events(decisions),
+            *self._compare(),
+            *self._held_against_the_boards(self.where(samples)),
+        ]
 
     def _held_against_the_boards(self, told: list[Event]) -> list[Event]:
         """The board's registers of position against the model's last position."""
@@ -243,12 +286,24 @@ class BoardSource(ModelSource):
             played = self._link.end()
         found = [*self.events(decisions), *self._compare()]
         if self._link.lost:
-            found.append(Differs("decisions of this recording got lost on the line, so it was not compared to its end", mismatch=False))
+            found.append(
+                Differs(
+                    "decisions of this recording got lost on the line, so it was not compared to its end",
+                    mismatch=False,
+                )
+            )
             return found
         for made in self._waiting:
-            found.append(Hardware(made.touch, made.step, made.is_global, {"decision": _decision_stage(made, None)}))
+            found.append(
+                Hardware(made.touch, made.step, made.is_global, {"decision": _decision_stage(made, None)})
+            )
         if played.touches != self.stream.touches % 256:
-            found.append(Differs(f"the board's register TOUCHES reads {played.touches} and the model saw {self.stream.touches}"))
+            found.append(
+                Differs(
+                    f"the board's register TOUCHES reads {played.touches} and the model saw "
+                    f"{self.stream.touches}"
+                )
+            )
         if played.faults & UNEXPECTED_FAULTS:
             found.append(Differs(f"the board's register FAULTS reads 0x{played.faults:04x}"))
         return found
@@ -258,10 +313,19 @@ class BoardSource(ModelSource):
         while self._heard < len(self._link.decisions) and not self._link.lost:
             payload = self._link.decisions[self._heard]
             if not self._waiting:  # the board is never ahead of the model: it got the same frames
-                found.append(Differs(f"the board gave a decision that the model does not have: {decoded(payload)}"))
+                found.append(
+                    Differs(f"the board gave a decision that the model does not have: {decoded(payload)}")
+                )
             else:
                 made = self._waiting.popleft()
-                found.append(Hardware(made.touch, made.step, made.is_global, {"decision": _decision_stage(made, deque([payload]))}))
+                found.append(
+                    Hardware(
+                        made.touch,
+                        made.step,
+                        made.is_global,
+                        {"decision": _decision_stage(made, deque([payload]))},
+                    )
+                )
             self._heard += 1
         return found
 
@@ -284,7 +348,8 @@ class _Named:
 
 
 class Listener:
-    """A board that takes its frames from its own converter: its decisions as they come. No frames are on the link, and no model runs."""
+    """A board that takes its frames from its own converter: its decisions as they come. No frames are on the
+    link, and no model runs."""
 
     kind = "listening"
 
@@ -298,7 +363,8 @@ class Listener:
         with _Named(self._port):
             heard = self._link.listen(timeout_s)
             where = self._where() if self.config.interface.position else []
-            return [*(self._event(decoded(payload)) for payload in heard), *where]  # those too that came with the answers
+            # those too that came with the answers
+            return [*(self._event(decoded(payload)) for payload in heard), *where]
 
     def _where(self) -> list[Event]:
         """The latest position, where it is new and its registers belong together."""
@@ -320,4 +386,13 @@ class Listener:
                 self._touch, self.decision = self._touch + 1, -1
             return Step(self._touch, fields["step"], 0, none, none, none, label, margin)
         self.decision = label
-        return Decided(self._touch, fields["step"], 0, label, margin, bool(fields["partial"]), bool(fields["unsure"]), NO_SINCE)
+        return Decided(
+            self._touch,
+            fields["step"],
+            0,
+            label,
+            margin,
+            bool(fields["partial"]),
+            bool(fields["unsure"]),
+            NO_SINCE,
+        )

@@ -1,4 +1,5 @@
-"""The live view in a terminal: the hub's messages drawn with `rich`, keys in place of buttons. No server, no port."""
+"""The live view in a terminal: the hub's messages drawn with `rich`, keys in place of buttons. No server, no
+port."""
 
 from __future__ import annotations
 
@@ -106,7 +107,9 @@ class Screen:
     def _frames(self, buckets: list[list[Any]]) -> None:
         for first, count, low, high, last in buckets:
             level = self.begin["level"] or last
-            moved = max((max(abs(lo - z), abs(hi - z)) for lo, hi, z in zip(low, high, level, strict=True)), default=0)
+            moved = max(
+                (max(abs(lo - z), abs(hi - z)) for lo, hi, z in zip(low, high, level, strict=True)), default=0
+            )
             self.scale, self.last, self.frame = max(self.scale, moved), last, first + count - 1
             self.activity.append(moved)
             if self.hello.get("image"):
@@ -121,10 +124,18 @@ class Screen:
     def _sentence(self, result: dict[str, Any]) -> str:
         label, decision = result["label"], result["decision"]
         said = "no touch" if decision < 0 else self._name(decision)
-        known = "" if label < 0 else ", as labelled" if label == decision else f", labelled {self._name(label)}"
+        known = (
+            "" if label < 0 else ", as labelled" if label == decision else f", labelled {self._name(label)}"
+        )
         since = f", {result['since']:.3f} s after the onset" if result["since"] >= 0 else ""
         compared = self.hello["source"] in ("simulation", "board")
-        checked = "" if not compared else f", HARDWARE DIFFERS in {result['wrong']} values" if result["wrong"] else ", hardware the same"
+        checked = (
+            ""
+            if not compared
+            else f", HARDWARE DIFFERS in {result['wrong']} values"
+            if result["wrong"]
+            else ", hardware the same"
+        )
         return f"recording {result['number']}: {said}{known}{since}{checked}"
 
     # ------------------------------------------------------------ drawing
@@ -137,7 +148,11 @@ class Screen:
         top.add_column(ratio=1)
         image = self.hello.get("image")
         top.add_row(
-            Panel(self._image() if image else self._heat(), title="image" if image else "taxels", title_align="left"),
+            Panel(
+                self._image() if image else self._heat(),
+                title="image" if image else "taxels",
+                title_align="left",
+            ),
             Panel(self._decision(), title="decision", title_align="left"),
         )
         return Group(self._head(), top, Panel(self._below(), title="touch", title_align="left"), self._foot())
@@ -148,8 +163,15 @@ class Screen:
         size = "{} x {} pixels".format(*hello["image"]) if hello.get("image") else taxels
         text.append("eskin watch ", style="bold")
         text.append(f"{hello['name']} · {hello['network']} · {size} · ")
-        pace = "as fast as possible" if not self.state.get("speed", 1) else f"{self.state.get('speed', 1):g} × the sensor's pace"
-        text.append("paused" if self.state.get("paused") else "all played" if self.state.get("ended") else pace, style="bold")
+        pace = (
+            "as fast as possible"
+            if not self.state.get("speed", 1)
+            else f"{self.state.get('speed', 1):g} × the sensor's pace"
+        )
+        text.append(
+            "paused" if self.state.get("paused") else "all played" if self.state.get("ended") else pace,
+            style="bold",
+        )
         label = self.state.get("label", -1)
         if label >= 0:
             text.append(f" · only {self._name(label)}")
@@ -169,7 +191,9 @@ class Screen:
                 red, green, blue = shade(moved / self.scale)
                 words = f"{moved:^6.0f}" if wide == 6 else "  "
                 dark = red + green + blue < 380
-                text.append(words[:wide], style=f"{'white' if dark else 'black'} on rgb({red},{green},{blue})")
+                text.append(
+                    words[:wide], style=f"{'white' if dark else 'black'} on rgb({red},{green},{blue})"
+                )
             text.append("\n")
         text.append(f"full colour ±{self.scale:.0f} codes", style="dim")
         if self.where:
@@ -190,14 +214,20 @@ class Screen:
         text, shown = Text(), self.decided or (self.steps[-1] if self.steps else None)
         if shown is None:
             thing = "an image" if self.hello.get("image") else "a touch"
-            text.append(f"waiting for {thing}\n" if self.onset is None else f"{thing[2:].strip()}\n", style="dim")
+            text.append(
+                f"waiting for {thing}\n" if self.onset is None else f"{thing[2:].strip()}\n", style="dim"
+            )
         else:
             text.append(self._name(shown["label"]), style=f"bold {tint(shown['label'])}")
             text.append(" decided" if self.decided else " so far", style="dim")
             if self.decided and self.decided["unsure"]:
                 text.append(", unsure", style="red")
             votes = self.decided is not None and self.hello["decision"] == "vote"
-            margin = f"{shown['margin']} votes" if votes else f"{shown['margin'] / self.hello['unit']['logit']:.2f}"
+            margin = (
+                f"{shown['margin']} votes"
+                if votes
+                else f"{shown['margin'] / self.hello['unit']['logit']:.2f}"
+            )
             text.append(f"\nmargin {margin}\n")
         rate = self.hello["rate"]
         if self.decided and self.decided["since"] >= 0:
@@ -207,10 +237,14 @@ class Screen:
         label = self.begin["label"]
         if label >= 0:
             right = self.decided and self.decided["label"] == label
-            text.append(f"labelled {self._name(label)}", style="green" if right else "red" if self.decided else "")
+            text.append(
+                f"labelled {self._name(label)}", style="green" if right else "red" if self.decided else ""
+            )
         if self.hardware:
             same = all(self.hardware.values())
-            text.append(f"\nhardware {'the same' if same else 'DIFFERS'}", style="green" if same else "bold red")
+            text.append(
+                f"\nhardware {'the same' if same else 'DIFFERS'}", style="green" if same else "bold red"
+            )
         return text
 
     def _below(self) -> Text:
@@ -247,7 +281,11 @@ class Screen:
     def _foot(self) -> Text:
         tally = self.tally
         known = f"{tally['correct']} of {tally['labelled']} as labelled · " if tally.get("labelled") else ""
-        compared = f"{tally['mismatches']} of {tally['compared']} hardware values differ · " if tally.get("compared") else ""
+        compared = (
+            f"{tally['mismatches']} of {tally['compared']} hardware values differ · "
+            if tally.get("compared")
+            else ""
+        )
         recorded = f"{tally['recorded']} frames recorded · " if tally.get("recorded") else ""
         of = f" of {self.begin['frames']}" if self.begin["frames"] else ""
         text = Text(f"recording {self.begin['number']}, frame {self.frame}{of} · {known}{compared}{recorded}")
@@ -281,7 +319,10 @@ def watch(hub: Hub, controls: Controls, player: threading.Thread, console: Conso
                 _lines(screen, viewer, console)
             _lines(screen, viewer, console)
             return
-        with _keys(), Live(console=console, auto_refresh=False, screen=False, vertical_overflow="crop") as live:
+        with (
+            _keys(),
+            Live(console=console, auto_refresh=False, screen=False, vertical_overflow="crop") as live,
+        ):
             while player.is_alive():
                 _pressed(controls, len(screen.hello.get("classes", [])), REFRESH_S)
                 _lines(screen, viewer, None)

@@ -1,4 +1,5 @@
-"""The chart of ``eskin baselines``: accuracy on unseen groups against the multiplies of a decision, a panel a split."""
+"""The chart of ``eskin baselines``: accuracy on unseen groups against the multiplies of a decision, a panel a
+split."""
 
 from __future__ import annotations
 
@@ -6,7 +7,14 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-COLOURS = {"ours": "#cc3311", "thesis": "#ee8866", "simple": "#4477aa", "tensor": "#228833", "tiles": "#aa3377", "transfer": "#777777"}
+COLOURS = {
+    "ours": "#cc3311",
+    "thesis": "#ee8866",
+    "simple": "#4477aa",
+    "tensor": "#228833",
+    "tiles": "#aa3377",
+    "transfer": "#777777",
+}
 """By family."""
 FAMILIES = {
     "ours": "our recipe",
@@ -31,8 +39,15 @@ def chart(result: Mapping[str, Any]):
         axes.set_title(f"unseen {split}", loc="left", fontsize=10)
     panels[-1].set_xlabel("multiplies a decision (1: none, trees compare)")
     families = list(dict.fromkeys(row["family"] for row in result["rows"]))
-    handles = [Line2D([], [], marker="o", linestyle="", color=COLOURS[name], label=FAMILIES[name]) for name in families]
-    handles.append(Line2D([], [], marker="s", markersize=9, linestyle="", color="black", label="eskin puts it into hardware"))
+    handles = [
+        Line2D([], [], marker="o", linestyle="", color=COLOURS[name], label=FAMILIES[name])
+        for name in families
+    ]
+    handles.append(
+        Line2D(
+            [], [], marker="s", markersize=9, linestyle="", color="black", label="eskin puts it into hardware"
+        )
+    )
     handles.append(Line2D([], [], linestyle=":", color="black", label="a point below the best"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure
@@ -54,13 +69,15 @@ def _panel(axes, rows: list[Mapping[str, Any]]) -> None:
         marker, size, edge = ("s", 70, "black") if row["hardware"] else ("o", 35, "none")
         axes.scatter(10**x, y, color=COLOURS[row["family"]], marker=marker, s=size, edgecolors=edge, zorder=3)
         place, end = y, x + 0.1 + NAME_WIDTH * len(row["method"]) / 13
-        while any(abs(x - beside) < NAME_WIDTH and abs(place - height) < step for beside, height in names) or any(
-            x + 0.05 < beside < end and abs(place - height) < 0.8 * step for beside, height in points
-        ):
+        while any(
+            abs(x - beside) < NAME_WIDTH and abs(place - height) < step for beside, height in names
+        ) or any(x + 0.05 < beside < end and abs(place - height) < 0.8 * step for beside, height in points):
             place -= step / 4
         names.append((x, place))
         line = {"arrowstyle": "-", "color": "#bbbbbb", "linewidth": 0.5} if place < y - step / 2 else None
-        axes.annotate(row["method"], (10**x, y), (10 ** (x + 0.09), place), fontsize=8, va="center", arrowprops=line)
+        axes.annotate(
+            row["method"], (10**x, y), (10 ** (x + 0.09), place), fontsize=8, va="center", arrowprops=line
+        )
     axes.set_xscale("log")
     axes.set_xlim(0.5, 10 ** (max(x for x, _ in points) + NAME_WIDTH))
     axes.set_ylim(min(bottom, min(height for _, height in names)) - pad, top + pad)

@@ -1,4 +1,5 @@
-"""The energy page: every configuration's estimate with its band, beside published figures; one self-contained HTML file."""
+"""The energy page: every configuration's estimate with its band, beside published figures; one self-contained
+HTML file."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ def article(thing: str) -> str:
 
 
 def draw_touch(rows: list[dict[str, Any]], least: str | None, thing: str = "touch") -> Figure:
-    """Compute energy of a ``thing`` by what it is spent on, a bar a configuration, with the band; the least one is marked."""
+    """Compute energy of a ``thing`` by what it is spent on, a bar a configuration, with the band; the least
+    one is marked."""
     figure = Figure(figsize=(10.4, 1.3 + 0.42 * len(rows)), layout="constrained")
     axes = figure.subplots()
     names = [row["name"] + ("  (least)" if row["name"] == least else "") for row in rows]
@@ -30,17 +32,31 @@ def draw_touch(rows: list[dict[str, Any]], least: str | None, thing: str = "touc
         axes.barh(names, widths, left=left, color=colour, label=PART_WORDS[part], height=0.6)
         left = [start + width for start, width in zip(left, widths, strict=True)]
     for place, (row, total) in enumerate(zip(rows, left, strict=True)):
-        axes.plot([total / row["band"], total * row["band"]], [place, place], color="#222222", linewidth=1.2, marker="|", markersize=8)
-        axes.annotate(unit(row["per_touch_j"], "J"), (total * row["band"], place), xytext=(6, -3), textcoords="offset points")
+        axes.plot(
+            [total / row["band"], total * row["band"]],
+            [place, place],
+            color="#222222",
+            linewidth=1.2,
+            marker="|",
+            markersize=8,
+        )
+        axes.annotate(
+            unit(row["per_touch_j"], "J"),
+            (total * row["band"], place),
+            xytext=(6, -3),
+            textcoords="offset points",
+        )
     axes.invert_yaxis()
     axes.margins(x=0.12)
     axes.set_xlabel(f"compute energy of {article(thing)} (µJ), estimate; the line is its band")
-    figure.legend(loc="outside upper right", ncols=len(PART_COLOURS))  # (a band may go anywhere within the axes)
+    # (a band may go anywhere within the axes)
+    figure.legend(loc="outside upper right", ncols=len(PART_COLOURS))
     return figure
 
 
 def draw_power(rows: list[dict[str, Any]], thing: str = "touch") -> Figure:
-    """Average power at one ``thing`` a second for every choice of clock, and the part's static power, logarithmic."""
+    """Average power at one ``thing`` a second for every choice of clock, and the part's static power,
+    logarithmic."""
     labels, values, static, colours = [], [], [], []
     for index, row in enumerate(rows):
         for choice in row["choices"]:
@@ -53,10 +69,18 @@ def draw_power(rows: list[dict[str, Any]], thing: str = "touch") -> Figure:
     places = range(len(labels))
     axes.scatter(values, places, color=colours, s=42, zorder=3)
     axes.grid(axis="x", color="#DDDDDD", linewidth=0.7)
-    mark: dict[str, Any] = {"linestyle": "none", "marker": "|", "markersize": 11, "markeredgewidth": 2, "color": "#222222"}
+    mark: dict[str, Any] = {
+        "linestyle": "none",
+        "marker": "|",
+        "markersize": 11,
+        "markeredgewidth": 2,
+        "color": "#222222",
+    }
     axes.plot(static, places, **mark, label="static power of the part")
     for place, value in zip(places, values, strict=True):
-        axes.annotate(unit(1e-6 * value, "W"), (value, place), xytext=(8, -3), textcoords="offset points", fontsize=8)
+        axes.annotate(
+            unit(1e-6 * value, "W"), (value, place), xytext=(8, -3), textcoords="offset points", fontsize=8
+        )
     axes.set_yticks(places, labels, fontsize=8)
     axes.set_xscale("log")
     axes.set_xlim(0.5 * min(static), 3 * max(values))
@@ -70,7 +94,10 @@ def render(result: dict[str, Any]) -> str:
     """The page of a result of eskin.golden.studies.energy.compare, with ``chips`` where there are any."""
     rows, chips, thing = result["configurations"], list(result.get("chips", ())), result["what"]
     with rc_context(STYLE):
-        charts = {"touch": svg(draw_touch(rows, result["least_touch"], thing)), "power": svg(draw_power([*rows, *chips], thing))}
+        charts = {
+            "touch": svg(draw_touch(rows, result["least_touch"], thing)),
+            "power": svg(draw_power([*rows, *chips], thing)),
+        }
     parts = {row["part"]: (row["rests_on"], row["band"]) for row in rows}
     return page_template("energy.html.j2").render(
         result=result, rows=rows, chips=chips, charts=charts, parts=parts, thing=thing, a=article(thing)

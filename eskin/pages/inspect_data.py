@@ -1,4 +1,5 @@
-"""What an archive holds, before anything is trained on it: figures, the onset of each recording, a picture; of images each class's mean."""
+"""What an archive holds, before anything is trained on it: figures, the onset of each recording, a picture;
+of images each class's mean."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 HELD_SHARE = 0.05
-"""Share of a taxel's samples in stretches at an end of its range, while others move, from which it is called saturated."""
+"""Share of a taxel's samples in stretches at an end of its range, while others move, from which it is called
+saturated."""
 HELD_S, HELD_FRAMES = 0.02, 4
 """Seconds, and frames at least, that such a stretch lasts."""
 HELD_SPAN = 16
@@ -40,27 +42,32 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     Parameters
     ----------
     config:
-        Whose onset rule is applied; None: the derived configuration. Recordings that give none (two taxels, say) are described without
-        onsets, and ``configuration.reasons`` says why.
+        Whose onset rule is applied; None: the derived configuration. Recordings that give none (two taxels,
+        say) are described without onsets, and ``configuration.reasons`` says why.
 
     Returns
     -------
-    dict with source, recordings, sample_min, sample_max, classes (name -> recordings), groups (name -> number of values).
+    dict with source, recordings, sample_min, sample_max, classes (name -> recordings), groups (name -> number
+    of values).
 
-    Of recordings also frames, taxels, sample_rate_hz, sample_format, volt_per_code, lengths (min, median, max; frames), taxel (list of min,
-    max, deviation (codes), held (``held_shares``), state: ok, constant, saturated), configuration (name, onset rule, reasons), onset_frames
-    (one a recording: 1-based, 0 open at once, -1 none; or None).
+    Of recordings also frames, taxels, sample_rate_hz, sample_format, volt_per_code, lengths (min, median,
+    max; frames), taxel (list of min, max, deviation (codes), held (``held_shares``), state: ok, constant,
+    saturated), configuration (name, onset rule, reasons), onset_frames (one a recording: 1-based, 0 open at
+    once, -1 none; or None).
 
-    Of images also image_height, image_width, zeros (share of pixels that are 0), copies (images that are equal to an earlier one),
-    silent_rows, silent_columns (those that are the same in every pixel of every image), networks (name -> multiplies an image), reasons
-    (what the loader chose).
+    Of images also image_height, image_width, zeros (share of pixels that are 0), copies (images that are
+    equal to an earlier one), silent_rows, silent_columns (those that are the same in every pixel of every
+    image), networks (name -> multiplies an image), reasons (what the loader chose).
     """
     common = {
         "source": recordings.source,
         "recordings": len(recordings),
         "sample_min": int(recordings.samples.min()),
         "sample_max": int(recordings.samples.max()),
-        "classes": {name: int(count) for name, count in zip(recordings.class_names, recordings.class_counts, strict=True)},
+        "classes": {
+            name: int(count)
+            for name, count in zip(recordings.class_names, recordings.class_counts, strict=True)
+        },
         "groups": {name: len(np.unique(values)) for name, values in recordings.groups.items()},
     }
     return common | (_of_images(recordings) if recordings.image_shape else _of_recordings(recordings, config))
@@ -77,7 +84,10 @@ def _of_images(recordings: Recordings) -> dict[str, Any]:
         "copies": count - len(np.unique(images.reshape(count, -1), axis=0)),
         "silent_rows": np.flatnonzero(np.ptp(images, axis=(0, 2)) == 0).tolist(),
         "silent_columns": np.flatnonzero(np.ptp(images, axis=(0, 1)) == 0).tolist(),
-        "networks": {name: sum(stage.multiplies for stage in stages_of(height, width, network(name, classes))) for name in NETWORKS},
+        "networks": {
+            name: sum(stage.multiplies for stage in stages_of(height, width, network(name, classes)))
+            for name in NETWORKS
+        },
         "reasons": list(recordings.notes),
     }
 
@@ -100,7 +110,11 @@ def _of_recordings(recordings: Recordings, config: AcceleratorConfig | None) -> 
         "sample_rate_hz": recordings.sample_rate_hz,
         "sample_format": str(recordings.sample_format),
         "volt_per_code": recordings.volt_per_code,
-        "lengths": {"min": int(lengths.min()), "median": float(np.median(lengths)), "max": int(lengths.max())},
+        "lengths": {
+            "min": int(lengths.min()),
+            "median": float(np.median(lengths)),
+            "max": int(lengths.max()),
+        },
         "taxel": [
             {
                 "min": int(low[t]),
@@ -122,9 +136,10 @@ def _of_recordings(recordings: Recordings, config: AcceleratorConfig | None) -> 
 
 
 def held_shares(recordings: Recordings) -> np.ndarray:
-    """(taxels) share of each taxel's samples that lie in stretches at its own smallest or largest code, HELD_S long at least, in which half
-    of the other taxels move more than they do on the median. That is what an amplifier or converter at its end looks like; a taxel that
-    rests at its lowest code (its median) until it is touched is none."""
+    """(taxels) share of each taxel's samples that lie in stretches at its own smallest or largest code,
+    HELD_S long at least, in which half of the other taxels move more than they do on the median. That is what
+    an amplifier or converter at its end looks like; a taxel that rests at its lowest code (its median) until
+    it is touched is none."""
     samples = recordings.samples
     low, high = samples.min(axis=0), samples.max(axis=0)
     frames = max(HELD_FRAMES, round(HELD_S * recordings.sample_rate_hz))
@@ -139,13 +154,16 @@ def held_shares(recordings: Recordings) -> np.ndarray:
                 at_end = np.concatenate([[False], part[:, taxel] == end[taxel], [False]])
                 starts, stops = np.flatnonzero(np.diff(at_end)).reshape(-1, 2).T
                 for start, stop in zip(starts, stops, strict=True):
-                    if stop - start >= frames and _others_move(steps[index][start : stop - 1], usual, high > low, int(taxel)):
+                    if stop - start >= frames and _others_move(
+                        steps[index][start : stop - 1], usual, high > low, int(taxel)
+                    ):
                         held[taxel] += stop - start
     return held / len(samples)
 
 
 def _others_move(steps: np.ndarray, usual: np.ndarray, alive: np.ndarray, taxel: int) -> bool:
-    """Whether half of the other taxels that are ``alive`` change, and on average by more than usual, from frame to frame."""
+    """Whether half of the other taxels that are ``alive`` change, and on average by more than usual, from
+    frame to frame."""
     neighbours = (np.arange(len(usual)) != taxel) & alive
     means = steps.mean(axis=0)[neighbours]
     return bool(neighbours.any() and np.mean((means > 0) & (means >= usual[neighbours])) >= 0.5)
@@ -162,40 +180,57 @@ def advice(figures: dict[str, Any], data: str) -> list[str]:
     onsets, sentences = figures["onset_frames"], list(figures["rate_doubts"])
     for state, fix in (
         ("constant", "leave them out with masked_taxels of a configuration (--config)"),
-        ("saturated", "check gain and offset of the sensor; what is clipped is lost, yet the rest may still help the network"),
+        (
+            "saturated",
+            "check gain and offset of the sensor; what is clipped is lost, yet the rest may still help the "
+            "network",
+        ),
     ):
         odd = [str(taxel) for taxel, row in enumerate(figures["taxel"]) if row["state"] == state]
         if odd:
-            sentences.append(f"{state} taxels, {', '.join(odd[:LISTED])}{', ...' if len(odd) > LISTED else ''}: {fix}")
+            sentences.append(
+                f"{state} taxels, {', '.join(odd[:LISTED])}{', ...' if len(odd) > LISTED else ''}: {fix}"
+            )
     if onsets is None:
-        return [*sentences, f"no configuration can be derived: {' '.join(figures['configuration']['reasons'])}"]
+        return [
+            *sentences,
+            f"no configuration can be derived: {' '.join(figures['configuration']['reasons'])}",
+        ]
     lost = sum(frame < 0 for frame in onsets)
     if lost > 0.02 * len(onsets):
         sentences.append(
-            f"{lost} of {len(onsets)} recordings show no onset by this rule; eskin train tries others, the open gate among them"
+            f"{lost} of {len(onsets)} recordings show no onset by this rule; eskin train tries others, the "
+            "open gate among them"
         )
     few = [name for name, count in figures["classes"].items() if count < 5]
     if few:
-        sentences.append(f"fewer than 5 recordings of {', '.join(few[:LISTED])}: record more, or nothing can be said about them")
+        sentences.append(
+            f"fewer than 5 recordings of {', '.join(few[:LISTED])}: record more, or nothing can be said "
+            "about them"
+        )
     groups = {name: count for name, count in figures["groups"].items() if 2 <= count < figures["recordings"]}
     if not groups:
         sentences.append(
-            "no group says which recordings are alike (person, session, trial): add one, or accuracy on unseen ones is not known"
+            "no group says which recordings are alike (person, session, trial): add one, or accuracy on "
+            "unseen ones is not known"
         )
     option = f" --group {min(groups, key=lambda name: groups[name])}" if groups else ""
     return [*sentences, f"next: eskin run --data {data}{option} --out build/{Path(data).stem or 'run'}"]
 
 
 def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Path, count: int = 6) -> None:
-    """A PNG of ``count`` recordings, spread over the classes: every taxel from its level in the first frames, as a line, or from
-    MANY_TAXELS on as a heat map over taxels and time; the onset marked. Of images the mean of each class, and one image.
+    """A PNG of ``count`` recordings, spread over the classes: every taxel from its level in the first frames,
+    as a line, or from MANY_TAXELS on as a heat map over taxels and time; the onset marked. Of images the mean
+    of each class, and one image.
 
     Raises
     ------
     OSError
         The file cannot be written; nothing is left behind.
     """
-    figure = _image_picture(recordings) if recordings.image_shape else _picture(recordings, onset_frames, count)
+    figure = (
+        _image_picture(recordings) if recordings.image_shape else _picture(recordings, onset_frames, count)
+    )
     with replacing(path) as temporary:
         figure.savefig(temporary, format="png", dpi=90)
 
@@ -216,7 +251,10 @@ def _image_picture(recordings: Recordings) -> Figure:
         if not len(members):
             left.set_title(f"{name}: no image", fontsize=9)
             continue
-        for place, picture, title in ((left, members.mean(axis=0), f"{name}: mean"), (right, members[0], "first image")):
+        for place, picture, title in (
+            (left, members.mean(axis=0), f"{name}: mean"),
+            (right, members[0], "first image"),
+        ):
             place.imshow(picture, cmap="viridis", vmin=0)
             place.set_title(title, fontsize=9)
     figure.tight_layout()
@@ -230,7 +268,9 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
     unit, many = recordings.volt_per_code, recordings.taxels >= MANY_TAXELS
     from_rest = "from rest (volt or unit)" if unit else "codes from rest"
     figure = Figure(figsize=(11, 2.1 * len(chosen) + 0.8), layout="constrained")
-    for row, (axes, index) in enumerate(zip(figure.subplots(len(chosen), 1, squeeze=False)[:, 0], chosen, strict=True)):
+    for row, (axes, index) in enumerate(
+        zip(figure.subplots(len(chosen), 1, squeeze=False)[:, 0], chosen, strict=True)
+    ):
         samples = recordings.recording(index)
         level = np.median(samples[: max(1, min(64, len(samples) // 8))], axis=0)
         time_s = np.arange(len(samples)) / recordings.sample_rate_hz
@@ -239,7 +279,15 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
             bound = float(np.quantile(np.abs(values), 0.999)) or 1.0
             extent = (0, len(samples) / recordings.sample_rate_hz, recordings.taxels - 0.5, -0.5)
             shown = _thinned(values, 1500).T
-            image = axes.imshow(shown, aspect="auto", cmap="RdBu_r", vmin=-bound, vmax=bound, extent=extent, interpolation="nearest")
+            image = axes.imshow(
+                shown,
+                aspect="auto",
+                cmap="RdBu_r",
+                vmin=-bound,
+                vmax=bound,
+                extent=extent,
+                interpolation="nearest",
+            )
             figure.colorbar(image, ax=axes, pad=0.01).set_label(from_rest, fontsize=8)
         else:
             axes.plot(time_s, values, linewidth=0.6)
@@ -254,13 +302,22 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
         axes.set_ylabel("taxel" if many else from_rest, fontsize=8)
         axes.margins(x=0)
         if row == len(chosen) - 1:
-            axes.set_xlabel(f"time (s); {'a row' if many else 'one line'} a taxel, {recordings.taxels} taxels")
-    figure.suptitle(f"{recordings.source}: {len(recordings)} recordings, {recordings.sample_rate_hz:g} Hz", fontsize=10, parse_math=False)
+            axes.set_xlabel(
+                f"time (s); {'a row' if many else 'one line'} a taxel, {recordings.taxels} taxels"
+            )
+    figure.suptitle(
+        f"{recordings.source}: {len(recordings)} recordings, {recordings.sample_rate_hz:g} Hz",
+        fontsize=10,
+        parse_math=False,
+    )
     return figure
 
 
 def _thinned(values: np.ndarray, most: int) -> np.ndarray:
-    """At most ``most`` frames, each the value furthest from 0 of those it stands for, so that a short event stays visible."""
+    """At most ``most`` frames, each the value furthest from 0 of those it stands for, so that a short event
+    stays visible."""
     group = -(-len(values) // most)
-    whole = np.pad(values, ((0, -len(values) % group), (0, 0)), mode="edge").reshape(-1, group, values.shape[1])
+    whole = np.pad(values, ((0, -len(values) % group), (0, 0)), mode="edge").reshape(
+        -1, group, values.shape[1]
+    )
     return np.take_along_axis(whole, np.abs(whole).argmax(axis=1)[:, None], axis=1)[:, 0]

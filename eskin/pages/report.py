@@ -1,6 +1,7 @@
 """The report of a run: one self-contained HTML page, and the same in brief for the terminal.
 
-Both are made from the files of a result folder alone, so they can be made again at any time. Every figure on the page stands in one of
+Both are made from the files of a result folder alone, so they can be made again at any time. Every figure on
+the page stands in one of
 these files:
 
 run.json               the data, the configuration and why, the checks, the clocks, the wall times
@@ -67,7 +68,8 @@ TRACE_ARRAYS = [
 ]
 
 CLASS_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette: told apart by colour-blind readers too. More classes repeat it with other line styles."""
+"""Okabe and Ito's palette: told apart by colour-blind readers too. More classes repeat it with other line
+styles."""
 CONFUSED_WITH = 3
 """Wrong decisions that are named for a class."""
 MANY_CLASSES = 12
@@ -101,7 +103,8 @@ class _Fields(dict):
 
 
 def read_json(path: Path) -> _Fields:
-    """A file of a result folder; what is missing or damaged is refused by its name, missing fields when they are read."""
+    """A file of a result folder; what is missing or damaged is refused by its name, missing fields when they
+    are read."""
 
     def fields(pairs: dict[str, Any]) -> _Fields:
         record = _Fields(pairs)
@@ -113,7 +116,9 @@ def read_json(path: Path) -> _Fields:
     try:
         value = json.loads(path.read_text(), object_hook=fields)
     except FileNotFoundError:
-        raise InputError(f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote") from None
+        raise InputError(
+            f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote"
+        ) from None
     except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: is damaged ({error}); make the result again with 'eskin run'") from None
     if not isinstance(value, _Fields):
@@ -128,9 +133,18 @@ def well_formed(folder: Path) -> Iterator[None]:
         yield
     except InputError:
         raise
-    except (TypeError, ValueError, KeyError, IndexError, AttributeError, ArithmeticError, jinja2.TemplateError) as error:
+    except (
+        TypeError,
+        ValueError,
+        KeyError,
+        IndexError,
+        AttributeError,
+        ArithmeticError,
+        jinja2.TemplateError,
+    ) as error:
         raise InputError(
-            f"result '{folder}': a field of its files has another type or size than 'eskin run' writes ({error}); make the result again"
+            f"result '{folder}': a field of its files has another type or size than 'eskin run' writes "
+            f"({error}); make the result again"
         ) from error
 
 
@@ -162,7 +176,9 @@ class Result:
             raise InputError(f"result '{folder}': is no folder; name the one that 'eskin run' wrote")
         run, evaluate, cosim = (read_json(folder / f"{name}.json") for name in ("run", "evaluate", "cosim"))
         training = read_json(folder / "model/training.json")
-        config = AcceleratorConfig.from_dict(dict(read_json(folder / "model/config.json")), str(folder / "model/config.json"))
+        config = AcceleratorConfig.from_dict(
+            dict(read_json(folder / "model/config.json")), str(folder / "model/config.json")
+        )
         if run.get("images"):
             return cls(folder, run, evaluate, cosim, training, config)
         lowest = None if run["lowest_clock_hz"] is None else read_json(folder / "cosim_lowest.json")
@@ -189,11 +205,16 @@ def write_trace(path: str | Path, trace: Trace, recordings: Recordings, index: i
 
     The arrays
     ----------
-    number, label, onset_frame, start_frame (frames from 1; onset 0: open at once), completed, partial, global_decision, global_margin:
-    scalars. samples (frames, taxels): A/D codes. sums, features (K, D), hidden (K, H), logits (K, C): codes. local, margin (K).
+    number, label, onset_frame, start_frame (frames from 1; onset 0: open at once), completed, partial,
+    global_decision, global_margin: scalars. samples (frames, taxels): A/D codes. sums, features (K, D),
+    hidden (K, H), logits (K, C): codes. local, margin (K).
     """
     touch = int(trace.first[index])
-    arrays = {"number": number, "label": recordings.labels[index], "samples": recordings.recording(index).astype(np.int32)}
+    arrays = {
+        "number": number,
+        "label": recordings.labels[index],
+        "samples": recordings.recording(index).astype(np.int32),
+    }
     for name in TRACE_ARRAYS[3:]:
         arrays[name] = getattr(trace.touches if hasattr(trace.touches, name) else trace, name)[touch]
     with replacing(path) as temporary, temporary.open("wb") as file:
@@ -205,7 +226,9 @@ def _read_trace(path: Path) -> dict[str, np.ndarray]:
     try:
         trace = read_arrays(path)
     except FileNotFoundError:
-        raise InputError(f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote") from None
+        raise InputError(
+            f"result '{path.parent}': has no {path.name}; name a folder that 'eskin run' wrote"
+        ) from None
     except (OSError, ArchiveError) as error:
         raise InputError(f"{path}: is damaged ({error}); make the result again with 'eskin run'") from None
     for name in TRACE_ARRAYS:
@@ -261,7 +284,8 @@ def _three(value: float) -> str:
 
 
 def _split_name(split: Mapping[str, Any], things: str = "recordings") -> str:
-    """What the recordings that a figure stands for have that the network never saw; no more than left out, where it was chosen on them."""
+    """What the recordings that a figure stands for have that the network never saw; no more than left out,
+    where it was chosen on them."""
     groups = " + ".join(split["groups"])
     if "nested" in split:
         return f"{groups or things} left out"
@@ -269,7 +293,8 @@ def _split_name(split: Mapping[str, Any], things: str = "recordings") -> str:
 
 
 def _range_row(entry: dict[str, Any]) -> dict[str, Any]:
-    """A profiled range with the width of its format and the share used: largest magnitude over what the format holds.
+    """A profiled range with the width of its format and the share used: largest magnitude over what the
+    format holds.
 
     Both are None for the index of an activation table, which saturates by design.
     """
@@ -278,13 +303,24 @@ def _range_row(entry: dict[str, Any]) -> dict[str, Any]:
     except ValueError:
         return {**entry, "bits": None, "share": None}
     low, high = float(fmt.to_real(fmt.min_code)), float(fmt.to_real(fmt.max_code))
-    return {**entry, "bits": fmt.width, "share": max(entry["max"] / high, entry["min"] / low if low else 0.0, 0.0)}
+    return {
+        **entry,
+        "bits": fmt.width,
+        "share": max(entry["max"] / high, entry["min"] / low if low else 0.0, 0.0),
+    }
 
 
 def _short_name(source: str) -> str:
-    """A name for a title: the file's without its ending, or the folder's where the file has the usual name."""
+    """A name for a title: the file's without its ending, or the folder's where the file has the usual
+    name."""
     path = Path(source)
-    return path.parent.name if path.name == "recordings.npz" and path.parent.name else path.stem if path.suffix == ".npz" else source
+    return (
+        path.parent.name
+        if path.name == "recordings.npz" and path.parent.name
+        else path.stem
+        if path.suffix == ".npz"
+        else source
+    )
 
 
 def _network(config: AcceleratorConfig) -> str:
@@ -304,9 +340,16 @@ def _headline(result: Result) -> list[dict[str, str]]:
     cosim, declared, lowest = result.cosim, result.declared, result.lowest
     first, *further_splits = result.training["cross_validation"]
     figure = unseen(first)
-    more = "".join(f"; {_split_name(unseen(split))} {percent(unseen(split)['integer_accuracy'])}" for split in further_splits)
+    more = "".join(
+        f"; {_split_name(unseen(split))} {percent(unseen(split)['integer_accuracy'])}"
+        for split in further_splits
+    )
     how = "front end and network chosen anew without each fold" if figure is not first else "cross-validated"
-    taken = f"; the network taken, on the folds it was chosen on, {percent(first['integer_accuracy'])}" if figure is not first else ""
+    taken = (
+        f"; the network taken, on the folds it was chosen on, {percent(first['integer_accuracy'])}"
+        if figure is not first
+        else ""
+    )
     rivals = [row for row in result.run.get("baselines", []) if row["groups"] == first["groups"]]
     beside = f"chance {percent(result.evaluate['chance'])}"
     if rivals:
@@ -317,24 +360,31 @@ def _headline(result: Result) -> list[dict[str, str]]:
         {
             "title": "accuracy, recordings held back",
             "value": percent(held["integer_accuracy"]),
-            "note": f"integer network, judged once on {count(held['recordings'])}; float {percent(held['float_accuracy'])}",
+            "note": f"integer network, judged once on {count(held['recordings'])}; float "
+            f"{percent(held['float_accuracy'])}",
         }
         for held in ([held] if held else [])
     ]
     of = f"{count(cosim['recordings'])} of {count(result.run['data']['recordings'])} recordings"
     latency = declared["cycles"]["decision_latency_max"]
-    cycles = "no decision" if latency is None else f"worst case, {count(latency)} cycles at {hertz(declared['clock_hz'])}"
+    cycles = (
+        "no decision"
+        if latency is None
+        else f"worst case, {count(latency)} cycles at {hertz(declared['clock_hz'])}"
+    )
     return [
         {
             "title": f"accuracy, {_split_name(figure)}",
             "value": percent(figure["integer_accuracy"]),
-            "note": f"{beside}; integer network, {how}; float {percent(figure['float_accuracy'])}{more}{taken}",
+            "note": f"{beside}; integer network, {how}; float "
+            f"{percent(figure['float_accuracy'])}{more}{taken}",
         },
         *apart,
         {
             "title": "hardware equals model",
             "value": "bit-exact" if cosim["bit_exact"] else "NOT EXACT",
-            "note": f"{count(cosim['compared_values'])} values of {of} compared, {count(cosim['mismatches'])} mismatches",
+            "note": f"{count(cosim['compared_values'])} values of {of} compared, "
+            f"{count(cosim['mismatches'])} mismatches",
         },
         {
             "title": "last sample to decision",
@@ -375,38 +425,63 @@ def _image_headline(result: Result) -> list[dict[str, str]]:
 
 def _layers(result: Result) -> list[dict[str, Any]]:
     """A row for each layer of a network for images; what only those with weights have is empty for pools."""
-    errors, cycles = {row["stage"]: row for row in result.evaluate["stages"]}, result.run.get("layer_cycles", {})
+    errors, cycles = (
+        {row["stage"]: row for row in result.evaluate["stages"]},
+        result.run.get("layer_cycles", {}),
+    )
     formats = describe_formats(result.config)
     rows = []
     for stage in result.config.stages:
         name, number = f"{stage.number} {stage.layer}", str(stage.number)
-        row: dict[str, Any] = {"layer": str(stage.layer), "result": " x ".join(map(str, stage.result)), "formats": formats.get(name, "")}
-        row |= {"weights": stage.weights, "multiplies": stage.multiplies, "cycles": count(cycles[number]) if number in cycles else ""}
+        row: dict[str, Any] = {
+            "layer": str(stage.layer),
+            "result": " x ".join(map(str, stage.result)),
+            "formats": formats.get(name, ""),
+        }
+        row |= {
+            "weights": stage.weights,
+            "multiplies": stage.multiplies,
+            "cycles": count(cycles[number]) if number in cycles else "",
+        }
         if error := errors.get(name):
-            row |= {"mean": f"{error['mean']:.4f}", "saturated": percent(error["saturated"], 2), "logit_max": f"{error['logit_max']:.3f}"}
+            row |= {
+                "mean": f"{error['mean']:.4f}",
+                "saturated": percent(error["saturated"], 2),
+                "logit_max": f"{error['logit_max']:.3f}",
+            }
         rows.append({"mean": "", "saturated": "", "logit_max": ""} | row)
     return rows
 
 
 def confusions(split: dict[str, Any], class_names: Sequence[str]) -> list[dict[str, Any]]:
-    """Class by class, the least often found first: {name, share found, others: the most frequent wrong decisions, {name, share}}."""
+    """Class by class, the least often found first: {name, share found, others: the most frequent wrong
+    decisions, {name, share}}."""
     table = np.array(split["confusion"], dtype=float)
     shares = table / np.maximum(table.sum(axis=1, keepdims=True), 1)
     names = [*class_names, "none"]
     rows = []
     for index, name in enumerate(class_names):
-        wrong = [int(decided) for decided in np.argsort(-shares[index], kind="stable") if decided != index and shares[index, decided] > 0]
-        confused = [{"name": names[decided], "share": float(shares[index, decided])} for decided in wrong[:CONFUSED_WITH]]
+        wrong = [
+            int(decided)
+            for decided in np.argsort(-shares[index], kind="stable")
+            if decided != index and shares[index, decided] > 0
+        ]
+        confused = [
+            {"name": names[decided], "share": float(shares[index, decided])}
+            for decided in wrong[:CONFUSED_WITH]
+        ]
         rows.append({"name": name, "share": float(shares[index, index]), "others": confused})
     return sorted(rows, key=lambda row: row["share"])
 
 
 # ---------------------------------------------------------------------- charts
 def svg(figure: Figure) -> str:
-    """The figure as a data address for an ``img``: an image of its own, so that ids of two figures never meet."""
+    """The figure as a data address for an ``img``: an image of its own, so that ids of two figures never
+    meet."""
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
-    for axes in figure.axes:  # the layout's last digits vary from call to call and would change the names inside the image
+    # the layout's last digits vary from call to call and would change the names inside the image
+    for axes in figure.axes:
         axes.set_position(np.round(axes.get_position().bounds, 6))
     buffer = io.BytesIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
@@ -414,16 +489,24 @@ def svg(figure: Figure) -> str:
 
 
 def _class_style(index: int) -> dict[str, str]:
-    return {"color": CLASS_COLOURS[index % len(CLASS_COLOURS)], "linestyle": LINE_STYLES[index // len(CLASS_COLOURS) % len(LINE_STYLES)]}
+    return {
+        "color": CLASS_COLOURS[index % len(CLASS_COLOURS)],
+        "linestyle": LINE_STYLES[index // len(CLASS_COLOURS) % len(LINE_STYLES)],
+    }
 
 
-def draw_confusion(splits: Sequence[dict[str, Any]], class_names: Sequence[str], things: str = "recordings") -> Figure:
-    """A confusion matrix for each split: share of each true class, decided by the integer network on recordings it has not seen."""
+def draw_confusion(
+    splits: Sequence[dict[str, Any]], class_names: Sequence[str], things: str = "recordings"
+) -> Figure:
+    """A confusion matrix for each split: share of each true class, decided by the integer network on
+    recordings it has not seen."""
     classes = len(class_names)
     many = classes > MANY_CLASSES
     size = min(5.0, 0.22 * classes + 1.2) if many else max(2.5, 0.42 * classes + 0.9)
     figure = Figure(figsize=(min(10.4, 0.9 + size * len(splits)), size + 0.55), layout="constrained")
-    for column, (axes, split) in enumerate(zip(figure.subplots(1, len(splits), squeeze=False)[0], splits, strict=True)):
+    for column, (axes, split) in enumerate(
+        zip(figure.subplots(1, len(splits), squeeze=False)[0], splits, strict=True)
+    ):
         table = np.array(split["confusion"], dtype=float)
         names = [*class_names, "none"]
         if not table[:, -1].any():
@@ -433,12 +516,26 @@ def draw_confusion(splits: Sequence[dict[str, Any]], class_names: Sequence[str],
         for (row, decided), share in np.ndenumerate(shares):
             if table[row, decided] and not many:
                 text = percent(share, 1 if share < 1 else 0).removesuffix(f"{GAP}%")
-                axes.text(decided, row, text, ha="center", va="center", fontsize=8, color="white" if share > 0.5 else "black")
-        axes.set_title(_split_name(split) if things == "recordings" else f"{things} left out", parse_math=False)
-        slanted = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if max(map(len, names)) > 5 else {}
+                axes.text(
+                    decided,
+                    row,
+                    text,
+                    ha="center",
+                    va="center",
+                    fontsize=8,
+                    color="white" if share > 0.5 else "black",
+                )
+        axes.set_title(
+            _split_name(split) if things == "recordings" else f"{things} left out", parse_math=False
+        )
+        slanted = (
+            {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if max(map(len, names)) > 5 else {}
+        )
         size_of = {"fontsize": 7} if many else {}
         axes.set_xticks(range(len(names)), names, parse_math=False, **slanted, **size_of)
-        axes.set_yticks(range(classes), class_names if column == 0 else [""] * classes, parse_math=False, **size_of)
+        axes.set_yticks(
+            range(classes), class_names if column == 0 else [""] * classes, parse_math=False, **size_of
+        )
         axes.set_xlabel("decided")
         if column == 0:
             axes.set_ylabel(f"true class (% of its {things})")
@@ -448,7 +545,8 @@ def draw_confusion(splits: Sequence[dict[str, Any]], class_names: Sequence[str],
 
 
 def draw_step_accuracy(splits: Sequence[dict[str, Any]], opens_at_once: bool) -> Figure:
-    """Accuracy of the local decision against time since the onset, float and integer, a panel for each split."""
+    """Accuracy of the local decision against time since the onset, float and integer, a panel for each
+    split."""
     figure = Figure(figsize=(10.4, 2.9), layout="constrained")
     axes_row = figure.subplots(1, len(splits), squeeze=False, sharey=True)[0]
     lowest = 1.0
@@ -456,7 +554,16 @@ def draw_step_accuracy(splits: Sequence[dict[str, Any]], opens_at_once: bool) ->
         time_s = [step["time_s"] for step in split["per_step"]]
         for key, style in (
             ("float_accuracy", {"color": FLOAT_COLOUR, "linewidth": 4.0, "label": "float"}),
-            ("integer_accuracy", {"color": INTEGER_COLOUR, "linewidth": 1.4, "marker": "o", "markersize": 3.5, "label": "integer"}),
+            (
+                "integer_accuracy",
+                {
+                    "color": INTEGER_COLOUR,
+                    "linewidth": 1.4,
+                    "marker": "o",
+                    "markersize": 3.5,
+                    "label": "integer",
+                },
+            ),
         ):
             values = [step[key] for step in split["per_step"]]
             lowest = min(lowest, *values)
@@ -475,8 +582,8 @@ def draw_step_accuracy(splits: Sequence[dict[str, Any]], opens_at_once: bool) ->
 
 
 def draw_training(splits: Sequence[dict[str, Any]]) -> Figure | None:
-    """Loss of the float networks while they are trained, on what they train on and on recordings left out, a panel for each split; None
-    where no network was trained step by step."""
+    """Loss of the float networks while they are trained, on what they train on and on recordings left out, a
+    panel for each split; None where no network was trained step by step."""
     trained = [split for split in splits if split.get("training_curve")]
     if not trained:
         return None
@@ -484,10 +591,24 @@ def draw_training(splits: Sequence[dict[str, Any]]) -> Figure | None:
     axes_row = figure.subplots(1, len(trained), squeeze=False, sharey=True)[0]
     for column, (axes, split) in enumerate(zip(axes_row, trained, strict=True)):
         curve = split["training_curve"]
-        axes.plot(curve["updates"], curve["training_loss"], color=FLOAT_COLOUR, linewidth=1.6, label="trained on, augmented")
+        axes.plot(
+            curve["updates"],
+            curve["training_loss"],
+            color=FLOAT_COLOUR,
+            linewidth=1.6,
+            label="trained on, augmented",
+        )
         if curve["held_out_loss"]:
             label = "left out, as recorded"
-            axes.plot(curve["updates"], curve["held_out_loss"], color=INTEGER_COLOUR, linewidth=1.6, marker="o", markersize=3, label=label)
+            axes.plot(
+                curve["updates"],
+                curve["held_out_loss"],
+                color=INTEGER_COLOUR,
+                linewidth=1.6,
+                marker="o",
+                markersize=3,
+                label=label,
+            )
         axes.set_title(_split_name(split), parse_math=False)
         axes.set_xlabel("updates of the weights")
         axes.set_xlim(left=0)
@@ -501,13 +622,22 @@ def draw_training(splits: Sequence[dict[str, Any]]) -> Figure | None:
 
 
 def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figure:
-    """One recording from raw taxels through features, hidden state and logits to local decisions and the global one."""
+    """One recording from raw taxels through features, hidden state and logits to local decisions and the
+    global one."""
     figure = Figure(figsize=(10.4, 10.2), layout="constrained")
-    raw, feature_axes, hidden_axes, logit_axes, decision_axes = figure.subplots(5, 1, height_ratios=(2.2, 1.7, 1.5, 1.6, 1.7))
+    raw, feature_axes, hidden_axes, logit_axes, decision_axes = figure.subplots(
+        5, 1, height_ratios=(2.2, 1.7, 1.5, 1.6, 1.7)
+    )
     steps = np.arange(int(trace["completed"]))
     _draw_raw(raw, trace, config, steps)
     for axes, name, fmt, title, unit in (
-        (feature_axes, "features", config.formats.feature_format, "features: scaled window means, one column a step", "taxel"),
+        (
+            feature_axes,
+            "features",
+            config.formats.feature_format,
+            "features: scaled window means, one column a step",
+            "taxel",
+        ),
         (hidden_axes, "hidden", config.formats.state_format, "hidden state after each step", "unit"),
     ):
         values = fmt.to_real(trace[name])[steps]
@@ -526,13 +656,23 @@ def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figur
     decided, margins = trace["local"][steps], config.formats.logit_format.to_real(trace["margin"])[steps]
     for index, name in enumerate(config.network.class_names):
         style = _class_style(index)
-        logit_axes.plot(steps + 1, logits[:, index], marker="o", markersize=3, linewidth=1.4, label=name, **style)
+        logit_axes.plot(
+            steps + 1, logits[:, index], marker="o", markersize=3, linewidth=1.4, label=name, **style
+        )
         mine = decided == index
         hatch = "//" if index >= len(CLASS_COLOURS) else ""
         decision_axes.bar(steps[mine] + 1, margins[mine], width=0.8, color=style["color"], hatch=hatch)
         for step in steps[mine]:
-            label = {"rotation": 90 if len(steps) > 12 else 0, "fontsize": 7.5, "ha": "center", "va": "bottom", "parse_math": False}
-            decision_axes.annotate(name[:LABEL_LETTERS], (step + 1, margins[step]), (0, 2), textcoords="offset points", **label)
+            label = {
+                "rotation": 90 if len(steps) > 12 else 0,
+                "fontsize": 7.5,
+                "ha": "center",
+                "va": "bottom",
+                "parse_math": False,
+            }
+            decision_axes.annotate(
+                name[:LABEL_LETTERS], (step + 1, margins[step]), (0, 2), textcoords="offset points", **label
+            )
     logit_axes.set_title("logits", loc="left")
     logit_axes.set_ylabel("value")
     place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
@@ -540,7 +680,11 @@ def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figur
     decision = int(trace["global_decision"])
     outcome = "no decision" if decision < 0 else config.network.class_names[decision]
     lead = int(trace["global_margin"])
-    how = f"{lead} votes ahead" if config.network.decision == "vote" else f"margin {config.formats.logit_format.to_real(lead):.2f}"
+    how = (
+        f"{lead} votes ahead"
+        if config.network.decision == "vote"
+        else f"margin {config.formats.logit_format.to_real(lead):.2f}"
+    )
     ended = ", recording ended early" if trace["partial"] else ""
     truth = config.network.class_names[int(trace["label"])]
     title = f"local decision of each step and its margin; global decision: {outcome} ({how}{ended}), true class: {truth}"
@@ -548,7 +692,8 @@ def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figur
     decision_axes.set_ylabel("margin (logit value)")
     decision_axes.set_xlabel("step")
     letters = min(LABEL_LETTERS, max(map(len, config.network.class_names)))
-    decision_axes.set_ylim(0, max(float(margins.max(initial=0.0)), 1e-9) / (0.93 - 0.055 * letters))  # room for the names above the bars
+    # room for the names above the bars
+    decision_axes.set_ylim(0, max(float(margins.max(initial=0.0)), 1e-9) / (0.93 - 0.055 * letters))
     for axes in (feature_axes, hidden_axes, logit_axes, decision_axes):
         axes.set_xlim(0.5, len(steps) + 0.5)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=20))
@@ -569,23 +714,33 @@ def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, ste
     axes.set_xlim(*shown)
     visible = signal[round(shown[0] * rate) - 1 : round(shown[1] * rate)]
     low, high = visible.min(), visible.max()
-    axes.set_ylim(low - 0.2 * (high - low + 1e-9), high + 0.05 * (high - low + 1e-9))  # room for the numbers of the steps
+    # room for the numbers of the steps
+    axes.set_ylim(low - 0.2 * (high - low + 1e-9), high + 0.05 * (high - low + 1e-9))
     axes.axvspan(start / rate, ends[-1], color="#EEEEEE", zorder=0)
     for step, end in zip(steps, ends, strict=True):
         axes.axvline(end, ymax=0.04, color="black", linewidth=0.8)
         if step == 0 or (step + 1) % 5 == 0:
             text = "step 1" if step == 0 else str(step + 1)
-            axes.text(end, 0.05, text, transform=axes.get_xaxis_transform(), fontsize=7.5, ha="center", va="bottom")
+            axes.text(
+                end, 0.05, text, transform=axes.get_xaxis_transform(), fontsize=7.5, ha="center", va="bottom"
+            )
     if trace["onset_frame"] > 0:
-        axes.axvline(int(trace["onset_frame"]) / rate, color="black", linestyle="--", linewidth=1, label="onset found")
+        axes.axvline(
+            int(trace["onset_frame"]) / rate, color="black", linestyle="--", linewidth=1, label="onset found"
+        )
         axes.legend(loc="upper right")
     axes.set_xlabel("time since arm (s)")
     axes.set_ylabel("mV from rest" if volts else "codes from rest")
-    axes.set_title(f"recording {int(trace['number'])}: raw taxels, a line each; grey: the windows, a tick at the end of each", loc="left")
+    axes.set_title(
+        f"recording {int(trace['number'])}: raw taxels, a line each; grey: the windows, a tick at the end "
+        "of each",
+        loc="left",
+    )
 
 
 def draw_candidates(rows: Sequence[dict[str, Any]], clock_hz: float) -> Figure:
-    """Accuracy of each network tried against its multiplies a touch and its latency, with the band of one standard error of the best."""
+    """Accuracy of each network tried against its multiplies a touch and its latency, with the band of one
+    standard error of the best."""
     figure = Figure(figsize=(10.4, 3.3), layout="constrained")
     best = max(rows, key=lambda row: row["accuracy"])
     # of fits of one size, which lie on each other, the one taken or else the best; the table has all
@@ -596,7 +751,9 @@ def draw_candidates(rows: Sequence[dict[str, Any]], clock_hz: float) -> Figure:
     panels = [("multiplies a touch", [row["multiplies_touch"] for row in rows])]
     if all("decision_cycles" in row for row in rows):
         microseconds = [1e6 * row["decision_cycles"] / clock_hz for row in rows]
-        panels.append((f"features to decision (µs at {hertz(clock_hz)}, {rows[0]['lanes']} lanes)", microseconds))
+        panels.append(
+            (f"features to decision (µs at {hertz(clock_hz)}, {rows[0]['lanes']} lanes)", microseconds)
+        )
     row_of_axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
     for column, (axes, (label, positions)) in enumerate(zip(row_of_axes, panels, strict=True)):
         axes.axhspan(best["accuracy"] - best["standard_error"], best["accuracy"], color="#E8E8E8", zorder=0)
@@ -611,12 +768,18 @@ def draw_candidates(rows: Sequence[dict[str, Any]], clock_hz: float) -> Figure:
                 color=colour,
                 capsize=3,
             )
-            name = (f"{row['cell'].upper()} {row['hidden']}" if row["hidden"] else row["cell"]) + (", taken" if row["chosen"] else "")
-            axes.annotate(name, (position, row["accuracy"]), (7, -3), textcoords="offset points", fontsize=8, va="top")
+            name = (f"{row['cell'].upper()} {row['hidden']}" if row["hidden"] else row["cell"]) + (
+                ", taken" if row["chosen"] else ""
+            )
+            axes.annotate(
+                name, (position, row["accuracy"]), (7, -3), textcoords="offset points", fontsize=8, va="top"
+            )
         axes.set_xscale("log")
         axes.margins(x=0.25, y=0.15)
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: count(value) if value >= 10 else f"{value:g}"))
+        axes.xaxis.set_major_formatter(
+            FuncFormatter(lambda value, _: count(value) if value >= 10 else f"{value:g}")
+        )
         axes.xaxis.set_minor_formatter(NullFormatter())
         axes.set_xlabel(label)
         axes.grid(axis="y", color="#DDDDDD", linewidth=0.7)
@@ -653,7 +816,9 @@ def write_report(folder: str | Path) -> Path:
 
 def page_template(name: str) -> jinja2.Template:
     """A page's template with the filters and the style that pages share."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     environment.filters |= {
         "percent": percent,
         "seconds": seconds,
@@ -677,7 +842,9 @@ def _render(result: Result) -> str:
             drawn["trace"] = draw_trace(result.trace, config)
             drawn["steps"] = draw_step_accuracy(splits, config.opens_at_once)
             drawn["training"] = draw_training(splits)
-            drawn["candidates"] = draw_candidates(candidates, config.hardware.clock_hz) if candidates else None
+            drawn["candidates"] = (
+                draw_candidates(candidates, config.hardware.clock_hz) if candidates else None
+            )
         charts = {name: svg(figure) for name, figure in drawn.items() if figure}
     common = vars(result) | {
         "data": run["data"],
@@ -705,7 +872,9 @@ def _render(result: Result) -> str:
         test=run.get("test"),
         warnings=run.get("warnings", []),
         ranges=[_range_row(entry) for entry in result.training["ranges"]],
-        short_network=f"{config.network.cell.upper()} {config.network.hidden}" if config.recurrent else "linear",
+        short_network=f"{config.network.cell.upper()} {config.network.hidden}"
+        if config.recurrent
+        else "linear",
         failed=[check for check in run["checks"] if not check["held"]],
     )
 
@@ -751,17 +920,30 @@ def _summary(result: Result) -> Group:
         "": lambda row: "for comparison" if row["reference"] else "met" if row["met"] else "MISSED",
     }
     tables: tuple[tuple[str, Any, Mapping[str, Any]], ...] = (
-        (f"{data['source']}: {data['recordings']} {result.things}, {_network(result.config)}", _headline(result), cards),
+        (
+            f"{data['source']}: {data['recordings']} {result.things}, {_network(result.config)}",
+            _headline(result),
+            cards,
+        ),
         ("accuracy on unseen recordings: front end and network chosen anew without each fold", chosen, anew),
         (
-            "the network taken, on the folds it was chosen on" if chosen else f"accuracy on {result.things} the network has not seen",
+            "the network taken, on the folds it was chosen on"
+            if chosen
+            else f"accuracy on {result.things} the network has not seen",
             result.training["cross_validation"],
             splits,
         ),
         (f"latency at {hertz(played['clock_hz'])}", played["budgets"], budgets),
     )
     return Group(
-        *(terminal_table(title, columns, rows_of(records, columns)) for title, records, columns in tables if records),
-        *(Text(f"{'held  ' if check['held'] else 'FAILED'} {check['name']}: {check['detail']}") for check in run["checks"]),
+        *(
+            terminal_table(title, columns, rows_of(records, columns))
+            for title, records, columns in tables
+            if records
+        ),
+        *(
+            Text(f"{'held  ' if check['held'] else 'FAILED'} {check['name']}: {check['detail']}")
+            for check in run["checks"]
+        ),
         *(Text(f"doubt  {sentence}", style="bold dark_orange") for sentence in run.get("warnings", [])),
     )

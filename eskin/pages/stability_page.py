@@ -1,4 +1,5 @@
-"""The page of `eskin stability`: every failure mode with its figure, its bound and where it starts to fail, from stability.json alone."""
+"""The page of `eskin stability`: every failure mode with its figure, its bound and where it starts to fail,
+from stability.json alone."""
 
 from __future__ import annotations
 
@@ -54,7 +55,9 @@ FIRST = 12
 
 def flat(curve: Mapping[str, Any] | None) -> bool:
     """Whether a curve says nothing: no line of it moves."""
-    return curve is None or all(max(line) - min(line) <= 1e-9 * max(1.0, abs(max(line))) for line in curve["lines"].values())
+    return curve is None or all(
+        max(line) - min(line) <= 1e-9 * max(1.0, abs(max(line))) for line in curve["lines"].values()
+    )
 
 
 def draw_mode(record: Mapping[str, Any]) -> Figure:
@@ -67,7 +70,15 @@ def draw_mode(record: Mapping[str, Any]) -> Figure:
     names = list(curve["lines"])
     for k, (name, y) in enumerate(curve["lines"].items()):
         style = {"linewidth": 1.6, "zorder": 3} if k == 0 else {"linewidth": 1.0, "linestyle": "--"}
-        axes.plot(x, y, marker="o" if len(x) < 30 else "", markersize=3, color=COLOURS[k % len(COLOURS)], label=name, **style)
+        axes.plot(
+            x,
+            y,
+            marker="o" if len(x) < 30 else "",
+            markersize=3,
+            color=COLOURS[k % len(COLOURS)],
+            label=name,
+            **style,
+        )
     if len(names) > 1:
         axes.legend(fontsize=7.5, loc="best")
     if curve["log"] and min(x) > 0:
@@ -125,7 +136,8 @@ def draw_margins(record: Mapping[str, Any]) -> Figure:
 
 
 def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
-    """Make ``stability.html`` in ``folder`` of the content of stability.json; one file, nothing outside it is needed to show it."""
+    """Make ``stability.html`` in ``folder`` of the content of stability.json; one file, nothing outside it is
+    needed to show it."""
     groups: list[dict[str, Any]] = []
     with rc_context(STYLE):
         for group in GROUPS:
@@ -152,9 +164,14 @@ def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
 
 
 def defence_table(records: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[tuple[str, ...]]]:
-    """Headings and rows of the comparison of defences: accuracy by split, what failing taxels leave, costs."""
+    """Headings and rows of the comparison of defences: accuracy by split, what failing taxels leave,
+    costs."""
     unseen = [" + ".join(split["groups"]) or "recording" for split in records[0]["clean"]]
-    faults = {"dead": "one dead: mean / worst", "stuck": "one sticks in the touch", "stuck, masked": "the same, masked"}
+    faults = {
+        "dead": "one dead: mean / worst",
+        "stuck": "one sticks in the touch",
+        "stuck, masked": "the same, masked",
+    }
     headings = ["defences", *(f"clean, unseen {name}" for name in unseen), *faults.values(), *COSTS.values()]
     rows = [
         (

@@ -1,4 +1,5 @@
-"""The charts of a sweep, from what sweep.json holds: accuracy against cost, the local decision in time, accuracy against bits."""
+"""The charts of a sweep, from what sweep.json holds: accuracy against cost, the local decision in time,
+accuracy against bits."""
 
 from __future__ import annotations
 
@@ -28,19 +29,42 @@ GREY = "#777777"
 RECOMMENDED = "#cc3311"
 
 THESIS: tuple[dict[str, Any], ...] = (
-    {"name": "GRU20, 12 neurons", "accuracy": 0.7307, "spread": 0.0653, "cell": "gru", "hidden": 12, "latency_s": None},
-    {"name": "LSTM20, 10 neurons", "accuracy": 0.7402, "spread": 0.0656, "cell": "lstm", "hidden": 10, "latency_s": 5e-3},
+    {
+        "name": "GRU20, 12 neurons",
+        "accuracy": 0.7307,
+        "spread": 0.0653,
+        "cell": "gru",
+        "hidden": 12,
+        "latency_s": None,
+    },
+    {
+        "name": "LSTM20, 10 neurons",
+        "accuracy": 0.7402,
+        "spread": 0.0656,
+        "cell": "lstm",
+        "hidden": 10,
+        "latency_s": 5e-3,
+    },
 )
-"""Means and deviations of table 3.1 of the thesis this project starts from (3 classes, 16 taxels, 20 steps); latency: its GPU's bound."""
+"""Means and deviations of table 3.1 of the thesis this project starts from (3 classes, 16 taxels, 20 steps);
+latency: its GPU's bound."""
 
 THESIS_IMAGES = {"28x50": 0.9070, "26x47": 0.9198, "28x40": 0.9088}
 THESIS_PLATFORMS: tuple[dict[str, Any], ...] = (
-    {"name": "Jetson TX2", "latency_s": (5.5597e-3, 5.2905e-3, 5.919e-3), "energy_j": (850.6341e-6, 809.4465e-6, 905.607e-6)},
+    {
+        "name": "Jetson TX2",
+        "latency_s": (5.5597e-3, 5.2905e-3, 5.919e-3),
+        "energy_j": (850.6341e-6, 809.4465e-6, 905.607e-6),
+    },
     {"name": "NCS2", "latency_s": (1.9e-3, 1.9e-3, 1.86e-3), "energy_j": (1520e-6, 1520e-6, 1488e-6)},
-    {"name": "Raspberry Pi 4", "latency_s": (1.615e-3, 1.473e-3, 1.21e-3), "energy_j": (1130.5e-6, 1031.1e-6, 847e-6)},
+    {
+        "name": "Raspberry Pi 4",
+        "latency_s": (1.615e-3, 1.473e-3, 1.21e-3),
+        "energy_j": (1130.5e-6, 1031.1e-6, 847e-6),
+    },
 )
-"""TactNet4 of the same thesis, models 1 to 3: accuracy by size in figure 4.6 (mean over five folds), tables 4.3 (TensorRT, OpenVINO,
-TFLite) and 4.5 (dynamic energy)."""
+"""TactNet4 of the same thesis, models 1 to 3: accuracy by size in figure 4.6 (mean over five folds), tables
+4.3 (TensorRT, OpenVINO, TFLite) and 4.5 (dynamic energy)."""
 
 TOP = 1.004
 """Accuracy at which the stretched axis would reach infinity."""
@@ -49,11 +73,13 @@ STRETCH_FROM = 0.95
 TICKS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95, 0.98, 0.99, 1.0)
 
 NOTE = (
-    "Thesis marks: a DIFFERENT data set (3 classes, 16 taxels), not comparable. Accuracy is stretched towards 100 %. "
+    "Thesis marks: a DIFFERENT data set (3 classes, 16 taxels), not comparable. Accuracy is stretched "
+    "towards 100 %. "
     "Baselines compute in float; their latency is not known."
 )
 NOTE_IMAGES = (
-    "Thesis marks: the same 22 objects on other folds, float, measured on its platforms (tables 4.3 and 4.5). Ours: cycles by formula; "
+    "Thesis marks: the same 22 objects on other folds, float, measured on its platforms (tables 4.3 and "
+    "4.5). Ours: cycles by formula; "
     "energy of the computation by estimate, good to a factor of 2 either way, waiting for the image left out."
 )
 CROWDED = (0.65, 0.75, 0.85)
@@ -63,8 +89,11 @@ SPLIT_LABELS = {"label": "class"}
 
 
 def charts(result: Mapping[str, Any]) -> dict[str, Any]:
-    """File name without ending -> matplotlib Figure: ``accuracy``, and of recordings ``time`` and ``bits``."""
-    return {"accuracy": accuracy_chart(result)} | ({} if of_images(result) else {"time": time_chart(result), "bits": bits_chart(result)})
+    """File name without ending -> matplotlib Figure: ``accuracy``, and of recordings ``time`` and
+    ``bits``."""
+    return {"accuracy": accuracy_chart(result)} | (
+        {} if of_images(result) else {"time": time_chart(result), "bits": bits_chart(result)}
+    )
 
 
 def of_images(result: Mapping[str, Any]) -> bool:
@@ -79,14 +108,19 @@ def _figure(width: float, height: float):
 
 
 def _accuracy_axis(axes, low: float, high: float, *, below: float = 0.0, above: float = 0.0) -> None:
-    """An accuracy axis in percent from ``low`` to 100, on which every halving of the errors takes the same height; even, and up to ``high``
-    only, where nothing comes near 100. ``below``, ``above``: room for words, as shares of that height."""
+    """An accuracy axis in percent from ``low`` to 100, on which every halving of the errors takes the same
+    height; even, and up to ``high`` only, where nothing comes near 100. ``below``, ``above``: room for words,
+    as shares of that height."""
     import numpy as np
 
     stretched = high > STRETCH_FROM
 
     def forward(a):
-        return -np.log10(np.maximum(TOP - np.asarray(a, dtype=float), 1e-9)) if stretched else np.asarray(a, dtype=float)
+        return (
+            -np.log10(np.maximum(TOP - np.asarray(a, dtype=float), 1e-9))
+            if stretched
+            else np.asarray(a, dtype=float)
+        )
 
     def back(y):
         return TOP - 10.0 ** -np.asarray(y, dtype=float) if stretched else np.asarray(y, dtype=float)
@@ -95,7 +129,11 @@ def _accuracy_axis(axes, low: float, high: float, *, below: float = 0.0, above: 
     first, last = forward(low), forward(1.0 if stretched else high)
     span = last - first
     axes.set_ylim(float(back(first - below * span)), float(back(last + max(above, 0.03) * span)))
-    shown = [tick for tick in TICKS if low <= tick <= (1.0 if stretched else high) and not (stretched and tick in CROWDED)]
+    shown = [
+        tick
+        for tick in TICKS
+        if low <= tick <= (1.0 if stretched else high) and not (stretched and tick in CROWDED)
+    ]
     axes.set_yticks(shown)
     axes.set_yticks([], minor=True)
     axes.yaxis.set_major_formatter(lambda tick, _: f"{100 * tick:g}")
@@ -129,8 +167,8 @@ def _tidy(axes, xlabel: str, ylabel: str) -> None:
 
 # ---------------------------------------------------------------------- accuracy against cost
 def accuracy_chart(result: Mapping[str, Any]):
-    """A row a split: accuracy against latency, multiplies of a decision, and energy of a touch; of images against latency, energy and
-    memory. A colour a cell or network, a marker the bits of a weight."""
+    """A row a split: accuracy against latency, multiplies of a decision, and energy of a touch; of images
+    against latency, energy and memory. A colour a cell or network, a marker the bits of a weight."""
     from matplotlib.lines import Line2D
 
     points, images = result["points"], of_images(result)
@@ -169,7 +207,8 @@ def accuracy_chart(result: Mapping[str, Any]):
         high = max(split["accuracy"] + (split["spread"] or 0.0) for split in shares)
         for axes, (cost, xlabel, unit) in zip(row, costs, strict=True):
             _accuracy_axis(axes, max(0.0, low), high, below=0.12, above=0.35)
-            if images or cost != "energy_j":  # of a touch nearly all of it is waiting: no two points are a factor apart
+            # of a touch nearly all of it is waiting: no two points are a factor apart
+            if images or cost != "energy_j":
                 _cost_axis(axes)
             _points(axes, points, number, cost, unit, colour, marker)
             _tidy(axes, xlabel, label)
@@ -180,12 +219,21 @@ def accuracy_chart(result: Mapping[str, Any]):
         for k, baseline in enumerate(baselines):
             _baseline(row[1], baseline, number, BASELINE_MARKERS[k % len(BASELINE_MARKERS)])
         if baselines:
-            _front_line(row[1], [*points, *baselines], number, "multiplies_decision", 1.0, color=GREY, linestyle="--")
+            _front_line(
+                row[1], [*points, *baselines], number, "multiplies_decision", 1.0, color=GREY, linestyle="--"
+            )
         for axes, (cost, _, unit) in zip(row, costs, strict=True):
             _recommended(axes, points[result["recommended"]], number, cost, unit)
 
     def handle(text: str, color: str = "black", mark: str = "o", **style: Any) -> Line2D:
-        return Line2D([], [], color=color, marker=mark, label=text, **{"linestyle": "", "markerfacecolor": "none", **style})
+        return Line2D(
+            [],
+            [],
+            color=color,
+            marker=mark,
+            label=text,
+            **{"linestyle": "", "markerfacecolor": "none", **style},
+        )
 
     words = {8: "8-bit weights, rounded", 4: "4-bit weights, trained on"} if images else {}
     handles = [handle(kind, colour[kind], markerfacecolor=colour[kind]) for kind in kinds]
@@ -195,13 +243,19 @@ def accuracy_chart(result: Mapping[str, Any]):
         handles.append(handle("the same with the baselines", GREY, "", linestyle="--", linewidth=1.2))
     handles.append(handle("recommended", RECOMMENDED, markersize=12))
     marks = zip(itertools.cycle(BASELINE_MARKERS), baselines, strict=False)
-    handles += [handle(baseline["label"], mark=mark, markersize=8, markerfacecolor="black") for mark, baseline in marks]
+    handles += [
+        handle(baseline["label"], mark=mark, markersize=8, markerfacecolor="black")
+        for mark, baseline in marks
+    ]
     source = "thesis, models 1 to 3" if images else "thesis, table 3.1"
     published = (THESIS_PLATFORMS if images else THESIS) if thesis else ()
     handles += [
-        handle(f"{source}: {platform['name']}", GREY, mark, markerfacecolor=GREY) for mark, platform in zip("<>^", published, strict=False)
+        handle(f"{source}: {platform['name']}", GREY, mark, markerfacecolor=GREY)
+        for mark, platform in zip("<>^", published, strict=False)
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=5 if images else 4, fontsize=9, frameon=False)
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=5 if images else 4, fontsize=9, frameon=False
+    )
     return figure
 
 
@@ -219,15 +273,25 @@ def _name(point: Mapping[str, Any]) -> str:
 BASELINE_MARKERS = "DPX"
 
 
-def _points(axes, points, number: int, cost: str, unit: float, colour: Mapping[str, str], marker: Mapping[int, str]) -> None:
+def _points(
+    axes, points, number: int, cost: str, unit: float, colour: Mapping[str, str], marker: Mapping[int, str]
+) -> None:
     for point in points:
         split, config = point["splits"][number], point["config"]
-        _with_spread(axes, unit * point[cost], split, color=colour[_kind(point)], marker=marker[config["weight_bits"]], markersize=5)
+        _with_spread(
+            axes,
+            unit * point[cost],
+            split,
+            color=colour[_kind(point)],
+            marker=marker[config["weight_bits"]],
+            markersize=5,
+        )
     front = _front_line(axes, points, number, cost, unit, color="black")
     named: dict[Any, Any] = {}
     for i in front:
         named.setdefault((unit * points[i][cost], points[i]["splits"][number]["accuracy"]), points[i])
-    for k, (where, point) in enumerate(named.items()):  # further right is further down, so that no line crosses a name
+    # further right is further down, so that no line crosses a name
+    for k, (where, point) in enumerate(named.items()):
         text = f"{_name(point)}, {point['config']['weight_bits']} bit"
         axes.annotate(
             text,
@@ -245,31 +309,52 @@ def _front_line(axes, records, number: int, cost: str, unit: float, **style: Any
         return record["splits"][number]["accuracy"]
 
     front = pareto(records, cost, gain)
-    axes.step([unit * records[i][cost] for i in front], [gain(records[i]) for i in front], where="post", linewidth=1.2, zorder=1, **style)
+    axes.step(
+        [unit * records[i][cost] for i in front],
+        [gain(records[i]) for i in front],
+        where="post",
+        linewidth=1.2,
+        zorder=1,
+        **style,
+    )
     return front
 
 
 def _with_spread(axes, x: float, split: Mapping[str, Any], **style: Any) -> None:
     bars = share_bars([split["accuracy"]], [split["spread"]])
-    axes.errorbar([x], [split["accuracy"]], yerr=bars, elinewidth=0.7, linestyle="", markerfacecolor="none", **style)
+    axes.errorbar(
+        [x], [split["accuracy"]], yerr=bars, elinewidth=0.7, linestyle="", markerfacecolor="none", **style
+    )
 
 
 def _baseline(axes, baseline: Mapping[str, Any], number: int, mark: str) -> None:
     split = baseline["splits"][number]
     bars = share_bars([split["accuracy"]], [split["spread"]])
-    axes.errorbar([baseline["multiplies_decision"]], [split["accuracy"]], yerr=bars, color="black", marker=mark, markersize=8, linestyle="")
+    axes.errorbar(
+        [baseline["multiplies_decision"]],
+        [split["accuracy"]],
+        yerr=bars,
+        color="black",
+        marker=mark,
+        markersize=8,
+        linestyle="",
+    )
 
 
 def _is_thesis_data(result: Mapping[str, Any]) -> bool:
     """The thesis's figures belong beside images of 22 classes of its sizes alone."""
-    return result["classes"] == 22 and any(point["config"]["size"] in THESIS_IMAGES for point in result["points"])
+    return result["classes"] == 22 and any(
+        point["config"]["size"] in THESIS_IMAGES for point in result["points"]
+    )
 
 
 def _thesis_images(axes, cost: str, unit: float) -> None:
     for mark, platform in zip("<>^", THESIS_PLATFORMS, strict=True):
         if cost in platform:
             positions = [unit * value for value in platform[cost]]
-            axes.plot(positions, list(THESIS_IMAGES.values()), color=GREY, marker=mark, linestyle="", markersize=6)
+            axes.plot(
+                positions, list(THESIS_IMAGES.values()), color=GREY, marker=mark, linestyle="", markersize=6
+            )
 
 
 def _thesis(axes, cost: str, unit: float) -> None:
@@ -281,7 +366,15 @@ def _thesis(axes, cost: str, unit: float) -> None:
         x = multiplies if cost == "multiplies_decision" else network["latency_s"]
         if x is None:
             continue
-        axes.errorbar([unit * x], [network["accuracy"]], yerr=network["spread"], color=GREY, marker=mark, linestyle="", elinewidth=0.7)
+        axes.errorbar(
+            [unit * x],
+            [network["accuracy"]],
+            yerr=network["spread"],
+            color=GREY,
+            marker=mark,
+            linestyle="",
+            elinewidth=0.7,
+        )
         text = "LSTM20 on a GPU, less than this" if cost == "latency_s" else network["name"]
         where = (-8, -9) if mark == "<" else (-8, 7)
         axes.annotate(
@@ -298,7 +391,16 @@ def _thesis(axes, cost: str, unit: float) -> None:
 
 def _recommended(axes, point: Mapping[str, Any], number: int, cost: str, unit: float) -> None:
     x, y = unit * point[cost], point["splits"][number]["accuracy"]
-    axes.plot([x], [y], marker="o", markersize=13, markerfacecolor="none", markeredgecolor=RECOMMENDED, markeredgewidth=1.8, zorder=5)
+    axes.plot(
+        [x],
+        [y],
+        marker="o",
+        markersize=13,
+        markerfacecolor="none",
+        markeredgecolor=RECOMMENDED,
+        markeredgewidth=1.8,
+        zorder=5,
+    )
     axes.annotate(
         f"recommended: {point['name']}",
         (x, y),
@@ -315,26 +417,63 @@ def _recommended(axes, point: Mapping[str, Any], number: int, cost: str, unit: f
 
 # ---------------------------------------------------------------------- the local decision in time
 def time_chart(result: Mapping[str, Any]):
-    """A panel a split: accuracy of the local decision against the time since the onset, a line for each network of the front."""
+    """A panel a split: accuracy of the local decision against the time since the onset, a line for each
+    network of the front."""
     front: dict[str, Mapping[str, Any]] = {}
-    for point in sorted((p for p in result["points"] if p["on_front"]), key=lambda p: p["multiplies_decision"]):
-        front.setdefault(f"{network_name(point['config'])}, {point['config']['weight_bits']} bit, {point['config']['steps']} steps", point)
+    for point in sorted(
+        (p for p in result["points"] if p["on_front"]), key=lambda p: p["multiplies_decision"]
+    ):
+        front.setdefault(
+            f"{network_name(point['config'])}, {point['config']['weight_bits']} bit, "
+            f"{point['config']['steps']} steps",
+            point,
+        )
     splits = len(result["points"][0]["splits"])
     figure = _figure(2 + 5 * splits, 5.6)
-    figure.suptitle(f"{result['data']}\nhow early the local decision can speak, points of the front", fontsize=11, parse_math=False)
+    figure.suptitle(
+        f"{result['data']}\nhow early the local decision can speak, points of the front",
+        fontsize=11,
+        parse_math=False,
+    )
     for number, axes in enumerate(figure.subplots(1, splits, squeeze=False)[0]):
         for k, (name, point) in enumerate(front.items()):
             rows = point["splits"][number]["per_step"]
-            style = {"linestyle": ("-", "--", ":")[k // len(COLOURS) % 3], "color": COLOURS[k % len(COLOURS)], "marker": "."}
-            _line(axes, [1e3 * row["time_s"] for row in rows], [row["accuracy"] for row in rows], None, name, linewidth=1.2, **style)
-        _finish(axes, "time from the onset to the end of the step's window (ms)", "accuracy of the local decision (%)")
+            style = {
+                "linestyle": ("-", "--", ":")[k // len(COLOURS) % 3],
+                "color": COLOURS[k % len(COLOURS)],
+                "marker": ".",
+            }
+            _line(
+                axes,
+                [1e3 * row["time_s"] for row in rows],
+                [row["accuracy"] for row in rows],
+                None,
+                name,
+                linewidth=1.2,
+                **style,
+            )
+        _finish(
+            axes,
+            "time from the onset to the end of the step's window (ms)",
+            "accuracy of the local decision (%)",
+        )
         axes.set_title(_split_title(result, number), fontsize=10, loc="left")
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9, frameon=False)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=4,
+        fontsize=9,
+        frameon=False,
+    )
     return figure
 
 
-def _line(axes, x: Sequence[float], y: Sequence[float], bars: Sequence[float] | None, name: str, **style: Any) -> None:
-    axes.errorbar(x, y, yerr=None if bars is None else share_bars(y, bars), elinewidth=0.6, label=name, **style)
+def _line(
+    axes, x: Sequence[float], y: Sequence[float], bars: Sequence[float] | None, name: str, **style: Any
+) -> None:
+    axes.errorbar(
+        x, y, yerr=None if bars is None else share_bars(y, bars), elinewidth=0.6, label=name, **style
+    )
 
 
 def _finish(axes, xlabel: str, ylabel: str) -> None:
@@ -346,8 +485,8 @@ def _finish(axes, xlabel: str, ylabel: str) -> None:
 
 # ---------------------------------------------------------------------- bits
 def bits_chart(result: Mapping[str, Any]):
-    """Columns: splits. Above accuracy with its deviation over seeds, below agreement with float, against the bits of a weight; a line a
-    network, broken where it was trained in integers."""
+    """Columns: splits. Above accuracy with its deviation over seeds, below agreement with float, against the
+    bits of a weight; a line a network, broken where it was trained in integers."""
     lines: dict[str, dict[int, Mapping[str, Any]]] = {}
     possible = ("steps", "hop", "decision")
     varied = [key for key in possible if len({point["config"][key] for point in result["points"]}) > 1]
@@ -356,13 +495,18 @@ def bits_chart(result: Mapping[str, Any]):
     how = "" if len(aware) > 1 else f", {words[aware.pop()]}"
     for point in result["points"]:
         config = point["config"]
-        details = [f"{key} {config[key]}" for key in varied] + ([] if how else [words[config["quantisation_aware"]]])
+        details = [f"{key} {config[key]}" for key in varied] + (
+            [] if how else [words[config["quantisation_aware"]]]
+        )
         lines.setdefault(", ".join((network_name(config), *details)), {})[config["weight_bits"]] = point
     splits = len(result["points"][0]["splits"])
     figure = _figure(2 + 5 * splits, 9)
     figure.suptitle(f"{result['data']}\nbits of a weight{how}", fontsize=11, parse_math=False)
     widths = sorted({bits for line in lines.values() for bits in line})
-    rows = (("accuracy", "accuracy of the integer network (%)"), ("agreement", "agreement with the float network (%)"))
+    rows = (
+        ("accuracy", "accuracy of the integer network (%)"),
+        ("agreement", "agreement with the float network (%)"),
+    )
     for (key, label), panels in zip(rows, figure.subplots(2, splits, squeeze=False), strict=True):
         for number, axes in enumerate(panels):
             for k, (name, line) in enumerate(lines.items()):
@@ -371,10 +515,29 @@ def bits_chart(result: Mapping[str, Any]):
                 judged = [line[b]["splits"][number] for b in bits]
                 bars = [(split["spread"] or 0.0) if key == "accuracy" else 0.0 for split in judged]
                 trained = next(iter(line.values()))["config"]["quantisation_aware"]
-                style = {"marker": MARKERS[k % len(MARKERS)], "color": COLOURS[k % len(COLOURS)], "linestyle": "--" if trained else "-"}
-                _line(axes, beside, [split[key] for split in judged], bars, name, markersize=4, linewidth=1.1, **style)
+                style = {
+                    "marker": MARKERS[k % len(MARKERS)],
+                    "color": COLOURS[k % len(COLOURS)],
+                    "linestyle": "--" if trained else "-",
+                }
+                _line(
+                    axes,
+                    beside,
+                    [split[key] for split in judged],
+                    bars,
+                    name,
+                    markersize=4,
+                    linewidth=1.1,
+                    **style,
+                )
             _finish(axes, "weight bits", label)
             axes.set_xticks(widths)
             axes.set_title(_split_title(result, number), fontsize=10, loc="left")
-    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+    figure.legend(
+        *figure.axes[0].get_legend_handles_labels(),
+        loc="outside lower center",
+        ncols=5,
+        fontsize=9,
+        frameon=False,
+    )
     return figure

@@ -1,8 +1,8 @@
 """Tables of results: columns told once, rendered for a terminal and for a page.
 
-A column is a heading and how a record fills it: a function of the record, or a format such as ``{accuracy:percent}``,
-``{splits[0][spread]:.3f}``, ``{latency_s:1e6*.4g}`` (times 1e6, then ``.4g``) or ``{met:met|missed}`` (by its truth). What is None is a
-dash.
+A column is a heading and how a record fills it: a function of the record, or a format such as
+``{accuracy:percent}``, ``{splits[0][spread]:.3f}``, ``{latency_s:1e6*.4g}`` (times 1e6, then ``.4g``) or
+``{met:met|missed}`` (by its truth). What is None is a dash.
 """
 
 from __future__ import annotations
@@ -42,7 +42,10 @@ def rows_of(records: Iterable[Mapping[str, Any]], columns: Columns) -> list[tupl
     """The cells of each record."""
     words = _Words()
     return [
-        tuple(words.vformat(cell, (), record) if isinstance(cell, str) else str(cell(record)) for cell in columns.values())
+        tuple(
+            words.vformat(cell, (), record) if isinstance(cell, str) else str(cell(record))
+            for cell in columns.values()
+        )
         for record in records
     ]
 

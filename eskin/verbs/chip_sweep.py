@@ -1,9 +1,10 @@
-"""Chips of one model side by side: processes, lanes, constants in ROMs and loadable; what is kept is not made again.
+"""Chips of one model side by side: processes, lanes, constants in ROMs and loadable; what is kept is not made
+again.
 
-``python -m eskin.verbs.chip_sweep MODEL --process ihp-sg13g2 cells.lib sram.lib --process sky130hd cells.lib.gz`` prints area,
-clock, energy and glitches; ``--more`` adds glitches of equal delays, and energies and clock without wires. ``--play 3`` plays
-so many recordings into each chip from random contents instead, and one into each with one wrong cell. Rows are kept in
-``--out``.
+``python -m eskin.verbs.chip_sweep MODEL --process ihp-sg13g2 cells.lib sram.lib --process sky130hd
+cells.lib.gz`` prints area, clock, energy and glitches; ``--more`` adds glitches of equal delays, and energies
+and clock without wires. ``--play 3`` plays so many recordings into each chip from random contents instead,
+and one into each with one wrong cell. Rows are kept in ``--out``.
 """
 
 from __future__ import annotations
@@ -44,9 +45,11 @@ class ChipRequest:
     rom: bool
 
 
-def figures_of(asked: ChipRequest, model: IntegerModel, recordings: Recordings, *, more: bool) -> dict[str, Any]:
-    """`asic.json`; with ``more`` also ``unit_glitches`` and ``without_wires`` (step_j, interval_j, fmax_hz of the typical
-    corner)."""
+def figures_of(
+    asked: ChipRequest, model: IntegerModel, recordings: Recordings, *, more: bool
+) -> dict[str, Any]:
+    """`asic.json`; with ``more`` also ``unit_glitches`` and ``without_wires`` (step_j, interval_j, fmax_hz of
+    the typical corner)."""
     model = dataclasses.replace(model, config=asic_job.chip_config(model.config, asked.lanes, asked.rom))
 
     def made(**options: Any) -> dict[str, Any]:
@@ -62,26 +65,41 @@ def figures_of(asked: ChipRequest, model: IntegerModel, recordings: Recordings, 
 
 
 MORE: Columns = {
-    "glitches of equal delays": "step {unit_glitches[step_j]:1e9*.1f} nJ, interval {unit_glitches[interval_j]:1e9*.0f} nJ",
-    "without wires": "step {without_wires[step_j]:1e9*.1f} nJ, interval {without_wires[interval_j]:1e9*.0f} nJ, "
+    "glitches of equal delays": "step {unit_glitches[step_j]:1e9*.1f} nJ, interval "
+    "{unit_glitches[interval_j]:1e9*.0f} nJ",
+    "without wires": "step {without_wires[step_j]:1e9*.1f} nJ, interval {without_wires[interval_j]:1e9*.0f} "
+    "nJ, "
     "{without_wires[fmax_hz]:1e-6*.1f} MHz typ",
 }
 
 
-def played(asked: ChipRequest, model: IntegerModel, recordings: Recordings, numbers: np.ndarray, *, placed: bool) -> dict[str, Any]:
-    """Values compared and mismatches, with probes and, where asked, as ``placed``; mismatches with one wrong cell."""
+def played(
+    asked: ChipRequest, model: IntegerModel, recordings: Recordings, numbers: np.ndarray, *, placed: bool
+) -> dict[str, Any]:
+    """Values compared and mismatches, with probes and, where asked, as ``placed``; mismatches with one wrong
+    cell."""
     begun = time.monotonic()
     liberty = [str(path) for path in asked.liberty]
 
     def play(count: int, **more: Any) -> dict[str, Any]:
         chip = {"pdk": asked.pdk, "liberty": liberty, "rom": asked.rom} | more
-        options: dict[str, Any] = {"level": "netlist", "target": "asic", "simulator": SIMULATOR, "lanes": asked.lanes}
+        options: dict[str, Any] = {
+            "level": "netlist",
+            "target": "asic",
+            "simulator": SIMULATOR,
+            "lanes": asked.lanes,
+        }
         with tempfile.TemporaryDirectory() as work:
             some, at = recordings.subset(list(range(count))), numbers[:count].tolist()
             return cosimulate(model, some, **options, numbers=at, chip=chip, work=Path(work))
 
     whole, wrong = play(len(recordings), placed=placed), play(1, placed=False, flipped=FLIPPED)
-    row = {"pdk": asked.pdk, "lanes": asked.lanes, "rom": asked.rom, "flipped_mismatches": wrong["mismatches"]}
+    row = {
+        "pdk": asked.pdk,
+        "lanes": asked.lanes,
+        "rom": asked.rom,
+        "flipped_mismatches": wrong["mismatches"],
+    }
     for name in ("recordings", "steps", "decisions", "compared_values", "mismatches", "stages"):
         row[name] = whole[name]
     for name in ("compared_values", "mismatches") if placed else ():
@@ -95,7 +113,11 @@ PLAYED: Columns = {
     "constants": "{rom:ROM|loaded}",
     "recordings, steps": "{recordings}, {steps}",
     "values, mismatches": "{compared_values}, {mismatches}",
-    "as placed": lambda row: f"{row['placed_compared_values']}, {row['placed_mismatches']}" if "placed_mismatches" in row else "not asked",
+    "as placed": lambda row: (
+        f"{row['placed_compared_values']}, {row['placed_mismatches']}"
+        if "placed_mismatches" in row
+        else "not asked"
+    ),
     "one cell wrong": "{flipped_mismatches} mismatches",
     "s": "{seconds}",
 }
@@ -111,17 +133,27 @@ def held(row: Mapping[str, Any]) -> bool:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Exit status 1 where a chip has not `held`."""
-    parser = argparse.ArgumentParser(prog="python -m eskin.verbs.chip_sweep", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(
+        prog="python -m eskin.verbs.chip_sweep", description=__doc__.splitlines()[0]
+    )
     parser.add_argument("model", type=Path)
     parser.add_argument("--process", nargs="+", action="append", required=True, metavar="NAME FILE ...")
     parser.add_argument("--data", default="synthetic")
     parser.add_argument("--lanes", type=int, nargs="+", default=[1, 4])
     parser.add_argument("--constants", nargs="+", choices=["rom", "loaded"], default=["rom", "loaded"])
     parser.add_argument("--out", type=Path, default=Path("build/chip_sweep"))
-    parser.add_argument("--more", action="store_true", help="also glitches of equal delays, and all without wires")
-    parser.add_argument("--play", type=int, metavar="N", help="recordings to play into each chip; its figures are not made")
-    parser.add_argument("--windows", type=int, default=10**6, help="with --play: of each touch, then it is cut")
-    parser.add_argument("--placed", action="store_true", help="with --play: also netlists without probes, as placed")
+    parser.add_argument(
+        "--more", action="store_true", help="also glitches of equal delays, and all without wires"
+    )
+    parser.add_argument(
+        "--play", type=int, metavar="N", help="recordings to play into each chip; its figures are not made"
+    )
+    parser.add_argument(
+        "--windows", type=int, default=10**6, help="with --play: of each touch, then it is cut"
+    )
+    parser.add_argument(
+        "--placed", action="store_true", help="with --play: also netlists without probes, as placed"
+    )
     asked = parser.parse_args(arguments)
     model, recordings = IntegerModel.load(asked.model), load_recordings(asked.data)
     if asked.play:
@@ -136,8 +168,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return figures_of(chip, model, recordings, more=asked.more)
 
         also = (asked.play, asked.placed, asked.more)
-        rows.append(memo.remembered(content_key(version, model, recordings, *chip.liberty, pdk, lanes, constants, also), made))
-        print(f"{pdk}, {lanes} lanes, {constants}: {'held' if held(rows[-1]) else 'has mismatches'}", flush=True)
+        rows.append(
+            memo.remembered(
+                content_key(version, model, recordings, *chip.liberty, pdk, lanes, constants, also), made
+            )
+        )
+        print(
+            f"{pdk}, {lanes} lanes, {constants}: {'held' if held(rows[-1]) else 'has mismatches'}", flush=True
+        )
     if asked.play:
         table = terminal_table("chips, played", PLAYED, rows_of(rows, PLAYED))
     else:

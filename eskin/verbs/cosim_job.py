@@ -1,4 +1,5 @@
-"""Co-simulation of many recordings, `eskin cosim`: parts of them run beside each other, here or on a cluster; their results are joined."""
+"""Co-simulation of many recordings, `eskin cosim`: parts of them run beside each other, here or on a cluster;
+their results are joined."""
 
 from __future__ import annotations
 
@@ -18,8 +19,9 @@ from eskin.verbs import flow
 CACHE = flow.BUILD / "cosim_parts"
 """Finished parts of a run that was interrupted; gone when all are done."""
 PART = {"verilator": 40, "icarus": 8, "compiled": 16}
-"""Recordings of a part. It does not depend on the number of workers, so that the result does not either: a part loads the design anew.
-Small enough that no worker waits long for the last part, and far more work than starting a simulator."""
+"""Recordings of a part. It does not depend on the number of workers, so that the result does not either: a
+part loads the design anew. Small enough that no worker waits long for the last part, and far more work than
+starting a simulator."""
 CODE = partial(code_version, "golden", "rtl", "cosim")
 """What a co-simulation depends on beside data and model."""
 
@@ -64,9 +66,15 @@ def cosimulate(
     if work.is_dir():
         folder.mkdir(exist_ok=True)
     shared = (model, recordings, numbers, options, str(folder))
-    results = jobs.results(play, dict(zip(keys, pieces, strict=True)), shared, keep=keep, what="parts co-simulated")
-    result = joined(model.config.with_lanes(options.get("lanes"), options.get("lane_type")), list(results.values()))
-    differing = next((piece for piece, result in zip(pieces, results.values(), strict=True) if result["mismatches"]), None)
+    results = jobs.results(
+        play, dict(zip(keys, pieces, strict=True)), shared, keep=keep, what="parts co-simulated"
+    )
+    result = joined(
+        model.config.with_lanes(options.get("lanes"), options.get("lane_type")), list(results.values())
+    )
+    differing = next(
+        (piece for piece, result in zip(pieces, results.values(), strict=True) if result["mismatches"]), None
+    )
     if differing:  # once more, for its waves: those of a worker are not on this machine
         result["waves"] = _play(shared, differing, folder / "again", waves=True)["waves"]
     keep.forget(keys)
@@ -86,4 +94,6 @@ def _play(shared: Shared, piece: Piece, work: Path, *, waves: bool) -> dict[str,
     model, recordings, numbers, options, _ = shared
     places = range(*piece)
     numbers, design = [numbers[i] for i in places], work.parent / "design"
-    return flow.cosimulate(model, recordings.subset(places), numbers=numbers, work=work, design=design, waves=waves, **options)
+    return flow.cosimulate(
+        model, recordings.subset(places), numbers=numbers, work=work, design=design, waves=waves, **options
+    )

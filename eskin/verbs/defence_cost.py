@@ -1,4 +1,5 @@
-"""What a configuration's defences cost in hardware: the design placed for a board, and played in co-simulation.
+"""What a configuration's defences cost in hardware: the design placed for a board, and played in
+co-simulation.
 
 ``python -m eskin.verbs.defence_cost`` prints the rows of docs/robustness.md for checksum and
 watchdog (with the link, which tells the faults).
@@ -24,14 +25,24 @@ from eskin.verbs import build_job, flow
 BOARD = "icebreaker"
 PLAYED = 3
 """Recordings of the co-simulation."""
-CHECKS = {"neither": (False, False), "checksum": (True, False), "watchdog": (False, True), "both": (True, True)}
+CHECKS = {
+    "neither": (False, False),
+    "checksum": (True, False),
+    "watchdog": (False, True),
+    "both": (True, True),
+}
 """Name of a row: checksum, watchdog."""
 
 
-def placed(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], board: str, cache: Path, *, link: bool) -> dict[str, Any]:
-    """One placement: {logic_cells, lut, ff, bram, fmax_hz}, or {misfit, logic_cells and bram None} where it does not fit."""
+def placed(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], board: str, cache: Path, *, link: bool
+) -> dict[str, Any]:
+    """One placement: {logic_cells, lut, ff, bram, fmax_hz}, or {misfit, logic_cells and bram None} where it
+    does not fit."""
     try:
-        request = build_job.BuildRequest(config=config, arrays=arrays, target=find_target(board), link=link, cache=cache)
+        request = build_job.BuildRequest(
+            config=config, arrays=arrays, target=find_target(board), link=link, cache=cache
+        )
         built = build_job.build(request)[0]
     except build_job.BuildError as error:
         return {"misfit": str(error), "logic_cells": None, "bram": None}
@@ -41,16 +52,17 @@ def placed(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], board: s
 def hardware_cost(
     config: AcceleratorConfig, recordings: Recordings, *, board: str = BOARD, cache: Path = build_job.CACHE
 ) -> dict[str, Any]:
-    """Cells and cycles of ``config``, onset to decision without the serial link, with the lanes that the board's part calls for.
+    """Cells and cycles of ``config``, onset to decision without the serial link, with the lanes that the
+    board's part calls for.
 
     The network's numbers are random: neither depends on them, where memories are loadable.
 
     Returns
     -------
     dict
-        board, lanes, lane_type; logic_cells, lut, ff, bram, fmax_hz (one placement; logic_cells and bram None where it does not fit) and
-        misfit, why not; frame_cycles, step_cycles, decision_cycles: the most that were counted in co-simulation at full pace; bit_exact,
-        compared_values: of that run.
+        board, lanes, lane_type; logic_cells, lut, ff, bram, fmax_hz (one placement; logic_cells and bram None
+        where it does not fit) and misfit, why not; frame_cycles, step_cycles, decision_cycles: the most that
+        were counted in co-simulation at full pace; bit_exact, compared_values: of that run.
     """
     config = config.with_lanes(None, build_job.suited_lane_type(config, find_target(board)))
     model = random_integer_model(config, 1)
@@ -80,12 +92,19 @@ def main() -> None:
     print(f"| {head} | cells | flip-flops | block memories | cycles a step |")
     print("| --- | --: | --: | --: | --: |")
     for name, (checksum, watchdog) in CHECKS.items():
-        config = PRESETS[options.preset].with_lanes(options.lanes, options.type).replace(checksum=checksum, watchdog=watchdog)
+        config = (
+            PRESETS[options.preset]
+            .with_lanes(options.lanes, options.type)
+            .replace(checksum=checksum, watchdog=watchdog)
+        )
         model = random_integer_model(config, 1)
         # With the link: without it nobody reads the faults, and what finds them is not there either.
         found = placed(model.config, model.arrays, BOARD, build_job.CACHE, link=True)
         cycles = schedule(model.config).step_cycles
-        print(f"| {name} | {found['logic_cells']} | {found.get('ff')} | {found['bram']} | {cycles} |", flush=True)
+        print(
+            f"| {name} | {found['logic_cells']} | {found.get('ff')} | {found['bram']} | {cycles} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

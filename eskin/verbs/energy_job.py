@@ -1,7 +1,9 @@
-"""``eskin energy``: activity counted in co-simulated netlists of several configurations, and the estimate made of it.
+"""``eskin energy``: activity counted in co-simulated netlists of several configurations, and the estimate
+made of it.
 
-For each configuration: the lowest clock that meets every budget (generated Verilog at the sensor's pace), then the netlist that placement
-gets, with counters beside its cells, over the same recordings at full pace and at a slower one. Both runs must be bit-exact.
+For each configuration: the lowest clock that meets every budget (generated Verilog at the sensor's pace),
+then the netlist that placement gets, with counters beside its cells, over the same recordings at full pace
+and at a slower one. Both runs must be bit-exact.
 """
 
 from __future__ import annotations
@@ -49,16 +51,26 @@ def parse_configuration(text: str) -> tuple[str, int, str | None]:
     target, _, of_lanes = text.partition(":")
     lanes, _, kind = of_lanes.partition(":")
     if not re.fullmatch(r"\d{1,4}", lanes):
-        raise InputError(f"--configuration {text[:40]}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or icestick:1:serial")
+        raise InputError(
+            f"--configuration {text[:40]}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or "
+            "icestick:1:serial"
+        )
     find_target(target)
     return target, int(lanes), kind or None
 
 
 def measure(
-    model: IntegerModel, numbers: np.ndarray, recordings: Recordings, target: str, lanes: int, lane_type: str, *, work: Path
+    model: IntegerModel,
+    numbers: np.ndarray,
+    recordings: Recordings,
+    target: str,
+    lanes: int,
+    lane_type: str,
+    *,
+    work: Path,
 ) -> dict[str, Any]:
-    """Activity and estimate of one configuration: the keys of eskin.golden.studies.energy.estimate, and target, lanes, lane_type, cells,
-    bit_exact.
+    """Activity and estimate of one configuration: the keys of eskin.golden.studies.energy.estimate, and
+    target, lanes, lane_type, cells, bit_exact.
 
     Parameters
     ----------
@@ -80,10 +92,18 @@ def measure(
     counts, results = [], []
     options: dict[str, Any] = {}
     for name in ("full", "slow"):
-        results.append(flow.cosim(design, vectors, hardware=hardware, work=work / name, builds=BUILD / "simulators", **options))
+        results.append(
+            flow.cosim(
+                design, vectors, hardware=hardware, work=work / name, builds=BUILD / "simulators", **options
+            )
+        )
         counts.append(dataclasses.asdict(read_count(work / name)))
-        options = {"pace": "declared", "clock_hz": slower_cycles(config, results[0]) * config.sensor.sample_rate_hz}
-    # The design's counter goes up to the last logit and has 16 bits: too few for an image, whose decision the bench times.
+        options = {
+            "pace": "declared",
+            "clock_hz": slower_cycles(config, results[0]) * config.sensor.sample_rate_hz,
+        }
+    # The design's counter goes up to the last logit and has 16 bits: too few for an image, whose decision the
+    # bench times.
     cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
     if config.is_image:
         cycles = results[0]["cycles"]["decision_latency_max"]
@@ -97,7 +117,11 @@ def measure(
         step_cycles=cycles,
     )
     exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)
-    described = {"name": f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}", "target": target, "lanes": lanes}
+    described = {
+        "name": f"{target}, {lanes} {lane_type} lane{'s' if lanes > 1 else ''}",
+        "target": target,
+        "lanes": lanes,
+    }
     described |= {"lane_type": lane_type, "cells": cells, "bit_exact": exact, "blocks": counts[0]["toggles"]}
     return described | energy.estimate(asked, find_target(target).device, activity, clock)
 
@@ -105,8 +129,8 @@ def measure(
 def slower_cycles(config: AcceleratorConfig, full: Mapping[str, Any]) -> int:
     """Cycles a frame of the slower run, given the result of the one at full pace.
 
-    Several kinds of feature hold frames up at full pace, and so do steps that follow each other closely. Rows of an
-    image are never held up.
+    Several kinds of feature hold frames up at full pace, and so do steps that follow each other closely. Rows
+    of an image are never held up.
     """
     held = 0 if config.is_image else math.ceil(SLOWER_LEAST * full["simulated_cycles"] / full["frames"])
     return max(SLOW_FACTOR * config.sensor.taxels, held)
@@ -140,13 +164,15 @@ def job(
     Returns
     -------
     dict
-        configurations (of `measure`), chips (of eskin.verbs.chip_energy.chip_row), least_touch, least_average (their names;
-        bit-exact ones only), checks, published, battery_j, passed (all bit-exact).
+        configurations (of `measure`), chips (of eskin.verbs.chip_energy.chip_row), least_touch, least_average
+        (their names; bit-exact ones only), checks, published, battery_j, passed (all bit-exact).
     """
     beside = [chip_row(path) for path in chips]
     config = model.config
     wanted = []
-    for target, lanes, kind in map(parse_configuration, configurations or (IMAGE_CONFIGURATIONS if config.is_image else CONFIGURATIONS)):
+    for target, lanes, kind in map(
+        parse_configuration, configurations or (IMAGE_CONFIGURATIONS if config.is_image else CONFIGURATIONS)
+    ):
         kind = kind or (suited_lane_type(config, find_target(target)) if config.is_image else "plain")
         wanted.append((target, lanes, kind))
     for target, lanes, kind in wanted:  # a configuration that cannot be is refused before any long work
@@ -154,12 +180,18 @@ def job(
         if config.is_image:
             refuse_hardware(made)
         if find_target(target).device not in energy.PARTS:
-            raise InputError(f"--configuration {target}: nothing is known of the energy of its part; take another board")
-    numbers, chosen = _images(recordings, count) if config.is_image else with_touches(model, recordings, count)
+            raise InputError(
+                f"--configuration {target}: nothing is known of the energy of its part; take another board"
+            )
+    numbers, chosen = (
+        _images(recordings, count) if config.is_image else with_touches(model, recordings, count)
+    )
     rows = []
     for done, (target, lanes, kind) in enumerate(wanted):
         notify("configurations", done, len(wanted))
-        rows.append(measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}"))
+        rows.append(
+            measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
+        )
     result = energy.compare(rows, what="image" if config.is_image else "touch") | {"chips": beside}
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, result)

@@ -30,7 +30,9 @@ def judge(recordings: Recordings, question: Question) -> list[dict[str, Any]]:
     return enrol.judge(recordings, question)
 
 
-def choose(shared: tuple[Recordings, list[str], dict[str, Any]], values: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+def choose(
+    shared: tuple[Recordings, list[str], dict[str, Any]], values: dict[str, np.ndarray]
+) -> list[dict[str, Any]]:
     """The configuration chosen without each value's recordings; in a worker."""
     recordings, group, network = shared
     return [config.to_dict() for config in enrol.front_ends_without(recordings, values, group, **network)]
@@ -53,16 +55,19 @@ def evaluate(
     jobs: Jobs,
     cache: Path = CACHE,
 ) -> dict[str, Any]:
-    """What enrolment brings on each value of ``group``, left out of the first training (``eskin.golden.training.enrol.judge``).
+    """What enrolment brings on each value of ``group``, left out of the first training
+    (``eskin.golden.training.enrol.judge``).
 
     Parameters
     ----------
     config:
-        Front end and network; None: the front end is chosen for each value without its recordings, the network GRU 12.
+        Front end and network; None: the front end is chosen for each value without its recordings, the
+        network GRU 12.
     old:
         Enrol with the recordings of the first training; False: with the new touches alone.
     draw:
-        Which touches are enrolled: drawn at ``random`` by the seed, or the ``first`` of each class in the archive.
+        Which touches are enrolled: drawn at ``random`` by the seed, or the ``first`` of each class in the
+        archive.
     seed, seeds:
         First seed, number of seeds.
     jobs:
@@ -85,13 +90,16 @@ def evaluate(
         configs = [with_network(configure(recordings, config).config, **network)] * len(values)
     else:
         pieces = {content_key(content, network): values}
-        (chosen,) = jobs.results(choose, pieces, (recordings, list(group), network), keep=keep, what="front ends chosen").values()
+        (chosen,) = jobs.results(
+            choose, pieces, (recordings, list(group), network), keep=keep, what="front ends chosen"
+        ).values()
         configs = [AcceleratorConfig.from_dict(fields) for fields in chosen]
     numbers = list(range(seed, seed + seeds))
     options = (tuple(sorted(set(ks))), layers, old, draw)
     plain = [configuration.to_dict() for configuration in configs]
     questions = {
-        content_key(content, options, plain, number): Question(tuple(group), *options, tuple(configs), number) for number in numbers
+        content_key(content, options, plain, number): Question(tuple(group), *options, tuple(configs), number)
+        for number in numbers
     }
     judged = list(jobs.results(judge, questions, recordings, keep=keep, what="seeds judged").values())
     result = enrol.summary(group, layers, old, judged)

@@ -1,7 +1,9 @@
-"""What each kind of feature costs in hardware: cells of the synthesised chain on an iCE40, cycles of the program and of a frame.
+"""What each kind of feature costs in hardware: cells of the synthesised chain on an iCE40, cycles of the
+program and of a frame.
 
-``python -m eskin.verbs.feature_cost`` prints a row for every set of kinds, on the PVDF preset. Cells are Yosys' counts
-before placement (onset to decision, without the serial link). The network's numbers are random: nothing depends on them.
+``python -m eskin.verbs.feature_cost`` prints a row for every set of kinds, on the PVDF preset. Cells are
+Yosys' counts before placement (onset to decision, without the serial link). The network's numbers are random:
+nothing depends on them.
 """
 
 from __future__ import annotations
@@ -45,8 +47,8 @@ def synthesised(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def feature_cost(config: AcceleratorConfig) -> dict[str, int]:
-    """Cells of `synthesised`; inputs, multiplies; step and decision: cycles of the program; frame, frame_plain: most cycles of a frame that
-    ends a window, and of another."""
+    """Cells of `synthesised`; inputs, multiplies; step and decision: cycles of the program; frame,
+    frame_plain: most cycles of a frame that ends a window, and of another."""
     config = random_integer_model(config, 1).config
     plan = schedule(config)
     return synthesised(config) | {
@@ -61,11 +63,15 @@ def feature_cost(config: AcceleratorConfig) -> dict[str, int]:
 
 def main() -> None:
     """Print the table, a row as soon as it is known."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0], epilog="example: --lane-type plain --block 1")
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0], epilog="example: --lane-type plain --block 1"
+    )
     parser.add_argument("--lane-type", default="dsp", help="plain, dsp or serial (default: %(default)s)")
     parser.add_argument("--lanes", type=int, default=4, help="default: %(default)s")
     parser.add_argument("--sets", nargs="*", default=list(SETS), help="rows by name (default: all)")
-    parser.add_argument("--block", type=int, default=24, help="frames of a block of activity (default: %(default)s)")
+    parser.add_argument(
+        "--block", type=int, default=24, help="frames of a block of activity (default: %(default)s)"
+    )
     asked = parser.parse_args()
     base = PRESETS["pvdf"].replace(lanes=asked.lanes, lane_type=asked.lane_type, activity_block=asked.block)
     begun = False

@@ -1,4 +1,5 @@
-"""The order of things: golden trace, generated files, co-simulation. Each step lives in its own package; here they are only called."""
+"""The order of things: golden trace, generated files, co-simulation. Each step lives in its own package; here
+they are only called."""
 
 from __future__ import annotations
 
@@ -54,9 +55,9 @@ def cosimulate(
 ) -> dict[str, Any]:
     """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
 
-    At level ``netlist`` the netlist for ``target`` is what runs: once with the probes as outputs, every stage compared, and once as it is
-    placed, without them, at full pace (cosim/netlist.py); that run is the result's ``without_probes`` {compared_values, mismatches,
-    bit_exact, cells} and must be exact too.
+    At level ``netlist`` the netlist for ``target`` is what runs: once with the probes as outputs, every stage
+    compared, and once as it is placed, without them, at full pace (cosim/netlist.py); that run is the
+    result's ``without_probes`` {compared_values, mismatches, bit_exact, cells} and must be exact too.
 
     Parameters
     ----------
@@ -69,24 +70,29 @@ def cosimulate(
     work:
         Folder for design, vectors and captures.
     design:
-        Folder for the design where several runs of the same one share it: the first of them writes it. Default: one in ``work``.
+        Folder for the design where several runs of the same one share it: the first of them writes it.
+        Default: one in ``work``.
     lowest:
-        Look for the lowest clock that meets every budget, at the declared pace; it is the result's ``clock_hz``.
+        Look for the lowest clock that meets every budget, at the declared pace; it is the result's
+        ``clock_hz``.
     level, target:
-        ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets; ``bitstream``: what icebox_vlog reads back (`bitstream_of`).
+        ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets; ``bitstream``: what icebox_vlog reads back
+        (`bitstream_of`).
     converter:
-        Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were recorded). The golden model
-        reads what the converter gives of the recordings. Frames then come at the declared rate, by the design's own sample clock.
+        Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were
+        recorded). The golden model reads what the converter gives of the recordings. Frames then come at the
+        declared rate, by the design's own sample clock.
     chip:
-        With target ``asic``: pdk, liberty (paths), rom, flipped, a seed by which one cell is made wrong, and placed (false: the netlist
-        with probes alone). Registers, latches and memories begin at random.
+        With target ``asic``: pdk, liberty (paths), rom, flipped, a seed by which one cell is made wrong, and
+        placed (false: the netlist with probes alone). Registers, latches and memories begin at random.
     options:
         As for eskin.cosim.flow.cosim.
 
     Raises
     ------
     InputError
-        A converter together with a netlist or with stalls; a netlist without a target, a target without a netlist, an unknown one.
+        A converter together with a netlist or with stalls; a netlist without a target, a target without a
+        netlist, an unknown one.
     """
     if (level == "rtl") != (target is None):
         raise InputError(
@@ -94,14 +100,22 @@ def cosimulate(
             if target is None
             else f"--target {target}: is for netlists; add --level netlist"
         )
-    if (chip is not None) != (target == "asic") or (chip and not (chip["pdk"] and chip["liberty"])) or (chip and level != "netlist"):
-        raise InputError("--target asic: goes with --level netlist, --pdk NAME and --liberty FILE; give all of them or none")
+    if (
+        (chip is not None) != (target == "asic")
+        or (chip and not (chip["pdk"] and chip["liberty"]))
+        or (chip and level != "netlist")
+    ):
+        raise InputError(
+            "--target asic: goes with --level netlist, --pdk NAME and --liberty FILE; give all of them or "
+            "none"
+        )
     config = with_converter(model.config.with_lanes(lanes, lane_type), converter, options.get("clock_hz"))
     codes = None
     if config.interface.converter != "none":
         if level != "rtl" or lowest or options.get("stalls"):
             raise InputError(
-                f"--converter: is {config.interface.converter}, which goes with the design's own Verilog and clock; "
+                f"--converter: is {config.interface.converter}, which goes with the design's own Verilog "
+                "and clock; "
                 "leave out --level, --stalls and --clock lowest, or give --converter none"
             )
         model, trace = dataclasses.replace(model, config=config), None
@@ -110,22 +124,36 @@ def cosimulate(
     placed = None
     chips: dict[str, tuple[Callable[[int], Chip], dict[str, int]]] = {}
     if options.get("simulator") == gate_flow.SIMULATOR and (chip is None or lowest):
-        reason = "looks for no clock; add --simulator verilator" if lowest else "is for chips; add --target asic, or take verilator"
+        reason = (
+            "looks for no clock; add --simulator verilator"
+            if lowest
+            else "is for chips; add --target asic, or take verilator"
+        )
         raise InputError(f"--simulator {gate_flow.SIMULATOR}: {reason}")
     if target is not None and level == "bitstream":
         options["hardware"] = bitstream_of(config, model.arrays, target)
     elif chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
-        process = asic_job.process_of(chip["pdk"], asic_job.libraries_of([Path(path) for path in chip["liberty"]])["typ"])
+        process = asic_job.process_of(
+            chip["pdk"], asic_job.libraries_of([Path(path) for path in chip["liberty"]])["typ"]
+        )
         also = chip.get("placed", True)
         netlists = {
-            name: asic_job.netlist_of(config, model.arrays, process, probes=name == "seen") for name in ("seen", "bare")[: 1 + also]
+            name: asic_job.netlist_of(config, model.arrays, process, probes=name == "seen")
+            for name in ("seen", "bare")[: 1 + also]
         }
         if options.get("simulator") == gate_flow.SIMULATOR:
-            chips = {k: (asic_job.compiled(netlist, process, chip.get("flipped")), dict(netlist.cells)) for k, netlist in netlists.items()}
+            chips = {
+                k: (asic_job.compiled(netlist, process, chip.get("flipped")), dict(netlist.cells))
+                for k, netlist in netlists.items()
+            }
         else:
             options["hardware"] = asic_job.hardware_of(netlists["seen"], process, probes=True)
-            placed = (asic_job.hardware_of(netlists["bare"], process, probes=False), dict(netlists["bare"].cells)) if also else None
+            placed = (
+                (asic_job.hardware_of(netlists["bare"], process, probes=False), dict(netlists["bare"].cells))
+                if also
+                else None
+            )
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
@@ -133,7 +161,12 @@ def cosimulate(
     with locked(design.with_suffix(".lock")):
         if design.parent == work or not design.exists():
             generate(config, model.arrays, design)
-    stopping = config.hardware.clock_gate and level == "rtl" and options.get("simulator", "verilator") == "verilator" and not lowest
+    stopping = (
+        config.hardware.clock_gate
+        and level == "rtl"
+        and options.get("simulator", "verilator") == "verilator"
+        and not lowest
+    )
     if stopping and config.interface.converter == "none":
         options["hardware"] = Hardware((design / "accelerator.sv",), ("-DCLOCKED",))
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
@@ -160,7 +193,8 @@ def expected_of(
     trace: Trace | None = None,
     codes: np.ndarray | None = None,
 ) -> Path:
-    """The file of vectors of recordings or images: what goes in, and every stage of the integer model; the rest as in `cosimulate`."""
+    """The file of vectors of recordings or images: what goes in, and every stage of the integer model; the
+    rest as in `cosimulate`."""
     if model.config.is_image:
         images = images_of(recordings)
         return write_image_vectors(path, run_images(model, images).streams, images, numbers)
@@ -168,7 +202,9 @@ def expected_of(
 
 
 def _add_placed(result: dict[str, Any], second: Mapping[str, Any], cells: Mapping[str, int]) -> None:
-    result["without_probes"] = {name: second[name] for name in ("compared_values", "mismatches", "bit_exact", "mismatch_list")}
+    result["without_probes"] = {
+        name: second[name] for name in ("compared_values", "mismatches", "bit_exact", "mismatch_list")
+    }
     result["without_probes"]["cells"] = cells
     result["passed"] = result["passed"] and second["bit_exact"]
 
@@ -182,7 +218,9 @@ def _chips_played(
 ) -> dict[str, Any]:
     """The result of a chip's compiled netlists, with probes and as it would be placed."""
     boot, registers = boot_writes(config, arrays), register_map(config)
-    chosen = {name: options[name] for name in ("pace", "clock_hz", "stalls", "seed", "progress") if name in options}
+    chosen = {
+        name: options[name] for name in ("pace", "clock_hz", "stalls", "seed", "progress") if name in options
+    }
     result = gate_flow.cosim(config, chips["seen"][0], vectors, registers, boot, **chosen)
     if "bare" in chips:
         second = gate_flow.cosim(config, chips["bare"][0], vectors, registers, boot, probes=False, **chosen)
@@ -190,8 +228,11 @@ def _chips_played(
     return result
 
 
-def with_converter(config: AcceleratorConfig, converter: str | None, clock_hz: float | None = None) -> AcceleratorConfig:
-    """The configuration with that converter (None: its own) at the clock it is used with, which is checked against its pace."""
+def with_converter(
+    config: AcceleratorConfig, converter: str | None, clock_hz: float | None = None
+) -> AcceleratorConfig:
+    """The configuration with that converter (None: its own) at the clock it is used with, which is checked
+    against its pace."""
     changes: dict[str, Any] = {} if converter is None else {"converter": converter}
     if clock_hz and (converter or config.interface.converter) != "none":
         changes["clock_hz"] = float(clock_hz)
@@ -201,7 +242,8 @@ def with_converter(config: AcceleratorConfig, converter: str | None, clock_hz: f
 def netlist_of(
     config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str, *, probes: bool = True
 ) -> tuple[Hardware, dict[str, int]]:
-    """The post-synthesis netlist of one design and the number of its cells by type; an unchanged one is taken from the build folder.
+    """The post-synthesis netlist of one design and the number of its cells by type; an unchanged one is taken
+    from the build folder.
 
     Parameters
     ----------
@@ -210,7 +252,8 @@ def netlist_of(
     target:
         A board of eskin.rtl.fpga.targets.
     probes:
-        Keep the probe ports as outputs. Without them it is the netlist that placement gets, onset to decision without the host link.
+        Keep the probe ports as outputs. Without them it is the netlist that placement gets, onset to decision
+        without the host link.
 
     Raises
     ------
@@ -219,9 +262,13 @@ def netlist_of(
     """
     family = find_target(target).family
     images = None if config.hardware.loadable else memory_images(config, arrays)
-    key = content_key(config.to_dict(), str(family.synth), probes, repr(images), code_version("rtl", "golden"))
+    key = content_key(
+        config.to_dict(), str(family.synth), probes, repr(images), code_version("rtl", "golden")
+    )
     design = make_accelerator if probes else Chain
-    folder = Memo(BUILD / "netlists").folder(key, lambda folder: synthesise(design(config, images), family, folder))
+    folder = Memo(BUILD / "netlists").folder(
+        key, lambda folder: synthesise(design(config, images), family, folder)
+    )
     netlist = Netlist.of(folder, family, TOP)
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
 
@@ -229,8 +276,8 @@ def netlist_of(
 def bitstream_of(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str) -> Hardware:
     """The netlist without probes, placed, routed and read back from its bitstream.
 
-    It is placed on an HX8K in a package of 206 pads, the same family and cells as the boards' HX1K and LP1K, whose packages have
-    fewer pads than the chain has ports. An unchanged one is taken from the build folder.
+    It is placed on an HX8K in a package of 206 pads, the same family and cells as the boards' HX1K and LP1K,
+    whose packages have fewer pads than the chain has ports. An unchanged one is taken from the build folder.
 
     Raises
     ------
@@ -239,7 +286,10 @@ def bitstream_of(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], ta
     """
     family = find_target(target).family
     if family.name != "ice40" or family.dsp:
-        raise InputError(f"--level bitstream: reads back iCE40 parts without multipliers; --target {target} is none, take icestick")
+        raise InputError(
+            f"--level bitstream: reads back iCE40 parts without multipliers; --target {target} is none, "
+            "take icestick"
+        )
     hardware, _ = netlist_of(config, arrays, target, probes=False)
     folder = hardware.sources[0].parent
     with locked(folder.with_suffix(".lock")):
@@ -255,6 +305,10 @@ def bitstream_of(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], ta
                 "--timing-allow-fail",
                 "-q",
             ]
-            run_tool("nextpnr-ice40", [*place, "--json", f"{TOP}.json", "--asc", f"{TOP}.asc", "--write", "placing.json"], folder)
+            run_tool(
+                "nextpnr-ice40",
+                [*place, "--json", f"{TOP}.json", "--asc", f"{TOP}.asc", "--write", "placing.json"],
+                folder,
+            )
             (folder / "placing.json").rename(folder / "placed.json")
         return recovered_hardware(folder / f"{TOP}.asc", folder / "placed.json", target)

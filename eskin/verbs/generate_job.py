@@ -23,19 +23,26 @@ def generate_design(
     recordings: Recordings | None = None,
     seed: int = 1,
 ) -> Path:
-    """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of ``recordings`` (default: random)."""
+    """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of
+    ``recordings`` (default: random)."""
     config = model.config.with_lanes(lanes, lane_type)
     if not out.name:
         raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
     with tempfile.TemporaryDirectory() as folder:
         vectors = Path(folder) / "vectors.npz"
         if config.is_image:
-            images = random_images(config, 1, seed) if recordings is None else images_of(recordings.subset([0]))
+            images = (
+                random_images(config, 1, seed) if recordings is None else images_of(recordings.subset([0]))
+            )
             write_image_vectors(vectors, run_images(model, images).streams, images)
         else:
             length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
             for attempt in range(seed, seed + 50):
-                shown = recordings.subset([0]) if recordings is not None else random_recordings(config, [length], attempt)
+                shown = (
+                    recordings.subset([0])
+                    if recordings is not None
+                    else random_recordings(config, [length], attempt)
+                )
                 trace = run(model, shown)
                 if recordings is not None or len(trace.streams["decision"][0]):
                     break  # a random recording without a decision would check nothing

@@ -21,8 +21,9 @@ PAUSE = 800
 
 
 def waveform(config: AcceleratorConfig) -> tuple[np.ndarray, int, int]:
-    """(levels, first cycle after the last upset, cycle of the last read): frames, writes, reads and decisions; a rest; flags, a read, and
-    then a read and a decision that must come through. A host does no more after a fault: it reads, and goes on with the number it is told.
+    """(levels, first cycle after the last upset, cycle of the last read): frames, writes, reads and
+    decisions; a rest; flags, a read, and then a read and a decision that must come through. A host does no
+    more after a fault: it reads, and goes on with the number it is told.
     """
     parts: list[np.ndarray] = []
 
@@ -53,7 +54,12 @@ def heard(sent: bytes) -> list[link.Answer | link.Decision]:
 def played(design: Design, line: np.ndarray, register: int = 0, bit: int = 0, cycle: int = -1) -> bytes:
     """The sending line's levels with one upset; from power-on."""
     device = Device(design)
-    for name, value in (("rx", 1), ("decision__payload", PAYLOAD), ("frame__ready", 1), ("bus__r_data", VALUE)):
+    for name, value in (
+        ("rx", 1),
+        ("decision__payload", PAYLOAD),
+        ("frame__ready", 1),
+        ("bus__r_data", VALUE),
+    ):
         device.put(name, value)
     device.reset()
     device.poke(device.state.cycle + cycle, upset_register=register, upset_bit=bit)
@@ -61,8 +67,8 @@ def played(design: Design, line: np.ndarray, register: int = 0, bit: int = 0, cy
 
 
 def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path) -> list[dict[str, Any]]:
-    """``count`` upsets, every flip-flop bit equally often: {register, bit, cycle, answers, decides}: whether the last read is answered and
-    the last decision sent.
+    """``count`` upsets, every flip-flop bit equally often: {register, bit, cycle, answers, decides}: whether
+    the last read is answered and the last decision sent.
 
     Raises
     ------
@@ -79,7 +85,9 @@ def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path
 
     def alive(sent: bytes) -> tuple[bool, bool]:
         events = heard(sent[last:])
-        answers = any(isinstance(event, link.Answer) and (event.address, event.value) == (6, VALUE) for event in events)
+        answers = any(
+            isinstance(event, link.Answer) and (event.address, event.value) == (6, VALUE) for event in events
+        )
         return answers, any(isinstance(event, link.Decision) and event.payload == PAYLOAD for event in events)
 
     if alive(played(design, line)) != (True, True):

@@ -1,8 +1,9 @@
-"""The main job, `eskin run`: recordings -> trained network -> integers -> Verilog -> co-simulation -> report, in one folder.
+"""The main job, `eskin run`: recordings -> trained network -> integers -> Verilog -> co-simulation -> report,
+in one folder.
 
-Each stage works in a folder of its own beside OUT, named by the hash of all that went into it (data, configuration, code, options). A stage
-that was finished before is taken over, so an interrupted run goes on where it stopped. OUT itself appears, or is replaced, in one rename
-when everything is there.
+Each stage works in a folder of its own beside OUT, named by the hash of all that went into it (data,
+configuration, code, options). A stage that was finished before is taken over, so an interrupted run goes on
+where it stopped. OUT itself appears, or is replaced, in one rename when everything is there.
 """
 
 from __future__ import annotations
@@ -47,12 +48,14 @@ from eskin.verbs.milestones import Milestones
 
 BUILDS = Path("build/simulators")
 SMALL_CYCLES = 60e6
-"""Without a wish, all recordings are co-simulated at full pace if they take at most about so many cycles, else PER_CLASS of each class."""
+"""Without a wish, all recordings are co-simulated at full pace if they take at most about so many cycles,
+else PER_CLASS of each class."""
 PER_CLASS = 8
 IMAGES = 44
 """Images that are co-simulated without a wish."""
 DECLARED_CYCLES = 15e6
-"""A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least, PER_CLASS of each class at most."""
+"""A run at the sensor's pace takes as many recordings as fit into about so many cycles: one at least,
+PER_CLASS of each class at most."""
 FEWEST_WINDOWS = 3
 """Windows that it sees at least: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
@@ -85,7 +88,8 @@ def run(
     config:
         A preset or a JSON file; None: the front end is chosen (``eskin.golden.training.choose_front_end``).
     recordings:
-        How many are co-simulated at full pace, spread evenly over the classes; None: all of a small set, else PER_CLASS of each class.
+        How many are co-simulated at full pace, spread evenly over the classes; None: all of a small set, else
+        PER_CLASS of each class.
     out:
         New folder, or an earlier result, which is replaced at the very end.
     seed:
@@ -97,16 +101,18 @@ def run(
     seeds:
         How many the cross-validation takes, from ``seed`` on; None: 3, of images 1.
     test:
-        Recordings held back, as ``data``: the finished network is judged on them once, and nothing is chosen on them.
+        Recordings held back, as ``data``: the finished network is judged on them once, and nothing is chosen
+        on them.
     console:
         Where progress is shown; None: standard error.
 
     The folder
     ----------
-    run.json (also returned; ``passed``: every check held; ``warnings``: why the accuracy may not be what it seems), evaluate.json,
-    cosim.json, cosim_declared.json, cosim_lowest.json (unless no clock was found), model/, rtl/, trace.npz, report.html; waves_*/ after a
-    mismatch. Of images no cosim_declared.json, cosim_lowest.json and trace.npz; run.json has ``images`` and layer_cycles (number of a
-    layer -> cycles, with those of the pool behind).
+    run.json (also returned; ``passed``: every check held; ``warnings``: why the accuracy may not be what it
+    seems), evaluate.json, cosim.json, cosim_declared.json, cosim_lowest.json (unless no clock was found),
+    model/, rtl/, trace.npz, report.html; waves_*/ after a mismatch. Of images no cosim_declared.json,
+    cosim_lowest.json and trace.npz; run.json has ``images`` and layer_cycles (number of a layer -> cycles,
+    with those of the pool behind).
 
     Raises
     ------
@@ -131,7 +137,11 @@ def run(
                 split_folds(loaded, group, 5, None)
             if loaded.image_shape:
                 chosen_config(loaded, user_config, cell)
-            plan = None if loaded.image_shape else configure(loaded, user_config, groups=group, nested=True, progress=notify)
+            plan = (
+                None
+                if loaded.image_shape
+                else configure(loaded, user_config, groups=group, nested=True, progress=notify)
+            )
             seeds = seeds or (1 if loaded.image_shape else 3)
             network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
             planned = plan.config if plan else user_config
@@ -171,7 +181,8 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
         here, there = getattr(held, name), getattr(recordings, name)
         if here != there:
             raise InputError(
-                f"--test {held.source}, field {name}: is {here}, and {there} in --data; give recordings of the same sensor and task"
+                f"--test {held.source}, field {name}: is {here}, and {there} in --data; give recordings of "
+                "the same sensor and task"
             )
 
 
@@ -191,27 +202,43 @@ class _Steps:
     base: list[Any]
     timings: list[dict[str, Any]] = dataclasses.field(default_factory=list)
 
-    def stage(self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Notify], None]) -> Path:
+    def stage(
+        self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Notify], None]
+    ) -> Path:
         """The folder of a stage: found finished, or made now."""
         key = content_key([name, code_version(*packages), self.base, options])
         with self.stages(name) as notify:
-            folder, wall_s, cached = self.work.finished(f"{name.replace(' ', '-')}.{key[:20]}", lambda folder: make(folder, notify))
+            folder, wall_s, cached = self.work.finished(
+                f"{name.replace(' ', '-')}.{key[:20]}", lambda folder: make(folder, notify)
+            )
         self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
         return folder
 
     def all(self, count: int | None, result: Path, begin: float) -> dict[str, Any]:
-        """Run every stage, co-simulating ``count`` recordings, and fill ``result`` with all but the page. The record, as in run.json."""
+        """Run every stage, co-simulating ``count`` recordings, and fill ``result`` with all but the page. The
+        record, as in run.json."""
         trained = self.stage("training", GOLDEN, None, self._train)
-        quantised = self.stage("quantisation", GOLDEN, None, lambda folder, _: self._quantise(trained, folder))
-        model, training = IntegerModel.load(quantised / "model", images=True), load_training(quantised / "model")
+        quantised = self.stage(
+            "quantisation", GOLDEN, None, lambda folder, _: self._quantise(trained, folder)
+        )
+        model, training = (
+            IntegerModel.load(quantised / "model", images=True),
+            load_training(quantised / "model"),
+        )
         config = self.config = model.config
         numbers = self.recordings.evenly(count or default_count(self.recordings, config))
-        evaluated = self.stage("evaluation", GOLDEN, None, lambda folder, notify: self._evaluate(quantised, folder, notify))
+        evaluated = self.stage(
+            "evaluation", GOLDEN, None, lambda folder, notify: self._evaluate(quantised, folder, notify)
+        )
         baselines = [] if config.is_image else self._baselines(training)
         tested = self._test(quantised)
-        generated = self.stage("Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder))
+        generated = self.stage(
+            "Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder)
+        )
 
-        def simulate(name: str, numbers: np.ndarray, played: Recordings, job: Callable[..., dict[str, Any] | None]) -> Path:
+        def simulate(
+            name: str, numbers: np.ndarray, played: Recordings, job: Callable[..., dict[str, Any] | None]
+        ) -> Path:
             def make(folder: Path, notify: Notify) -> None:
                 self._simulate(model, generated / "rtl", numbers, played, job, folder, notify)
 
@@ -247,38 +274,62 @@ class _Steps:
             record |= {"images": True, "candidates": training.get("candidates"), "layer_cycles": cycles}
         else:
             clock_hz = outcomes["cosim_lowest"] and outcomes["cosim_lowest"]["clock_hz"]
-            record |= {"front_end": training.get("front_end"), "candidates": self._with_cycles(training), "lowest_clock_hz": clock_hz}
+            record |= {
+                "front_end": training.get("front_end"),
+                "candidates": self._with_cycles(training),
+                "lowest_clock_hz": clock_hz,
+            }
         write_json(result / RESULT_MARK, record)
         return record
 
-    def _at_the_pace_of_the_sensor(self, numbers: np.ndarray, simulate: Callable[..., Path]) -> dict[str, Path]:
+    def _at_the_pace_of_the_sensor(
+        self, numbers: np.ndarray, simulate: Callable[..., Path]
+    ) -> dict[str, Path]:
         """The folders of the runs at the configured clock and at the lowest that meets every budget."""
         few = self._few(numbers, self.config.hardware.clock_hz)
-        declared = simulate("declared pace", *few, lambda *where, **options: flow.cosim(*where, pace="declared", **options))
+        declared = simulate(
+            "declared pace", *few, lambda *where, **options: flow.cosim(*where, pace="declared", **options)
+        )
         cycles = json.loads((declared / "result.json").read_text())["cycles"]
         few = self._few(numbers, latency.needed_clock(self.config, cycles))
-        lowest = simulate("lowest clock", *few, lambda *where, **options: _lowest_clock(*where, cycles=cycles, **options))
+        lowest = simulate(
+            "lowest clock", *few, lambda *where, **options: _lowest_clock(*where, cycles=cycles, **options)
+        )
         return {"cosim_declared": declared, "cosim_lowest": lowest}
 
     def _baselines(self, training: dict[str, Any]) -> list[dict[str, Any]]:
         """Those of the training and the yardsticks."""
-        measured = self.stage("yardsticks", GOLDEN, None, lambda folder, notify: self._yardsticks(training, folder, notify))
+        measured = self.stage(
+            "yardsticks", GOLDEN, None, lambda folder, notify: self._yardsticks(training, folder, notify)
+        )
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
     def _train(self, folder: Path, notify: Notify) -> None:
         options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, **self.network}
-        choose_network.train_chosen(self.recordings, self.user_config, out=folder / "model", seed=self.seed, progress=notify, **options)
+        choose_network.train_chosen(
+            self.recordings,
+            self.user_config,
+            out=folder / "model",
+            seed=self.seed,
+            progress=notify,
+            **options,
+        )
 
     def _with_cycles(self, training: dict[str, Any]) -> list[dict[str, Any]] | None:
-        """The candidates with decision_cycles: from a window's features to its decision on the lanes of this run, off each program."""
+        """The candidates with decision_cycles: from a window's features to its decision on the lanes of this
+        run, off each program."""
         if training.get("candidates") is None:
             return None
-        # formats as before quantisation: those of one cell's network may not do for another's, and no cycle depends on them
+        # formats as before quantisation: those of one cell's network may not do for another's, and no cycle
+        # depends on them
         trained = AcceleratorConfig.from_dict(training["config"], "training record, field config")
         rows = []
         for row in training["candidates"]:
             candidate = choose_network.network(trained, row["cell"], row["hidden"] or None)
-            rows.append(row | {"decision_cycles": schedule(candidate).decision_cycles, "lanes": candidate.hardware.lanes})
+            rows.append(
+                row
+                | {"decision_cycles": schedule(candidate).decision_cycles, "lanes": candidate.hardware.lanes}
+            )
         return rows
 
     def _quantise(self, trained: Path, folder: Path) -> None:
@@ -290,7 +341,10 @@ class _Steps:
 
     def _yardsticks(self, training: dict[str, Any], folder: Path, notify: Notify) -> None:
         first = training["cross_validation"][0]
-        write_json(folder / "yardsticks.json", yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify))
+        write_json(
+            folder / "yardsticks.json",
+            yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify),
+        )
 
     def _test(self, quantised: Path) -> dict[str, Any] | None:
         """The network on the recordings held back, once."""
@@ -299,9 +353,13 @@ class _Steps:
         with self.stages("recordings held back"):
             trained_on = recording_hashes(self.recordings)
             repeated = sum(recording in trained_on for recording in recording_hashes(self.held))
-            return {"source": self.held.source, "seen_in_training": repeated} | evaluate.evaluate(quantised / "model", self.held)
+            return {"source": self.held.source, "seen_in_training": repeated} | evaluate.evaluate(
+                quantised / "model", self.held
+            )
 
-    def _warnings(self, training: dict[str, Any], baselines: list[dict[str, Any]], tested: dict[str, Any] | None) -> list[str]:
+    def _warnings(
+        self, training: dict[str, Any], baselines: list[dict[str, Any]], tested: dict[str, Any] | None
+    ) -> list[str]:
         """Those of the training, those that the yardsticks bring, and those of the recordings held back."""
         sentences, things = list(training.get("warnings", [])), "recordings"
         if self.config.is_image:
@@ -309,18 +367,23 @@ class _Steps:
         else:
             first, chosen = training["cross_validation"][0], training.get("candidates") is not None
             behind = doubts.below_baselines(first, baselines, chosen=chosen)
-            # the best of all baselines speaks for the split; a sentence of the training is of one that is no better
-            weaker = doubts.below_baselines(first, training.get("baselines", []), chosen=chosen) if behind else []
+            # the best of all baselines speaks for the split; a sentence of the training is of one that is no
+            # better
+            weaker = (
+                doubts.below_baselines(first, training.get("baselines", []), chosen=chosen) if behind else []
+            )
             sentences = behind + [sentence for sentence in sentences if sentence not in weaker]
         if tested and tested["seen_in_training"]:
             sentences.append(
-                f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are in the training data too, so their "
+                f"{tested['seen_in_training']} of the {tested['recordings']} {things} held back are in the "
+                "training data too, so their "
                 f"figure says little: give --test {things} that are not in --data"
             )
         return sentences
 
     def _generate(self, model: IntegerModel, folder: Path) -> None:
-        """Verilog with a testbench that plays the drawn recording, and that recording's stages for the report; or the first image."""
+        """Verilog with a testbench that plays the drawn recording, and that recording's stages for the
+        report; or the first image."""
         if model.config.is_image:
             generate_design(model, folder / "rtl", recordings=self.recordings)
             return
@@ -331,9 +394,12 @@ class _Steps:
         report.write_trace(folder / "trace.npz", trace, recording, 0, number)
 
     def _drawn(self, model: IntegerModel) -> tuple[int, Recordings, pipeline.Trace]:
-        """The first recording, taken evenly over the classes, with a whole touch, else the first with a completed step."""
+        """The first recording, taken evenly over the classes, with a whole touch, else the first with a
+        completed step."""
         partial = None
-        for number in dict.fromkeys([*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]):
+        for number in dict.fromkeys(
+            [*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]
+        ):
             recording = self.recordings.subset([number])
             trace = pipeline.run(model, recording)
             touch = int(trace.first[0])
@@ -343,16 +409,23 @@ class _Steps:
                     return drawn
                 partial = partial or drawn
         if partial is None:
-            raise InputError(f"recordings '{self.recordings.source}': none has a completed step; look at them with 'eskin inspect'")
+            raise InputError(
+                f"recordings '{self.recordings.source}': none has a completed step; look at them with "
+                "'eskin inspect'"
+            )
         return partial
 
     def _few(self, numbers: np.ndarray, clock_hz: float) -> tuple[np.ndarray, Recordings]:
-        """The recordings of a run at the sensor's pace, about DECLARED_CYCLES worth of ``numbers``: numbers, recordings.
+        """The recordings of a run at the sensor's pace, about DECLARED_CYCLES worth of ``numbers``: numbers,
+        recordings.
 
-        They end a hop after their first touch: waiting for frames is what such a run spends its time on. Those that end soonest are taken.
-        Where even one of them is too long, it ends sooner, and after FEWEST_WINDOWS windows at the soonest.
+        They end a hop after their first touch: waiting for frames is what such a run spends its time on.
+        Those that end soonest are taken. Where even one of them is too long, it ends sooner, and after
+        FEWEST_WINDOWS windows at the soonest.
         """
-        candidates = numbers[self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))]
+        candidates = numbers[
+            self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))
+        ]
         whole = self.recordings.subset(candidates)
         touches = find_touches(self.config, whole)
         affordable = int(DECLARED_CYCLES * self.config.sensor.sample_rate_hz / clock_hz)
@@ -362,7 +435,10 @@ class _Steps:
             if touch >= 0:
                 before = touches.start_frame[touch] - 1
                 ends[index] = min(ends[index], before + self.config.last_frame + self.config.windows.hop)
-                few_windows[index] = min(ends[index], before + self.config.window_spans[:FEWEST_WINDOWS][-1][1] + self.config.windows.hop)
+                few_windows[index] = min(
+                    ends[index],
+                    before + self.config.window_spans[:FEWEST_WINDOWS][-1][1] + self.config.windows.hop,
+                )
         order = np.lexsort((ends, first < 0))  # without a touch there is no step to time
         chosen = np.sort(order[: max(1, int((np.cumsum(ends[order]) <= affordable).sum()))])
         if len(chosen) == 1:
@@ -370,18 +446,27 @@ class _Steps:
         played = whole.subset(chosen)
         cut = dataclasses.replace(
             played,
-            samples=np.concatenate([played.recording(index)[: ends[number]] for index, number in enumerate(chosen)]),
+            samples=np.concatenate(
+                [played.recording(index)[: ends[number]] for index, number in enumerate(chosen)]
+            ),
             offsets=np.concatenate([[0], np.cumsum(ends[chosen])]),
         )
         return candidates[chosen], cut
 
     def _simulate(
-        self, model: IntegerModel, design: Path, numbers: np.ndarray, played: Recordings, job, folder: Path, notify: Notify
+        self,
+        model: IntegerModel,
+        design: Path,
+        numbers: np.ndarray,
+        played: Recordings,
+        job,
+        folder: Path,
+        notify: Notify,
     ) -> None:
-        move = lambda done, total: notify("golden model", done, total)  # noqa: E731
+        move = lambda done, total: notify("golden model", done, total)
         trace = None if model.config.is_image else pipeline.run(model, played, progress=move)
         vectors = expected_of(model, played, folder / "vectors.npz", numbers, trace=trace)
-        move = lambda done, total: notify("simulated frames", done, total)  # noqa: E731
+        move = lambda done, total: notify("simulated frames", done, total)
         outcome = job(design, vectors, work=folder / "work", builds=BUILDS.resolve(), progress=move)
         if outcome is not None and outcome["waves"]:
             waves = Path(outcome["waves"])
@@ -400,9 +485,15 @@ class _Steps:
             "taxels": recordings.taxels,
             "sample_rate_hz": recordings.sample_rate_hz,
             "sha256": self.base[0],
-            "classes": {name: int(n) for name, n in zip(recordings.class_names, recordings.class_counts, strict=True)},
+            "classes": {
+                name: int(n) for name, n in zip(recordings.class_names, recordings.class_counts, strict=True)
+            },
             "groups": {name: len(np.unique(values)) for name, values in recordings.groups.items()},
-            "lengths": {"min": int(lengths.min()), "median": float(np.median(lengths)), "max": int(lengths.max())},
+            "lengths": {
+                "min": int(lengths.min()),
+                "median": float(np.median(lengths)),
+                "max": int(lengths.max()),
+            },
         }
 
 
@@ -432,19 +523,31 @@ def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None
     """What exit status 0 stands for: {name, held, detail} each."""
     percent, count = report.percent, report.count
     loss = f"integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])} on the training data"
-    agreement = f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
+    agreement = (
+        f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
+    )
     detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point may be lost; {agreement}"
     error = evaluated["logit_error"]
     if error["max"] is not None:
         detail += f"; logit error {error['mean']:.3f} on average, {error['max']:.2f} at most, most of all by {error['stage']}"
-    checks = [{"name": "integer network decides as the float one", "held": evaluate.held(evaluated), "detail": detail}]
+    checks = [
+        {
+            "name": "integer network decides as the float one",
+            "held": evaluate.held(evaluated),
+            "detail": detail,
+        }
+    ]
     for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
         if name not in outcomes:
             continue
         outcome = outcomes[name]
         assert outcome is not None  # the lowest clock alone may be missing
-        detail = f"{count(outcome['compared_values'])} values compared, {count(outcome['mismatches'])} mismatches"
-        checks.append({"name": f"hardware equals model at {title}", "held": outcome["bit_exact"], "detail": detail})
+        detail = (
+            f"{count(outcome['compared_values'])} values compared, {count(outcome['mismatches'])} mismatches"
+        )
+        checks.append(
+            {"name": f"hardware equals model at {title}", "held": outcome["bit_exact"], "detail": detail}
+        )
         rows = [row for row in outcome["budgets"] if not row["reference"]]
         missed = ", ".join(row["name"] for row in rows if not row["met"])
         detail = f"{', '.join(row['name'] for row in rows) or 'no step to judge'}; missed: {missed or 'none'}"
@@ -452,8 +555,16 @@ def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None
         checks.append({"name": name, "held": bool(rows) and not missed, "detail": detail})
     if "cosim_lowest" in outcomes:
         lowest = outcomes["cosim_lowest"]
-        detail = "none was found" if lowest is None else f"{report.hertz(lowest['clock_hz'])}, bit-exact there too"
-        checks.append({"name": "a lowest clock that meets every budget", "held": lowest is not None and lowest["passed"], "detail": detail})
+        detail = (
+            "none was found" if lowest is None else f"{report.hertz(lowest['clock_hz'])}, bit-exact there too"
+        )
+        checks.append(
+            {
+                "name": "a lowest clock that meets every budget",
+                "held": lowest is not None and lowest["passed"],
+                "detail": detail,
+            }
+        )
     return checks
 
 
@@ -464,11 +575,15 @@ def _check_out(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise InputError(f"--out {out}: is a file; name a new folder")
     if out.is_dir() and any(out.iterdir()) and not (out / RESULT_MARK).exists():
-        raise InputError(f"--out {out}: holds other files and no {RESULT_MARK}, so it is no earlier result; name a new folder")
+        raise InputError(
+            f"--out {out}: holds other files and no {RESULT_MARK}, so it is no earlier result; name a new "
+            "folder"
+        )
 
 
 class _Work:
-    """The folder beside ``out`` in which stages are made, and kept until ``out`` is there; one run at a time may use it."""
+    """The folder beside ``out`` in which stages are made, and kept until ``out`` is there; one run at a time
+    may use it."""
 
     def __init__(self, out: Path) -> None:
         self.out, self.folder = out, out.with_name(f".{out.name}.work")
@@ -478,12 +593,16 @@ class _Work:
             self.folder.mkdir(parents=True, exist_ok=True)
             self.lock = (self.folder / "lock").open("w")
         except OSError as error:
-            raise InputError(f"--out {self.out}: cannot be written ({error.strerror}); name a folder you may write to") from None
+            raise InputError(
+                f"--out {self.out}: cannot be written ({error.strerror}); name a folder you may write to"
+            ) from None
         try:
             fcntl.flock(self.lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             self.lock.close()
-            raise InputError(f"--out {self.out}: another run is writing it; wait for that one or name another folder") from None
+            raise InputError(
+                f"--out {self.out}: another run is writing it; wait for that one or name another folder"
+            ) from None
         old = self.folder / "old"
         if old.exists() and not self.out.exists():  # stopped between the two renames of publish
             os.replace(old, self.out)
@@ -491,7 +610,8 @@ class _Work:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Drop what is unfinished; without a finished stage there is nothing to resume and the whole folder goes."""
+        """Drop what is unfinished; without a finished stage there is nothing to resume and the whole folder
+        goes."""
         for name in ("unfinished", "result"):
             shutil.rmtree(self.folder / name, ignore_errors=True)
         if not any(entry.is_dir() for entry in self.folder.iterdir()):
@@ -499,7 +619,8 @@ class _Work:
         self.lock.close()
 
     def finished(self, name: str, make: Callable[[Path], None]) -> tuple[Path, float, bool]:
-        """The stage folder ``name``, made by ``make`` unless it is there; the seconds its making took; whether it was there."""
+        """The stage folder ``name``, made by ``make`` unless it is there; the seconds its making took;
+        whether it was there."""
         folder = self.folder / name
         cached = (folder / "wall_s").exists()
         if not cached:
@@ -522,12 +643,15 @@ class _Work:
 
 @contextmanager
 def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
-    """Progress on ``console``: ``with stages(name) as notify`` is a bar that ``notify(what, done, total)`` moves; where that is no
-    terminal, a line when a stage ends and ``Milestones`` on the way."""
+    """Progress on ``console``: ``with stages(name) as notify`` is a bar that ``notify(what, done, total)``
+    moves; where that is no terminal, a line when a stage ends and ``Milestones`` on the way."""
 
     @contextmanager
     def lines(name: str) -> Iterator[Notify]:
-        begin, milestones = time.perf_counter(), Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True))
+        begin, milestones = (
+            time.perf_counter(),
+            Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True)),
+        )
         yield lambda task, done, total: milestones(f"{name}, {task}", done, total)
         milestones.say(f"{name}: done in {time.perf_counter() - begin:.1f} s")
 
@@ -535,12 +659,21 @@ def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
         yield lines
         return
     words = [TextColumn(text) for text in ("{task.description}", "{task.fields[what]}")]
-    with Progress(SpinnerColumn(finished_text="✓"), words[0], BarColumn(), words[1], TimeElapsedColumn(), console=console) as bars:
+    with Progress(
+        SpinnerColumn(finished_text="✓"),
+        words[0],
+        BarColumn(),
+        words[1],
+        TimeElapsedColumn(),
+        console=console,
+    ) as bars:
 
         @contextmanager
         def stage(name: str) -> Iterator[Notify]:
             task: TaskID = bars.add_task(name, total=None, what="")
-            yield lambda what, done, total: bars.update(task, completed=done, total=max(total, done + 1), what=what)
+            yield lambda what, done, total: bars.update(
+                task, completed=done, total=max(total, done + 1), what=what
+            )
             bars.update(task, completed=1, total=1, what="done")
 
         yield stage

@@ -1,4 +1,5 @@
-"""`eskin replay`: recordings or images to a board over its serial line, its decisions against the golden model's."""
+"""`eskin replay`: recordings or images to a board over its serial line, its decisions against the golden
+model's."""
 
 from __future__ import annotations
 
@@ -26,7 +27,13 @@ Progress = Callable[[int, int], None]
 
 
 def replay(
-    model: IntegerModel, recordings: Recordings, *, numbers: Sequence[int], port: str, baud: int, progress: Progress
+    model: IntegerModel,
+    recordings: Recordings,
+    *,
+    numbers: Sequence[int],
+    port: str,
+    baud: int,
+    progress: Progress,
 ) -> dict[str, Any]:
     """Load ``model`` into the board on ``port`` and play ``recordings``.
 
@@ -40,9 +47,9 @@ def replay(
     Returns
     -------
     dict
-        port, baud, lanes, recordings, frames, decisions, compared_values, mismatches, bit_exact, passed, mismatch_list (sentences, the
-        first ones), repeated (packets sent again), replayed (recordings played again), unanswered (questions asked again), damaged (packets
-        from the board), wall_s, frames_per_s.
+        port, baud, lanes, recordings, frames, decisions, compared_values, mismatches, bit_exact, passed,
+        mismatch_list (sentences, the first ones), repeated (packets sent again), replayed (recordings played
+        again), unanswered (questions asked again), damaged (packets from the board), wall_s, frames_per_s.
 
     Raises
     ------
@@ -51,8 +58,11 @@ def replay(
     """
     transport = SerialPort(port, baud)
     try:
-        burst_bits = 10 * BURST * 2 * (2 * model.config.sensor.taxels + 8)  # where every byte of it is escaped
-        result = play_all(transport, model, recordings, numbers, progress, timeout_s=ANSWER_S + burst_bits / baud)
+        # where every byte of it is escaped
+        burst_bits = 10 * BURST * 2 * (2 * model.config.sensor.taxels + 8)
+        result = play_all(
+            transport, model, recordings, numbers, progress, timeout_s=ANSWER_S + burst_bits / baud
+        )
         return {"port": port, "baud": baud} | result
     except LinkError as error:
         raise InputError(f"--port {port}: {error}") from None
@@ -61,7 +71,12 @@ def replay(
 
 
 def play_all(
-    transport: Transport, model: IntegerModel, recordings: Recordings, numbers: Sequence[int], progress: Progress, **options: Any
+    transport: Transport,
+    model: IntegerModel,
+    recordings: Recordings,
+    numbers: Sequence[int],
+    progress: Progress,
+    **options: Any,
 ) -> dict[str, Any]:
     """The same over any transport; ``options`` as for Link."""
     config = model.config
@@ -80,7 +95,15 @@ def play_all(
         got = link.play(recordings.recording(position), report)
         low, high = offsets[position : position + 2]
         words = (got.status, got.faults, got.touches)
-        compare_played(verdict, int(number), rows[low:high], frames[low:high], got.decisions, int(touches[position]), words)
+        compare_played(
+            verdict,
+            int(number),
+            rows[low:high],
+            frames[low:high],
+            got.decisions,
+            int(touches[position]),
+            words,
+        )
         decisions += len(got.decisions)
     wall_s = time.monotonic() - begin
     return {
@@ -102,11 +125,21 @@ def play_all(
     }
 
 
-def _decided(model: IntegerModel, recordings: Recordings) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-    """Of the integer model: stage ``decision`` (rows, offsets), the frame that brings each row, and the touches of each recording; an image
-    is one, decided with its last row."""
+def _decided(
+    model: IntegerModel, recordings: Recordings
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+    """Of the integer model: stage ``decision`` (rows, offsets), the frame that brings each row, and the
+    touches of each recording; an image is one, decided with its last row."""
     if model.config.is_image:
         decided = run_images(model, images_of(recordings)).streams["decision"]
-        return decided, np.full(len(decided[0]), model.config.image.height), np.ones(len(recordings), dtype=np.int64)
+        return (
+            decided,
+            np.full(len(decided[0]), model.config.image.height),
+            np.ones(len(recordings), dtype=np.int64),
+        )
     trace = run(model, recordings)
-    return trace.streams["decision"], completing_frames(trace), np.bincount(trace.touches.recording, minlength=len(recordings))
+    return (
+        trace.streams["decision"],
+        completing_frames(trace),
+        np.bincount(trace.touches.recording, minlength=len(recordings)),
+    )

@@ -1,7 +1,8 @@
-"""The failure-mode suite, `eskin stability`: golden finds where the method fails, co-simulation confirms the worst of it.
+"""The failure-mode suite, `eskin stability`: golden finds where the method fails, co-simulation confirms the
+worst of it.
 
-Every experiment's record is kept by the content of what went into it (recordings, model, code), so that an interrupted run goes on where it
-stopped.
+Every experiment's record is kept by the content of what went into it (recordings, model, code), so that an
+interrupted run goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -36,7 +37,8 @@ CACHE = Path("build/stability_records")
 """Finished experiments by content; safe to delete."""
 RESULT, RECOMMENDED = "stability.json", "recommended.json"
 CONFIRMED = 3
-"""Golden cases of each group, of images of all groups, the weakest modes first, that are played into the hardware."""
+"""Golden cases of each group, of images of all groups, the weakest modes first, that are played into the
+hardware."""
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
@@ -44,7 +46,8 @@ CODE = partial(code_version, "golden", "rtl", "cosim")
 """What records depend on beside their data and model."""
 
 UPSETS = 600
-"""Single upsets of flip-flops, and of memory bits, in simulation; the bench's ``flips`` where that is less."""
+"""Single upsets of flip-flops, and of memory bits, in simulation; the bench's ``flips`` where that is
+less."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -65,7 +68,8 @@ def run(
     progress: Progress | None = None,
     **bench_options: Any,
 ) -> dict[str, Any]:
-    """Run the suite and write stability.json, stability.html and recommended.json (the configuration with the recommended defences).
+    """Run the suite and write stability.json, stability.html and recommended.json (the configuration with the
+    recommended defences).
 
     Parameters
     ----------
@@ -74,18 +78,20 @@ def run(
     cosim:
         Confirm the weakest golden cases in co-simulation, and run the modes that need the hardware.
     compare:
-        Train and judge the defences by cross-validation, which networks for images have none of; with ``cosim``, what each
-        costs in hardware too (``hardware`` of its record).
+        Train and judge the defences by cross-validation, which networks for images have none of; with
+        ``cosim``, what each costs in hardware too (``hardware`` of its record).
     few, bench_options:
         As for ``eskin.golden.stability.core.Bench``, or `eskin.golden.stability.images.ImageBench`.
     seeds:
         Seeds of the comparison of defences.
     workers, dask:
-        As for ``eskin.golden.core.jobs.Jobs``: where modes, confirmations and defences are judged. Modes that need the hardware run here.
+        As for ``eskin.golden.core.jobs.Jobs``: where modes, confirmations and defences are judged. Modes that
+        need the hardware run here.
 
     Returns
     -------
-    The result, as in stability.json: model, data, recordings, clean_accuracy, modes, not_run, weakest (names), defences, wall_s, passed.
+    The result, as in stability.json: model, data, recordings, clean_accuracy, modes, not_run, weakest
+    (names), defences, wall_s, passed.
 
     Raises
     ------
@@ -99,9 +105,13 @@ def run(
     if load_config(model_dir).is_image:
         bench = ImageBench(IntegerModel.load(model_dir, images=True), recordings, few=few, **bench_options)
     else:
-        bench = Bench(IntegerModel.load(model_dir), FloatModel.load(model_dir), recordings, few=few, **bench_options)
+        bench = Bench(
+            IntegerModel.load(model_dir), FloatModel.load(model_dir), recordings, few=few, **bench_options
+        )
     own = [bench.real, bench.points, bench.long] if isinstance(bench, Bench) else []
-    content = content_key(bench.model, recordings, code_version("golden"), [few, bench.flips, bench.seed], *own)
+    content = content_key(
+        bench.model, recordings, code_version("golden"), [few, bench.flips, bench.seed], *own
+    )
     keep = _Records(cache, content, Jobs(workers=workers, dask=dask, progress=progress, version=CODE))
     hardware = _Hardware(bench, keep, progress) if cosim else None
     found = stability.run_modes(
@@ -117,7 +127,9 @@ def run(
     if isinstance(bench, Bench):
         compared, chosen = _defences(bench, keep, hardware, seeds if compare else 0)
         write_json(out / RECOMMENDED, chosen.to_dict())
-    passed = all(record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"])
+    passed = all(
+        record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"]
+    )
     passed &= all(record["hardware"] is None or record["hardware"]["bit_exact"] for record in compared)
     result = {
         "model": str(model_dir),
@@ -134,8 +146,11 @@ def run(
     return result
 
 
-def _defences(bench: Bench, keep: _Records, hardware: _Hardware | None, seeds: int) -> tuple[list[dict[str, Any]], AcceleratorConfig]:
-    """What each set of defences is worth, cross-validated over ``seeds`` (0: not), and costs; the configuration with those recommended."""
+def _defences(
+    bench: Bench, keep: _Records, hardware: _Hardware | None, seeds: int
+) -> tuple[list[dict[str, Any]], AcceleratorConfig]:
+    """What each set of defences is worth, cross-validated over ``seeds`` (0: not), and costs; the
+    configuration with those recommended."""
     recordings, base = bench.recordings, undefended(bench.config)
     splits = default_splits(recordings, bench.config)
     rows = defences.variants(recordings, base) if seeds else []
@@ -155,9 +170,17 @@ def _defences(bench: Bench, keep: _Records, hardware: _Hardware | None, seeds: i
 
 
 def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
-    """``config`` without its defences: what the comparison starts from. Where a defended one has a preset's name, its onset threshold and
-    its hidden units are the preset's again."""
-    plain = config.replace(fault_frames=0, fault_activity=0, onset_hits=1, onset_span=1, margin_threshold=0, checksum=False, watchdog=False)
+    """``config`` without its defences: what the comparison starts from. Where a defended one has a preset's
+    name, its onset threshold and its hidden units are the preset's again."""
+    plain = config.replace(
+        fault_frames=0,
+        fault_activity=0,
+        onset_hits=1,
+        onset_span=1,
+        margin_threshold=0,
+        checksum=False,
+        watchdog=False,
+    )
     preset = PRESETS.get(config.name)
     if config.faults.fault_frames and preset:
         plain = plain.replace(onset_threshold=preset.onset_rule.onset_threshold, hidden=preset.network.hidden)
@@ -201,7 +224,9 @@ def judge_mode(bench: Bench | ImageBench, name: str) -> dict[str, Any]:
 
 def compare_one(shared: Comparison, row: defences.Variant) -> dict[str, Any]:
     """The record of one set of defences, without its cost."""
-    return defences.compare_defences(shared.recordings, [row], shared.splits, range(shared.seeds), front_ends=shared.front_ends)[0]
+    return defences.compare_defences(
+        shared.recordings, [row], shared.splits, range(shared.seeds), front_ends=shared.front_ends
+    )[0]
 
 
 def cost_one(recordings: Recordings, config: AcceleratorConfig) -> dict[str, Any]:
@@ -210,17 +235,31 @@ def cost_one(recordings: Recordings, config: AcceleratorConfig) -> dict[str, Any
 
 
 def confirm(shared: tuple[Bench | ImageBench, str, str], name: str) -> dict[str, Any]:
-    """Play a mode's golden case into the hardware; {bit_exact, recordings, compared_values, mismatches, probe ...}."""
+    """Play a mode's golden case into the hardware; {bit_exact, recordings, compared_values, mismatches, probe
+    ...}."""
     bench, work, simulator = shared
     _, case = stability.judge(stability.modes_of(bench)[name], bench)
     assert case is not None  # its record says that it has one
     return play_case(bench, case, Path(work) / content_key(name), simulator)
 
 
-def play_case(bench: Bench | ImageBench, case: Case, work: Path, simulator: str, **options: Any) -> dict[str, Any]:
+def play_case(
+    bench: Bench | ImageBench, case: Case, work: Path, simulator: str, **options: Any
+) -> dict[str, Any]:
     """What the suite keeps of a co-simulation."""
-    result = flow.cosimulate(case.model or bench.model, case.recordings, work=work, simulator=simulator, **options)
-    wanted = ("bit_exact", "recordings", "compared_values", "mismatches", "frames", "simulated_cycles", "mismatch_list", "probe")
+    result = flow.cosimulate(
+        case.model or bench.model, case.recordings, work=work, simulator=simulator, **options
+    )
+    wanted = (
+        "bit_exact",
+        "recordings",
+        "compared_values",
+        "mismatches",
+        "frames",
+        "simulated_cycles",
+        "mismatch_list",
+        "probe",
+    )
     return {key: result[key] for key in wanted}
 
 
@@ -244,7 +283,13 @@ class _Hardware:
         """What each configuration costs (eskin.verbs.defence_cost)."""
         names = [f"cost {self.version} {json.dumps(config.to_dict())}" for config in configs]
         pieces = dict(zip(names, configs, strict=True))
-        found = dict(zip(pieces, self.keep.results(cost_one, pieces, self.bench.recordings, "defences in hardware"), strict=True))
+        found = dict(
+            zip(
+                pieces,
+                self.keep.results(cost_one, pieces, self.bench.recordings, "defences in hardware"),
+                strict=True,
+            )
+        )
         return [found[name] for name in names]
 
     def confirm(self, records: list[dict[str, Any]]) -> None:
@@ -261,25 +306,38 @@ class _Hardware:
 
     def record(self, mode: Mode) -> dict[str, Any]:
         """The record of a mode that only the hardware can show."""
-        return self.keep.remembered(f"rtl {self.version} {mode.name}", lambda: stability.judge(mode, self.bench, self.measure)[0])
+        return self.keep.remembered(
+            f"rtl {self.version} {mode.name}", lambda: stability.judge(mode, self.bench, self.measure)[0]
+        )
 
     def measure(self, key: str, **options: Any) -> Outcome:
         """The figure of such a mode by its key, always measured; options: of the function that does it."""
         return (self.play if key in ("stalls", "probe") else self.upsets)(key, **options)
 
-    def upsets(self, key: str, *, ways: Sequence[int] = (bench_upsets.RESET, bench_upsets.ARM_AGAIN), **defences: bool) -> Outcome:
-        """Upsets in the generated design (eskin/verbs/upset_campaign.py): ``reset``, ``flip-flops`` or ``checksum``.
+    def upsets(
+        self,
+        key: str,
+        *,
+        ways: Sequence[int] = (bench_upsets.RESET, bench_upsets.ARM_AGAIN),
+        **defences: bool,
+    ) -> Outcome:
+        """Upsets in the generated design (eskin/verbs/upset_campaign.py): ``reset``, ``flip-flops`` or
+        ``checksum``.
 
         ways: of leaving a recording. defences: checksum, watchdog, which are on.
         """
         model, clean = self.bench.model, self.bench.clean
         defended = model.config.replace(**{"checksum": True, "watchdog": True, **defences})
         played = IntegerModel(defended, model.arrays, model.source)
-        scenario = self.bench.remember(f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean))
+        scenario = self.bench.remember(
+            f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean)
+        )
         campaign = campaign_steps.Campaign.build(scenario, flow.BUILD / "simulators")
         count, seed = min(UPSETS, self.bench.flips), self.bench.seed
         options: dict[str, Any] = {
-            "keep": lambda name, make: self.keep.remembered(f"rtl {self.version} {ways} {defences} {name}", make),
+            "keep": lambda name, make: self.keep.remembered(
+                f"rtl {self.version} {ways} {defences} {name}", make
+            ),
             "progress": partial(self.progress, f"{key} in simulation") if self.progress else None,
         }
         if key == "reset":
@@ -290,20 +348,28 @@ class _Hardware:
         elif key == "flip-flops":
             detail = campaign_steps.summary(campaign_steps.upset_flip_flops(campaign, count, seed, **options))
             of_link = options["keep"](
-                "link", lambda: upset_link(campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators")
+                "link",
+                lambda: upset_link(
+                    campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators"
+                ),
             )
             dumb = sum(not (record["answers"] and record["decides"]) for record in of_link)
             value = detail["hangs"] + dumb
             what = f"{campaign_steps.in_words(detail)}; of {len(of_link)} more in the serial link {dumb} leave it without an answer"
             detail["link"] = {"flips": len(of_link), "hangs": dumb}
         else:
-            detail = campaign_steps.flagged_by_kind(campaign_steps.upset_constants(campaign, count, seed, **options))
+            detail = campaign_steps.flagged_by_kind(
+                campaign_steps.upset_constants(campaign, count, seed, **options)
+            )
             value = sum(flips - flagged for flips, flagged in detail.values())
-            what = "; ".join(f"{kind}: {flagged} of {flips} flagged" for kind, (flips, flagged) in detail.items())
+            what = "; ".join(
+                f"{kind}: {flagged} of {flips} flagged" for kind, (flips, flagged) in detail.items()
+            )
         return Outcome(value, what, detail=detail)
 
     def play(self, key: str, **options: Any) -> Outcome:
-        """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during a touch."""
+        """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during
+        a touch."""
         clean = self.bench.clean
         case = Case(clean.subset(clean.evenly(STREAMED)))
         rtl = play_case(self.bench, case, self.work, self.simulator, **{key: True}, **options)

@@ -1,4 +1,5 @@
-"""The sweep, `eskin sweep`: golden trains and judges, rtl counts cycles; here the two meet, and the files are written."""
+"""The sweep, `eskin sweep`: golden trains and judges, rtl counts cycles; here the two meet, and the files are
+written."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ CODE = partial(code_version, "golden")
 """What a training depends on beside its data."""
 
 PART = "iCE40UP5K"
-"""Whose energy is estimated: the only part with published measurements. Its clock may stop between samples."""
+"""Whose energy is estimated: the only part with published measurements. Its clock may stop between
+samples."""
 _registers = lru_cache(maxsize=64)(register_bits)
 
 RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
@@ -43,18 +45,29 @@ RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
 def cost_of(config: AcceleratorConfig, base: AcceleratorConfig) -> dict[str, float]:
     """Cycles and energies (joule) of a point, as ``eskin.golden.studies.sweep.sweep`` takes them.
 
-    compute_j: of the steps of a touch, or of an image. energy_j: of an image the same, waiting for it left out; of a touch from its first
-    frame to its last, waiting included, with an outside clock that runs, at any rate, only while there is work. The registers are those of
-    ``base`` on the same lanes: cell, units and bits change their number by a few, and elaborating every point would take minutes.
+    compute_j: of the steps of a touch, or of an image. energy_j: of an image the same, waiting for it left
+    out; of a touch from its first frame to its last, waiting included, with an outside clock that runs, at
+    any rate, only while there is work. The registers are those of ``base`` on the same lanes: cell, units and
+    bits change their number by a few, and elaborating every point would take minutes.
     """
     hardware = config.hardware
-    registers = _registers(base.replace(clock_hz=hardware.clock_hz).with_lanes(hardware.lanes, hardware.lane_type))
+    registers = _registers(
+        base.replace(clock_hz=hardware.clock_hz).with_lanes(hardware.lanes, hardware.lane_type)
+    )
     multipliers = 0 if hardware.lane_type == "serial" else hardware.lanes
-    step, frame = step_cycles(config), frame_cycles(config, ends_window=False)  # one frame in a hop takes longer
-    energy = estimate(config, PART, scheduled_activity(config, step, frame, registers, multipliers), hardware.clock_hz)
+    # one frame in a hop takes longer
+    step, frame = (step_cycles(config), frame_cycles(config, ends_window=False))
+    energy = estimate(
+        config, PART, scheduled_activity(config, step, frame, registers, multipliers), hardware.clock_hz
+    )
     compute_j = energy["per_touch_j"]
     energy_j = compute_j if config.is_image else energy["choices"][1]["touch_j"]
-    return {"cycles_step": step, "cycles_decision": decision_cycles(config), "energy_j": energy_j, "compute_j": compute_j}
+    return {
+        "cycles_step": step,
+        "cycles_decision": decision_cycles(config),
+        "energy_j": energy_j,
+        "compute_j": compute_j,
+    }
 
 
 def request_of(
@@ -77,9 +90,11 @@ def request_of(
     config:
         Sensor, windows, clock, and what the grid leaves open; of images None.
     grid:
-        A name (``eskin.golden.studies.sweep.GRIDS``) or a JSON file (``eskin.golden.studies.sweep.read_grid``).
+        A name (``eskin.golden.studies.sweep.GRIDS``) or a JSON file
+        (``eskin.golden.studies.sweep.read_grid``).
     group:
-        Group names of the one split; None: every split the configuration names, judged by the first, and random folds of images.
+        Group names of the one split; None: every split the configuration names, judged by the first, and
+        random folds of images.
     seed, seeds, folds:
         First seed, number of seeds (None: 3, of images 1), folds of each split.
     parts:
@@ -98,19 +113,25 @@ def request_of(
         split_folds(recordings, groups, folds, None)
     common: dict[str, Any] = {"folds": folds, "bounds": bounds or sweeping.Bounds()}
     if config is not None:
-        points: Sequence[Any] = sweeping.make_points(config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), source)
+        points: Sequence[Any] = sweeping.make_points(
+            config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), source
+        )
         common |= {"base": config, "splits": splits, "baselines": list(SWEPT) if baselines else []}
         return sweeping.SweepRequest(points=points, seeds=range(seed, seed + (seeds or 3)), **common)
     if parts is not None and parts > folds:
         raise InputError(f"--parts {parts}: there are {folds} folds; give at most as many")
     if grid == "bits":
-        raise InputError("--grid bits: is for recordings; the default grid for images has weights of 8 and of 4 bits")
+        raise InputError(
+            "--grid bits: is for recordings; the default grid for images has weights of 8 and of 4 bits"
+        )
     assert recordings.image_shape is not None
     grids = default_grid(*recordings.image_shape) if grid == "default" else sweeping.read_grid(grid)
     points = make_image_points(recordings, grids, source)
     for point in points:
         refuse_hardware(point.config)
-    return ImageSweepRequest(points=points, seeds=range(seed, seed + (seeds or 1)), group=splits[0], parts=parts, **common)
+    return ImageSweepRequest(
+        points=points, seeds=range(seed, seed + (seeds or 1)), group=splits[0], parts=parts, **common
+    )
 
 
 def run(
@@ -123,9 +144,11 @@ def run(
     cache: Path | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> dict[str, Any]:
-    """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and charts into ``out``.
+    """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and
+    charts into ``out``.
 
-    ``dask``, ``workers`` and ``progress`` are those of ``eskin.golden.core.jobs.Jobs``. Returns the result, as in sweep.json.
+    ``dask``, ``workers`` and ``progress`` are those of ``eskin.golden.core.jobs.Jobs``. Returns the result,
+    as in sweep.json.
 
     Raises
     ------

@@ -1,7 +1,9 @@
-"""Upsets in the hardware: every outcome of a flipped flip-flop or memory bit against what the golden model says.
+"""Upsets in the hardware: every outcome of a flipped flip-flop or memory bit against what the golden model
+says.
 
-A scenario is two recordings: one with two touches, in whose first touch the upset comes, and after a new ``arm`` one more. So each upset
-shows what it does to the touch it hits, to the next touch of the same recording, and to the first of the next one.
+A scenario is two recordings: one with two touches, in whose first touch the upset comes, and after a new
+``arm`` one more. So each upset shows what it does to the touch it hits, to the next touch of the same
+recording, and to the first of the next one.
 """
 
 from __future__ import annotations
@@ -35,7 +37,8 @@ from eskin.rtl.top.watchdog import bound
 SLACK = 256
 """Cycles beyond the watchdog's bound before a wait counts as a hang: what idle takes to be seen."""
 AROUND = (-9, 3)
-"""Cycles from a decision between which leaving puts `arm`, and what it clears, before, in and behind the cycle in which it is offered."""
+"""Cycles from a decision between which leaving puts `arm`, and what it clears, before, in and behind the
+cycle in which it is offered."""
 FLAGS = Fault.CHECKSUM | Fault.WATCHDOG
 
 PROGRAM, TABLES, MEANS, ZEROS = "program", "activation tables", "means", "words that stand for 0"
@@ -48,7 +51,8 @@ Keep = Callable[[str, Callable[[], Any]], Any]
 
 @dataclass(frozen=True)
 class Scenario:
-    """What is played: two recordings, the first with two touches, and the payloads of their decisions (touch by touch)."""
+    """What is played: two recordings, the first with two touches, and the payloads of their decisions (touch
+    by touch)."""
 
     model: IntegerModel
     recordings: Recordings
@@ -70,7 +74,8 @@ def payloads(model: IntegerModel, recordings: Recordings) -> list[tuple[tuple[in
 
 
 def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
-    """The shortest scenario that the recordings give: the neighbourhoods of their touches, one of them twice in a row.
+    """The shortest scenario that the recordings give: the neighbourhoods of their touches, one of them twice
+    in a row.
 
     Raises
     ------
@@ -80,16 +85,23 @@ def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
     config = model.config
     touches = find_touches(config, recordings)
     lead, tail = (
-        config.rest_level.rest_frames + config.windows.pretrigger_frames + 4 * config.onset_rule.onset_mean_frames,
+        config.rest_level.rest_frames
+        + config.windows.pretrigger_frames
+        + 4 * config.onset_rule.onset_mean_frames,
         2 * config.onset_rule.rearm_frames + config.windows.hop,
     )
-    whole = [row for row in touches.first_touch() if row >= 0 and touches.completed[row] == config.windows.steps]
+    whole = [
+        row for row in touches.first_touch() if row >= 0 and touches.completed[row] == config.windows.steps
+    ]
     pieces = []
     for row in whole[:20]:
         stream = recordings.recording(int(touches.recording[row]))
         begin = max(0, int(touches.onset_frame[row]) - lead)
         pieces.append(
-            (stream[begin : int(touches.onset_frame[row]) + config.last_frame + config.windows.hop + tail], int(touches.recording[row]))
+            (
+                stream[begin : int(touches.onset_frame[row]) + config.last_frame + config.windows.hop + tail],
+                int(touches.recording[row]),
+            )
         )
     single = config.opens_at_once
     for piece, number in pieces:
@@ -98,9 +110,16 @@ def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
         chosen = rebuilt(recordings, [twice, last_piece], [number, last_number])
         expected = payloads(model, chosen)
         full = config.windows.steps + 1
-        if len(expected[0]) >= (1 if single else 2) and expected[1] and all(len(touch) == full for touch in expected[0][:2]):
+        if (
+            len(expected[0]) >= (1 if single else 2)
+            and expected[1]
+            and all(len(touch) == full for touch in expected[0][:2])
+        ):
             return Scenario(model, chosen, tuple(expected))
-    raise InputError(f"{recordings.source}: no recording has a whole touch that can be played twice; give recordings with whole touches")
+    raise InputError(
+        f"{recordings.source}: no recording has a whole touch that can be played twice; give recordings "
+        "with whole touches"
+    )
 
 
 def hang_limit(config: AcceleratorConfig) -> int:
@@ -131,7 +150,9 @@ class Campaign:
         )
         return cls(scenario, sites, played)
 
-    def play(self, upsets: Sequence[tuple[int, ...]], progress: Progress | None = None, *, stop: bool = False) -> list[dict[str, Any]]:
+    def play(
+        self, upsets: Sequence[tuple[int, ...]], progress: Progress | None = None, *, stop: bool = False
+    ) -> list[dict[str, Any]]:
         """Raw results; ``stop``: up to the first global decision after the upset."""
         return self.played.runs(upsets, stop=stop, progress=progress)
 
@@ -146,18 +167,23 @@ class Campaign:
         (result,) = self.play([bench.NONE])
         for recording, expected in zip(result["recordings"], self.scenario.expected, strict=True):
             got = tuple(event[0] for event in recording["decisions"])
-            if got != tuple(value for touch in expected for value in touch) or recording["faults"] & FLAGS or recording["hang"]:
+            if (
+                got != tuple(value for touch in expected for value in touch)
+                or recording["faults"] & FLAGS
+                or recording["hang"]
+            ):
                 raise RuntimeError("without an upset the hardware does not do what the golden model does")
         return result
 
     # ------------------------------------------------------------------ flip-flops
     def flip_flops(self) -> list[Site]:
-        """Registers, memories' output registers among them; not the watchdog's own, nor what the bus reads last."""
+        """Registers, memories' output registers among them; not the watchdog's own, nor what the bus reads
+        last."""
         return [site for site in self.sites if not site.words and site.block != "watchdog"]
 
     def choose(self, count: int, seed: int, clean: dict[str, Any]) -> list[tuple[Site, int, int]]:
-        """(register, bit, cycle): every flip-flop bit equally often (at least once each where ``count`` allows), blocks in turn; cycles of
-        the first touch and before it."""
+        """(register, bit, cycle): every flip-flop bit equally often (at least once each where ``count``
+        allows), blocks in turn; cycles of the first touch and before it."""
         rng = np.random.default_rng(seed)
         bits = [(site, bit) for site in self.flip_flops() for bit in range(site.width)]
         rounds = -(-count // len(bits))
@@ -192,7 +218,9 @@ class Campaign:
     def next_recording_exact(self, result: dict[str, Any]) -> bool:
         """Are the decisions of the second recording those of the golden model?"""
         then = result["recordings"][1]
-        return not then["hang"] and [event[0] for event in then["decisions"]] == [v for touch in self.scenario.expected[1] for v in touch]
+        return not then["hang"] and [event[0] for event in then["decisions"]] == [
+            v for touch in self.scenario.expected[1] for v in touch
+        ]
 
     def _as_new(self, recording: dict[str, Any]) -> bool:
         """After the watchdog acted: is the rest of the recording decided as a recording by itself is?"""
@@ -202,7 +230,9 @@ class Campaign:
         expected: tuple[int, ...] = ()
         if begin < len(stream):
             remainder = rebuilt(self.scenario.recordings, [stream[begin:]], [0])
-            expected = tuple(value for touch in payloads(self.scenario.model, remainder)[0] for value in touch)
+            expected = tuple(
+                value for touch in payloads(self.scenario.model, remainder)[0] for value in touch
+            )
         return tuple(event[0] for event in recording["decisions"] if event[2] > cycle) == expected
 
     # ------------------------------------------------------------------ memories and configuration registers
@@ -212,7 +242,10 @@ class Campaign:
         code = Microcode(schedule(config))
         place, addends = code.layout, sorted(constant_addends(code))
         gates = [word["gate"] for word in code.unrolled() if word["gate"] < place.constants]
-        coefficients = ("scales, one, zero, check words", [place.constants + index for index in place.used_constants])
+        coefficients = (
+            "scales, one, zero, check words",
+            [place.constants + index for index in place.used_constants],
+        )
         words = {
             "engine.addends.low": ("biases", addends),
             "engine.addends.middle": ("biases", addends),
@@ -241,34 +274,54 @@ class Campaign:
                     for word in (range(site.words) if word_numbers is None else word_numbers)
                     for bit in range(site.width)
                 )
-            elif site.name.startswith(("control.mask", "control.measure")) and not site.name.endswith("_parity"):
-                bits_of.setdefault("configuration registers", []).extend((site.number, 0, 0, bit) for bit in range(site.width))
+            elif site.name.startswith(("control.mask", "control.measure")) and not site.name.endswith(
+                "_parity"
+            ):
+                bits_of.setdefault("configuration registers", []).extend(
+                    (site.number, 0, 0, bit) for bit in range(site.width)
+                )
         return bits_of
 
-    def choose_constants(self, count: int, seed: int, clean: dict[str, Any]) -> list[tuple[str, tuple[int, ...]]]:
-        """(kind, upset): ``count`` bits, kinds in turn until all of theirs are taken, at random cycles from ``arm`` to three steps before
-        the end of the first touch: what is flipped later has been read for the last time. Means and tables: so long before
-        the first step that they are walked through once more; at full pace, unlike the sensor's, few cycles are idle from then on,
-        and windows run ahead of their steps."""
+    def choose_constants(
+        self, count: int, seed: int, clean: dict[str, Any]
+    ) -> list[tuple[str, tuple[int, ...]]]:
+        """(kind, upset): ``count`` bits, kinds in turn until all of theirs are taken, at random cycles from
+        ``arm`` to three steps before the end of the first touch: what is flipped later has been read for the
+        last time. Means and tables: so long before the first step that they are walked through once more; at
+        full pace, unlike the sensor's, few cycles are idle from then on, and windows run ahead of their
+        steps."""
         rng = np.random.default_rng(seed)
         steps, events = self.scenario.model.config.windows.steps, clean["recordings"][0]["decisions"]
         last = events[max(steps - 3, 0)][2]
         config = self.scenario.model.config
         early = max(1, events[0][2] - 4 * config.formats.table_entries - 2 * schedule(config).step_cycles)
-        waiting = {kind: [bits[i] for i in rng.permutation(len(bits))] for kind, bits in self.constants().items()}
+        waiting = {
+            kind: [bits[i] for i in rng.permutation(len(bits))] for kind, bits in self.constants().items()
+        }
         chosen: list[tuple[str, tuple[int, ...]]] = []
         while len(chosen) < count and any(waiting.values()):
             for kind, bits in waiting.items():
                 if bits and len(chosen) < count:
-                    chosen.append((kind, (*bits.pop(), 0, int(rng.integers(0, early if kind in (TABLES, MEANS) else last)))))
+                    chosen.append(
+                        (
+                            kind,
+                            (
+                                *bits.pop(),
+                                0,
+                                int(rng.integers(0, early if kind in (TABLES, MEANS) else last)),
+                            ),
+                        )
+                    )
         return chosen
 
     def judge_constant(self, kind: str, upset: tuple[int, ...], result: dict[str, Any]) -> bool:
-        """Is CHECKSUM set when the first global decision after the upset is offered (where the upset keeps it from coming: at the end)?
+        """Is CHECKSUM set when the first global decision after the upset is offered (where the upset keeps it
+        from coming: at the end)?
 
-        A word that stands for 0 and was flipped before the prologue wrote it anew is right again: no flag, and no decision differs.
-        The program's idle words and prologue run once a touch, in front of it: a word of theirs that is flipped later bears on the next
-        touch and must be flagged before that one begins.
+        A word that stands for 0 and was flipped before the prologue wrote it anew is right again: no flag,
+        and no decision differs. The program's idle words and prologue run once a touch, in front of it: a
+        word of theirs that is flipped later bears on the next touch and must be flagged before that one
+        begins.
         """
         recording = result["recordings"][0]
         code = Microcode(schedule(self.scenario.model.config))
@@ -278,7 +331,10 @@ class Campaign:
         flagged = bool((after[0][1] if after else recording["faults"]) & Fault.CHECKSUM)
         if kind == ZEROS and not flagged:
             played = [event[0] for event in recording["decisions"]]  # up to where the run was stopped
-            return bool(after) and played == [value for touch in self.scenario.expected[0] for value in touch][: len(played)]
+            return (
+                bool(after)
+                and played == [value for touch in self.scenario.expected[0] for value in touch][: len(played)]
+            )
         return flagged
 
 
@@ -292,8 +348,8 @@ def _records(
     *,
     stop: bool = False,
 ) -> list[dict[str, Any]]:
-    """The record of each upset with what ``judge`` (record, result) adds, ``CHUNK`` of them kept at a time, so that an interrupted campaign
-    goes on where it stopped."""
+    """The record of each upset with what ``judge`` (record, result) adds, ``CHUNK`` of them kept at a time,
+    so that an interrupted campaign goes on where it stopped."""
     records: list[dict[str, Any]] = []
     for start in range(0, len(chosen), CHUNK):
         piece = chosen[start : start + CHUNK]
@@ -301,7 +357,9 @@ def _records(
         def make(piece=piece, start=start) -> list[dict[str, Any]]:
             report = (lambda done, _: progress(start + done, len(chosen))) if progress else None
             results = campaign.play([upset for _, upset in piece], report, stop=stop)
-            return [record | judge(record, result) for (record, _), result in zip(piece, results, strict=True)]
+            return [
+                record | judge(record, result) for (record, _), result in zip(piece, results, strict=True)
+            ]
 
         records += keep(f"{title} {start} of {len(chosen)}", make) if keep else make()
         if progress:
@@ -320,13 +378,23 @@ def upset_flip_flops(
         (name, make) -> records: hands back earlier records, or makes and keeps them.
     """
     sites = campaign.choose(count, seed, campaign.clean())
-    chosen = [({"register": site.name, "bit": bit, "cycle": at}, (site.number, 0, 0, bit, 0, at)) for site, bit, at in sites]
-    return _records(campaign, f"flip-flops, seed {seed}", chosen, lambda _, result: campaign.judge(result), keep, progress)
+    chosen = [
+        ({"register": site.name, "bit": bit, "cycle": at}, (site.number, 0, 0, bit, 0, at))
+        for site, bit, at in sites
+    ]
+    return _records(
+        campaign, f"flip-flops, seed {seed}", chosen, lambda _, result: campaign.judge(result), keep, progress
+    )
 
 
-def upset_constants(campaign: Campaign, count: int, seed: int, *, keep: Keep | None = None, progress: Progress | None = None) -> list[dict]:
+def upset_constants(
+    campaign: Campaign, count: int, seed: int, *, keep: Keep | None = None, progress: Progress | None = None
+) -> list[dict]:
     """``count`` single upsets of constants and configuration registers: {kind, upset, flagged} each."""
-    chosen = [({"kind": kind, "upset": list(upset)}, upset) for kind, upset in campaign.choose_constants(count, seed, campaign.clean())]
+    chosen = [
+        ({"kind": kind, "upset": list(upset)}, upset)
+        for kind, upset in campaign.choose_constants(count, seed, campaign.clean())
+    ]
 
     def judge(record: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
         return {"flagged": campaign.judge_constant(record["kind"], record["upset"], result)}
@@ -343,11 +411,15 @@ def leave_recordings(
     keep: Keep | None = None,
     progress: Progress | None = None,
 ) -> list[dict]:
-    """Leave the first recording at ``count`` random cycles, in each of ``ways`` in turn, and in each way at every cycle around its first
-    global decision and the local one before it: {way, cycle, differs} of the next recording's touches."""
+    """Leave the first recording at ``count`` random cycles, in each of ``ways`` in turn, and in each way at
+    every cycle around its first global decision and the local one before it: {way, cycle, differs} of the
+    next recording's touches."""
     rng = np.random.default_rng(seed)
     first = campaign.clean()["recordings"][0]
-    leavings = [(ways[number % len(ways)], int(cycle)) for number, cycle in enumerate(rng.integers(0, first["cycles"], count))]
+    leavings = [
+        (ways[number % len(ways)], int(cycle))
+        for number, cycle in enumerate(rng.integers(0, first["cycles"], count))
+    ]
     last = next(number for number, event in enumerate(first["decisions"]) if event[0] >> 29 & 1)
     offered = [event[2] for event in first["decisions"][max(last - 1, 0) : last + 1]]
     near = sorted({cycle for at in offered for cycle in range(max(at + AROUND[0], 0), at + AROUND[1])})
@@ -362,7 +434,9 @@ def leave_recordings(
 
 def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Counts of a flip-flop campaign's records."""
-    lasting = Counter(record["register"] for record in records if not (record["next_touch"] or record["as_new"]))
+    lasting = Counter(
+        record["register"] for record in records if not (record["next_touch"] or record["as_new"])
+    )
     return {
         "flips": len(records),
         "hangs": sum(record["hang"] > 0 for record in records),
@@ -382,9 +456,12 @@ def in_words(counts: dict[str, Any]) -> str:
     """A flip-flop campaign in a sentence."""
     flips = counts["flips"]
     return (
-        f"{flips} upsets: {counts['exact']} leave the touch they hit as it was, {counts['cleared']} make the watchdog act, "
-        f"{counts['wrong_unflagged']} give another class without a flag; the next touch of the recording is bit-exact after "
-        f"{counts['next_touch']}, decided as a new recording's after {counts['as_new']}; the next recording is bit-exact after "
+        f"{flips} upsets: {counts['exact']} leave the touch they hit as it was, {counts['cleared']} make "
+        "the watchdog act, "
+        f"{counts['wrong_unflagged']} give another class without a flag; the next touch of the recording is "
+        "bit-exact after "
+        f"{counts['next_touch']}, decided as a new recording's after {counts['as_new']}; the next recording "
+        "is bit-exact after "
         f"{counts['next_recording']}, the others: {', '.join(counts['until_written']) or 'none'}"
     )
 
@@ -393,6 +470,9 @@ def flagged_by_kind(records: Sequence[dict[str, Any]]) -> dict[str, tuple[int, i
     """(flips, flagged) of a campaign over constants, by kind."""
     kinds = dict.fromkeys(record["kind"] for record in records)
     return {
-        kind: (sum(record["kind"] == kind for record in records), sum(record["kind"] == kind and record["flagged"] for record in records))
+        kind: (
+            sum(record["kind"] == kind for record in records),
+            sum(record["kind"] == kind and record["flagged"] for record in records),
+        )
         for kind in kinds
     }

@@ -1,4 +1,5 @@
-"""`eskin watch`: a source, a player, a hub and a view, put together; the figures of the whole when it is over."""
+"""`eskin watch`: a source, a player, a hub and a view, put together; the figures of the whole when it is
+over."""
 
 from __future__ import annotations
 
@@ -78,18 +79,23 @@ def opened_source(
         return
     source: Source = ModelSource(model)
     if simulate:
-        from eskin.cosim.live import LiveSimulator  # needs the simulators' packages, which the others do without
+        # needs the simulators' packages, which the others do without
+        from eskin.cosim.live import LiveSimulator
 
         config, arrays = model.config, model.arrays
         design = export(config, arrays)
-        source = SimulationSource(model, LiveSimulator(design, config, register_map(config), boot_writes(config, arrays), BUILDS))
+        source = SimulationSource(
+            model, LiveSimulator(design, config, register_map(config), boot_writes(config, arrays), BUILDS)
+        )
     try:
         yield source
     finally:
         source.close()
 
 
-def board_source(model: IntegerModel, transport: Any, port: str, baud: int, plays: bool) -> BoardSource | Listener:
+def board_source(
+    model: IntegerModel, transport: Any, port: str, baud: int, plays: bool
+) -> BoardSource | Listener:
     """The board behind ``transport``: loaded and to be given recordings, or listened to as it is."""
     config = model.config
     burst_bits = 10 * BURST * 2 * (2 * config.sensor.taxels + 8)  # where every byte of it is escaped
@@ -122,8 +128,8 @@ def watch(
     console: Console | None = None,
     ready: Callable[[str, Controls], None] = lambda address, controls: None,
 ) -> dict[str, Any]:
-    """Show ``numbers`` of ``recordings`` (None: a board that works by itself) until all is played (``once``, ``in_terminal``), or an
-    interrupt.
+    """Show ``numbers`` of ``recordings`` (None: a board that works by itself) until all is played (``once``,
+    ``in_terminal``), or an interrupt.
 
     Parameters
     ----------
@@ -141,8 +147,8 @@ def watch(
     Returns
     -------
     dict
-        recordings, frames, touches, labelled, correct, undecided, compared_values, mismatches, mismatch_list, display_frames_dropped,
-        recorded (frames), decisions (recording -> class), passed.
+        recordings, frames, touches, labelled, correct, undecided, compared_values, mismatches, mismatch_list,
+        display_frames_dropped, recorded (frames), decisions (recording -> class), passed.
 
     Raises
     ------
@@ -153,11 +159,16 @@ def watch(
     one = config.interface
     known = (one.rows, one.columns) if one.position else None
     if config.is_image:
-        for name, given, why in (("shape", shape, "an image has its own"), ("record", record, "images are in an archive already")):
+        for name, given, why in (
+            ("shape", shape, "an image has its own"),
+            ("record", record, "images are in an archive already"),
+        ):
             if given:
                 raise InputError(f"--{name} {given}: is for recordings; {why}: leave it out")
         known = (config.image.height, config.image.width)
-    rows, columns = asked_shape(shape, config.sensor.taxels) if shape else known or guessed_shape(config.sensor.taxels)
+    rows, columns = (
+        asked_shape(shape, config.sensor.taxels) if shape else known or guessed_shape(config.sensor.taxels)
+    )
     recorder = Recorder(record, config) if record else None
     controls = Controls(speed=speed)
     server: PageServer | None = None
@@ -169,7 +180,9 @@ def watch(
                 hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image)
                 apart_s = IMAGE_S if config.is_image else 0.0
                 ends = once or in_terminal
-                player = Player(source, recordings, numbers, hub, controls, recorder=recorder, once=ends, apart_s=apart_s)
+                player = Player(
+                    source, recordings, numbers, hub, controls, recorder=recorder, once=ends, apart_s=apart_s
+                )
                 if not in_terminal:
                     server = PageServer(page(), hub, controls, host=host, port=host_port)
                 signals.enter_context(_ending_in_order(controls))
@@ -200,11 +213,15 @@ def _run(player: Player, controls: Controls, hub: Hub, console: Console, *, in_t
 
 @contextlib.contextmanager
 def _ending_in_order(controls: Controls) -> Iterator[None]:
-    """An interrupt from the keyboard, or SIGTERM, stops the player; more of them do not keep a record from being made."""
+    """An interrupt from the keyboard, or SIGTERM, stops the player; more of them do not keep a record from
+    being made."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, lambda *_: controls.stop()) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {
+        number: signal.signal(number, lambda *_: controls.stop())
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
     try:
         yield
     finally:
@@ -233,6 +250,10 @@ def figures(player: Player, hub: Hub, saved: bool) -> dict[str, Any]:
 
 
 def in_turn(recordings: Recordings, numbers: np.ndarray) -> list[int]:
-    """``numbers`` with the classes in turn, so that the first minute shows all of them; within a class as in the data."""
-    members = [[int(number) for number in numbers if recordings.labels[number] == label] for label in range(len(recordings.class_names))]
+    """``numbers`` with the classes in turn, so that the first minute shows all of them; within a class as in
+    the data."""
+    members = [
+        [int(number) for number in numbers if recordings.labels[number] == label]
+        for label in range(len(recordings.class_names))
+    ]
     return [number for turn in zip_longest(*members) for number in turn if number is not None]

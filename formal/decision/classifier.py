@@ -10,7 +10,9 @@ from eskin.rtl.decision.classifier import Classifier
 from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove
 
 CLASSES, STEPS = 3, 3
-CONFIG = PRESETS["thesis"].replace(taxels=4, steps=STEPS, feature_shift=(4,), class_names=("a", "b", "c"), margin_threshold=7)
+CONFIG = PRESETS["thesis"].replace(
+    taxels=4, steps=STEPS, feature_shift=(4,), class_names=("a", "b", "c"), margin_threshold=7
+)
 
 
 def _decisions(m: Module, config) -> None:
@@ -20,7 +22,8 @@ def _decisions(m: Module, config) -> None:
     free(dut.logit.valid, dut.logit.value, dut.o.ready, dut.finish)
     logits = Signal(range(CLASSES))  # of the step under way
     m.d.sync += logits.eq(Mux(dut.logit.valid, Mux(logits == CLASSES - 1, 0, logits + 1), logits))
-    # the engine begins phase B while the classifier is idle, and the host's finish comes when engine and classifier are
+    # the engine begins phase B while the classifier is idle, and the host's finish comes when engine and
+    # classifier are
     assume(~dut.logit.valid | (logits != 0) | dut.idle)
     assume(~dut.finish | (dut.idle & (logits == 0) & ~dut.logit.valid))
     keeps_its_beat(dut.o, "o")
@@ -28,7 +31,9 @@ def _decisions(m: Module, config) -> None:
     taken = dut.o.valid & dut.o.ready
     local, overall = taken & ~dut.o.p.is_global, taken & dut.o.p.is_global
     stepped = dut.logit.valid & (logits == CLASSES - 1)
-    steps, locals_, globals_ = (Signal(range(STEPS + 2), name=name) for name in ("steps", "locals", "globals"))
+    steps, locals_, globals_ = (
+        Signal(range(STEPS + 2), name=name) for name in ("steps", "locals", "globals")
+    )
     finished = Signal()
     m.d.sync += [
         steps.eq(Mux(dut.ended, 0, steps + stepped)),
@@ -47,14 +52,21 @@ def _decisions(m: Module, config) -> None:
     prove(~dut.idle | (locals_ == steps), "idle: nothing owed")
     small = dut.o.p.margin < config.network.margin_threshold
     if config.network.decision != "vote":
-        prove(~dut.o.valid | (dut.o.p.unsure == (dut.o.p.is_global & small)), "unsure: a global decision below the threshold")
+        prove(
+            ~dut.o.valid | (dut.o.p.unsure == (dut.o.p.is_global & small)),
+            "unsure: a global decision below the threshold",
+        )
     # ---- for the induction: where the classifier is, step by step
     phase = Signal(Phase)
     vote, number = config.network.decision == "vote", inside.number
     final = locals_ + 1 == STEPS
     given = globals_ != 0
-    once = not config.recurrent  # the two largest are held as the scores come: a score is compared in the cycle after it
-    search, search_inside = Phase.READ if once else Phase.SEARCH, inside.parts["SearchOnce" if once else "SearchTwice"]
+    # the two largest are held as the scores come: a score is compared in the cycle after it
+    once = not config.recurrent
+    search, search_inside = (
+        Phase.READ if once else Phase.SEARCH,
+        inside.parts["SearchOnce" if once else "SearchTwice"],
+    )
     with m.Switch(phase):
         with m.Case(Phase.IDLE):
             with m.If(dut.logit.valid):
@@ -70,13 +82,23 @@ def _decisions(m: Module, config) -> None:
         with m.Case(Phase.SEARCH), m.If(number == CLASSES - 1):
             m.d.sync += phase.eq(Phase.READ)
         read = Phase.SUBTRACT if once else Phase.COMPARE
-        for state, following in ((Phase.READ, read), (Phase.COMPARE, Phase.SUBTRACT), (Phase.SUBTRACT, Phase.OFFER)):
+        for state, following in (
+            (Phase.READ, read),
+            (Phase.COMPARE, Phase.SUBTRACT),
+            (Phase.SUBTRACT, Phase.OFFER),
+        ):
             with m.Case(state):
                 m.d.sync += phase.eq(following)
         with m.Case(Phase.OFFER), m.If(taken):
-            closes = ~dut.o.p.is_global & ~given & (final | (inside.decides if config.network.decision == "early" else 0))
+            closes = (
+                ~dut.o.p.is_global
+                & ~given
+                & (final | (inside.decides if config.network.decision == "early" else 0))
+            )
             m.d.sync += phase.eq(Mux(closes, Phase.TALLY if vote else Phase.OFFER, Phase.IDLE))
-    searched = (phase == Phase.SEARCH) | (phase == Phase.READ) | (phase == Phase.COMPARE) | (phase == Phase.SUBTRACT)
+    searched = (
+        (phase == Phase.SEARCH) | (phase == Phase.READ) | (phase == Phase.COMPARE) | (phase == Phase.SUBTRACT)
+    )
     owed = (searched & ~inside.voting) | ((phase == Phase.OFFER) & ~inside.is_global)
     prove(inside.busy == (phase != Phase.IDLE), "busy")
     prove(inside.offered == (phase == Phase.OFFER), "offered")
@@ -84,7 +106,10 @@ def _decisions(m: Module, config) -> None:
         arrives, of = search_inside.arriving, search_inside.compared
         prove((arrives & (of == CLASSES - 1)) == (phase == Phase.READ), "the last score is compared")
         prove(~arrives | (of == CLASSES - 1) | (number == of + 1), "a score of the class before")
-        prove(~arrives | (phase == Phase.READ) | (phase == Phase.LOGITS) | (phase == Phase.TALLY), "a score of this step or vote")
+        prove(
+            ~arrives | (phase == Phase.READ) | (phase == Phase.LOGITS) | (phase == Phase.TALLY),
+            "a score of this step or vote",
+        )
     else:
         prove(search_inside.searching == (phase == Phase.SEARCH), "searching")
     prove(inside.tallying == (phase == Phase.TALLY), "tallying")
@@ -108,11 +133,19 @@ def _decisions(m: Module, config) -> None:
     prove((steps != 0) | (inside.step == 0), "the first step")
     prove((steps <= STEPS) & (logits < CLASSES), "steps in range")
     prove(steps == locals_ + owed, "a local decision is owed to the last step at most")
-    prove(globals_ <= (config.network.decision == "early"), "no touch goes on after its global decision, but for an early one")
+    prove(
+        globals_ <= (config.network.decision == "early"),
+        "no touch goes on after its global decision, but for an early one",
+    )
     prove(finished == (inside.finished | inside.partial), "partial")
     prove(~finished | ~owed, "all local decisions are out when the recording ends")
     prove(
-        ~finished | (phase == Phase.FINISH) | (phase == Phase.TALLY) | (searched & inside.voting) | (phase == Phase.OFFER), "then the last"
+        ~finished
+        | (phase == Phase.FINISH)
+        | (phase == Phase.TALLY)
+        | (searched & inside.voting)
+        | (phase == Phase.OFFER),
+        "then the last",
     )
     prove((phase != Phase.FINISH) | ((steps != 0) & ~inside.partial), "finish")
     prove((steps != STEPS) | (phase != Phase.IDLE), "the last step ends the touch")
@@ -140,7 +173,12 @@ class Phase(enum.Enum, shape=4):
 
 
 BUGS = (
-    Bug("the touch ends with its first decision", "self.ended.eq(taken & is_global)", "self.ended.eq(taken)", depth=16),
+    Bug(
+        "the touch ends with its first decision",
+        "self.ended.eq(taken & is_global)",
+        "self.ended.eq(taken)",
+        depth=16,
+    ),
     Bug(
         "an offer is withdrawn",
         "with m.If(taken):\n            m.d.sync += offered.eq(0)",
@@ -152,12 +190,18 @@ BUGS = (
 
 
 @proof(
-    "one local decision a step, in order, and exactly one global decision a touch, unsure below the threshold only (last)",
+    "one local decision a step, in order, and exactly one global decision a touch, unsure below the "
+    "threshold only (last)",
     depth=6,
     reduced="3 classes, 3 steps",
     bugs=(
         *BUGS[:2],
-        Bug("a margin at the threshold is unsure", "config.network.margin_threshold - 1)", "config.network.margin_threshold)", depth=60),
+        Bug(
+            "a margin at the threshold is unsure",
+            "config.network.margin_threshold - 1)",
+            "config.network.margin_threshold)",
+            depth=60,
+        ),
     ),
 )
 def last(m: Module) -> None:
@@ -188,12 +232,23 @@ def unsure_vote(m: Module) -> None:
     dut = Classifier(config)
     m.submodules.dut = dut
     free(dut.logit.value)
-    logits, steps, votes = Signal(range(CLASSES), name="logits"), Signal(range(STEPS + 1), name="steps"), Signal(2, name="votes_seen")
+    logits, steps, votes = (
+        Signal(range(CLASSES), name="logits"),
+        Signal(range(STEPS + 1), name="steps"),
+        Signal(2, name="votes_seen"),
+    )
     m.d.comb += [dut.o.ready.eq(1), dut.logit.valid.eq((dut.idle | (logits != 0)) & (steps != STEPS))]
     with m.If(dut.logit.valid):
-        m.d.sync += [logits.eq(Mux(logits == CLASSES - 1, 0, logits + 1)), steps.eq(steps + (logits == CLASSES - 1))]
+        m.d.sync += [
+            logits.eq(Mux(logits == CLASSES - 1, 0, logits + 1)),
+            steps.eq(steps + (logits == CLASSES - 1)),
+        ]
     m.d.sync += votes.eq(votes + (dut.o.valid & dut.o.p.is_global))
-    prove(~dut.o.valid | (dut.o.p.unsure == (dut.o.p.is_global & (dut.o.p.margin < config.network.margin_threshold))), "unsure")
+    prove(
+        ~dut.o.valid
+        | (dut.o.p.unsure == (dut.o.p.is_global & (dut.o.p.margin < config.network.margin_threshold))),
+        "unsure",
+    )
     cycle = Signal(range(64))
     m.d.sync += cycle.eq(cycle + 1)
     prove((cycle < 58) | (votes == 1), "the vote comes")
@@ -203,7 +258,14 @@ def unsure_vote(m: Module) -> None:
     "the same for an early decision, which is not followed by a second one",
     depth=6,
     reduced="3 classes, 3 steps",
-    bugs=(Bug("an early decision ends the touch", "(taken & is_global & (final | partial))", "(taken & is_global)", depth=40),),
+    bugs=(
+        Bug(
+            "an early decision ends the touch",
+            "(taken & is_global & (final | partial))",
+            "(taken & is_global)",
+            depth=40,
+        ),
+    ),
 )
 def early(m: Module) -> None:
     _decisions(m, CONFIG.replace(decision="early", early_steps=2, early_margin=5))

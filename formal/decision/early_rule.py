@@ -9,12 +9,19 @@ from eskin.rtl.decision.early_rule import EarlyRule
 from formal.proof import Bug, free, opened_up, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(
-    taxels=4, steps=5, feature_shift=(4,), class_names=("a", "b", "c"), decision="early", early_steps=3, early_margin=5
+    taxels=4,
+    steps=5,
+    feature_shift=(4,),
+    class_names=("a", "b", "c"),
+    decision="early",
+    early_steps=3,
+    early_margin=5,
 )
 
 
 @proof(
-    "met where this decision and the two before it are of one class with margin enough, and since the touch began",
+    "met where this decision and the two before it are of one class with margin enough, and since the touch "
+    "began",
     depth=3,
     reduced="3 classes, 3 decisions in a row, margins of 4 bits",
     quick=True,
@@ -29,7 +36,8 @@ def three_in_a_row(m: Module) -> None:
     inside = opened_up(dut)
     free(dut.best, dut.margin, dut.taken, dut.ended)
     enough = dut.margin >= 5
-    good = [Signal(name=f"good_{k}") for k in range(2)]  # the newest decision first: it is there, with margin enough
+    # the newest decision first: it is there, with margin enough
+    good = [Signal(name=f"good_{k}") for k in range(2)]
     best = [Signal.like(dut.best, name=f"best_{k}") for k in range(2)]
     with m.If(dut.taken):
         m.d.sync += [good[0].eq(enough), best[0].eq(dut.best), good[1].eq(good[0]), best[1].eq(best[0])]

@@ -11,13 +11,19 @@ from formal.proof import Bug, assume, free, proof, prove
 
 CLASSES = 3
 CONFIG = PRESETS["thesis"].replace(
-    taxels=4, steps=3, feature_shift=(4,), class_names=("a", "b", "c"), logit_format=QFormat(4, 2), decision="last"
+    taxels=4,
+    steps=3,
+    feature_shift=(4,),
+    class_names=("a", "b", "c"),
+    logit_format=QFormat(4, 2),
+    decision="last",
 )
 REDUCED = "3 classes, the first step, scores of 4 bits, no pauses"
 
 
 def _right(m: Module, config, latency: int) -> None:
-    """Whatever the scores: the lowest class of the largest, by how much it is larger, ``latency`` cycles after the last score."""
+    """Whatever the scores: the lowest class of the largest, by how much it is larger, ``latency`` cycles
+    after the last score."""
     dut = make_search(config)
     m.submodules.dut = dut
     free(dut.score.value)
@@ -38,7 +44,10 @@ def _right(m: Module, config, latency: int) -> None:
         chosen = found & (dut.best == k)
         others = [other for other in range(CLASSES) if other != k]
         for other in others:
-            prove(~chosen | ((score > scores[other]) if other < k else (score >= scores[other])), f"class {k} before {other}")
+            prove(
+                ~chosen | ((score > scores[other]) if other < k else (score >= scores[other])),
+                f"class {k} before {other}",
+            )
             prove(~chosen | (score - scores[other] >= dut.margin), f"margin of {k} over {other}")
         equal = [score - scores[other] == dut.margin for other in others]
         prove(~chosen | equal[0] | equal[1], f"margin of {k}")
@@ -47,12 +56,18 @@ def _right(m: Module, config, latency: int) -> None:
 
 
 @proof(
-    "read back from a memory, scores give the lowest class of the largest, and by how much it is larger than every other, in its cycle",
+    "read back from a memory, scores give the lowest class of the largest, and by how much it is larger "
+    "than every other, in its cycle",
     method="bounded",
     depth=11,
     reduced=REDUCED,
     bugs=(
-        Bug("the largest itself is compared with the others", "comparing & ~is_best & exceeds", "comparing & exceeds", depth=11),
+        Bug(
+            "the largest itself is compared with the others",
+            "comparing & ~is_best & exceeds",
+            "comparing & exceeds",
+            depth=11,
+        ),
         Bug(
             "the first of the others is not taken unseen",
             "(fetched & (reading == 0)) | search_ends",
@@ -66,14 +81,25 @@ def twice(m: Module) -> None:
 
 
 @proof(
-    "held as they come, scores give the lowest class of the largest, and by how much it is larger than every other, in its cycle",
+    "held as they come, scores give the lowest class of the largest, and by how much it is larger than "
+    "every other, in its cycle",
     method="bounded",
     depth=7,
     reduced=REDUCED,
     quick=True,
     bugs=(
-        Bug("a tie goes to the later class", "new > largest  # strictly", "new >= largest  # strictly", depth=7),
-        Bug("the largest is not the second once it is beaten", "second.eq(Mux(first, 0, largest))", "second.eq(second)", depth=7),
+        Bug(
+            "a tie goes to the later class",
+            "new > largest  # strictly",
+            "new >= largest  # strictly",
+            depth=7,
+        ),
+        Bug(
+            "the largest is not the second once it is beaten",
+            "second.eq(Mux(first, 0, largest))",
+            "second.eq(second)",
+            depth=7,
+        ),
     ),
 )
 def once(m: Module) -> None:

@@ -1,4 +1,5 @@
-"""The compact engine: its program in order, its one data memory written by one at a time, windows not overwritten while they are read."""
+"""The compact engine: its program in order, its one data memory written by one at a time, windows not
+overwritten while they are read."""
 
 from __future__ import annotations
 
@@ -15,21 +16,52 @@ CONFIG = SMALL.replace(lanes=1, lane_type="serial")
 
 
 @proof(
-    "instructions come in the program's order, a jump acting after the next one; a STORE and a window's sum never write in one cycle; a "
-    "window is not overwritten while it waits or is read, and not read before it is whole; indices within their loops",
+    "instructions come in the program's order, a jump acting after the next one; a STORE and a window's sum "
+    "never write in one cycle; a "
+    "window is not overwritten while it waits or is read, and not read before it is whole; indices within "
+    "their loops",
     depth=1,
     reduced="4 taxels, 4 units, 2 classes, 2 steps, one serial lane: 234 instructions",
     bugs=(
-        Bug("a sum is taken while a STORE writes", "queue.hold.eq(stores_next)", "queue.hold.eq(0)", depth=30),
-        Bug("room is not taken back with a window's last taxel", "& ~(take & self.i.p.last))", ")", file=QUEUE, depth=16, eager=True),
-        Bug("a jump acts in the wrong loop", "jumps = self.jump & ~ends_loop", "jumps = self.jump", file=SEQUENCER, depth=60, eager=True),
-        Bug("does not wait for the window", "go.eq(queue.waiting & self.decider_idle)", "go.eq(self.decider_idle)", depth=50),
+        Bug(
+            "a sum is taken while a STORE writes", "queue.hold.eq(stores_next)", "queue.hold.eq(0)", depth=30
+        ),
+        Bug(
+            "room is not taken back with a window's last taxel",
+            "& ~(take & self.i.p.last))",
+            ")",
+            file=QUEUE,
+            depth=16,
+            eager=True,
+        ),
+        Bug(
+            "a jump acts in the wrong loop",
+            "jumps = self.jump & ~ends_loop",
+            "jumps = self.jump",
+            file=SEQUENCER,
+            depth=60,
+            eager=True,
+        ),
+        Bug(
+            "does not wait for the window",
+            "go.eq(queue.waiting & self.decider_idle)",
+            "go.eq(self.decider_idle)",
+            depth=50,
+        ),
     ),
 )
 def order(m: Module) -> None:
     dut = CompactEngine(CONFIG)
     inside = opened_up(dut)
-    free(dut.i.valid, dut.i.payload, dut.decider_idle, dut.load.select, dut.load.address, dut.load.data, dut.load.enable)
+    free(
+        dut.i.valid,
+        dut.i.payload,
+        dut.decider_idle,
+        dut.load.select,
+        dut.load.address,
+        dut.load.data,
+        dut.load.enable,
+    )
     keeps_its_beat(dut.i, "i", assume)
     if words.EAGER:
         assume(dut.i.valid & dut.decider_idle)
@@ -43,7 +75,9 @@ def order(m: Module) -> None:
 
     # ---- the instruction under way, of a counter that knows the program
     primed, address, advance = sequencer.primed, sequencer.address, sequencer.advance
-    at, delayed, target = (Signal(range(width), name=name) for width, name in ((size, "at"), (2, "delayed"), (size, "target")))
+    at, delayed, target = (
+        Signal(range(width), name=name) for width, name in ((size, "at"), (2, "delayed"), (size, "target"))
+    )
     limits = {limit: sequencer.code.limit(limit) for limit in Limit if limit != Limit.STEPS}
     kinds = [int(one.op) for one in code]
     counter, steps = Signal.like(sequencer.index, name="loop"), Signal.like(sequencer.step, name="steps")
@@ -69,20 +103,34 @@ def order(m: Module) -> None:
     prove(~primed | (address == Mux(delayed, target, at + 1)), "the next one")
     prove(primed | (at == 0) & (address == 0) & ~delayed, "the first one")
     prove((at < size - 1) | (at == size - 1) & delayed, "the last one leads back")
-    prove((counter == sequencer.index) & (steps == sequencer.step) & (steps < CONFIG.windows.steps), "the loops")
+    prove(
+        (counter == sequencer.index) & (steps == sequencer.step) & (steps < CONFIG.windows.steps), "the loops"
+    )
     jumps = [number for number, one in enumerate(code) if one.op == Op.JUMP]
     sources = [number + 1 for number in jumps]
-    where_from = table(m, [code[number - 1].target if number in sources else 0 for number in range(size)], at, "back_from")
+    where_from = table(
+        m, [code[number - 1].target if number in sources else 0 for number in range(size)], at, "back_from"
+    )
     prove(~delayed | (target == where_from) | ((target == 0) & (at == size - 1)), "where a jump leads")
-    prove(~delayed | table(m, [int(number in sources) for number in range(size)], at, "behind_a_jump"), "only behind a jump")
-    assert all(code[number].op == Op.CONTROL and not code[number].wait for number in sources), "what is behind a jump is done at once"
+    prove(
+        ~delayed | table(m, [int(number in sources) for number in range(size)], at, "behind_a_jump"),
+        "only behind a jump",
+    )
+    assert all(code[number].op == Op.CONTROL and not code[number].wait for number in sources), (
+        "what is behind a jump is done at once"
+    )
     prove(counter < max(limits.values()), "index")
 
     # ---- one writes the data memory at a time
     idle = [one.op == Op.CONTROL and not (one.clear or one.wait or one.release) for one in code]
-    quiet = [idles or (one.op == Op.STORE and one.kind == Kind.INDEX) for idles, one in zip(idle, code, strict=True)]
+    quiet = [
+        idles or (one.op == Op.STORE and one.kind == Kind.INDEX)
+        for idles, one in zip(idle, code, strict=True)
+    ]
     writes = [int(one.op == Op.STORE and bool(int(one.kind) & 2)) for one in code]
-    assert not any(writes[one.target] for one in code) and all(quiet[number - 1] for number in range(size) if writes[number])
+    assert not any(writes[one.target] for one in code) and all(
+        quiet[number - 1] for number in range(size) if writes[number]
+    )
     prove(~(primed & table(m, writes, at, "writes")) | inside.stores_next, "announced")
     prove(~(inside.stores & taken), "a STORE and a sum never in one cycle")
 

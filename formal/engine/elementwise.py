@@ -1,4 +1,5 @@
-"""The element-wise unit: its operand holds every difference, its result stays within the states' bound, its sum never overflows."""
+"""The element-wise unit: its operand holds every difference, its result stays within the states' bound, its
+sum never overflows."""
 
 from __future__ import annotations
 
@@ -24,8 +25,9 @@ def _operand(m: Module, config) -> None:
     largest = int(tanh_table(config).max())
     t = Signal(signed(17), name="t_value")
     m.d.comb += t.eq(~dut.not_t)
-    within = lambda value: (value <= largest) & (value >= -largest)  # noqa: E731
-    # states are tanh values or blends of them; a centred sum comes with zeros (microcode: window, state_zero, t_zero)
+    within = lambda value: (value <= largest) & (value >= -largest)
+    # states are tanh values or blends of them; a centred sum comes with zeros (microcode: window, state_zero,
+    # t_zero)
     assume(within(t) & Mux(dut.minus | dut.use_t, within(dut.s), 1))
     assume((dut.x == 0) | ((dut.s == 0) & (~dut.use_t & (~dut.minus | (t == 0)))))
     exact = Signal(signed(20))
@@ -34,18 +36,28 @@ def _operand(m: Module, config) -> None:
 
 
 @proof(
-    "the element-wise operand is S, T, S - T or the centred sum exactly, for every state that the tanh table allows",
+    "the element-wise operand is S, T, S - T or the centred sum exactly, for every state that the tanh "
+    "table allows",
     depth=1,
     reduced="none, preset thesis",
     quick=True,
-    bugs=(Bug("the complement's one is forgotten", "Mux(self.minus, self.not_t, -1) + 1)", "Mux(self.minus, self.not_t, -1))"),),
+    bugs=(
+        Bug(
+            "the complement's one is forgotten",
+            "Mux(self.minus, self.not_t, -1) + 1)",
+            "Mux(self.minus, self.not_t, -1))",
+        ),
+    ),
 )
 def operand_is_exact(m: Module) -> None:
     _operand(m, PRESETS["thesis"])
 
 
 WIDEST = PRESETS["thesis"].replace(
-    state_format=QFormat(2, 14), weight_format=QFormat(1, 7), recurrent_format=QFormat(3, 5), feature_format=QFormat(3, 8)
+    state_format=QFormat(2, 14),
+    weight_format=QFormat(1, 7),
+    recurrent_format=QFormat(3, 5),
+    feature_format=QFormat(3, 8),
 )
 
 
@@ -53,7 +65,13 @@ WIDEST = PRESETS["thesis"].replace(
     "the same for the finest states, SQ(2,14)",
     depth=1,
     reduced="none, preset thesis with finer states",
-    bugs=(Bug("an operand a bit too narrow", "difference = Signal(signed(16))", "difference = Signal(signed(15))"),),
+    bugs=(
+        Bug(
+            "an operand a bit too narrow",
+            "difference = Signal(signed(16))",
+            "difference = Signal(signed(15))",
+        ),
+    ),
 )
 def operand_is_exact_finest(m: Module) -> None:
     _operand(m, WIDEST)
@@ -73,7 +91,8 @@ NARROW = PRESETS["thesis"].replace(
 
 
 @proof(
-    "a blend h + z (n - h) of states within the tanh table's bound stays within it, after rounding; its sum fits the accumulator",
+    "a blend h + z (n - h) of states within the tanh table's bound stays within it, after rounding; its sum "
+    "fits the accumulator",
     depth=1,
     reduced="states SQ(2,4), gates of 4 fraction bits",
     bugs=(Bug("T is not added", "Mux(self.add, ~self.not_t, 0)", "0"),),
@@ -85,7 +104,9 @@ def blend_stays_in_bound(m: Module) -> None:
     free(z)
     n = Signal(signed(10))
     m.d.comb += n.eq(~dut.not_t)
-    assume((n <= largest) & (n >= -largest) & (dut.s <= largest) & (dut.s >= -largest) & (z <= config.gate_one))
+    assume(
+        (n <= largest) & (n >= -largest) & (dut.s <= largest) & (dut.s >= -largest) & (z <= config.gate_one)
+    )
     assume((dut.x == 0) & ~dut.use_t & dut.minus & dut.add & ~dut.feature)
     total = Signal(signed(40))
     m.d.comb += total.eq(dut.load + dut.a * z)
@@ -94,11 +115,15 @@ def blend_stays_in_bound(m: Module) -> None:
     prove((total < limit) & (total >= -limit), "the sum fits")
     prove((dut.result <= largest) & (dut.result >= -largest), "the new state is within the bound")
     half = 1 << config.formats.gate_frac - 1
-    prove(dut.result == (dut.s * z + n * (config.gate_one - z) + half) >> config.formats.gate_frac, "it is the blend, rounded half up")
+    prove(
+        dut.result == (dut.s * z + n * (config.gate_one - z) + half) >> config.formats.gate_frac,
+        "it is the blend, rounded half up",
+    )
 
 
 @proof(
-    "a finished sum is narrowed exactly, a feature saturated to its format and aligned, a state to its own; where a cell's states never "
+    "a finished sum is narrowed exactly, a feature saturated to its format and aligned, a state to its own; "
+    "where a cell's states never "
     "saturate, exactly for every sum that its format holds",
     depth=1,
     reduced="states SQ(2,4), gates of 4 fraction bits; a GRU and an LSTM",
@@ -109,7 +134,11 @@ def blend_stays_in_bound(m: Module) -> None:
             "all(op.between for op in states)",
             "any(op.between for op in states)",
         ),
-        Bug("WRAP instead of SAT", "self.code.eq(saturate(shifted, config.formats.feature_format))", "self.code.eq(shifted)"),
+        Bug(
+            "WRAP instead of SAT",
+            "self.code.eq(saturate(shifted, config.formats.feature_format))",
+            "self.code.eq(shifted)",
+        ),
     ),
 )
 def narrowed(m: Module) -> None:

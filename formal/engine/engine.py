@@ -20,7 +20,15 @@ class _Bench:
         self.config, self.m = config, m
         self.dut = dut = Engine(config)
         self.inside = inside = opened_up(dut)
-        free(dut.i.valid, dut.i.payload, dut.decider_idle, dut.load.select, dut.load.address, dut.load.data, dut.load.enable)
+        free(
+            dut.i.valid,
+            dut.i.payload,
+            dut.decider_idle,
+            dut.load.select,
+            dut.load.address,
+            dut.load.data,
+            dut.load.enable,
+        )
         keeps_its_beat(dut.i, "i", assume)
         if words.EAGER:
             assume(dut.i.valid & dut.decider_idle)
@@ -28,14 +36,20 @@ class _Bench:
         self.beats = Signal(range(config.sensor.taxels), name="beats")  # of the window that comes in
         with m.If(self.taken):
             m.d.sync += self.beats.eq(Mux(self.beats == config.sensor.taxels - 1, 0, self.beats + 1))
-        assume(~dut.i.valid | (dut.i.p.first == (self.beats == 0)) & (dut.i.p.last == (self.beats == config.sensor.taxels - 1)))
+        assume(
+            ~dut.i.valid
+            | (dut.i.p.first == (self.beats == 0))
+            & (dut.i.p.last == (self.beats == config.sensor.taxels - 1))
+        )
         assume(~dut.i.valid | (dut.i.p.length < len(config.window_lengths)))
         queue = self.queue = inside.parts["WindowQueue"]
         self.code, self.enable, self.word = Program(inside.code), inside.enable, inside.word
         followed = follows(m, self.code, inside.sequencer, inside.parts["Sequencer"])
         self.slot = followed.slot
         released = [number for number, slot in enumerate(self.code.slots) if slot.get("released")]
-        assert len(released) == 1 and released[0] < self.code.judges, "one slot of a step reads the window's last taxel"
+        assert len(released) == 1 and released[0] < self.code.judges, (
+            "one slot of a step reads the window's last taxel"
+        )
         self.reading = Signal(name="reading_a_window")  # from the slot after the waiting one on
         m.d.comb += self.reading.eq((self.slot > self.code.wait) & (self.slot <= released[0]))
         come = self.taken & (self.beats == config.sensor.taxels - 1)
@@ -43,7 +57,10 @@ class _Bench:
         gone = self.enable & (self.slot == released[0])
         m.d.sync += self.held.eq(self.held + come - gone)
         prove(self.held <= 2, "two windows at most")
-        prove(~inside.sequencer.go | (self.slot != self.code.wait) | (self.held != 0), "it goes on with a window")
+        prove(
+            ~inside.sequencer.go | (self.slot != self.code.wait) | (self.held != 0),
+            "it goes on with a window",
+        )
         prove(~self.reading | (self.held != 0), "a window that is read is whole")
         prove(queue.full[0] + queue.full[1] == self.held, "full buffers")
         prove((queue.writing ^ queue.reading) == (self.held == 1), "whose turn it is")
@@ -64,9 +81,13 @@ class _Bench:
             prove((self.held <= k) | (marks[k] == ends[k]), f"whether window {k} ends its touch")
         prove(inside.final == self.last_step, "the last step's mark")
         self.step = Signal(name="step")  # of the touch, of two
-        if config.sets > 1:  # weights of its own for every window: here windows come as the front end numbers them
+        # weights of its own for every window: here windows come as the front end numbers them
+        if config.sets > 1:
             assert config.windows.steps == 2
-            ended, coming = self.enable & (self.slot == len(self.code.slots) - 1), Signal(name="number_of_the_window_that_comes")
+            ended, coming = (
+                self.enable & (self.slot == len(self.code.slots) - 1),
+                Signal(name="number_of_the_window_that_comes"),
+            )
             m.d.sync += [self.step.eq(self.step ^ ended), coming.eq(coming ^ come)]
             assume(~dut.i.valid | (dut.i.p.final == coming))
             prove(inside.parts["Sequencer"].primed | ~self.step, "the first step")
@@ -75,7 +96,10 @@ class _Bench:
             for k in range(2):
                 prove((self.held <= k) | (ends[k] == self.step ^ was_read ^ k), f"the number of window {k}")
             prove(~was_read | (self.last_step == self.step), "the second step is the last")
-        prove((self.slot <= self.code.judges) | (followed.restarts == self.last_step), "a touch's last step is followed by the prologue")
+        prove(
+            (self.slot <= self.code.judges) | (followed.restarts == self.last_step),
+            "a touch's last step is followed by the prologue",
+        )
         prove(self.beats < config.sensor.taxels, "beats")
 
     def per_slot(self, values: list[int], name: str) -> Signal:
@@ -83,21 +107,41 @@ class _Bench:
 
 
 @proof(
-    "windows are buffered, read and released in the order of their coming, not overwritten while they wait or are read, not read before "
-    "they are whole; every window gives one step, every step one logit a class; the prologue follows the step of a touch's last window, "
+    "windows are buffered, read and released in the order of their coming, not overwritten while they wait "
+    "or are read, not read before "
+    "they are whole; every window gives one step, every step one logit a class; the prologue follows the "
+    "step of a touch's last window, "
     "and no other",
     depth=1,
     reduced=REDUCED,
     bugs=(
-        Bug("a buffer is filled again while it is read", "self.i.ready.eq(room & ~self.hold)", "self.i.ready.eq(1)", file=QUEUE, depth=16),
+        Bug(
+            "a buffer is filled again while it is read",
+            "self.i.ready.eq(room & ~self.hold)",
+            "self.i.ready.eq(1)",
+            file=QUEUE,
+            depth=16,
+        ),
         Bug(
             "does not wait for the window",
             "sequencer.waiting & queue.waiting & self.decider_idle",
             "sequencer.waiting & self.decider_idle",
             depth=36,
         ),
-        Bug("the next window goes to the same buffer", "writing.eq(~writing)", "writing.eq(writing)", file=QUEUE, depth=8),
-        Bug("room is not taken back with a window's last taxel", "& ~(take & self.i.p.last))", ")", file=QUEUE, depth=16),
+        Bug(
+            "the next window goes to the same buffer",
+            "writing.eq(~writing)",
+            "writing.eq(writing)",
+            file=QUEUE,
+            depth=8,
+        ),
+        Bug(
+            "room is not taken back with a window's last taxel",
+            "& ~(take & self.i.p.last))",
+            ")",
+            file=QUEUE,
+            depth=16,
+        ),
         Bug(
             "the next window says whether this step is the last",
             "self.final.eq(finals.bit_select(reading, 1))",
@@ -111,22 +155,41 @@ class _Bench:
 def windows(m: Module) -> None:
     bench = _Bench(m)
     dut = bench.dut
-    prove(~(bench.taken & (bench.queue.writing == bench.queue.reading)) | ~bench.reading, "no beat into the buffer that is read")
+    prove(
+        ~(bench.taken & (bench.queue.writing == bench.queue.reading)) | ~bench.reading,
+        "no beat into the buffer that is read",
+    )
     none = bench.code.layout.window_none
     prove(~(bench.enable & (bench.word.window < none)) | (bench.held != 0), "only whole windows are read")
-    prove(dut.overrun == (dut.i.valid & (bench.beats == 0) & (bench.held == 2)), "overrun: a window comes and both buffers are full")
+    prove(
+        dut.overrun == (dut.i.valid & (bench.beats == 0) & (bench.held == 2)),
+        "overrun: a window comes and both buffers are full",
+    )
     prove(dut.started == (bench.enable & (bench.slot == bench.code.wait)), "started")
     # slots after which the step's logits, so many, have been given
     slots, given = bench.code.slots, []
     for number in range(len(slots)):
-        given.append(sum(slot.get("logit", 0) for slot in slots[bench.code.wait : number]) if number > bench.code.wait else 0)
-    assert sum(slot.get("logit", 0) for slot in slots) == bench.config.classes and slots[-1].get("logit", 0) in (0, 1)
+        given.append(
+            sum(slot.get("logit", 0) for slot in slots[bench.code.wait : number])
+            if number > bench.code.wait
+            else 0
+        )
+    assert sum(slot.get("logit", 0) for slot in slots) == bench.config.classes and slots[-1].get(
+        "logit", 0
+    ) in (0, 1)
     logits = Signal(range(bench.config.classes + 1))
     m.d.sync += logits.eq(Mux(bench.enable & (bench.slot == len(slots) - 1), 0, logits + dut.logit.valid))
     prove(logits == bench.per_slot(given, "given"), "logits of the step so far")
-    prove(~dut.step_done | (dut.logit.valid & (logits == bench.config.classes - 1)), "a step is done with its last logit")
+    prove(
+        ~dut.step_done | (dut.logit.valid & (logits == bench.config.classes - 1)),
+        "a step is done with its last logit",
+    )
     prove(~dut.logit.valid | (logits < bench.config.classes), "no logit too many")
-    prove(dut.step_done == (bench.enable & bench.per_slot([slot.get("ends_step", 0) for slot in slots], "ends")), "step done")
+    prove(
+        dut.step_done
+        == (bench.enable & bench.per_slot([slot.get("ends_step", 0) for slot in slots], "ends")),
+        "step done",
+    )
 
 
 @proof(
@@ -134,7 +197,11 @@ def windows(m: Module) -> None:
     "taxels + units products go into a row's sum (formal/engine/lanes.py: row_sums_fit)",
     depth=1,
     reduced=REDUCED,
-    bugs=(Bug("the weight address counts every slot", "weight_address + word.mac", "weight_address + 1", depth=8),),
+    bugs=(
+        Bug(
+            "the weight address counts every slot", "weight_address + word.mac", "weight_address + 1", depth=8
+        ),
+    ),
 )
 def ranges(m: Module) -> None:
     _ranges(m, SMALL)
@@ -147,48 +214,80 @@ def _ranges(m: Module, config) -> None:
     macs = [sum(slot.get("mac", 0) for slot in slots[:number]) for number in range(len(slots))]
     first = macs[code.again]
     assert first == 0, "the prologue multiplies nothing"
-    of_step = bench.step * len(code.plan.weight_words)  # where every window has weights of its own; 0 elsewhere
-    expected = (bench.per_slot(macs, "macs") + of_step)[: len(inside.weight_address)]  # behind the last weight the counter may wrap
+    # where every window has weights of its own; 0 elsewhere
+    of_step = bench.step * len(code.plan.weight_words)
+    # behind the last weight the counter may wrap
+    expected = (bench.per_slot(macs, "macs") + of_step)[: len(inside.weight_address)]
     prove(~primed | (inside.weight_address == expected), "weights in the order of the slots")
     prove(primed | (inside.weight_address == 0), "from the first")
-    prove(~(bench.enable & word.mac) | (inside.weight_address < code.plan.weight_depth), "a weight that there is")
-    prove(~primed | (word.vector < layout.state_depth) & (word.element < layout.state_depth), "state addresses")
+    prove(
+        ~(bench.enable & word.mac) | (inside.weight_address < code.plan.weight_depth),
+        "a weight that there is",
+    )
+    prove(
+        ~primed | (word.vector < layout.state_depth) & (word.element < layout.state_depth), "state addresses"
+    )
     of_a_step = primed & (bench.slot >= code.again)
     prove(~(primed & word.state_write) | (word.state_to < layout.state_depth), "state words that there are")
-    prove(~(of_a_step & word.state_write) | (word.state_to < layout.state_zero), "the zero of the state is written by the prologue alone")
+    prove(
+        ~(of_a_step & word.state_write) | (word.state_to < layout.state_zero),
+        "the zero of the state is written by the prologue alone",
+    )
     if code.plan.program.t_regions:
         prove(~primed | (word.t < layout.t_depth), "T addresses")
         prove(~(primed & word.t_write) | (word.result <= layout.t_zero), "T words that there are")
-        prove(~(of_a_step & word.t_write) | (word.result < layout.t_zero), "the zero of the T memory is written by the prologue alone")
+        prove(
+            ~(of_a_step & word.t_write) | (word.result < layout.t_zero),
+            "the zero of the T memory is written by the prologue alone",
+        )
     lengths = len(config.window_lengths)
     prove((bench.queue.lengths[0] < lengths) & (bench.queue.lengths[1] < lengths), "lengths")
     prove(~primed | (inside.coefficients.address < layout.gate_depth), "gate addresses")
-    prove(~(primed & word.gate_write) | (word.result < layout.constants), "constants are never written by the program")
     prove(
-        ~primed | (word.addend < code.plan.addend_words) & (~word.partial | (word.partial_to < code.plan.addend_words)), "addend addresses"
+        ~(primed & word.gate_write) | (word.result < layout.constants),
+        "constants are never written by the program",
+    )
+    prove(
+        ~primed
+        | (word.addend < code.plan.addend_words)
+        & (~word.partial | (word.partial_to < code.plan.addend_words)),
+        "addend addresses",
     )
     # what formal/engine/lanes.py assumes of the schedule
     accumulates = any(len(op.terms) > 1 for op in code.plan.program.elements)
     shared = code.plan.shared  # one lane for rows and elements
     # `valid` in the slot in which the product is added: the plain lane is told a slot before
-    valid, element_valid, told = word.valid, word.element_valid, [{}, *slots[:-1]] if code.plan.timing.early else slots
+    valid, element_valid, told = (
+        word.valid,
+        word.element_valid,
+        [{}, *slots[:-1]] if code.plan.timing.early else slots,
+    )
     if code.plan.timing.early:
-        assert not any(slots[end].get(name) for end in (-1, code.again - 1) for name in ("valid", "element_valid"))
+        assert not any(
+            slots[end].get(name) for end in (-1, code.again - 1) for name in ("valid", "element_valid")
+        )
         valid, element_valid = Signal(name="adds_row_product"), Signal(name="adds_element_product")
         with m.If(bench.enable):
             m.d.sync += [valid.eq(word.valid), element_valid.eq(word.element_valid)]
         for one, name in ((valid, "valid"), (element_valid, "element_valid")):
             prove(primed | ~one, "none before the first slot")
-            prove(~primed | (one == bench.per_slot([slot.get(name, 0) for slot in told], name)), "products are told a slot before")
+            prove(
+                ~primed | (one == bench.per_slot([slot.get(name, 0) for slot in told], name)),
+                "products are told a slot before",
+            )
     if config.hardware.lane_type == "dsp":
         prove(~(primed & word.swap & valid), "load and product of a row never in one slot")
     if shared:
         prove(~(primed & word.swap & word.element_first), "a shared lane begins one sum at a time")
         prove(~(primed & valid & element_valid), "and adds one product at a time")
     elif not accumulates:
-        prove(~(of_a_step & word.element_first) | element_valid, "in a step a sum of one product begins with it")
+        prove(
+            ~(of_a_step & word.element_first) | element_valid, "in a step a sum of one product begins with it"
+        )
     elif config.hardware.lane_type == "dsp":
-        prove(~(primed & word.element_first & element_valid), "load and product of an element never in one slot")
+        prove(
+            ~(primed & word.element_first & element_valid), "load and product of an element never in one slot"
+        )
     begins, adds = word.swap | (shared & word.element_first), valid | (shared & element_valid)
     # products since the accumulators began anew: the most by any way through the program
     most = [0] * len(slots)
@@ -204,13 +303,15 @@ def _ranges(m: Module, config) -> None:
         m.d.sync += count.eq(Mux(begins, 0, count) + adds)
     prove(count <= bench.per_slot(most, "most"), "products of a sum")
     prove(
-        ~(primed & adds) | ((Mux(begins, 0, count)) < config.inputs + config.network.hidden * config.recurrent),
+        ~(primed & adds)
+        | ((Mux(begins, 0, count)) < config.inputs + config.network.hidden * config.recurrent),
         "as many as the accumulator is made for",
     )
 
 
 @proof(
-    "with no further beats and decisions taken, the engine is idle again after at most five times its program's slots, idle words too, "
+    "with no further beats and decisions taken, the engine is idle again after at most five times its "
+    "program's slots, idle words too, "
     "from every state",
     depth=1,
     reduced=REDUCED,
@@ -250,21 +351,35 @@ OTHERS = {
     "linear": ("a linear cell", SMALL.replace(cell="linear", lanes=2, class_names=("a", "b", "c"))),
 }
 """Programs of other cells and lanes, by the name of their proof of ranges."""
-COUNTS_EVERY_SLOT = Bug("the weight address counts every slot", "weight_address + word.mac", "weight_address + 1", depth=8)
+COUNTS_EVERY_SLOT = Bug(
+    "the weight address counts every slot", "weight_address + word.mac", "weight_address + 1", depth=8
+)
 
 
-@proof(f"the same ranges for {OTHERS['lstm'][0]}", depth=1, reduced=REDUCED.replace("4 lanes", "2 lanes"), bugs=(COUNTS_EVERY_SLOT,))
+@proof(
+    f"the same ranges for {OTHERS['lstm'][0]}",
+    depth=1,
+    reduced=REDUCED.replace("4 lanes", "2 lanes"),
+    bugs=(COUNTS_EVERY_SLOT,),
+)
 def ranges_lstm(m: Module) -> None:
     _ranges(m, OTHERS["lstm"][1])
 
 
 @proof(
-    f"the same ranges for {OTHERS['linear'][0]}, the weights of each window behind those of the window before",
+    f"the same ranges for {OTHERS['linear'][0]}, the weights of each window behind those of the window "
+    "before",
     depth=1,
     reduced="4 taxels, 3 classes, 2 steps, 2 lanes",
     bugs=(
         COUNTS_EVERY_SLOT,
-        Bug("every window has the first one's weights", "& (final if config.sets > 1 else 1)", "& 1", depth=60, eager=True),
+        Bug(
+            "every window has the first one's weights",
+            "& (final if config.sets > 1 else 1)",
+            "& 1",
+            depth=60,
+            eager=True,
+        ),
     ),
 )
 def ranges_linear(m: Module) -> None:
@@ -277,17 +392,28 @@ def ranges_after(m: Module) -> None:
 
 
 NO_GAP = Bug(
-    "a schedule without the gap of DSP lanes", 'gap=int(kind == "dsp")', "gap=0", file="rtl/program/timing.py", depth=60, eager=True
+    "a schedule without the gap of DSP lanes",
+    'gap=int(kind == "dsp")',
+    "gap=0",
+    file="rtl/program/timing.py",
+    depth=60,
+    eager=True,
 )
 
 
-@proof(f"the same ranges for {OTHERS['dsp'][0]}, load and product never in one slot", depth=1, reduced=REDUCED, bugs=(NO_GAP,))
+@proof(
+    f"the same ranges for {OTHERS['dsp'][0]}, load and product never in one slot",
+    depth=1,
+    reduced=REDUCED,
+    bugs=(NO_GAP,),
+)
 def ranges_dsp(m: Module) -> None:
     _ranges(m, OTHERS["dsp"][1])
 
 
 @proof(
-    f"the same ranges for {OTHERS['shared'][0]} for rows, element-wise operations and the dense layer beside the constants; one sum begun "
+    f"the same ranges for {OTHERS['shared'][0]} for rows, element-wise operations and the dense layer "
+    "beside the constants; one sum begun "
     "and one product added at a time",
     depth=1,
     reduced=REDUCED.replace("4 lanes", "1 lane"),

@@ -32,11 +32,15 @@ def _told_early(m: Module, plain: PlainLane, inside, dsp: DspLane, beside) -> No
     with m.If(plain.tick):
         m.d.sync += told.eq(plain.valid)
     prove(inside.counts == told, "told a slot before")
-    prove((inside.a == Mux(told, beside.a, 0)) & (inside.b == Mux(told, beside.b, 0)), "the same operands where they count")
+    prove(
+        (inside.a == Mux(told, beside.a, 0)) & (inside.b == Mux(told, beside.b, 0)),
+        "the same operands where they count",
+    )
 
 
 @proof(
-    "the DSP lane's behaviour gives the plain lane's sums, slot by slot, load and product never being in one slot (the schedule's gap)",
+    "the DSP lane's behaviour gives the plain lane's sums, slot by slot, load and product never being in "
+    "one slot (the schedule's gap)",
     depth=2,
     reduced=NARROWER,
     quick=True,
@@ -44,8 +48,8 @@ def _told_early(m: Module, plain: PlainLane, inside, dsp: DspLane, beside) -> No
         Bug("the DSP's sum does not begin anew", "with m.If(self.swap):", "with m.If(0):", file=DSP),
         Bug(
             "the plain lane adds without being told",
-            "a.eq(Mux(self.valid, self.a, 0)), b.eq(Mux(self.valid, self.b, 0))",
-            "a.eq(self.a), b.eq(self.b)",
+            "a.eq(Mux(self.valid, self.a, 0)),\n                b.eq(Mux(self.valid, self.b, 0)),",
+            "a.eq(self.a),\n                b.eq(self.b),",
         ),
     ),
 )
@@ -59,11 +63,17 @@ def dsp_is_plain(m: Module) -> None:
 
 
 @proof(
-    "the same on the element-wise lane of a GRU with reset before: one product a sum, on top of what came with its operands",
+    "the same on the element-wise lane of a GRU with reset before: one product a sum, on top of what came "
+    "with its operands",
     depth=2,
     reduced=NARROWER,
     bugs=(
-        Bug("the DSP's load comes a slot late", "m.d.sync += total.eq(load + a * b)", "m.d.sync += total.eq(self.load + a * b)", file=DSP),
+        Bug(
+            "the DSP's load comes a slot late",
+            "m.d.sync += total.eq(load + a * b)",
+            "m.d.sync += total.eq(self.load + a * b)",
+            file=DSP,
+        ),
     ),
 )
 def dsp_is_plain_single_products(m: Module) -> None:
@@ -77,7 +87,8 @@ def dsp_is_plain_single_products(m: Module) -> None:
 
 
 def _no_overflow(m: Module, a_bits: int, b_bits: int, acc_bits: int, addend: int, terms: int) -> None:
-    """A lane of real widths: rows of at most ``terms`` products of any operands and an addend of at most ``addend``, in one part or two."""
+    """A lane of real widths: rows of at most ``terms`` products of any operands and an addend of at most
+    ``addend``, in one part or two."""
     lane = PlainLane(lane_signature(a_bits, b_bits, acc_bits, load_with_operands=False))
     inside = opened_up(lane)
     _inputs(m, lane)
@@ -85,7 +96,8 @@ def _no_overflow(m: Module, a_bits: int, b_bits: int, acc_bits: int, addend: int
     loaded = Signal(range(terms + 1))  # products in the sum, in the load
     exact = Signal(signed(48))
     largest = 1 << a_bits + b_bits - 2
-    # what is loaded is an addend, or the sum of a row's first part, which goes on with as many products as are left to the row
+    # what is loaded is an addend, or the sum of a row's first part, which goes on with as many products as
+    # are left to the row
     free(loaded)
     most = Signal(signed(48))
     m.d.comb += most.eq(addend + loaded * largest)
@@ -94,7 +106,10 @@ def _no_overflow(m: Module, a_bits: int, b_bits: int, acc_bits: int, addend: int
     assume((loaded + counts <= terms) & (~(lane.tick & counts & ~lane.swap) | (count < terms)))
     adds = lane.tick & (counts | lane.swap)
     with m.If(adds):
-        m.d.sync += [count.eq(Mux(lane.swap, loaded, count) + counts), exact.eq(Mux(lane.swap, lane.load, exact) + inside.a * inside.b)]
+        m.d.sync += [
+            count.eq(Mux(lane.swap, loaded, count) + counts),
+            exact.eq(Mux(lane.swap, lane.load, exact) + inside.a * inside.b),
+        ]
     bound = Signal(signed(48))
     m.d.comb += bound.eq(addend + count * largest)
     prove((exact <= bound) & (exact >= -bound), "as large as its products allow")
@@ -109,7 +124,8 @@ TERMS = CONFIG.sensor.taxels + CONFIG.network.hidden
 
 
 @proof(
-    "a row's accumulator never overflows: addend of any bias and half, products of any weights with any states and features",
+    "a row's accumulator never overflows: addend of any bias and half, products of any weights with any "
+    "states and features",
     depth=1,
     reduced="none, preset thesis",
     bugs=(

@@ -67,12 +67,15 @@ class Program:
         """Slot with whose end ``restart`` is looked at."""
 
 
-def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: Value | int = 0) -> SimpleNamespace:
-    """Prove that the sequencer is in the slot of the program in which it should be; ``slot``: that slot's number, ``restarts``: after the
-    last the program begins anew.
+def follows(
+    m: Module, program: Program, dut: Sequencer, inside: Inside, reset: Value | int = 0
+) -> SimpleNamespace:
+    """Prove that the sequencer is in the slot of the program in which it should be; ``slot``: that slot's
+    number, ``restarts``: after the last the program begins anew.
 
-    The slot is what a counter says that knows nothing of words and repeats: one more with every slot that ends, after the last back to the
-    program's ``again``, or to 0 where ``restart`` was high as slot `Program.judges` ended.
+    The slot is what a counter says that knows nothing of words and repeats: one more with every slot that
+    ends, after the last back to the program's ``again``, or to 0 where ``restart`` was high as slot
+    `Program.judges` ended.
     """
     last = program.last
     slot = Signal(range(last + 1))
@@ -83,11 +86,21 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
             m.d.sync += restarts.eq(dut.restart)
     with m.If(reset):
         m.d.sync += slot.eq(0)
-    repeats, primed, size = [program.words[number]["repeat"] for number in program.word_of], inside.primed, len(program.words)
+    repeats, primed, size = (
+        [program.words[number]["repeat"] for number in program.word_of],
+        inside.primed,
+        len(program.words),
+    )
     word, before_last = table(m, program.word_of, slot, "word"), size - 2
     prove(slot <= last, "a slot of the program")
-    prove(primed | (slot == 0) & (inside.pc == 0) & (inside.count == 0) & ~inside.turn & ~inside.ends, "the first slot")
-    prove(~primed | (inside.turn == ((word == before_last) & ~restarts)), "turns back behind the last word but one")
+    prove(
+        primed | (slot == 0) & (inside.pc == 0) & (inside.count == 0) & ~inside.turn & ~inside.ends,
+        "the first slot",
+    )
+    prove(
+        ~primed | (inside.turn == ((word == before_last) & ~restarts)),
+        "turns back behind the last word but one",
+    )
     back = Mux(restarts, 0, program.word_of[program.again])
     prove(~primed | (inside.pc == Mux(slot == last, back, word + 1)), "the word to fetch")
     prove(~primed | (inside.count == table(m, program.count_of, slot, "count")), "the repetition")
@@ -100,7 +113,10 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
         wanted.append(whole)
     prove(~primed | (Cat(fields) == table(m, wanted, slot, "fields")), "all fields of the slot")
     repetitions = [max(0, repeat - 1) for repeat in repeats]
-    prove(~primed | (inside.field("repeat") == table(m, repetitions, slot, "repeat")), "the word's last repetition but one")
+    prove(
+        ~primed | (inside.field("repeat") == table(m, repetitions, slot, "repeat")),
+        "the word's last repetition but one",
+    )
     once = [int(not repeat) for repeat in repeats]
     ends = [int(0 < repeat == count) for repeat, count in zip(repeats, program.count_of, strict=True)]
     prove(~primed | (inside.fetch.data.once == table(m, once, slot, "once")), "the words without repetitions")
@@ -112,14 +128,27 @@ def follows(m: Module, program: Program, dut: Sequencer, inside: Inside, reset: 
 
 
 @proof(
-    "after any reset every slot of the program in order, with all its fields, whatever the waits; held at the waiting word and "
+    "after any reset every slot of the program in order, with all its fields, whatever the waits; held at "
+    "the waiting word and "
     "nowhere else, and back there after as many slots as the program has",
     depth=1,
     reduced="4 taxels, 4 units, 2 classes, 4 lanes: 64 words",
     bugs=(
-        Bug("a repeated word that does not count", "(count if name in self._code.counted else 0)", "0", depth=60, eager=True),
+        Bug(
+            "a repeated word that does not count",
+            "(count if name in self._code.counted else 0)",
+            "0",
+            depth=60,
+            eager=True,
+        ),
         Bug("waits at every word", '(~field("wait") | self.go)', "self.go"),
-        Bug("a word too few", 'count == field("repeat")', 'count >= (field("repeat") >> 1)', depth=60, eager=True),
+        Bug(
+            "a word too few",
+            'count == field("repeat")',
+            'count >= (field("repeat") >> 1)',
+            depth=60,
+            eager=True,
+        ),
         Bug("the word before a reset turns back the program", "turn.eq(primed & fetch", "turn.eq(fetch"),
     ),
 )

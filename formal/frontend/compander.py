@@ -12,12 +12,22 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), compand="log"
 
 
 @proof(
-    "each sum leaves once, in order, companded by the formula of docs/specification.md section 3; offers stay until taken",
+    "each sum leaves once, in order, companded by the formula of docs/specification.md section 3; offers "
+    "stay until taken",
     depth=3,
     reduced="4 taxels",
     bugs=(
-        Bug("a beat overwrites a waiting one", "self.i.ready.eq(~self.o.valid | self.o.ready)", "self.i.ready.eq(1)"),
-        Bug("the knee is not added", "+ is_negative) + (1 << knee)", "+ is_negative) + (1 << knee - 1)", file="rtl/common/fixed.py"),
+        Bug(
+            "a beat overwrites a waiting one",
+            "self.i.ready.eq(~self.o.valid | self.o.ready)",
+            "self.i.ready.eq(1)",
+        ),
+        Bug(
+            "the knee is not added",
+            "+ is_negative) + (1 << knee)",
+            "+ is_negative) + (1 << knee - 1)",
+            file="rtl/common/fixed.py",
+        ),
     ),
 )
 def exact_and_in_order(m: Module) -> None:
@@ -34,7 +44,11 @@ def exact_and_in_order(m: Module) -> None:
     with m.If(taken):
         m.d.sync += kept.eq(dut.i.p)
     prove(dut.o.valid == waiting, "offered: what was taken and not handed on")
-    prove(~waiting | ((dut.o.p.taxel == kept.taxel) & (dut.o.p.length == kept.length) & (dut.o.p.final == kept.final)), "its flags")
+    prove(
+        ~waiting
+        | ((dut.o.p.taxel == kept.taxel) & (dut.o.p.length == kept.length) & (dut.o.p.final == kept.final)),
+        "its flags",
+    )
 
     knee, fraction, width = CONFIG.features.compand_knee, CONFIG.features.compand_frac, CONFIG.sum_bits
     value = Signal(signed(width + 1))
@@ -50,5 +64,8 @@ def exact_and_in_order(m: Module) -> None:
     bound = CONFIG.windows.window * CONFIG.deviation_bound
     assume((~dut.i.p.complement <= bound) & (~dut.i.p.complement >= -bound))
     prove(~waiting | (~dut.o.p.complement == result), "the formula")
-    prove(~waiting | (inside.biased == b[:width]) & (inside.negative == (value < 0)) & (inside.passed == kept), "registers")
+    prove(
+        ~waiting | (inside.biased == b[:width]) & (inside.negative == (value < 0)) & (inside.passed == kept),
+        "registers",
+    )
     prove(~waiting | ((value <= bound) & (value >= -bound)), "within the bound")

@@ -1,4 +1,5 @@
-"""The feature expander: of every deviation a beat a kind, in order, each by the specification's words, whatever the memory held before."""
+"""The feature expander: of every deviation a beat a kind, in order, each by the specification's words,
+whatever the memory held before."""
 
 from __future__ import annotations
 
@@ -10,20 +11,54 @@ import eskin.rtl.frontend.feature_expander
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander, expander_slots
 from formal.memory import opened
-from formal.proof import Bug, any_number, assume, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
+from formal.proof import (
+    Bug,
+    any_number,
+    assume,
+    free,
+    free_sink,
+    free_source,
+    keeps_its_beat,
+    opened_up,
+    proof,
+    prove,
+)
 
-_SIZES = dict(taxels=4, sample_bits=3, clip=2, rest="initial", rest_frames=4, hop=2, window=4, steps=2, feature_shift=(), rearm_frames=20)
-_KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", activity_block=2, integral_knee=1, integral_frac=2)
-TOUCH = PRESETS["thesis"].replace(**_SIZES, **_KINDS, band_low=3, band_high=5, pretrigger_frames=0, touch_frames=6, fault_frames=0)
+_SIZES = dict(
+    taxels=4,
+    sample_bits=3,
+    clip=2,
+    rest="initial",
+    rest_frames=4,
+    hop=2,
+    window=4,
+    steps=2,
+    feature_shift=(),
+    rearm_frames=20,
+)
+_KINDS = dict(
+    feature_kinds=("mean", "activity", "integral"),
+    activity_rule="change",
+    activity_block=2,
+    integral_knee=1,
+    integral_frac=2,
+)
+TOUCH = PRESETS["thesis"].replace(
+    **_SIZES, **_KINDS, band_low=3, band_high=5, pretrigger_frames=0, touch_frames=6, fault_frames=0
+)
 FREE = PRESETS["pvdf"].replace(**_SIZES, **_KINDS, onset_mean_frames=4, onset_check_frames=2)
 
 
 def _place(m: Module, dut: FeatureExpander, config: AcceleratorConfig) -> SimpleNamespace:
-    """Where the deviation at the input stands, and in windows that run freely the detector's marks, assumed as it makes them
-    (formal/frontend/onset_detector.py: touches_free)."""
+    """Where the deviation at the input stands, and in windows that run freely the detector's marks, assumed
+    as it makes them (formal/frontend/onset_detector.py: touches_free)."""
     taxels, hop, steps = config.sensor.taxels, config.windows.hop, config.windows.steps
     touch, block = config.windows.window_mode == "touch", config.features.activity_block
-    taken, beat, place = dut.i.valid & dut.i.ready, Signal(range(taxels), name="beat"), Signal(range(block), name="place")
+    taken, beat, place = (
+        dut.i.valid & dut.i.ready,
+        Signal(range(taxels), name="beat"),
+        Signal(range(block), name="place"),
+    )
     ends = taken & (beat == taxels - 1)
     with m.If(taken):
         m.d.sync += beat.eq(Mux(beat == taxels - 1, 0, beat + 1))
@@ -31,7 +66,11 @@ def _place(m: Module, dut: FeatureExpander, config: AcceleratorConfig) -> Simple
         m.d.sync += place.eq(Mux(place == block - 1, 0, place + 1))
     prove((beat < taxels) & (place < block), "the reference's own place")
     frame, some = Signal(range(max(config.last_frame, hop + 1)), name="frame"), Signal(name="some_block")
-    windows, later, emit = Signal(range(steps + 1), name="windows"), Signal(name="later_hop"), Signal(name="emit")
+    windows, later, emit = (
+        Signal(range(steps + 1), name="windows"),
+        Signal(name="later_hop"),
+        Signal(name="emit"),
+    )
     if touch:  # frame: of the touch
         last = frame == config.last_frame - 1
         with m.If(ends):
@@ -45,28 +84,49 @@ def _place(m: Module, dut: FeatureExpander, config: AcceleratorConfig) -> Simple
     last, next_emit = frame == hop - 1, Signal(name="next_emit")
     free(next_emit)
     with m.If(ends):
-        m.d.sync += [frame.eq(Mux(last, 0, frame + 1)), some.eq(some | (place == block - 1)), later.eq(later | last), emit.eq(next_emit)]
+        m.d.sync += [
+            frame.eq(Mux(last, 0, frame + 1)),
+            some.eq(some | (place == block - 1)),
+            later.eq(later | last),
+            emit.eq(next_emit),
+        ]
         with m.If(last):
             m.d.sync += windows.eq(Mux(emit & later & (windows != steps - 1), windows + 1, 0))
     prove((frame < hop) & (windows < steps), "the reference's own frame and window")
     prove(place == frame % block, "blocks begin with the hops")
-    prove((some <= (later | (frame >= block))) & (later <= some) & ((frame >= block) <= some), "a block was whole")
+    prove(
+        (some <= (later | (frame >= block))) & (later <= some) & ((frame >= block) <= some),
+        "a block was whole",
+    )
     prove((windows == 0) | later, "windows take two hops")
     marks, emits = dut.i.p, emit & later & last
-    assume(~dut.i.valid | (marks.hop_last == last) & (marks.emit == emits) & (marks.end == (emits & (windows == steps - 1))))
-    return SimpleNamespace(taken=taken, beat=beat, place=place, some=some, frame=frame, windows=windows, later=later, emits=emits)
+    assume(
+        ~dut.i.valid
+        | (marks.hop_last == last) & (marks.emit == emits) & (marks.end == (emits & (windows == steps - 1)))
+    )
+    return SimpleNamespace(
+        taken=taken, beat=beat, place=place, some=some, frame=frame, windows=windows, later=later, emits=emits
+    )
 
 
-def _of_one_taxel(m: Module, dut: FeatureExpander, config: AcceleratorConfig, at: SimpleNamespace, one: Signal) -> SimpleNamespace:
-    """What the specification says of one taxel, with the deviation at the input in it: the sum of its block so far and that of the block
-    before, and what the integral is made of."""
+def _of_one_taxel(
+    m: Module, dut: FeatureExpander, config: AcceleratorConfig, at: SimpleNamespace, one: Signal
+) -> SimpleNamespace:
+    """What the specification says of one taxel, with the deviation at the input in it: the sum of its block
+    so far and that of the block before, and what the integral is made of."""
     bound, features, touch = config.deviation_bound, config.features, config.windows.window_mode == "touch"
     wide = signed(config.integral_bits + 3)
-    here, earlier, total, hop_now, hop_before = (Signal(wide, name=name) for name in ("here", "earlier", "total", "hop_now", "hop_before"))
+    here, earlier, total, hop_now, hop_before = (
+        Signal(wide, name=name) for name in ("here", "earlier", "total", "hop_now", "hop_before")
+    )
     deviation = ~dut.i.p.complement
-    now = SimpleNamespace(here=Mux(at.place == 0, 0, here) + deviation, hop_now=Mux(at.frame == 0, 0, hop_now) + deviation)
+    now = SimpleNamespace(
+        here=Mux(at.place == 0, 0, here) + deviation, hop_now=Mux(at.frame == 0, 0, hop_now) + deviation
+    )
     begins = at.frame == 0 if touch else Const(0)
-    now.total = Mux(begins, 0, total) + deviation if touch else now.hop_now + Mux(at.windows == 0, hop_before, total)
+    now.total = (
+        Mux(begins, 0, total) + deviation if touch else now.hop_now + Mux(at.windows == 0, hop_before, total)
+    )
     mine, done = at.beat == one, at.beat > one  # of this frame: it is there, or gone
     with m.If(at.taken & mine):
         m.d.sync += here.eq(now.here)
@@ -82,7 +142,10 @@ def _of_one_taxel(m: Module, dut: FeatureExpander, config: AcceleratorConfig, at
     frames = at.frame + done
     counted = Mux(at.place + done == 0, features.activity_block, at.place + done)
     prove((here <= counted * bound) & (here >= -(counted * bound)), "a block's sum")
-    prove((earlier <= features.activity_block * bound) & (earlier >= -features.activity_block * bound), "the block before")
+    prove(
+        (earlier <= features.activity_block * bound) & (earlier >= -features.activity_block * bound),
+        "the block before",
+    )
     ended = Mux(done, at.place == features.activity_block - 1, (at.place == 0) & at.some)
     prove(~ended | (earlier == here), "a block that ended")
     hop = config.windows.hop
@@ -94,10 +157,14 @@ def _of_one_taxel(m: Module, dut: FeatureExpander, config: AcceleratorConfig, at
         prove((hop_now <= of_hop * bound) & (hop_now >= -(of_hop * bound)), "a hop's sum")
         prove((hop_before <= hop * bound) & (hop_before >= -hop * bound), "the hop before")
         ended = (at.windows + 1) * hop
-        whole = Signal(unsigned(8), name="frames_of_total")  # the taxel's last beat of a hop comes before the hop ends
+        # the taxel's last beat of a hop comes before the hop ends
+        whole = Signal(unsigned(8), name="frames_of_total")
         early = (at.frame == hop - 1) & done
         m.d.comb += whole.eq(ended + Mux(early, hop, 0))
-        prove((at.windows == 0) & ~early | (total <= whole * bound) & (total >= -(whole * bound)), "the sum of a touch's hops")
+        prove(
+            (at.windows == 0) & ~early | (total <= whole * bound) & (total >= -(whole * bound)),
+            "the sum of a touch's hops",
+        )
         prove(~(early | (at.frame == 0) & ~done) | (hop_before == hop_now), "a hop that ended")
         prove((at.later | (at.frame != 0) | done) | (hop_now == 0), "nothing yet")
         prove(at.later | early | (hop_before == 0), "no hop yet")
@@ -122,7 +189,12 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
     with opened(eskin.rtl.frontend.feature_expander) as memories:
         dut = FeatureExpander(config)
         inside = opened_up(dut)
-    features, kinds, taxels, bound = config.features, config.features.feature_kinds, config.sensor.taxels, config.deviation_bound
+    features, kinds, taxels, bound = (
+        config.features,
+        config.features.feature_kinds,
+        config.sensor.taxels,
+        config.deviation_bound,
+    )
     touch, block = config.windows.window_mode == "touch", features.activity_block
     free_source(dut.i)
     free_sink(dut.o)
@@ -156,10 +228,16 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
         for number, name in enumerate(kinds):
             with m.If(kind == number):
                 # an integral counts where a window ends (touch: always)
-                m.d.sync += [expected.eq(amounts[name]), matters.eq(Const(1) if touch or name != "integral" else at.emits)]
+                m.d.sync += [
+                    expected.eq(amounts[name]),
+                    matters.eq(Const(1) if touch or name != "integral" else at.emits),
+                ]
     prove(~(dut.o.valid & of_one & matters) | (~dut.o.p.complement == expected), "the feature")
     prove(~dut.o.valid | (Cat(getattr(dut.o.p, name) for name in flags) == passed[: len(flags)]), "its flags")
-    prove(~at.taken | (made & (kind == len(kinds) - 1)) | (SLOTS[kinds[-1]] != slots - 1), "all kinds before the next deviation")
+    prove(
+        ~at.taken | (made & (kind == len(kinds) - 1)) | (SLOTS[kinds[-1]] != slots - 1),
+        "all kinds before the next deviation",
+    )
 
     # ---- for the induction: the state of the block
     before = [sum(SLOTS[other] < number for other in kinds) % len(kinds) for number in range(slots)]
@@ -200,7 +278,9 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
         "hop": (ref.last.hop_now, ref.now.hop_now),
     }
     # a change is r = here - earlier while its block is under way, from the second block on
-    within = Mux(ref.done | started, Const(1), at.place != 0) & at.some & ~((at.place == block - 1) & ref.done)
+    within = (
+        Mux(ref.done | started, Const(1), at.place != 0) & at.some & ~((at.place == block - 1) & ref.done)
+    )
     for name in inside.fresh:
         old, new = kept[name]
         fresh, width = inside.fresh[name], len(inside.fresh[name])
@@ -211,7 +291,9 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
         m.d.comb += wanted.eq(Mux(started, new, old))
         prove(~(started & ((name != "change") | at.some)) | (fresh == new), f"{name}: renewed")
         if name in inside.fields:
-            offset = sum(inside.fields[other] for other in list(inside.fields)[: list(inside.fields).index(name)])
+            offset = sum(
+                inside.fields[other] for other in list(inside.fields)[: list(inside.fields).index(name)]
+            )
             held = Mux(pending, fresh, word[offset : offset + width].as_signed())
             prove(~known | (held == wanted), f"{name}: kept")
             read = inside.present_state[name]
@@ -219,22 +301,63 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
     if "integral" in kinds:
         knee = 1 << features.integral_knee
         size = Mux(ref.now.total < 0, -ref.now.total, ref.now.total)
-        prove(~(ref.mine & (slot == 2)) | (inside.biased == size + knee) & (inside.below == (ref.now.total < 0)), "its size and sign")
+        prove(
+            ~(ref.mine & (slot == 2))
+            | (inside.biased == size + knee) & (inside.below == (ref.now.total < 0)),
+            "its size and sign",
+        )
 
 
 CLAIM = (
-    "of every deviation a beat a kind in order, with its flags; mean, activity and integral are those of the specification, no sum "
+    "of every deviation a beat a kind in order, with its flags; mean, activity and integral are those of "
+    "the specification, no sum "
     "overflows, whatever the memory held; offers stay until taken"
 )
 BUGS = {
-    "old touch": Bug("the integral goes on from the last touch", "Mux(first, 0, begins_from)", "begins_from", depth=30, eager=True),
-    "earlier": Bug("the last block is forgotten", "Mux(block_first, -old, keep(", "Mux(block_first, 0, keep(", depth=60, eager=True),
-    "lone": Bug("a touch's first block is compared", "m.d.sync += lone.eq(ends)", "m.d.sync += lone.eq(0)", depth=90, eager=True),
-    "negative": Bug("falling changes count one too much", "~amount) - negative", "~amount)", depth=60, eager=True),
-    "end": Bug("the sum runs on after a touch", "(self.i.p.emit & ~self.i.p.end)", "self.i.p.emit", depth=60, eager=True),
-    "stall": Bug("a beat overwrites a waiting one", "advance.eq(~self.o.valid | self.o.ready)", "advance.eq(1)"),
-    "write": Bug("the last taxel's word is written", "written.eq(step & (slot == 0))", "written.eq(taken)", depth=60, eager=True),
-    "hop": Bug("a hop's sum is never begun anew", "Mux(hop_first, 0, of_hop)", "of_hop", depth=40, eager=True),
+    "old touch": Bug(
+        "the integral goes on from the last touch",
+        "Mux(first, 0, begins_from)",
+        "begins_from",
+        depth=30,
+        eager=True,
+    ),
+    "earlier": Bug(
+        "the last block is forgotten",
+        "Mux(block_first, -old, keep(",
+        "Mux(block_first, 0, keep(",
+        depth=60,
+        eager=True,
+    ),
+    "lone": Bug(
+        "a touch's first block is compared",
+        "m.d.sync += lone.eq(ends)",
+        "m.d.sync += lone.eq(0)",
+        depth=90,
+        eager=True,
+    ),
+    "negative": Bug(
+        "falling changes count one too much", "~amount) - negative", "~amount)", depth=60, eager=True
+    ),
+    "end": Bug(
+        "the sum runs on after a touch",
+        "(self.i.p.emit & ~self.i.p.end)",
+        "self.i.p.emit",
+        depth=60,
+        eager=True,
+    ),
+    "stall": Bug(
+        "a beat overwrites a waiting one", "advance.eq(~self.o.valid | self.o.ready)", "advance.eq(1)"
+    ),
+    "write": Bug(
+        "the last taxel's word is written",
+        "written.eq(step & (slot == 0))",
+        "written.eq(taken)",
+        depth=60,
+        eager=True,
+    ),
+    "hop": Bug(
+        "a hop's sum is never begun anew", "Mux(hop_first, 0, of_hop)", "of_hop", depth=40, eager=True
+    ),
 }
 
 
@@ -283,7 +406,12 @@ def changes_of_blocks(m: Module) -> None:
     depth=1,
     reduced="4 taxels, deviations up to 2, activity alone in blocks of 1 frame, touches of 6",
     bugs=(
-        Bug("the frame before is the frame itself", 'next_state["change"] = deviation - old', 'next_state["change"] = deviation', depth=30),
+        Bug(
+            "the frame before is the frame itself",
+            'next_state["change"] = deviation - old',
+            'next_state["change"] = deviation',
+            depth=30,
+        ),
     ),
 )
 def changes_of_frames(m: Module) -> None:
@@ -294,7 +422,15 @@ def changes_of_frames(m: Module) -> None:
     f"{CLAIM}; the activity of a block is the size of its sum",
     depth=1,
     reduced="4 taxels, deviations up to 2, mean and activity in blocks of 2 frames",
-    bugs=(Bug("a sum is never begun anew", "Mux(block_first, 0, old) + deviation if", "old + deviation if", depth=40, eager=True),),
+    bugs=(
+        Bug(
+            "a sum is never begun anew",
+            "Mux(block_first, 0, old) + deviation if",
+            "old + deviation if",
+            depth=40,
+            eager=True,
+        ),
+    ),
 )
 def sums_of_blocks(m: Module) -> None:
     _beats(m, FREE.replace(feature_kinds=("mean", "activity"), activity_rule="sum"))

@@ -6,7 +6,19 @@ from amaranth.hdl import Module, Mux, Signal, signed
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.normaliser import Normaliser
-from formal.proof import Bug, Inside, any_number, assume, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
+from formal.proof import (
+    Bug,
+    Inside,
+    any_number,
+    assume,
+    free,
+    free_sink,
+    free_source,
+    keeps_its_beat,
+    opened_up,
+    proof,
+    prove,
+)
 
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 MEANS = (12_345_678, -9_876_543)
@@ -21,13 +33,18 @@ def _block(m: Module, config=CONFIG, means=MEANS) -> tuple[Normaliser, Inside]:
 
 
 @proof(
-    "each sum leaves as one centred value of its taxel and window; offered values stay until taken, whatever the mask does",
+    "each sum leaves as one centred value of its taxel and window; offered values stay until taken, "
+    "whatever the mask does",
     depth=3,
     reduced="4 taxels",
     quick=True,
     bugs=(
         Bug("the mask is looked at again while the beat waits", "with m.If(~added):", "with m.If(1):"),
-        Bug("a beat is taken before its result", "self.i.ready.eq(added & self.o.ready)", "self.i.ready.eq(added)"),
+        Bug(
+            "a beat is taken before its result",
+            "self.i.ready.eq(added & self.o.ready)",
+            "self.i.ready.eq(added)",
+        ),
     ),
 )
 def stream_rules(m: Module) -> None:
@@ -35,9 +52,14 @@ def stream_rules(m: Module) -> None:
     free(dut.mask)
     keeps_its_beat(dut.o, "o")
     prove((dut.i.valid & dut.i.ready) == (dut.o.valid & dut.o.ready), "one out for one in")
-    prove(~dut.o.valid | (dut.o.p.last == (dut.i.p.taxel == CONFIG.sensor.taxels - 1)), "last is the last taxel")
+    prove(
+        ~dut.o.valid | (dut.o.p.last == (dut.i.p.taxel == CONFIG.sensor.taxels - 1)), "last is the last taxel"
+    )
     prove(~dut.o.valid | (dut.o.p.first == (dut.i.p.taxel == 0)), "first is taxel 0")
-    prove(~dut.o.valid | ((dut.o.p.length == dut.i.p.length) & (dut.o.p.final == dut.i.p.final)), "the window's own flags")
+    prove(
+        ~dut.o.valid | ((dut.o.p.length == dut.i.p.length) & (dut.o.p.final == dut.i.p.final)),
+        "the window's own flags",
+    )
 
 
 @proof(
@@ -45,8 +67,18 @@ def stream_rules(m: Module) -> None:
     depth=3,
     reduced="4 taxels, two means in ROM",
     bugs=(
-        Bug("WRAP instead of SAT", "forced.eq(above != negative.replicate(len(above)).as_signed())", "forced.eq(0)", depth=8),
-        Bug("the other length's mean", "else self.i.p.length)", "else ~self.i.p.length)", depth=8),
+        Bug(
+            "WRAP instead of SAT",
+            "forced.eq(above != negative.replicate(len(above)).as_signed())",
+            "forced.eq(0)",
+            depth=8,
+        ),
+        Bug(
+            "the other length's mean",
+            "if several else self.i.p.length",
+            "if several else ~self.i.p.length",
+            depth=8,
+        ),
     ),
 )
 def narrowing(m: Module) -> None:
@@ -60,13 +92,20 @@ def narrowing(m: Module) -> None:
     bugs=(Bug("a bit too few", "shift - low + start", "shift - low + start + 1", depth=8),),
 )
 def narrowing_aligned(m: Module) -> None:
-    _narrowing(m, CONFIG.replace(feature_shift=(4, 4), aligned_means=True), tuple(mean & -16 for mean in MEANS))
+    _narrowing(
+        m, CONFIG.replace(feature_shift=(4, 4), aligned_means=True), tuple(mean & -16 for mean in MEANS)
+    )
 
 
 def _narrowing(m: Module, config, means: tuple[int, int]) -> None:
     dut, inside = _block(m, config.replace(loadable=False), means)
-    # From a window's first beat to its last the length stays, also between beats (formal/frontend/window_averager.py).
-    open_, length, beat = Signal(name="window_open"), Signal(name="window_length"), Signal(range(CONFIG.sensor.taxels), name="beat")
+    # From a window's first beat to its last the length stays, also between beats
+    # (formal/frontend/window_averager.py).
+    open_, length, beat = (
+        Signal(name="window_open"),
+        Signal(name="window_length"),
+        Signal(range(CONFIG.sensor.taxels), name="beat"),
+    )
     taken = dut.i.valid & dut.i.ready
     last = beat == CONFIG.sensor.taxels - 1
     m.d.sync += [open_.eq((open_ | dut.i.valid) & ~(taken & last)), beat.eq(beat + taken)]
@@ -79,7 +118,13 @@ def _narrowing(m: Module, config, means: tuple[int, int]) -> None:
     exact = Signal(signed(CONFIG.sum_bits + 1))
     m.d.comb += [
         difference.eq(~dut.i.p.complement - Mux(dut.i.p.length, means[1], means[0])),
-        exact.eq(Mux(dut.i.p.length, difference >> config.features.feature_shift[1], difference >> config.features.feature_shift[0])),
+        exact.eq(
+            Mux(
+                dut.i.p.length,
+                difference >> config.features.feature_shift[1],
+                difference >> config.features.feature_shift[0],
+            )
+        ),
     ]
     low, high = CONFIG.centred_format.min_code, CONFIG.centred_format.max_code
     centred = Mux(exact > high, high, Mux(exact < low, low, exact))

@@ -1,4 +1,5 @@
-"""The onset detector: every whole frame goes through once, in order, whatever comes in; levels and counters stay in range."""
+"""The onset detector: every whole frame goes through once, in order, whatever comes in; levels and counters
+stay in range."""
 
 from __future__ import annotations
 
@@ -9,21 +10,46 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from formal.proof import Bug, Inside, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
 
-FILE, ALIGNER, MARKS, STATE = (f"rtl/frontend/{name}.py" for name in ("onset_detector", "frame_aligner", "frame_marks", "touch_state"))
-SMALL = dict(taxels=4, sample_bits=4, feature_shift=(), pretrigger_frames=1, hop=2, window=4, steps=2, touch_frames=6, rearm_frames=10)
+FILE, ALIGNER, MARKS, STATE = (
+    f"rtl/frontend/{name}.py" for name in ("onset_detector", "frame_aligner", "frame_marks", "touch_state")
+)
+SMALL = dict(
+    taxels=4,
+    sample_bits=4,
+    feature_shift=(),
+    pretrigger_frames=1,
+    hop=2,
+    window=4,
+    steps=2,
+    touch_frames=6,
+    rearm_frames=10,
+)
 BAND = PRESETS["thesis"].replace(**SMALL, band_low=5, band_high=9)
-MEANS = PRESETS["synthetic"].replace(**SMALL, rest_frames=4, onset_mean_frames=8, onset_check_frames=4, onset_threshold=2)
+MEANS = PRESETS["synthetic"].replace(
+    **SMALL, rest_frames=4, onset_mean_frames=8, onset_check_frames=4, onset_threshold=2
+)
 FREE = PRESETS["pvdf"].replace(
-    **(SMALL | dict(pretrigger_frames=0)), clip=3, rest_frames=4, onset_mean_frames=4, onset_check_frames=2, onset_threshold=2
+    **(SMALL | dict(pretrigger_frames=0)),
+    clip=3,
+    rest_frames=4,
+    onset_mean_frames=4,
+    onset_check_frames=2,
+    onset_threshold=2,
 )
 REDUCED = "4 taxels, 4-bit samples"
 FORGOTTEN = Bug(
-    "the frame before the onset is forgotten", "| ~reaches(count, config.windows.pretrigger_frames)", "", file=STATE, depth=30, eager=True
+    "the frame before the onset is forgotten",
+    "| ~reaches(count, config.windows.pretrigger_frames)",
+    "",
+    file=STATE,
+    depth=30,
+    eager=True,
 )
 
 
 def _stages(m: Module, dut: OnsetDetector, inside: Inside, gone: Signal):
-    """Prove that the stages of the pipeline, the last first, hold taxel after taxel; how many hold one. ``gone``: the next to leave."""
+    """Prove that the stages of the pipeline, the last first, hold taxel after taxel; how many hold one.
+    ``gone``: the next to leave."""
     registers = {signal.name: signal for signal in inside.registers}
     taxels = dut.config.sensor.taxels
     ahead = Const(0)
@@ -45,7 +71,8 @@ def _frames(m: Module, config) -> None:
     taxels = config.sensor.taxels
     keeps_its_beat(dut.o, "o")
     left = dut.o.valid & dut.o.ready
-    made = inside.advance & inside.offered  # a beat of a frame goes into the pipeline, the sender's or a repeated one
+    # a beat of a frame goes into the pipeline, the sender's or a repeated one
+    made = inside.advance & inside.offered
     taken = dut.i.valid & dut.i.ready
     good = inside.good & inside.advance
     entered = Signal(range(taxels))
@@ -79,7 +106,9 @@ def _frames(m: Module, config) -> None:
     if config.onset_rule.onset == "baseline":
         now = inside.now
         sums, decided = inside.parts["MovingSums"], inside.decided
-        prove(~decided | (now.valid & now.last & now.block_end), "a verdict is of the frame that waits for it")
+        prove(
+            ~decided | (now.valid & now.last & now.block_end), "a verdict is of the frame that waits for it"
+        )
         prove(~(decided & (sums.fresh | sums.added | sums.moved_last)), "one verdict a frame")
         waits = Signal(range(8))
         m.d.sync += waits.eq(Mux(now.valid & ~dut.o.valid, waits + 1, 0))
@@ -87,19 +116,33 @@ def _frames(m: Module, config) -> None:
     if config.onset_rule.onset == "band":
         refused = Signal(range(4 * taxels))  # cycles in which the sender waits and the next stage does not
         m.d.sync += refused.eq(Mux(taken | ~dut.i.valid, 0, refused + dut.o.ready))
-        prove(Mux(aligner.filling, refused <= inside.index + 1, (inside.index == 0) | (refused == 0)), "a frame is filled up at once")
+        prove(
+            Mux(aligner.filling, refused <= inside.index + 1, (inside.index == 0) | (refused == 0)),
+            "a frame is filled up at once",
+        )
         prove(refused <= taxels + 1, "no sender waits for ever")
 
 
 @proof(
-    "whole frames leave, taxel by taxel, whatever beats come; of whole frames every beat goes in once and none is lost, repeated or called "
+    "whole frames leave, taxel by taxel, whatever beats come; of whole frames every beat goes in once and "
+    "none is lost, repeated or called "
     "wrong; offered deviations stay until taken (band)",
     depth=3,
     reduced=REDUCED,
     quick=True,
     bugs=(
-        Bug("a beat is lost while the next stage waits", "advance.eq(~now.valid | (self.o.ready & ~waiting))", "advance.eq(1)", file=FILE),
-        Bug("a frame that ends early is not filled up", "m.d.sync += filling.eq(1)", "m.d.sync += filling.eq(0)", file=ALIGNER),
+        Bug(
+            "a beat is lost while the next stage waits",
+            "advance.eq(~now.valid | (self.o.ready & ~waiting))",
+            "advance.eq(1)",
+            file=FILE,
+        ),
+        Bug(
+            "a frame that ends early is not filled up",
+            "m.d.sync += filling.eq(1)",
+            "m.d.sync += filling.eq(0)",
+            file=ALIGNER,
+        ),
     ),
 )
 def frames_band(m: Module) -> None:
@@ -128,7 +171,16 @@ def frames_faults(m: Module) -> None:
     "the same with a rest level and moving sums, whose verdict holds the last beat of a block",
     depth=7,
     reduced=REDUCED,
-    bugs=(Bug("the verdict's wait loses the beat", "now.valid & ~waiting)", "now.valid)", file=FILE, depth=40, eager=True),),
+    bugs=(
+        Bug(
+            "the verdict's wait loses the beat",
+            "now.valid & ~waiting)",
+            "now.valid)",
+            file=FILE,
+            depth=40,
+            eager=True,
+        ),
+    ),
 )
 def frames_baseline(m: Module) -> None:
     _frames(m, MEANS)
@@ -139,7 +191,12 @@ def frames_baseline(m: Module) -> None:
     depth=5,
     reduced=REDUCED,
     bugs=(
-        Bug("a beat is lost while the next stage waits", "advance.eq(~now.valid | (self.o.ready & ~waiting))", "advance.eq(1)", file=FILE),
+        Bug(
+            "a beat is lost while the next stage waits",
+            "advance.eq(~now.valid | (self.o.ready & ~waiting))",
+            "advance.eq(1)",
+            file=FILE,
+        ),
     ),
 )
 def frames_free(m: Module) -> None:
@@ -147,7 +204,8 @@ def frames_free(m: Module) -> None:
 
 
 def _touches(m: Module, config) -> None:
-    """ARMED, TOUCH, REARM by docs/specification.md section 2, the rule's verdict on each frame taken as it comes."""
+    """ARMED, TOUCH, REARM by docs/specification.md section 2, the rule's verdict on each frame taken as it
+    comes."""
     dut = OnsetDetector(config)
     inside = opened_up(dut)
     free_source(dut.i)
@@ -156,12 +214,16 @@ def _touches(m: Module, config) -> None:
     gone = Signal(range(config.sensor.taxels))
     with m.If(dut.o.valid & dut.o.ready):
         m.d.sync += gone.eq(Mux(gone == config.sensor.taxels - 1, 0, gone + 1))
-    prove(inside.index == ((gone + _stages(m, dut, inside, gone)) & (config.sensor.taxels - 1)), "the taxel that comes in")
+    prove(
+        inside.index == ((gone + _stages(m, dut, inside, gone)) & (config.sensor.taxels - 1)),
+        "the taxel that comes in",
+    )
     left = dut.o.valid & dut.o.ready & inside.now.last
     judged, met = Value.cast(inside.judged), inside.met
     check = config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 1
     at_once, hop = config.opens_at_once, config.windows.hop
-    before_touch = Signal(range(config.windows.pretrigger_frames + 1))  # frames since arm or the last touch, as many as count
+    # frames since arm or the last touch, as many as count
+    before_touch = Signal(range(config.windows.pretrigger_frames + 1))
     state = Signal(State, init=State.TOUCH if at_once else State.ARMED)
     remaining = Signal(range(config.last_frame + 1))  # frames of the touch that still come
     windows = Signal(range(config.windows.steps + 1))  # of the touch that have ended
@@ -173,11 +235,18 @@ def _touches(m: Module, config) -> None:
     ends = (boundary & (windows == config.windows.steps - 1)) if free_mode else (remaining == 1)
     onset = (state == State.ARMED) & judged & met
     with m.If(left):
-        m.d.sync += [place.eq(Mux(place == hop - 1, 0, place + 1)), hops.eq(hops + ((place == hop - 1) & (hops != 2)))]
+        m.d.sync += [
+            place.eq(Mux(place == hop - 1, 0, place + 1)),
+            hops.eq(hops + ((place == hop - 1) & (hops != 2))),
+        ]
         with m.If(before_touch != config.windows.pretrigger_frames):
             m.d.sync += before_touch.eq(before_touch + 1)
         with m.If(onset):
-            m.d.sync += [state.eq(State.TOUCH), remaining.eq(config.last_frame - 1 - before_touch), windows.eq(0)]
+            m.d.sync += [
+                state.eq(State.TOUCH),
+                remaining.eq(config.last_frame - 1 - before_touch),
+                windows.eq(0),
+            ]
         with m.Elif(in_touch):
             m.d.sync += [remaining.eq(remaining - 1), windows.eq(windows + boundary)]
             with m.If(ends):
@@ -192,7 +261,10 @@ def _touches(m: Module, config) -> None:
     if not at_once:
         prove(dut.touch_started == (left & onset), "a touch starts with its onset")
     if free_mode:
-        prove(~left | (dut.o.p.emit == (in_touch & boundary)), "windows end with every hop of a touch from the second hop on")
+        prove(
+            ~left | (dut.o.p.emit == (in_touch & boundary)),
+            "windows end with every hop of a touch from the second hop on",
+        )
         prove(~left | (dut.o.p.end == (in_touch & ends)), "the touch ends with its last window")
         prove(~left | (dut.o.p.hop_last == (place == hop - 1)), "hops run from frame 1")
     else:
@@ -209,7 +281,10 @@ def _touches(m: Module, config) -> None:
         for stage in stages:  # each frame in the pipeline carries its place; its beats leave one by one
             valid, index = registers[f"{stage}_valid"], registers[f"{stage}_index"]
             mark = registers[f"{stage}_hop_last"], registers[f"{stage}_boundary"]
-            prove(~valid | (mark[0] == (at == hop - 1)) & (mark[1] == ((at == hop - 1) & done)), f"hop of stage {stage}")
+            prove(
+                ~valid | (mark[0] == (at == hop - 1)) & (mark[1] == ((at == hop - 1) & done)),
+                f"hop of stage {stage}",
+            )
             ends_frame = valid & (index == config.sensor.taxels - 1)
             done = done | (ends_frame & (at == hop - 1))
             at = Mux(ends_frame, Mux(at == hop - 1, 0, at + 1), at)
@@ -236,7 +311,8 @@ class State(enum.Enum, shape=2):
 
 
 TOUCHES = (
-    "touch after touch: the detector's states are those of docs/specification.md section 2, each touch ends, with the frame that completes "
+    "touch after touch: the detector's states are those of docs/specification.md section 2, each touch "
+    "ends, with the frame that completes "
     "its last window, and begins again after rearm_frames quiet frames only; one start pulse a touch"
 )
 
@@ -246,7 +322,14 @@ TOUCHES = (
     depth=2,
     reduced=f"{REDUCED}, touches of 6 frames, 1 of history, rearm 10",
     bugs=(
-        Bug("a touch a frame too long", "(count, config.last_frame - 1)", "(count, config.last_frame)", file=STATE, depth=45, eager=True),
+        Bug(
+            "a touch a frame too long",
+            "(count, config.last_frame - 1)",
+            "(count, config.last_frame)",
+            file=STATE,
+            depth=45,
+            eager=True,
+        ),
         Bug(
             "the frame before the onset is forgotten",
             "| ~reaches(count, config.windows.pretrigger_frames)",
@@ -286,7 +369,12 @@ def touches_baseline(m: Module) -> None:
     reduced=f"{REDUCED}, hops of 2 frames, 2 windows a touch",
     bugs=(
         Bug(
-            "a window from the first hop on", "boundary.eq(hop_last & ~hop_zero)", "boundary.eq(hop_last)", file=MARKS, depth=20, eager=True
+            "a window from the first hop on",
+            "boundary.eq(hop_last & ~hop_zero)",
+            "boundary.eq(hop_last)",
+            file=MARKS,
+            depth=20,
+            eager=True,
         ),
     ),
 )

@@ -1,4 +1,5 @@
-"""The pre-trigger ring: of every touch exactly the frames s..e, in order, nothing lost, whatever the reader does."""
+"""The pre-trigger ring: of every touch exactly the frames s..e, in order, nothing lost, whatever the reader
+does."""
 
 from __future__ import annotations
 
@@ -19,7 +20,8 @@ SLACK = 2
 
 
 @proof(
-    "of every touch frames s = max(1, f - pretrigger_frames) to e leave, every taxel once, in order; nothing else leaves, nothing is lost "
+    "of every touch frames s = max(1, f - pretrigger_frames) to e leave, every taxel once, in order; "
+    "nothing else leaves, nothing is lost "
     "and no word overwritten however long the reader waits; offered deviations stay until taken",
     depth=2,
     reduced="4 taxels, 1 frame of history, room for 2 frames more (8 in the design)",
@@ -31,8 +33,19 @@ SLACK = 2
             depth=30,
             eager=True,
         ),
-        Bug("a frame is dropped twice", "surplus & ~dropped & ~touch", "surplus & ~touch", depth=30, eager=True),
-        Bug("a beat is fetched over a waiting one", "(~fetched | (self.o.ready & ~self.touch_last))", "1", depth=24),
+        Bug(
+            "a frame is dropped twice",
+            "surplus & ~dropped & ~touch",
+            "surplus & ~touch",
+            depth=30,
+            eager=True,
+        ),
+        Bug(
+            "a beat is fetched over a waiting one",
+            "(~fetched | (self.o.ready & ~self.touch_last))",
+            "1",
+            depth=24,
+        ),
     ),
 )
 def frames_of_a_touch(m: Module) -> None:
@@ -43,7 +56,15 @@ def frames_of_a_touch(m: Module) -> None:
     "the same with a fault detector, and whether a taxel is masked goes with its deviation",
     depth=2,
     reduced="4 taxels, 1 frame of history, room for 2 frames more (8 in the design)",
-    bugs=(Bug("the mask is not kept", "*([self.i.p.masked] if config.faults.fault_frames else ())))", "))", depth=30, eager=True),),
+    bugs=(
+        Bug(
+            "the mask is not kept",
+            "*([self.i.p.masked] if config.faults.fault_frames else ()))",
+            ")",
+            depth=30,
+            eager=True,
+        ),
+    ),
 )
 def masked_with_their_beats(m: Module) -> None:
     _frames_of_a_touch(m, 4)
@@ -76,7 +97,8 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     free_sink(dut.o)
     push, taken = dut.i.valid & dut.i.ready, dut.o.valid & dut.o.ready
 
-    # Beats are numbered modulo 256, frame * 4 + taxel, and their number is what the ring is given to keep: it never looks at it.
+    # Beats are numbered modulo 256, frame * 4 + taxel, and their number is what the ring is given to keep: it
+    # never looks at it.
     number = Signal(8)
     wanted = Signal(8)  # of the next beat in; of the next beat out
     since = Signal(6)  # beats since arm or since the end of the last touch that was read, 63 for more
@@ -88,8 +110,13 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     m.d.sync += [number.eq(number + push), since.eq(since + (push & (since != 63)))]
     last_taxel = (number & (taxels - 1)) == taxels - 1
 
-    # The detector: an onset any time when it is armed, the touch's last frame any later one, then rearm_frames frames at least.
-    touch, left, quiet = Signal(name="in_touch"), Signal(4, name="frames_left"), Signal(range(ring_frames + 1), name="quiet")
+    # The detector: an onset any time when it is armed, the touch's last frame any later one, then
+    # rearm_frames frames at least.
+    touch, left, quiet = (
+        Signal(name="in_touch"),
+        Signal(4, name="frames_left"),
+        Signal(range(ring_frames + 1), name="quiet"),
+    )
     more = Signal(4, name="frames_more")
     free(more)
     free(dut.i.p.onset)
@@ -108,9 +135,14 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     # The reader: waits for the touch's frames and knows its last beat.
     reading = Signal()
     end = Signal(8)  # a touch is read; its last beat's number
-    start = number - (history * taxels - 1)  # the first beat of frame f - pretrigger_frames, seen at the last beat of frame f
+    # the first beat of frame f - pretrigger_frames, seen at the last beat of frame f
+    start = number - (history * taxels - 1)
     with m.If(onset):
-        m.d.sync += [reading.eq(1), wanted.eq(Mux(since >= history * taxels - 1, start, number - since)), end.eq(number + more * taxels)]
+        m.d.sync += [
+            reading.eq(1),
+            wanted.eq(Mux(since >= history * taxels - 1, start, number - since)),
+            end.eq(number + more * taxels),
+        ]
     with m.Elif(taken):
         m.d.sync += wanted.eq(wanted + 1)
         with m.If(dut.touch_last):
@@ -141,26 +173,44 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
         prove((place >= held) | (word == kept), "what it holds")
     dut_touch, starting, fetched = inside.touch, inside.starting, inside.fetched
     before = SimpleNamespace(held=Signal.like(inside.held), push=Signal(), fetch=Signal(), starting=Signal())
-    m.d.sync += [before.held.eq(inside.held), before.push.eq(push), before.fetch.eq(inside.fetch), before.starting.eq(starting)]
+    m.d.sync += [
+        before.held.eq(inside.held),
+        before.push.eq(push),
+        before.fetch.eq(inside.fetch),
+        before.starting.eq(starting),
+    ]
     prove(inside.counted == before.fetch, "a beat fetched is counted a cycle late")
     prove(~inside.counted | dut_touch & inside.fetched, "only in a touch")
     uncounted = Signal()  # of the fetch two cycles ago
     m.d.sync += uncounted.eq(inside.counted)
-    prove(before.held + before.push == inside.held + Mux(inside.dropped, frame, 0) + uncounted, "what a cycle did")
+    prove(
+        before.held + before.push == inside.held + Mux(inside.dropped, frame, 0) + uncounted,
+        "what a cycle did",
+    )
     prove(inside.surplus == (before.held >= history * frame + frame // 2), "surplus, a cycle late")
     prove(inside.some == ((before.held > uncounted) & ~before.fetch), "something to fetch, a cycle late")
     prove(~(dut_touch & inside.dropped), "nothing is dropped as a touch begins")
     prove(~fetched | dut_touch, "fetched in a touch")
     prove(~(starting & dut_touch), "starting ends with the touch's begin")
     prove(~(onset & reading), "a touch is read to its end before the next onset")
-    frame_start, to_end, after_end = number & ~Const(taxels - 1, 8), Signal(8, name="to_end"), Signal(8, name="after_end")
+    frame_start, to_end, after_end = (
+        number & ~Const(taxels - 1, 8),
+        Signal(8, name="to_end"),
+        Signal(8, name="after_end"),
+    )
     m.d.comb += [to_end.eq(end - wanted), after_end.eq(frame_start - end - 1)]
     prove(~reading | ((end & (taxels - 1)) == taxels - 1), "a touch ends with a frame")
     prove(~reading | (to_end < 64), "its end is ahead")
-    prove(~touch | reading & (end == (frame_start + left * taxels - 1)[:8]) & (left != 0) & (left <= 6), "frames left")
+    prove(
+        ~touch | reading & (end == (frame_start + left * taxels - 1)[:8]) & (left != 0) & (left <= 6),
+        "frames left",
+    )
     prove((quiet == 0) | ~touch & (quiet <= ring_frames), "quiet after the touch")
     prove(
-        touch | ~reading | Mux(quiet == 0, after_end >= ring_frames * taxels, after_end == (ring_frames - quiet) * taxels), "frames since"
+        touch
+        | ~reading
+        | Mux(quiet == 0, after_end >= ring_frames * taxels, after_end == (ring_frames - quiet) * taxels),
+        "frames since",
     )
     prove(~reading | touch | (after_end < 64), "not long ago")
     prove(reading == (starting | dut_touch), "a touch is read from its onset on")
@@ -177,6 +227,12 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     m.d.comb += drops.eq(wanted - first)
     ahead = number - wanted  # beats of the touch that are there
     prove(~starting | (drops <= held) & ((drops & (frame - 1)) == 0), "whole frames too many")
-    prove(~starting | (drops == 0) | (ahead[:8] >= history * frame), "frames are too many where history is whole")
-    prove(~starting | (ahead[:8] <= history * frame + before.starting), "one beat more at most before a touch begins")
+    prove(
+        ~starting | (drops == 0) | (ahead[:8] >= history * frame),
+        "frames are too many where history is whole",
+    )
+    prove(
+        ~starting | (ahead[:8] <= history * frame + before.starting),
+        "one beat more at most before a touch begins",
+    )
     prove(~(starting & before.starting) | inside.full, "no beat while frames are dropped for a touch")

@@ -13,7 +13,16 @@ from formal.engine.sequencer import table
 from formal.memory import opened
 from formal.proof import Bug, assume, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
 
-SMALL = dict(taxels=4, sample_bits=3, band_low=3, band_high=5, feature_shift=(), pretrigger_frames=0, hop=2, rearm_frames=20)
+SMALL = dict(
+    taxels=4,
+    sample_bits=3,
+    band_low=3,
+    band_high=5,
+    feature_shift=(),
+    pretrigger_frames=0,
+    hop=2,
+    rearm_frames=20,
+)
 EVEN = PRESETS["thesis"].replace(**SMALL, window=4, steps=2, touch_frames=6)
 ODD = PRESETS["thesis"].replace(**SMALL, window=5, steps=3, touch_frames=6)
 
@@ -31,9 +40,15 @@ def _averager(m: Module, config):
 
 
 def _touches(m: Module, config) -> None:
-    """Touch after touch of free deviations, against what each window is by docs/specification.md section 2."""
+    """Touch after touch of free deviations, against what each window is by docs/specification.md section
+    2."""
     dut, inside, sums = _averager(m, config)
-    taxels, spans, steps, frames = config.sensor.taxels, config.window_spans, config.windows.steps, config.last_frame
+    taxels, spans, steps, frames = (
+        config.sensor.taxels,
+        config.window_spans,
+        config.windows.steps,
+        config.last_frame,
+    )
     bound = config.deviation_bound
     deviation, masked = ~dut.i.p.complement, dut.i.p.masked if config.faults.fault_frames else Const(0)
     assume((deviation <= bound) & (deviation >= -bound))
@@ -47,7 +62,10 @@ def _touches(m: Module, config) -> None:
         with m.If(beat == taxels - 1):
             m.d.sync += frame.eq(Mux(frame == frames - 1, 0, frame + 1))
     prove((frame < frames) & (beat < taxels), "the reference's own place")
-    prove(~taken | (dut.touch_last == ((frame == frames - 1) & (beat == taxels - 1))), "the touch's last beat is known")
+    prove(
+        ~taken | (dut.touch_last == ((frame == frames - 1) & (beat == taxels - 1))),
+        "the touch's last beat is known",
+    )
 
     # ---- what goes out: window and taxel of the next beat that is made; the beat offered is the one made before
     window = Signal(range(steps))
@@ -64,32 +82,69 @@ def _touches(m: Module, config) -> None:
             window.eq(Mux(taxel == taxels - 1, Mux(window == steps - 1, 0, window + 1), window)),
         ]
     prove(~dut.o.valid | (dut.o.p.taxel == last_taxel), "taxels in order")
-    prove(~dut.o.valid | (dut.o.p.final == (last_window == steps - 1)), "final marks the last window of the touch")
-    prove(~dut.o.valid | (dut.o.p.length == table(m, list(config.length_index), last_window, "length")), "the window's length")
+    prove(
+        ~dut.o.valid | (dut.o.p.final == (last_window == steps - 1)),
+        "final marks the last window of the touch",
+    )
+    prove(
+        ~dut.o.valid | (dut.o.p.length == table(m, list(config.length_index), last_window, "length")),
+        "the window's length",
+    )
 
     # the normaliser reads a window's mean once
     lengths = table(m, list(config.length_index), window, "length_under_way")
     prove((taxel == 0) | (dut.o.p.length == lengths), "the length stays between the beats of a window")
     # ---- for the induction: the state of the block
     draining = inside.now.draining
-    hop, place, operation, passes, index = inside.hop, inside.frame_in_hop, inside.operation, inside.passes, inside.index
+    hop, place, operation, passes, index = (
+        inside.hop,
+        inside.frame_in_hop,
+        inside.operation,
+        inside.passes,
+        inside.index,
+    )
     together = [k for k, (_, last) in enumerate(spans) if last == frames]
     reads = {2: Operation.ENDING, 1: Operation.OLDER, 0: Operation.NEWEST}
     last_hop, last_place = divmod(frames - 1, config.windows.hop)
     prove(Mux(draining, (frame == 0) & (beat == 0), index == beat), "taxel")
     prove(index < taxels, "index")
-    prove(Mux(draining, hop == last_hop, hop == table(m, [f // config.windows.hop for f in range(frames)], frame, "hop")), "hop")
-    prove(Mux(draining, place == last_place, place == table(m, [f % config.windows.hop for f in range(frames)], frame, "place")), "place")
+    prove(
+        Mux(
+            draining,
+            hop == last_hop,
+            hop == table(m, [f // config.windows.hop for f in range(frames)], frame, "hop"),
+        ),
+        "hop",
+    )
+    prove(
+        Mux(
+            draining,
+            place == last_place,
+            place == table(m, [f % config.windows.hop for f in range(frames)], frame, "place"),
+        ),
+        "place",
+    )
     prove(inside.now.begins == (place == 0), "begins")
     prove(passes < len(together), "passes")
     ending = (operation == Operation.ENDING) <= inside.now.ending
     prove(draining | ((operation.as_value() != 3) & ending), "operation")
-    prove((operation == Operation.OLDER) | draining | (dut.touch_last == ((frame == frames - 1) & (beat == taxels - 1))), "touch_last")
+    prove(
+        (operation == Operation.OLDER)
+        | draining
+        | (dut.touch_last == ((frame == frames - 1) & (beat == taxels - 1))),
+        "touch_last",
+    )
     prove((operation == Operation.OLDER) | draining | dut.i.valid, "a beat that was begun stays")
     of_this = (dut.o.p.taxel == index) & (inside.bank == ~hop[0]) & ~draining
     of_last = dut.o.p.taxel == Mux(index == 0, taxels - 1, index - 1)
-    prove(~inside.fresh | Mux((operation == Operation.OLDER) | draining, of_last, of_this), "the write under way")
-    prove((window < steps) & (taxel < taxels) & (last_window < steps) & (last_taxel < taxels), "window and taxel")
+    prove(
+        ~inside.fresh | Mux((operation == Operation.OLDER) | draining, of_last, of_this),
+        "the write under way",
+    )
+    prove(
+        (window < steps) & (taxel < taxels) & (last_window < steps) & (last_taxel < taxels),
+        "window and taxel",
+    )
     # beats made so far: those of windows that ended with earlier frames, then those of the frame under way
     progress = Signal(range(4 * steps * taxels))
     with m.If(draining), m.Switch(passes):
@@ -103,7 +158,11 @@ def _touches(m: Module, config) -> None:
             with m.Case(f):
                 done = sum(last <= f for _, last in spans)
                 ends = [k for k, (_, last) in enumerate(spans) if last == f + 1]
-                ahead = operation.as_value() > reads[f // config.windows.hop - ends[0]].value if ends else Const(0)
+                ahead = (
+                    operation.as_value() > reads[f // config.windows.hop - ends[0]].value
+                    if ends
+                    else Const(0)
+                )
                 m.d.comb += progress.eq(done * taxels + (index + ahead if ends else 0))
     prove(window * taxels + taxel == Mux(progress == steps * taxels, 0, progress), "beats made")
     for one in range(taxels):
@@ -130,7 +189,8 @@ def _touches(m: Module, config) -> None:
 
 
 def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNamespace) -> None:
-    """The sums of one taxel over each window's frames: as they leave, and for the induction as the two banks hold them."""
+    """The sums of one taxel over each window's frames: as they leave, and for the induction as the two banks
+    hold them."""
     spans, steps, frames, taxels, bound = (
         config.window_spans,
         config.windows.steps,
@@ -153,7 +213,10 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
     with m.If(made & (taxel == one)):
         m.d.sync += expected_masked.eq(Mux(draining, was_masked, at.masked))
     if config.faults.fault_frames:
-        prove(~dut.o.valid | (last_taxel != one) | (dut.o.p.masked == expected_masked), "masked as in the window's last frame")
+        prove(
+            ~dut.o.valid | (last_taxel != one) | (dut.o.p.masked == expected_masked),
+            "masked as in the window's last frame",
+        )
     expected = Signal(signed(config.sum_bits + 4), name=f"expected_{one}")
     for k, (first, last) in enumerate(spans):
         with m.If(here & (frame >= first - 1) & (frame < last)):
@@ -165,17 +228,30 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
             m.d.sync += expected.eq(Mux(begins, 0, exact[k]) + Mux(adds, deviation, 0))
             prove(draining | (frame == last - 1), "a window leaves with its last frame")
         count = Mux(seen < first, 0, Mux(seen > last, last, seen) - (first - 1))
-        prove((seen < first) | ((exact[k] <= count * bound) & (exact[k] >= -(count * bound))), "a sum is bounded by its frames")
+        prove(
+            (seen < first) | ((exact[k] <= count * bound) & (exact[k] >= -(count * bound))),
+            "a sum is bounded by its frames",
+        )
     limit = config.windows.window * bound
-    prove(~dut.o.valid | (last_taxel != one) | ((expected <= limit) & (expected >= -limit)), "no sum exceeds its format")
-    prove(~dut.o.valid | (last_taxel != one) | (~dut.o.p.complement == expected), "the sum of the window's frames")
+    prove(
+        ~dut.o.valid | (last_taxel != one) | ((expected <= limit) & (expected >= -limit)),
+        "no sum exceeds its format",
+    )
+    prove(
+        ~dut.o.valid | (last_taxel != one) | (~dut.o.p.complement == expected),
+        "the sum of the window's frames",
+    )
 
     # what the banks hold of that taxel, the write that is under way included
     pending = inside.fresh & (dut.o.p.taxel == one)
     for k, (first, _) in enumerate(spans):
         bank = k % 2
         added = ~draining & (index == one) & (operation != Operation.OLDER) & (hop == k + 1)
-        word = Mux(pending & (inside.bank == bank), inside.total, sums.words[one | bank << len(index)][: config.sum_bits].as_signed())
+        word = Mux(
+            pending & (inside.bank == bank),
+            inside.total,
+            sums.words[one | bank << len(index)][: config.sum_bits].as_signed(),
+        )
         value = Signal(signed(config.sum_bits), name=f"value_{one}_{k}")
         m.d.comb += value.eq(~(exact[k] + Mux(added, deviation, 0)))
         waits = (seen >= first) & (progress <= k * taxels + one)
@@ -191,21 +267,38 @@ def _sums_of_taxel(m: Module, config, dut, inside, sums, one: int, at: SimpleNam
         )
         read = Signal(signed(config.sum_bits), name=f"read_{one}_{k}")
         m.d.comb += read.eq(~exact[k])
-        if config.faults.fault_frames and k in together:  # of the touch's last frame, for the passes that add nothing
+        # of the touch's last frame, for the passes that add nothing
+        if config.faults.fault_frames and k in together:
             last_frame = (seen == frames) | (added & (frame == frames - 1))
-            held = Mux(pending & (inside.bank == bank), dut.o.p.masked, sums.words[one | bank << len(index)][config.sum_bits])
+            held = Mux(
+                pending & (inside.bank == bank),
+                dut.o.p.masked,
+                sums.words[one | bank << len(index)][config.sum_bits],
+            )
             mask = Mux(added, at.masked, was_masked)
             prove(~(waits & last_frame) | (held == mask), "the mask in its bank")
-            prove(~(waits & now & draining) | (inside.read.data[config.sum_bits] == was_masked), "the mask that was read")
-        prove(~(waits & now) | (inside.read.data[: config.sum_bits].as_signed() == read), "the sum that was read")
+            prove(
+                ~(waits & now & draining) | (inside.read.data[config.sum_bits] == was_masked),
+                "the mask that was read",
+            )
+        prove(
+            ~(waits & now) | (inside.read.data[: config.sum_bits].as_signed() == read),
+            "the sum that was read",
+        )
 
 
 CLAIM = (
-    "steps windows a touch, a beat a taxel in order, marked with length and end; each sum is exact over the window's frames and fits; "
+    "steps windows a touch, a beat a taxel in order, marked with length and end; each sum is exact over the "
+    "window's frames and fits; "
     "the touch's last beat is known; offered sums stay until taken"
 )
 BUGS = (
-    Bug("hop off by one", "hop_last = reaches(frame_in_hop, config.windows.hop - 1)", "hop_last = Const(1, 1)", depth=40),
+    Bug(
+        "hop off by one",
+        "hop_last = reaches(frame_in_hop, config.windows.hop - 1)",
+        "hop_last = Const(1, 1)",
+        depth=40,
+    ),
     Bug(
         "the last beat is known too late",
         "self.touch_last.eq(now.at_end & at_last & ~now.draining)",
@@ -221,7 +314,13 @@ BUGS = (
     depth=1,
     reduced="4 taxels, 3-bit samples, 2 windows of 4 frames, hop 2",
     bugs=(
-        Bug("the older window misses a frame", "now.begins & (operation == Operation.NEWEST)", "now.begins", depth=40, eager=True),
+        Bug(
+            "the older window misses a frame",
+            "now.begins & (operation == Operation.NEWEST)",
+            "now.begins",
+            depth=40,
+            eager=True,
+        ),
         BUGS[1],
     ),
 )
@@ -232,8 +331,14 @@ def even(m: Module) -> None:
 @proof(
     CLAIM,
     depth=1,
-    reduced="4 taxels, 3-bit samples, 3 windows of 5 frames, hop 2, clipped at frame 6 where two end together",
-    bugs=(BUGS[1], Bug("a clipped window is forgotten", "(passes == 0) | clipped", "(passes == 0)", depth=60, eager=True)),
+    reduced="4 taxels, 3-bit samples, 3 windows of 5 frames, hop 2, clipped at frame 6 where two end "
+    "together",
+    bugs=(
+        BUGS[1],
+        Bug(
+            "a clipped window is forgotten", "(passes == 0) | clipped", "(passes == 0)", depth=60, eager=True
+        ),
+    ),
 )
 def odd_and_clipped(m: Module) -> None:
     _touches(m, ODD)
@@ -245,7 +350,8 @@ FAULTS = ODD.replace(sample_bits=4, fault_frames=2)
 @proof(
     f"{CLAIM}; with a fault detector, marked as masked where the taxel is in the window's last frame",
     depth=1,
-    reduced="4 taxels, 4-bit samples, 3 windows of 5 frames, hop 2, clipped at frame 6 where two end together",
+    reduced="4 taxels, 4-bit samples, 3 windows of 5 frames, hop 2, clipped at frame 6 where two end "
+    "together",
     bugs=(
         Bug(
             "a clipped window's mask is forgotten",
@@ -261,15 +367,30 @@ def masked_sums(m: Module) -> None:
 
 
 FREE = PRESETS["pvdf"].replace(
-    **(SMALL | dict(rearm_frames=4)), clip=3, rest_frames=4, onset_mean_frames=4, onset_check_frames=2, window=4, steps=2
+    **(SMALL | dict(rearm_frames=4)),
+    clip=3,
+    rest_frames=4,
+    onset_mean_frames=4,
+    onset_check_frames=2,
+    window=4,
+    steps=2,
 )
 
 
 @proof(
-    "windows that run freely: for each frame that ends one, a beat a taxel in order, each the exact sum of the last two hops, which fits",
+    "windows that run freely: for each frame that ends one, a beat a taxel in order, each the exact sum of "
+    "the last two hops, which fits",
     depth=1,
     reduced="4 taxels, deviations up to 3, hop 2, windows of 4 frames",
-    bugs=(Bug("the older window is begun anew", "now.begins & (operation == Operation.NEWEST)", "now.begins", depth=40, eager=True),),
+    bugs=(
+        Bug(
+            "the older window is begun anew",
+            "now.begins & (operation == Operation.NEWEST)",
+            "now.begins",
+            depth=40,
+            eager=True,
+        ),
+    ),
 )
 def free_running(m: Module) -> None:
     config, taxels, hop = FREE, FREE.sensor.taxels, FREE.windows.hop
@@ -278,7 +399,11 @@ def free_running(m: Module) -> None:
     deviation, taken = ~dut.i.p.complement, dut.i.valid & dut.i.ready
     assume((deviation <= bound) & (deviation >= -bound))
     # the detector's marks, on every beat of their frame (formal/frontend/onset_detector.py: touches_free)
-    beat, place, later = Signal(range(taxels), name="beat"), Signal(range(hop), name="place"), Signal(name="later_hop")
+    beat, place, later = (
+        Signal(range(taxels), name="beat"),
+        Signal(range(hop), name="place"),
+        Signal(name="later_hop"),
+    )
     ends, emits, last = taken & (beat == taxels - 1), Signal(name="emits"), Signal(name="last_window")
     with m.If(taken):
         m.d.sync += beat.eq(beat + 1)
@@ -289,14 +414,20 @@ def free_running(m: Module) -> None:
         m.d.sync += [emits.eq(next_marks[0]), last.eq(next_marks[1])]
     emit = emits & later & (place == hop - 1)
     marks = dut.i.p
-    assume(~dut.i.valid | (marks.hop_last == (place == hop - 1)) & (marks.emit == emit) & (marks.end == (emit & last)))
+    assume(
+        ~dut.i.valid
+        | (marks.hop_last == (place == hop - 1)) & (marks.emit == emit) & (marks.end == (emit & last))
+    )
 
     made, taxel = inside.step & inside.now.emit, Signal(range(taxels), name="taxel")
     last_taxel = Signal(range(taxels))
     last_final = Signal()
     with m.If(made):
         m.d.sync += [last_taxel.eq(taxel), taxel.eq(taxel + 1), last_final.eq(last)]
-    prove(~dut.o.valid | (dut.o.p.taxel == last_taxel) & (dut.o.p.final == last_final), "taxels in order, the last window marked")
+    prove(
+        ~dut.o.valid | (dut.o.p.taxel == last_taxel) & (dut.o.p.final == last_final),
+        "taxels in order, the last window marked",
+    )
     prove(~made | emit, "a window ends with its frame only")
 
     index, operation, newest = inside.index, inside.operation, inside.operation == Operation.NEWEST
@@ -306,9 +437,14 @@ def free_running(m: Module) -> None:
     prove(~newest | dut.i.valid, "a beat that was begun stays")
     prove(taxel == Mux(emit, (index + newest)[: len(taxel)], 0), "beats made")
     this = (dut.o.p.taxel == index) & (inside.bank == ~parity)
-    prove(~inside.fresh | Mux(newest, this, dut.o.p.taxel == Mux(index == 0, taxels - 1, index - 1)), "the write under way")
+    prove(
+        ~inside.fresh | Mux(newest, this, dut.o.p.taxel == Mux(index == 0, taxels - 1, index - 1)),
+        "the write under way",
+    )
     for one in range(taxels):
-        hop_sum, hop_before = (Signal(signed(bits), name=f"{name}_{one}") for name in ("hop_sum", "hop_before"))
+        hop_sum, hop_before = (
+            Signal(signed(bits), name=f"{name}_{one}") for name in ("hop_sum", "hop_before")
+        )
         expected, done = Signal(signed(bits), name=f"expected_{one}"), beat > one
         with m.If(taken & (beat == one)):
             m.d.sync += hop_sum.eq(Mux(begins, 0, hop_sum) + deviation)
@@ -334,8 +470,14 @@ def free_running(m: Module) -> None:
         held = [sums.words[one | bank << len(index)][: config.sum_bits].as_signed() for bank in range(2)]
         banks = [Mux(pending & (inside.bank == bank), inside.total, held[bank]) for bank in range(2)]
         added = older + Mux(newest & (index == one), deviation, 0)
-        prove(~later | (Mux(parity, banks[0], banks[1]) == complement(added, "older")), "the older window's bank")
-        prove(apart | (place + done == 0) | (Mux(parity, banks[1], banks[0]) == complement(hop_sum, "newest")), "the newest's")
+        prove(
+            ~later | (Mux(parity, banks[0], banks[1]) == complement(added, "older")),
+            "the older window's bank",
+        )
+        prove(
+            apart | (place + done == 0) | (Mux(parity, banks[1], banks[0]) == complement(hop_sum, "newest")),
+            "the newest's",
+        )
         wanted = Mux(newest, complement(hop_sum, "read_newest"), complement(older, "read_older"))
         read = inside.read.data[: config.sum_bits].as_signed()
         prove((index != one) | Mux(newest, begins, ~later) | (read == wanted), "the sum that was read")

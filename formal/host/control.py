@@ -12,7 +12,8 @@ from formal.proof import Bug, assume, before, free, opened_up, proof, prove
 STATE, LOADER = "rtl/host/recording_state.py", "rtl/host/memory_loader.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 UNDECIDED = 4
-"""Touches that can wait for their decision at once: one at the classifier, two in the engine's buffers, one on its way into them."""
+"""Touches that can wait for their decision at once: one at the classifier, two in the engine's buffers, one
+on its way into them."""
 
 
 def _inputs(m: Module, dut: HostControl, bus: bool = True) -> None:
@@ -36,27 +37,37 @@ def _cleared(m: Module, dut: HostControl) -> Signal:
 
 
 def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
-    """Touches begun and not decided, as the ports tell; none once the recording is over, no touch begins then before the next is."""
+    """Touches begun and not decided, as the ports tell; none once the recording is over, no touch begins then
+    before the next is."""
     count, over = Signal(range(UNDECIDED + 1), name="undecided"), Signal(name="over")
     arm = _cleared(m, dut)
     assume(~dut.global_taken | (count != 0) | over)
     assume(~dut.touch_started | ((count != UNDECIDED) & ~over))
     m.d.sync += over.eq((over | dut.finish) & ~arm)
     prove(dut.clear == arm, "cleared a cycle after arm or a hang")
-    prove(dut.restart == arm | before(dut.load.enable, "written"), "the engine starts anew after arm and after every write")
+    prove(
+        dut.restart == arm | before(dut.load.enable, "written"),
+        "the engine starts anew after arm and after every write",
+    )
     m.d.sync += count.eq(Mux(arm | dut.finish | over, 0, count + dut.touch_started - dut.global_taken))
     return count, over
 
 
 @proof(
-    "no memory is written while a touch is undecided (from the cycle after its onset on), also when the next begins before the decision "
+    "no memory is written while a touch is undecided (from the cycle after its onset on), also when the "
+    "next begins before the decision "
     "of the last is taken; the cycle after a write, an arm command or a hang starts the engine anew",
     depth=2,
     reduced="4 taxels",
     quick=True,
     bugs=(
         Bug("a weight write let through during a touch", "loader.locked.eq(touch)", "loader.locked.eq(0)"),
-        Bug("one flag for all touches", "undecided + self.touch_started", "undecided + (self.touch_started & ~self.touch)", file=STATE),
+        Bug(
+            "one flag for all touches",
+            "undecided + self.touch_started",
+            "undecided + (self.touch_started & ~self.touch)",
+            file=STATE,
+        ),
         Bug("a write does not start the engine anew", "self.hung | self.load.enable)", "self.hung)"),
     ),
 )
@@ -67,7 +78,10 @@ def no_write_during_a_touch(m: Module) -> None:
     undecided, over = _undecided(m, dut)
     open_for_a_cycle = before(undecided != 0, "open") & (undecided != 0)
     prove(~open_for_a_cycle | inside.touch, "a touch is known a cycle after its onset")
-    prove(~dut.load.enable | ~open_for_a_cycle, "no write while a touch is undecided, but for the cycle of its onset")
+    prove(
+        ~dut.load.enable | ~open_for_a_cycle,
+        "no write while a touch is undecided, but for the cycle of its onset",
+    )
     state = inside.parts["RecordingState"]
     prove(over | (state.undecided == undecided), "the count is the number of undecided touches")
     prove(~state.finished | over, "only finish ends the recording")
@@ -79,7 +93,11 @@ def no_write_during_a_touch(m: Module) -> None:
     depth=2,
     reduced="4 taxels",
     bugs=(
-        Bug("a refused write becomes a mask", "m.Case(Register.MASK + k):", "m.Case(Register.MASK + k, Register.MEMORY_DATA):"),
+        Bug(
+            "a refused write becomes a mask",
+            "m.Case(Register.MASK + k):",
+            "m.Case(Register.MASK + k, Register.MEMORY_DATA):",
+        ),
         Bug("a refused write reaches the memories", "self.written & ~refuses", "self.written", file=LOADER),
     ),
 )
@@ -101,7 +119,10 @@ def refused_write_changes_nothing(m: Module) -> None:
     for name in ("clear", "restart", "finish", "mask", "busy", "due"):
         prove(getattr(one, name) == getattr(other, name), f"{name} is the same")
     prove(one.load.enable == other.load.enable, "the same writes reach the memories")
-    prove(~one.load.enable | ((one.load.select == other.load.select) & (one.load.data == other.load.data)), "the same memory and word")
+    prove(
+        ~one.load.enable | ((one.load.select == other.load.select) & (one.load.data == other.load.data)),
+        "the same memory and word",
+    )
     prove(one.load.address == other.load.address, "the same address")
     unlike = Signal()
     m.d.sync += unlike.eq(Mux(one.bus.r_stb, one.bus.addr == Register.FAULTS, unlike))
@@ -128,7 +149,9 @@ def refused_write_changes_nothing(m: Module) -> None:
             "            with m.Switch(bus.addr):\n                for number",
             "            with m.Switch(bus.addr[:5]):\n                for number",
         ),
-        Bug("a write to no register goes unnoticed", "(bus.w_stb | bus.r_stb) & ~known", "bus.r_stb & ~known"),
+        Bug(
+            "a write to no register goes unnoticed", "(bus.w_stb | bus.r_stb) & ~known", "bus.r_stb & ~known"
+        ),
     ),
 )
 def no_register_no_effect(m: Module) -> None:
@@ -152,7 +175,10 @@ def no_register_no_effect(m: Module) -> None:
     prove(one.load.enable == other.load.enable, "the same writes reach the memories")
     prove(~before(one.bus.r_stb & nowhere, "read_nothing") | (one.bus.r_data == 0), "it reads 0")
     flag = beside.bits[Fault.ADDRESS]
-    prove(~before(stray | other.bus.r_stb & nowhere & ~_commands(other, Control.CLEAR_FAULTS), "astray") | flag, "and sets its flag")
+    prove(
+        ~before(stray | other.bus.r_stb & nowhere & ~_commands(other, Control.CLEAR_FAULTS), "astray") | flag,
+        "and sets its flag",
+    )
     differ = {id(inside.sticky), id(one.bus.r_data)}
     for mine, its in zip(inside.registers, beside.registers, strict=True):
         if id(mine) not in differ:

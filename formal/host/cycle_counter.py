@@ -11,14 +11,19 @@ MOST = (1 << COUNTER_BITS) - 1
 
 
 @proof(
-    "the longest is at least what is counted and grows with it only, one by one up to 65535, for anything measured, whatever begins anew",
+    "the longest is at least what is counted and grows with it only, one by one up to 65535, for anything "
+    "measured, whatever begins anew",
     depth=3,
     reduced="whole",
     quick=True,
     bugs=(
         Bug("the count goes on over its end", "with m.If(ends):", "with m.If(ends & 0):"),
         Bug("the longest grows with every count", "(counts & (elapsed == longest)", "(counts"),
-        Bug("a new recording goes on counting", "in_frame.eq(0), counts.eq(0), elapsed.eq(0)", "in_frame.eq(0)"),
+        Bug(
+            "a new recording goes on counting",
+            "in_frame.eq(0), counts.eq(0), elapsed.eq(0)",
+            "in_frame.eq(0)",
+        ),
     ),
 )
 def longest(m: Module) -> None:
@@ -42,17 +47,23 @@ def longest(m: Module) -> None:
     is_open = open_before | (dut.offered & dut.first)
     m.d.sync += open_before.eq(is_open & ~(dut.taken & dut.last) & ~dut.clear)
     counted = Mux(dut.measure == 0, is_open, Mux(dut.measure == 1, dut.slot_done, dut.windows_open))
-    ended = Mux(dut.measure == 0, dut.taken & dut.last, Mux(dut.measure == 1, dut.step_done, ~dut.windows_open))
+    ended = Mux(
+        dut.measure == 0, dut.taken & dut.last, Mux(dut.measure == 1, dut.step_done, ~dut.windows_open)
+    )
     counts, ends = before(counted & ~stops, "counts_now"), before(ended, "ends_now")
     m.d.sync += elapsed.eq(Mux(ends | stops, 0, elapsed + counts))
     whole = Signal(init=1)  # nothing was forgotten since the count began
     m.d.sync += whole.eq(ends | stops | (whole & ~dut.forget))
     prove(inside.elapsed == elapsed, "cycles of what is measured, an event a cycle late")
-    prove((inside.counts == counts) & (inside.ends == ends) & (inside.in_frame == open_before), "the counter's own state")
+    prove(
+        (inside.counts == counts) & (inside.ends == ends) & (inside.in_frame == open_before),
+        "the counter's own state",
+    )
     prove(~whole | (dut.longest >= elapsed), "the longest is at least as long")
     was, grows = before(dut.longest, "longest_before"), before(counts & (elapsed == dut.longest), "grows")
     forgotten = before(dut.forget, "forgotten")
     prove(
-        Mux(forgotten, dut.longest == 0, dut.longest == Mux(grows & (was != MOST), was + 1, was)) | (whole & (was == 0) & ~grows),
+        Mux(forgotten, dut.longest == 0, dut.longest == Mux(grows & (was != MOST), was + 1, was))
+        | (whole & (was == 0) & ~grows),
         "one by one",
     )

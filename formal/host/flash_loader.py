@@ -1,4 +1,5 @@
-"""The model out of the flash: it comes to an end from any state, and is there only behind a right checksum."""
+"""The model out of the flash: it comes to an end from any state, and is there only behind a right
+checksum."""
 
 from __future__ import annotations
 
@@ -22,23 +23,35 @@ def _loader(m: Module):
         dut = FlashLoader(NUMBER, WRITES, wake_cycles=WAKE_CYCLES, offset=0)
         inside = opened_up(dut)
     free(dut.pins.miso)
-    return dut, inside, {name: inside.states._data["signal"] == number for name, number in inside.states.encoding.items()}
+    return (
+        dut,
+        inside,
+        {name: inside.states._data["signal"] == number for name, number in inside.states.encoding.items()},
+    )
 
 
 @proof(
-    "whatever comes from the flash, in every cycle the loader goes on towards the model being there or refused, and there it stays",
+    "whatever comes from the flash, in every cycle the loader goes on towards the model being there or "
+    "refused, and there it stays",
     depth=3,
     reduced=REDUCED,
     quick=True,
     bugs=(
         Bug("bits are not counted", "left.eq(left - (left != 0))", "left.eq(left)", depth=20),
-        Bug("the time to wake stops at one", "timer.eq(timer - (timer != 0))", "timer.eq(timer - (timer > 1))", depth=60),
+        Bug(
+            "the time to wake stops at one",
+            "timer.eq(timer - (timer != 0))",
+            "timer.eq(timer - (timer > 1))",
+            depth=60,
+        ),
     ),
 )
 def comes_to_an_end(m: Module) -> None:
     dut, inside, now = _loader(m)
     rank, left = Signal(4, name="rank"), Signal(24, name="to_go")
-    m.d.comb += rank.eq(sum((Mux(now[name], len(ORDER) - place, 0) for place, name in enumerate(ORDER)), start=0))
+    m.d.comb += rank.eq(
+        sum((Mux(now[name], len(ORDER) - place, 0) for place, name in enumerate(ORDER)), start=0)
+    )
     shifting = Cat(~inside.phase, inside.left)
     within = Mux(now["WAIT"], inside.timer, shifting | Mux(now["WRITES"], inside.writes << 7, 0))
     m.d.comb += left.eq(rank << 12 | within)
@@ -59,7 +72,8 @@ def comes_to_an_end(m: Module) -> None:
 
 
 @proof(
-    "ARM is written, and the model said to be there, only in the cycles behind a checksum that is right; nothing is written without the "
+    "ARM is written, and the model said to be there, only in the cycles behind a checksum that is right; "
+    "nothing is written without the "
     "head, nor after a refusal",
     depth=3,
     reduced=REDUCED,
@@ -84,5 +98,7 @@ def only_behind_a_right_checksum(m: Module) -> None:
     prove(~dut.bus.w_stb | both | (number & head), "nothing is written without the head")
     prove(~(dut.failed & before(dut.failed, "refused")) | ~dut.bus.w_stb, "nothing after a refusal")
     prove(~(now["NUMBER"]) | head | magic, "the magic was right")
-    prove(~(now["WRITES"] | now["CHECK"] | now["ARM"] | now["DONE"]) | both | (number & head), "both were right")
+    prove(
+        ~(now["WRITES"] | now["CHECK"] | now["ARM"] | now["DONE"]) | both | (number & head), "both were right"
+    )
     prove(~inside.strobe | both, "a strobe comes from a write")

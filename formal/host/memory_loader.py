@@ -12,14 +12,19 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), checksum=True
 
 
 @proof(
-    "no word is taken while locked, and each that is not is told; words of the chosen memory go to addresses from 0 on",
+    "no word is taken while locked, and each that is not is told; words of the chosen memory go to "
+    "addresses from 0 on",
     depth=2,
     reduced="4 taxels",
     quick=True,
     bugs=(
         Bug("a word is let through while locked", "self.written & ~refuses & int", "self.written & int"),
         Bug("a word that is not taken counts", "address + self.load.enable", "address + self.written"),
-        Bug("the address goes on in the next memory", "m.d.sync += address.eq(0)", "m.d.sync += address.eq(address)"),
+        Bug(
+            "the address goes on in the next memory",
+            "m.d.sync += address.eq(0)",
+            "m.d.sync += address.eq(address)",
+        ),
     ),
 )
 def in_order(m: Module) -> None:
@@ -36,4 +41,7 @@ def in_order(m: Module) -> None:
     prove(dut.load.data == dut.data, "the host's word")
     select = dut.load.select
     prove((select & (select - 1)) == 0, "one memory at most")
-    prove(before(dut.chosen, "chosen_before") | (select == before(select, "memory_before")) | (taken == 0), "the memory stays")
+    prove(
+        before(dut.chosen, "chosen_before") | (select == before(select, "memory_before")) | (taken == 0),
+        "the memory stays",
+    )

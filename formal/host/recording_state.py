@@ -9,17 +9,31 @@ from eskin.rtl.host.recording_state import RecordingState
 from formal.proof import Bug, before, free, opened_up, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
-INPUTS = ("clear", "finish_asked", "moving", "engine_busy", "touch_started", "global_taken", "decider_idle", "detector_touch")
+INPUTS = (
+    "clear",
+    "finish_asked",
+    "moving",
+    "engine_busy",
+    "touch_started",
+    "global_taken",
+    "decider_idle",
+    "detector_touch",
+)
 
 
 @proof(
-    "what is asked to finish pulses finish once, and is over (busy falls) 20 cycles after the last beat, step and decision at the latest",
+    "what is asked to finish pulses finish once, and is over (busy falls) 20 cycles after the last beat, "
+    "step and decision at the latest",
     depth=24,
     reduced="4 taxels",
     bugs=(
         Bug("finish never ends", "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=30),
         Bug("finish does not wait for the decision", "& ~moving & self.decider_idle", "& ~moving"),
-        Bug("the next recording's finish is lost in its clear", "with m.If(self.finish_asked):", "with m.Elif(self.finish_asked):"),
+        Bug(
+            "the next recording's finish is lost in its clear",
+            "with m.If(self.finish_asked):",
+            "with m.Elif(self.finish_asked):",
+        ),
     ),
 )
 def finish_ends(m: Module) -> None:
@@ -36,7 +50,10 @@ def finish_ends(m: Module) -> None:
     prove(~before(dut.finish_asked, "asked_now") | inside.finishing, "what is asked for is begun")
     asked = Signal()
     given = Signal()
-    m.d.sync += [asked.eq(dut.finish_asked | (asked & ~dut.clear)), given.eq((given | dut.finish) & dut.busy & ~dut.finish_asked)]
+    m.d.sync += [
+        asked.eq(dut.finish_asked | (asked & ~dut.clear)),
+        given.eq((given | dut.finish) & dut.busy & ~dut.finish_asked),
+    ]
     prove(~dut.finish | asked, "finish only after it was asked for")
     prove(~inside.finishing | asked, "what goes on was asked for")
     prove(~given | ~inside.finishing | inside.finished, "what was given is known")

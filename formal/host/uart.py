@@ -15,14 +15,25 @@ HISTORY, LATENCY = 15, 3
 
 
 @proof(
-    "whatever came before: once the line has been low for a byte's length and then high, the next byte is received as it was sent, and "
+    "whatever came before: once the line has been low for a byte's length and then high, the next byte is "
+    "received as it was sent, and "
     "nothing else is from where the line fell",
     method="bounded",
     depth=HISTORY + 2 * BYTE + 14,
     reduced="4 clocks a bit",
     bugs=(
-        Bug("a break is a start bit", "active.eq(before & ~line)", "active.eq(~line)", depth=HISTORY + 2 * BYTE + 14),
-        Bug("what ends with a low stop bit is a byte", "~shift[0] & line)", "~shift[0])", depth=HISTORY + 2 * BYTE + 14),
+        Bug(
+            "a break is a start bit",
+            "active.eq(before & ~line)",
+            "active.eq(~line)",
+            depth=HISTORY + 2 * BYTE + 14,
+        ),
+        Bug(
+            "what ends with a low stop bit is a byte",
+            "~shift[0] & line)",
+            "~shift[0])",
+            depth=HISTORY + 2 * BYTE + 14,
+        ),
     ),
 )
 def byte_after_a_break(m: Module) -> None:
@@ -30,7 +41,8 @@ def byte_after_a_break(m: Module) -> None:
     opened_up(dut)
     cycle = Signal(8)
     m.d.sync += cycle.eq(cycle + 1)
-    falls, rises, begins = (any_number(8, name) for name in ("falls", "rises", "begins"))  # break, high line, byte
+    # break, high line, byte
+    falls, rises, begins = (any_number(8, name) for name in ("falls", "rises", "begins"))
     assume((falls <= HISTORY) & (rises >= falls + BYTE) & (rises <= falls + BYTE + 6))
     assume((begins > rises) & (begins <= rises + DIVISOR))
     byte = any_number(8, "byte")
@@ -46,5 +58,8 @@ def byte_after_a_break(m: Module) -> None:
     heard = Signal()
     m.d.sync += heard.eq(heard | (dut.valid & (cycle >= begins)))
     prove(~dut.valid | (cycle < falls + LATENCY) | (cycle >= stop - 1), "nothing out of the break")
-    prove(~dut.valid | (cycle < stop - 1) | (cycle >= begins + BYTE) | (dut.data == byte), "the byte that was sent")
+    prove(
+        ~dut.valid | (cycle < stop - 1) | (cycle >= begins + BYTE) | (dut.data == byte),
+        "the byte that was sent",
+    )
     prove((cycle < begins + BYTE) | heard, "it is received before the stop bit is over")

@@ -32,13 +32,21 @@ class AnyBytes(wiring.Component):
 
 
 @proof(
-    "whatever bytes come: offered samples stay until taken, every frame that begins has all its taxels in order, one write is one cycle, "
+    "whatever bytes come: offered samples stay until taken, every frame that begins has all its taxels in "
+    "order, one write is one cycle, "
     "and each acts once for each step of the count",
     depth=3,
     reduced="4 taxels, any bytes in place of the receiver",
     bugs=(
-        Bug("the next sample does not wait", "forward.eq(~command.is_frame | self.frame.ready)", "forward.eq(1)", depth=24),
-        Bug("a frame a taxel too long", "last.eq(word == taxels + 1)", "last.eq(word == taxels + 2)", depth=24),
+        Bug(
+            "the next sample does not wait",
+            "forward.eq(~command.is_frame | self.frame.ready)",
+            "forward.eq(1)",
+            depth=24,
+        ),
+        Bug(
+            "a frame a taxel too long", "last.eq(word == taxels + 1)", "last.eq(word == taxels + 2)", depth=24
+        ),
     ),
 )
 def frames_and_writes(m: Module) -> None:
@@ -52,9 +60,18 @@ def frames_and_writes(m: Module) -> None:
     taken = dut.frame.valid & dut.frame.ready
     with m.If(taken):
         m.d.sync += beats.eq(Mux(dut.frame.p.last, 0, beats + 1))
-    prove(~dut.frame.valid | (dut.frame.p.first == (beats == 0)) & (dut.frame.p.last == (beats == taxels - 1)), "first and last")
-    prove(~(before(taken & ~dut.frame.p.last, "goes_on")) | dut.frame.valid, "no frame stops before its last taxel")
-    prove(~(dut.frame.valid & (dut.bus.w_stb | dut.bus.r_stb)) & ~(dut.bus.w_stb & dut.bus.r_stb), "one thing at a time")
+    prove(
+        ~dut.frame.valid | (dut.frame.p.first == (beats == 0)) & (dut.frame.p.last == (beats == taxels - 1)),
+        "first and last",
+    )
+    prove(
+        ~(before(taken & ~dut.frame.p.last, "goes_on")) | dut.frame.valid,
+        "no frame stops before its last taxel",
+    )
+    prove(
+        ~(dut.frame.valid & (dut.bus.w_stb | dut.bus.r_stb)) & ~(dut.bus.w_stb & dut.bus.r_stb),
+        "one thing at a time",
+    )
     prove(~before(dut.bus.w_stb, "wrote") | ~dut.bus.w_stb, "one write is one cycle")
     ended = dut.bus.w_stb | (taken & dut.frame.p.last)
     counted, was = Signal(name="counted"), before(dut.expected, "expected_before")
@@ -97,7 +114,12 @@ def decisions_counted(m: Module) -> None:
     if words.EAGER:  # one decision of zeros, withdrawn once: no escapes, no answers
         fall, cycle = any_number(7, "fall"), Signal(7, name="cycle")
         m.d.sync += cycle.eq(cycle + 1)
-        assume((dut.decision.payload.as_value() == 0) & ~dut.answer & (dut.decision.valid == (cycle < fall)) & (fall > 85))
+        assume(
+            (dut.decision.payload.as_value() == 0)
+            & ~dut.answer
+            & (dut.decision.valid == (cycle < fall))
+            & (fall > 85)
+        )
     count = Signal(7, name="taken")
     m.d.sync += count.eq(count + (dut.decision.valid & dut.decision.ready))
     prove(inside.decisions == count, "decisions sent")

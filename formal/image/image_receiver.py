@@ -13,14 +13,25 @@ PIXELS = 16
 
 
 @proof(
-    "whatever rows come: the pixels of an image are written in order, each once, none after it; the engine is started once, for a whole "
+    "whatever rows come: the pixels of an image are written in order, each once, none after it; the engine "
+    "is started once, for a whole "
     "image, when the classifier is free",
     depth=4,
     reduced="images of 4 x 4",
     bugs=(
-        Bug("a pixel is written over the image", "aligner.offered & ~self.over", "aligner.offered & ~self.waiting", depth=30),
+        Bug(
+            "a pixel is written over the image",
+            "aligner.offered & ~self.over",
+            "aligner.offered & ~self.waiting",
+            depth=30,
+        ),
         Bug("an image is one pixel short", "address == pixels - 1", "address == pixels - 2", depth=30),
-        Bug("the engine is started while the classifier is not free", "self.waiting & self.free", "self.waiting", depth=30),
+        Bug(
+            "the engine is started while the classifier is not free",
+            "self.waiting & self.free",
+            "self.waiting",
+            depth=30,
+        ),
         Bug("the engine is started again", "self.waiting.eq(0)", "self.waiting.eq(1)", depth=30),
     ),
     quick=True,
@@ -33,10 +44,15 @@ def pixels_in_order(m: Module) -> None:
     count = Signal(range(PIXELS + 2))
     started = Signal()  # pixels that are there
     m.d.sync += [count.eq(count + dut.fill.valid), started.eq(started | dut.start)]
-    prove(~dut.fill.valid | ((count < PIXELS) & (dut.fill.address == count)), "pixels in order, none after the image")
+    prove(
+        ~dut.fill.valid | ((count < PIXELS) & (dut.fill.address == count)),
+        "pixels in order, none after the image",
+    )
     prove(~dut.start | (dut.free & (count == PIXELS) & ~started), "started once, for a whole image")
     prove(dut.begun == (dut.fill.valid & (count == 0)), "begun with the first pixel")
-    prove((dut.over == (count == PIXELS)) & (dut.waiting == ((count == PIXELS) & ~started)), "over and waiting")
+    prove(
+        (dut.over == (count == PIXELS)) & (dut.waiting == ((count == PIXELS) & ~started)), "over and waiting"
+    )
     prove(dut.open == ((count != 0) & (count != PIXELS)), "open")
     prove((inside.address == (count & PIXELS - 1)) & (count <= PIXELS), "address")
     prove(~started | dut.over, "started")

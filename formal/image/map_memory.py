@@ -1,4 +1,5 @@
-"""The two memories of maps: a value that is there stays until it is written itself, and only the memory that is not read is written."""
+"""The two memories of maps: a value that is there stays until it is written itself, and only the memory that
+is not read is written."""
 
 from __future__ import annotations
 
@@ -10,18 +11,35 @@ from eskin.rtl.image.map_memory import MapMemory
 from eskin.rtl.program.image_passes import make_plan
 from formal.proof import Bug, any_number, assume, free, proof, prove
 
-PLAN = make_plan(stages_of(2, 4, [Conv(1, 1), Dense(2)]), weight_bits=8, shifts=(0, 0), logit_format=QFormat(16, 0), lanes=1)
+PLAN = make_plan(
+    stages_of(2, 4, [Conv(1, 1), Dense(2)]),
+    weight_bits=8,
+    shifts=(0, 0),
+    logit_format=QFormat(16, 0),
+    lanes=1,
+)
 
 
 @proof(
-    "whatever is read and written: a value of either memory stays until it is written itself, and none of the memory that is read ever is",
+    "whatever is read and written: a value of either memory stays until it is written itself, and none of "
+    "the memory that is read ever is",
     method="bounded",
     depth=8,
     reduced="maps of 8 values",
     bugs=(
-        Bug("the memory that is read is written", "Mux(reads, 0, Cat(", "Mux(reads, Cat(self.write, 0), Cat("),
-        Bug("a value's neighbour is written with it", "Cat(~self.write_address[0], self.write_address[0])", "3"),
-        Bug("the other byte of a word is read", "Mux(high, word[8:], word[:8])", "Mux(high, word[:8], word[8:])"),
+        Bug(
+            "the memory that is read is written", "Mux(reads, 0, Cat(", "Mux(reads, Cat(self.write, 0), Cat("
+        ),
+        Bug(
+            "a value's neighbour is written with it",
+            "Cat(~self.write_address[0], self.write_address[0])",
+            "3",
+        ),
+        Bug(
+            "the other byte of a word is read",
+            "Mux(high, word[8:], word[:8])",
+            "Mux(high, word[:8], word[8:])",
+        ),
         Bug("the other memory is read", "source.eq(self.source)]", "source.eq(~self.source)]"),
     ),
 )
@@ -36,5 +54,8 @@ def values_stay(m: Module) -> None:
         m.d.sync += [there.eq(1), value.eq(dut.write_value)]
     asked = Signal()
     wanted = Signal(8)
-    m.d.sync += [asked.eq(there & dut.read & (dut.source == memory) & (dut.read_address == place)), wanted.eq(value)]
+    m.d.sync += [
+        asked.eq(there & dut.read & (dut.source == memory) & (dut.read_address == place)),
+        wanted.eq(value),
+    ]
     prove(~asked | (dut.value == wanted), "a value that is read is the one that was written last")

@@ -1,4 +1,5 @@
-"""The loops of the image engine: for every small pass no address outside map and weights, every product, an end."""
+"""The loops of the image engine: for every small pass no address outside map and weights, every product, an
+end."""
 
 from __future__ import annotations
 
@@ -10,21 +11,36 @@ from eskin.rtl.image.tap_sequencer import TapSequencer
 from eskin.rtl.program.image_passes import make_plan
 from formal.proof import Bug, any_number, assume, proof, prove
 
-PLAN = make_plan(stages_of(4, 4, [Conv(3, 1), Dense(2)]), weight_bits=8, shifts=(0, 0), logit_format=QFormat(16, 0), lanes=1)
+PLAN = make_plan(
+    stages_of(4, 4, [Conv(3, 1), Dense(2)]),
+    weight_bits=8,
+    shifts=(0, 0),
+    logit_format=QFormat(16, 0),
+    lanes=1,
+)
 LONGEST = 44
 """Cycles that the longest of the passes takes, and some more."""
 
 
 @proof(
-    "every pass of 1 or 2 rows, columns and groups, 1 or 2 channels, kernel 1 or 3, with or without a pool: each tap's activation lies in "
-    "the map and its weight in the kernel's, there are as many taps as products inside the map, every place of the result is written "
+    "every pass of 1 or 2 rows, columns and groups, 1 or 2 channels, kernel 1 or 3, with or without a pool: "
+    "each tap's activation lies in "
+    "the map and its weight in the kernel's, there are as many taps as products inside the map, every place "
+    "of the result is written "
     "once, and the pass ends",
     method="bounded",
     depth=LONGEST + 4,
     reduced="passes of 2 x 2 at most, one lane",
     bugs=(
-        Bug("a kernel's row above the map is not skipped", "beyond(above + dy)", "beyond(above + 1)", depth=30),
-        Bug("a kernel's column beside the map is not skipped", "beyond(right - (dx | pairs))", "beyond(right + 1)", depth=30),
+        Bug(
+            "a kernel's row above the map is not skipped", "beyond(above + dy)", "beyond(above + 1)", depth=30
+        ),
+        Bug(
+            "a kernel's column beside the map is not skipped",
+            "beyond(right - (dx | pairs))",
+            "beyond(right + 1)",
+            depth=30,
+        ),
         Bug("a group's weights begin late", "weights + now.group)", "weights + now.group + 1)", depth=46),
         Bug("a pool's second row is left out", "dy | (below == 0)", "dy | (below == 1)", depth=46),
     ),
@@ -32,9 +48,14 @@ LONGEST = 44
 def small_passes(m: Module) -> None:
     m.submodules.dut = dut = TapSequencer(PLAN)
     now = dut.now
-    rows, columns, channels, groups = (any_number(1, name) for name in ("rows", "columns", "channels", "groups"))  # each less one
+    # each less one
+    rows, columns, channels, groups = (
+        any_number(1, name) for name in ("rows", "columns", "channels", "groups")
+    )
     kernel, pool = any_number(1, "kernel"), any_number(1, "pool")
-    channel_count, row, kernel_row, group = (Signal(6, name=name) for name in ("channel_count", "row", "kernel_row", "group"))
+    channel_count, row, kernel_row, group = (
+        Signal(6, name=name) for name in ("channel_count", "row", "kernel_row", "group")
+    )
     m.d.comb += [
         channel_count.eq(1 + channels),
         row.eq(Mux(columns, channel_count << 1, channel_count)),
@@ -74,20 +95,37 @@ def small_passes(m: Module) -> None:
     prove(ended | (time <= LONGEST), "the pass ends")
 
 
-PAIRS = make_plan(stages_of(4, 4, [Conv(3, 1), Pool(), Dense(2)]), weight_bits=8, shifts=(0, 0), logit_format=QFormat(16, 0), lanes=2)
+PAIRS = make_plan(
+    stages_of(4, 4, [Conv(3, 1), Pool(), Dense(2)]),
+    weight_bits=8,
+    shifts=(0, 0),
+    logit_format=QFormat(16, 0),
+    lanes=2,
+)
 LONGEST_PAIRS = 40
 """Cycles that the longest of the passes in pairs takes, and some more."""
 
 
 @proof(
-    "every pass in pairs of 1 or 2 rows, 1 to 3 columns: each tap's activation lies in the map and its weight in the wider "
+    "every pass in pairs of 1 or 2 rows, 1 to 3 columns: each tap's activation lies in the map and its "
+    "weight in the wider "
     "kernel, there are as many taps as places inside the map, a place alone is told, and the pass ends",
     method="bounded",
     depth=LONGEST_PAIRS + 4,
     reduced="passes of 2 x 3 at most, kernel 3, one channel, two lanes",
     bugs=(
-        Bug("the right place reaches no further than the left one", "beyond(right - (dx | pairs))", "beyond(right - dx)", depth=40),
-        Bug("a place alone is counted as a pair", "current.alone.eq(right == 0)", "current.alone.eq(0)", depth=40),
+        Bug(
+            "the right place reaches no further than the left one",
+            "beyond(right - (dx | pairs))",
+            "beyond(right - dx)",
+            depth=40,
+        ),
+        Bug(
+            "a place alone is counted as a pair",
+            "current.alone.eq(right == 0)",
+            "current.alone.eq(0)",
+            depth=40,
+        ),
         Bug("the right place has a sum of its own", "(right == 0) | pairs,", "(right == 0),", depth=40),
     ),
 )

@@ -13,9 +13,27 @@ from eskin.rtl.interface.ddc232_converter import Ddc232Converter
 from formal.proof import Bug, assume, before, free, opened_up, proof, prove
 
 PERIOD, QUIET, BITS = 64, 5, 3
-PLAN = DdcPlan(configuration=5, bits=BITS, places=(1, None, 0), clk_half=1, half=2, wait=6, quiet=QUIET, deadline=0, dvalid=0)
+PLAN = DdcPlan(
+    configuration=5,
+    bits=BITS,
+    places=(1, None, 0),
+    clk_half=1,
+    half=2,
+    wait=6,
+    quiet=QUIET,
+    deadline=0,
+    dvalid=0,
+)
 PLAN = dataclasses.replace(PLAN, deadline=PERIOD - QUIET - PLAN.read_cycles)
-SHORT = dict(CONFIGURATION_BITS=3, REVISION_BITS=1, PATTERN=1, PATTERN_BITS=2, EXPECTED_BITS=6, READBACK_BITS=6, WARM_UP=1)
+SHORT = dict(
+    CONFIGURATION_BITS=3,
+    REVISION_BITS=1,
+    PATTERN=1,
+    PATTERN_BITS=2,
+    EXPECTED_BITS=6,
+    READBACK_BITS=6,
+    WARM_UP=1,
+)
 REDUCED = "3 words of 3 bits, a configuration of 3 bits, 6 bits of readback, 64 cycles a frame, quiet for 5, one integration thrown away"
 
 
@@ -34,14 +52,20 @@ def _states(inside) -> dict:
 
 
 @proof(
-    "from any state of its registers the controller goes on, in every cycle, towards a state in which it is ready for a frame or begins "
+    "from any state of its registers the controller goes on, in every cycle, towards a state in which it is "
+    "ready for a frame or begins "
     "the set-up anew; it waits in no other",
     depth=2,
     reduced=REDUCED,
     bugs=(
         Bug("it waits for DVALID for ever", "with m.Elif(over):", "with m.Elif(over & falls):", depth=170),
         Bug("the timer stops at one", "timer.eq(timer - ~over)", "timer.eq(timer - (timer > 1))", depth=20),
-        Bug("a clock that does not count down", "place.eq(place - 1), wait", "place.eq(place - (place != 4)), wait", depth=100),
+        Bug(
+            "a clock that does not count down",
+            "place.eq(place - 1), wait",
+            "place.eq(place - (place != 4)), wait",
+            depth=100,
+        ),
     ),
 )
 def goes_on(m: Module) -> None:
@@ -54,7 +78,11 @@ def goes_on(m: Module) -> None:
     moving = now["write"] | now["check"] | now["read"]
     left = Signal(24)
     m.d.comb += left.eq(rank << 20 | Mux(moving, inside.place << len(inside.timer), 0) | inside.timer)
-    was, was_idle, running = before(left, "left_before"), before(now["idle"], "was_idle"), before(1, "running")
+    was, was_idle, running = (
+        before(left, "left_before"),
+        before(now["idle"], "was_idle"),
+        before(1, "running"),
+    )
     failed = before(dut.fault.any(), "failed")
     prove(~running | was_idle | failed | (left < was), "less is to go")
     prove(~failed | now["reset"], "the set-up begins anew after a fault")
@@ -62,13 +90,24 @@ def goes_on(m: Module) -> None:
 
 
 @proof(
-    "with a start every 64 cycles, whatever the chip does, no data clock rises or falls within 5 cycles of an edge "
+    "with a start every 64 cycles, whatever the chip does, no data clock rises or falls within 5 cycles of "
+    "an edge "
     "of CONV, before or after",
     depth=3,
     reduced=REDUCED,
     bugs=(
-        Bug("DVALID may come too late", "timer.eq(plan.deadline - 4)", "timer.eq(plan.deadline + 4)", depth=250),
-        Bug("DVALID of the edge before counts", "falls & (timer < plan.deadline - 4 - plan.quiet)", "falls", depth=250),
+        Bug(
+            "DVALID may come too late",
+            "timer.eq(plan.deadline - 4)",
+            "timer.eq(plan.deadline + 4)",
+            depth=250,
+        ),
+        Bug(
+            "DVALID of the edge before counts",
+            "falls & (timer < plan.deadline - 4 - plan.quiet)",
+            "falls",
+            depth=250,
+        ),
     ),
 )
 def quiet(m: Module) -> None:
@@ -78,7 +117,11 @@ def quiet(m: Module) -> None:
     m.d.sync += to_start.eq(Mux(to_start == 0, PERIOD - 1, to_start - 1))
     prove(to_start < PERIOD, "period")
     assume(dut.start == (to_start == 0))
-    conv_was, dclk_was, running = before(pins.conv, "conv_was"), before(pins.dclk, "dclk_was"), before(1, "running")
+    conv_was, dclk_was, running = (
+        before(pins.conv, "conv_was"),
+        before(pins.dclk, "dclk_was"),
+        before(1, "running"),
+    )
     edge, moved = running & (pins.conv != conv_was), running & (pins.dclk != dclk_was)
     since_conv = Signal(range(QUIET + 1), init=QUIET)
     since_dclk = Signal(range(QUIET + 1), init=QUIET)
@@ -95,7 +138,12 @@ def quiet(m: Module) -> None:
     resting = ~(now["idle"] | now["wait"])
     prove(~resting | (conv_now == QUIET), "CONV rests in the set-up, and while words are read")
     gone = PERIOD - 1 - to_start  # cycles since the start
-    prove(~now["wait"] | ((gone + timer == PLAN.deadline - 4) & (conv_now == Mux(gone > QUIET, QUIET, gone))), "deadline")
+    prove(
+        ~now["wait"] | ((gone + timer == PLAN.deadline - 4) & (conv_now == Mux(gone > QUIET, QUIET, gone))),
+        "deadline",
+    )
     prove(~now["wait"] | (dclk_now == QUIET), "the last words were read long ago")
-    prove(~now["read"] | (gone + place * PLAN.half + timer <= PERIOD - QUIET - 3), "the words are over in time")
+    prove(
+        ~now["read"] | (gone + place * PLAN.half + timer <= PERIOD - QUIET - 3), "the words are over in time"
+    )
     prove(~now["idle"] | (dclk_now + to_start + 1 >= QUIET) | (dclk_now + timer + 1 >= QUIET), "idle")

@@ -1,4 +1,5 @@
-"""Whole frames only: what is handed on is a good frame, once, in order; the stream rule; nothing is written while it is read."""
+"""Whole frames only: what is handed on is a good frame, once, in order; the stream rule; nothing is written
+while it is read."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=())
 
 
 @proof(
-    "whatever a converter does: offered beats stay until taken, frames have all taxels in order, each good one that came in time is handed "
+    "whatever a converter does: offered beats stay until taken, frames have all taxels in order, each good "
+    "one that came in time is handed "
     "on once, no other, and no sample is written while a frame is handed on",
     depth=4,
     reduced="5 taxels",
@@ -29,7 +31,12 @@ CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=())
             "self.finished & (self.bad | self.handing)",
             depth=30,
         ),
-        Bug("a sample is written while the frame is read", "self.put.valid & ~self.handing", "self.put.valid", depth=10),
+        Bug(
+            "a sample is written while the frame is read",
+            "self.put.valid & ~self.handing",
+            "self.put.valid",
+            depth=10,
+        ),
         Bug("the next beat does not wait", "m.Elif(self.o.ready)", "m.Elif(1)", depth=10),
         Bug("a frame stops a taxel early", "place == taxels - 1", "place == taxels - 2", depth=20),
     ),
@@ -49,7 +56,10 @@ def whole_frames(m: Module) -> None:
     taken = dut.o.valid & dut.o.ready
     with m.If(taken):
         m.d.sync += beats.eq(Mux(dut.o.p.last, 0, beats + 1))
-    prove(~dut.o.valid | (dut.o.p.first == (beats == 0)) & (dut.o.p.last == (beats == taxels - 1)), "first and last")
+    prove(
+        ~dut.o.valid | (dut.o.p.first == (beats == 0)) & (dut.o.p.last == (beats == taxels - 1)),
+        "first and last",
+    )
     # ---- a reference of its own: samples of this frame that came too late, and whether a frame waits to be handed on
     late, owed = Signal(name="came_late"), Signal(name="owed")
     ends = taken & (beats == taxels - 1)

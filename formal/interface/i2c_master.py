@@ -1,4 +1,5 @@
-"""The I2C port: it comes back to idle from any state, moves the lines only where the bus allows it, and leaves the chips their bits."""
+"""The I2C port: it comes back to idle from any state, moves the lines only where the bus allows it, and
+leaves the chips their bits."""
 
 from __future__ import annotations
 
@@ -24,7 +25,12 @@ def _port(m: Module):
     quick=True,
     bugs=(
         Bug("the timer stops at one", "timer.eq(timer - 1)", "timer.eq(timer - (timer > 1))", depth=12),
-        Bug("a byte never ends", "quarters.eq(quarters - 1)]", "quarters.eq(Mux(quarters == 1, 36, quarters - 1))]", depth=20),
+        Bug(
+            "a byte never ends",
+            "quarters.eq(quarters - 1)]",
+            "quarters.eq(Mux(quarters == 1, 36, quarters - 1))]",
+            depth=20,
+        ),
     ),
 )
 def back_to_idle(m: Module) -> None:
@@ -37,13 +43,20 @@ def back_to_idle(m: Module) -> None:
 
 
 @proof(
-    "the data line moves while the clock is high only in START, where it falls, and in STOP, where it rises; it is let go for every bit of "
-    "a byte that is read and for the acknowledge of one that is written; the clock is low and high for two quarters at least",
+    "the data line moves while the clock is high only in START, where it falls, and in STOP, where it "
+    "rises; it is let go for every bit of "
+    "a byte that is read and for the acknowledge of one that is written; the clock is low and high for two "
+    "quarters at least",
     depth=3,
     reduced="3 cycles a quarter",
     bugs=(
         Bug("data change under a high clock", "with m.Case(0):\n", "with m.Case(2):\n", depth=60),
-        Bug("our one over the chip's acknowledge", "out.eq(Cat(1, self.byte))", "out.eq(Cat(0, self.byte))", depth=150),
+        Bug(
+            "our one over the chip's acknowledge",
+            "out.eq(Cat(1, self.byte))",
+            "out.eq(Cat(0, self.byte))",
+            depth=150,
+        ),
         Bug("the clock rises a quarter early", "pins.scl_low.eq(0)", "pins.scl_low.eq(1)", depth=60),
         Bug("a byte that is read is answered in its first bit", "out.eq(0x1FE)", "out.eq(0x0FE)", depth=60),
     ),
@@ -55,7 +68,11 @@ def lines(m: Module) -> None:
     begins = dut.start & dut.idle
     assume(~begins | (dut.op <= I2cOp.LAST.value))
     assume(~begins | pins.scl_low | (dut.op == I2cOp.START) | (dut.op == I2cOp.LAST))
-    was_sda, was_scl, running = before(pins.sda_low, "was_sda"), before(pins.scl_low, "was_scl"), before(1, "running")
+    was_sda, was_scl, running = (
+        before(pins.sda_low, "was_sda"),
+        before(pins.scl_low, "was_scl"),
+        before(1, "running"),
+    )
     moved = running & (pins.sda_low != was_sda)
     high = ~pins.scl_low & ~was_scl
     is_start, is_stop = op == I2cOp.START, op == I2cOp.STOP
@@ -81,7 +98,10 @@ def lines(m: Module) -> None:
     prove(done | ~is_byte | (phase < 2) | ~pins.scl_low, "high half")
     prove(~(is_start | is_stop) | done | (phase < 2) | ~pins.scl_low, "high half of a bit")
     prove(done | (phase >= 2) | (quarters > 32) | pins.scl_low | is_start, "low half")
-    prove(done | (phase >= 2) | (quarters <= 32) | pins.scl_low | (op == I2cOp.LAST), "low half of the first bit")
+    prove(
+        done | (phase >= 2) | (quarters <= 32) | pins.scl_low | (op == I2cOp.LAST),
+        "low half of the first bit",
+    )
     prove(~(is_stop & ~done & (phase < 2)) | pins.scl_low, "low half of STOP")
     prove(done | (phase >= 2) | pins.scl_low | ~pins.sda_low, "a free bus until the clock moves")
     held = phase * QUARTER + (QUARTER - 1 - timer)  # cycles of this bit that are over
@@ -92,10 +112,17 @@ def lines(m: Module) -> None:
     in_bit = held < 2 * QUARTER
     prove(~ever | done | in_bit | (now >= held - 2 * QUARTER), "time in the high half")
     prove(~ever | done | ~in_bit | (now >= held), "time in the low half")
-    shifts = 9 - ((quarters + 3) >> 2) + (phase == 3)  # of the byte's bits so far: the acknowledge stands there
+    # of the byte's bits so far: the acknowledge stands there
+    shifts = 9 - ((quarters + 3) >> 2) + (phase == 3)
     for count in range(10):
         here = ~done & is_byte & (shifts == count)
         others = Cat(inside.out[bit] for bit in range(9) if bit != count).all()
         prove(~here | ~reads | others, f"let go after {count} bits")
-        prove(~here | (op != I2cOp.WRITE) | (inside.out[count] if count < 9 else 1), f"acknowledge after {count} bits")
-    prove(done | ~is_byte | ((phase != 1) & (phase != 2)) | (pins.sda_low == ~inside.out[8]), "the line is the bit")
+        prove(
+            ~here | (op != I2cOp.WRITE) | (inside.out[count] if count < 9 else 1),
+            f"acknowledge after {count} bits",
+        )
+    prove(
+        done | ~is_byte | ((phase != 1) & (phase != 2)) | (pins.sda_low == ~inside.out[8]),
+        "the line is the bit",
+    )

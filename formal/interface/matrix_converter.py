@@ -14,7 +14,9 @@ ONE = MatrixPlan(
     rows=2,
     columns=2,
     settle=SETTLE,
-    port=type(PLAN)(chip=CHIP, lines=1, selects=1, transfers=((0, 0),), half=PLAN.half, lead=PLAN.lead, high=PLAN.high),
+    port=type(PLAN)(
+        chip=CHIP, lines=1, selects=1, transfers=((0, 0),), half=PLAN.half, lead=PLAN.lead, high=PLAN.high
+    ),
 )
 REDUCED = "2 x 2 cells of 4 bits, 6 cycles to settle"
 
@@ -27,11 +29,17 @@ def _scanner(m: Module):
 
 
 @proof(
-    "from any state of its registers and of its port's a scan goes on towards its end in every cycle; it ends in one cycle, idle then",
+    "from any state of its registers and of its port's a scan goes on towards its end in every cycle; it "
+    "ends in one cycle, idle then",
     depth=2,
     reduced=REDUCED,
     bugs=(
-        Bug("the time to settle stops at one", "settle.eq(settle - ~settled)", "settle.eq(settle - (settle > 1))", depth=20),
+        Bug(
+            "the time to settle stops at one",
+            "settle.eq(settle - ~settled)",
+            "settle.eq(settle - (settle > 1))",
+            depth=20,
+        ),
         Bug("the next cell is the same", "Mux(last_column, 0, pins.column + 1)", "pins.column", depth=60),
     ),
 )
@@ -39,12 +47,19 @@ def scan_ends(m: Module) -> None:
     dut, inside, port = _scanner(m)
     running = port.place << len(port.timer) | port.timer
     within = Signal(10)
-    # before the transfer: what is to settle, then what the port is still busy with; in it: what is to go; then the word is there
+    # before the transfer: what is to settle, then what the port is still busy with; in it: what is to go;
+    # then the word is there
     waiting = Mux(inside.converting, 896, 512) + running + inside.settle  # the former only after an upset
-    m.d.comb += within.eq(Mux(inside.taken, 0, Mux(inside.converting & (port.place != 0), 1 + running, waiting)))
+    m.d.comb += within.eq(
+        Mux(inside.taken, 0, Mux(inside.converting & (port.place != 0), 1 + running, waiting))
+    )
     left = Signal(12)
     m.d.comb += left.eq(Cat(within, ~dut.pins.column, ~dut.pins.row))
-    was, was_busy, ended = before(left, "left_before"), before(dut.busy, "was_busy"), before(dut.finished & dut.busy, "ended")
+    was, was_busy, ended = (
+        before(left, "left_before"),
+        before(dut.busy, "was_busy"),
+        before(dut.finished & dut.busy, "ended"),
+    )
     prove(~was_busy | ~dut.busy | (left < was), "less is to go")
     prove(~was_busy | (dut.busy == ~ended), "busy until the end, and idle after it")
 
@@ -60,7 +75,12 @@ def scan_ends(m: Module) -> None:
             "settle.eq(0)]\n            m.d.sync += [wrong",
             depth=60,
         ),
-        Bug("the transfer does not wait", "self.busy & settled & ~converting", "self.busy & ~converting", depth=60),
+        Bug(
+            "the transfer does not wait",
+            "self.busy & settled & ~converting",
+            "self.busy & ~converting",
+            depth=60,
+        ),
     ),
 )
 def settles(m: Module) -> None:

@@ -1,4 +1,5 @@
-"""Frames of an MPR121: start-up and frames come to an end, each frame with one word; none is good of a chip that is not alive."""
+"""Frames of an MPR121: start-up and frames come to an end, each frame with one word; none is good of a chip
+that is not alive."""
 
 from __future__ import annotations
 
@@ -21,13 +22,24 @@ REDUCED = "3 x 3 cells on 4 electrodes, 3 cycles a quarter of a bit, waits of 5 
 
 
 @proof(
-    "whatever is on the bus, in every cycle the controller goes on towards being idle or to a fault, after which the set-up begins anew; a "
+    "whatever is on the bus, in every cycle the controller goes on towards being idle or to a fault, after "
+    "which the set-up begins anew; a "
     "frame ends with one word, and only a frame or a fault does",
     depth=2,
     reduced=REDUCED,
     bugs=(
-        Bug("a pause stops at one", "timer.eq(timer - (timer != 0))", "timer.eq(timer - (timer > 1))", depth=40),
-        Bug("the next step is the same", "[issued.eq(0), at.eq(at + 1)]", "[issued.eq(0), at.eq(at)]", depth=40),
+        Bug(
+            "a pause stops at one",
+            "timer.eq(timer - (timer != 0))",
+            "timer.eq(timer - (timer > 1))",
+            depth=40,
+        ),
+        Bug(
+            "the next step is the same",
+            "[issued.eq(0), at.eq(at + 1)]",
+            "[issued.eq(0), at.eq(at)]",
+            depth=40,
+        ),
     ),
 )
 def goes_on(m: Module) -> None:
@@ -44,12 +56,19 @@ def goes_on(m: Module) -> None:
     port_left = Cat(port.timer, port.quarters)
     idle = port.quarters == 0
     within = Mux(inside.issued, Mux(idle, 1024, port_left), Mux(idle, 512, 2048 + port_left)) + inside.timer
-    across, down = (PLAN.columns - 1 - inside.column)[: len(inside.column)], (PLAN.rows - 1 - inside.row)[: len(inside.row)]
+    across, down = (
+        (PLAN.columns - 1 - inside.column)[: len(inside.column)],
+        (PLAN.rows - 1 - inside.row)[: len(inside.row)],
+    )
     left = Signal(24, name="to_go")
     m.d.comb += left.eq(Mux(running, to_go << 12 | within, Cat(across, down)))
     failed = before(dut.finished & dut.fault.any(), "failed")
     good = before(dut.finished & ~dut.fault.any(), "good")
-    was, was_busy, was_fresh = before(left, "left_before"), before(dut.busy, "was_busy"), before(inside.fresh, "was_fresh")
+    was, was_busy, was_fresh = (
+        before(left, "left_before"),
+        before(dut.busy, "was_busy"),
+        before(inside.fresh, "was_fresh"),
+    )
     prove(~was_busy | ~dut.busy | failed | (left < was), "less is to go")
     prove(~failed | (inside.fresh & running & (at == 0)), "after a fault the set-up begins anew")
     prove(~good | (was_busy & ~dut.busy), "a frame's word comes at its end")
@@ -77,17 +96,28 @@ class AnyPort(wiring.Component):
 
 
 @proof(
-    "a chip that does not read back what was written is told, and one that reads nothing but 0 gives no good frame",
+    "a chip that does not read back what was written is told, and one that reads nothing but 0 gives no "
+    "good frame",
     depth=2,
     reduced="one electrode, a program of its reading and the readback; operations of one cycle",
     bugs=(
-        Bug("what is read back is not compared", "step.compare & (master.heard != step.byte)", "Const(0)", depth=40),
+        Bug(
+            "what is read back is not compared",
+            "step.compare & (master.heard != step.byte)",
+            "Const(0)",
+            depth=40,
+        ),
         Bug("a dead chip goes by", "dead.eq(dead | low)", "dead.eq(dead)", depth=40),
         Bug("zeros are not seen", "low.eq(low & ~code.any())", "low.eq(0)", depth=40),
     ),
 )
 def alive(m: Module) -> None:
-    program = [Step(I2cOp.READ, keep=1), Step(I2cOp.LAST, keep=2), Step(I2cOp.LAST, RUNNING, compare=True), Step(I2cOp.STOP)]
+    program = [
+        Step(I2cOp.READ, keep=1),
+        Step(I2cOp.LAST, keep=2),
+        Step(I2cOp.LAST, RUNNING, compare=True),
+        Step(I2cOp.STOP),
+    ]
     parts = {"start_up": lambda plan: PAUSES, "frame": lambda plan: program, "I2cMaster": AnyPort}
     with mock.patch.multiple(mpr121_converter, **parts):
         dut = Mpr121Converter(PLAN)
@@ -95,14 +125,19 @@ def alive(m: Module) -> None:
     free(dut.start)
     running, at, port = inside.running, inside.at, inside.master
     compared, end = len(PAUSES) + 2, len(PAUSES) + len(program)
-    unlike = before(running & inside.issued & port.done & (at == compared) & (port.heard != RUNNING), "unlike_set_up")
+    unlike = before(
+        running & inside.issued & port.done & (at == compared) & (port.heard != RUNNING), "unlike_set_up"
+    )
     told = before(Mux(dut.finished, dut.fault, 0), "told")
     good, code = before(dut.finished & ~dut.fault.any(), "good"), inside.electrodes[0].any()
     prove(~unlike | (told == ConverterFault.READBACK), "what does not read back is told")
     prove(~good | code, "a good frame has a code above 0")
     # ---- for the induction
     prove(~running | (at < end), "a step")
-    prove(~running | (at < len(PAUSES)) | (at >= compared) | ((inside.index == 0) & inside.low), "one electrode is read")
+    prove(
+        ~running | (at < len(PAUSES)) | (at >= compared) | ((inside.index == 0) & inside.low),
+        "one electrode is read",
+    )
     prove(~running | (at != compared) | inside.low | code, "low is the electrode's")
     prove(~running | (at <= compared) | inside.dead | code, "dead is the chip's")
     prove(~inside.expanding | inside.dead | code, "dead stays")

@@ -11,7 +11,8 @@ P, Q = 3, 17
 
 
 @proof(
-    "tick number k comes in cycle ceil(k q / p) from the first, k of any size; none without run, and a new run begins with a tick",
+    "tick number k comes in cycle ceil(k q / p) from the first, k of any size; none without run, and a new "
+    "run begins with a tick",
     depth=2,
     reduced="3 ticks in 17 cycles",
     bugs=(
@@ -25,7 +26,8 @@ def exact(m: Module) -> None:
     inside = opened_up(dut)
     free(dut.run)
     was = before(dut.run, "was_running")
-    # k q - p times the cycles since the first tick, k ticks so far: the next is due in the first cycle in which that is 0 or less
+    # k q - p times the cycles since the first tick, k ticks so far: the next is due in the first cycle in
+    # which that is 0 or less
     behind = Signal(range(-Q, Q + 1))
     first = dut.run & ~was
     due = first | (behind <= 0)

@@ -11,12 +11,15 @@ from formal.interface.spi_master import CHIP, PLAN
 from formal.proof import Bug, before, free, opened_up, proof, prove
 
 SMALL = dataclasses.replace(CHIP, channels=2, delay=1, code_bits=3)
-FRAME = dataclasses.replace(PLAN, chip=SMALL, transfers=tuple((group, step) for group in range(2) for step in range(3)))
+FRAME = dataclasses.replace(
+    PLAN, chip=SMALL, transfers=tuple((group, step) for group in range(2) for step in range(3))
+)
 TAXELS = 2 * 2 * 2
 
 
 @proof(
-    "from any state of its registers and of its port's a scan goes on towards its end in every cycle; it ends in one cycle, idle then",
+    "from any state of its registers and of its port's a scan goes on towards its end in every cycle; it "
+    "ends in one cycle, idle then",
     depth=2,
     reduced="2 lines, 2 selects, 2 channels of 4 bits, a transfer late",
     bugs=(
@@ -27,7 +30,12 @@ TAXELS = 2 * 2 * 2
             depth=60,
         ),
         Bug("a transfer is not counted", "transfer.eq(transfer + 1)", "transfer.eq(transfer)", depth=60),
-        Bug("the lines are handed on for ever", "end_of_lines = line == plan.lines - 1", "end_of_lines = line == plan.lines", depth=60),
+        Bug(
+            "the lines are handed on for ever",
+            "end_of_lines = line == plan.lines - 1",
+            "end_of_lines = line == plan.lines",
+            depth=60,
+        ),
     ),
 )
 def scan_ends(m: Module) -> None:

@@ -1,4 +1,5 @@
-"""The serial port to converters: it comes back to idle from any state, one chip is selected at a time, times are kept."""
+"""The serial port to converters: it comes back to idle from any state, one chip is selected at a time, times
+are kept."""
 
 from __future__ import annotations
 
@@ -28,7 +29,12 @@ def _port(m: Module):
     quick=True,
     bugs=(
         Bug("the timer stops at one", "timer.eq(timer - ~over)", "timer.eq(timer - (timer > 1))", depth=8),
-        Bug("the last half period begins the transfer anew", "place.eq(place - 1)", "place.eq(Mux(last, halves, place - 1))", depth=40),
+        Bug(
+            "the last half period begins the transfer anew",
+            "place.eq(place - 1)",
+            "place.eq(Mux(last, halves, place - 1))",
+            depth=40,
+        ),
     ),
 )
 def back_to_idle(m: Module) -> None:
@@ -43,7 +49,8 @@ def back_to_idle(m: Module) -> None:
 
 
 @proof(
-    "at most one chip is selected, none while the port is idle; the clock moves only with a chip selected and rests low otherwise",
+    "at most one chip is selected, none while the port is idle; the clock moves only with a chip selected "
+    "and rests low otherwise",
     depth=3,
     reduced=REDUCED,
     bugs=(
@@ -68,18 +75,25 @@ def one_chip(m: Module) -> None:
 
 
 @proof(
-    "select is high for its time between transfers, and low for its time before the first clock; each half period has its cycles",
+    "select is high for its time between transfers, and low for its time before the first clock; each half "
+    "period has its cycles",
     depth=3,
     reduced=REDUCED,
     bugs=(
         Bug("no quiet time", "Mux(last, plan.high - 1, plan.half - 1)", "plan.half - 1", depth=40),
         Bug("the first clock comes early", "timer.eq(plan.lead - 1)", "timer.eq(plan.half - 1)", depth=12),
-        Bug("a start is taken while select must be high", "m.If(self.start & self.idle)", "m.If(self.start & (place == 0))", depth=40),
+        Bug(
+            "a start is taken while select must be high",
+            "m.If(self.start & self.idle)",
+            "m.If(self.start & (place == 0))",
+            depth=40,
+        ),
     ),
 )
 def quiet_times(m: Module) -> None:
     dut, inside = _port(m)
-    high, half, lead = (Signal(4, name=name) for name in ("high", "half", "lead"))  # cycles so far, at most 15
+    # cycles so far, at most 15
+    high, half, lead = (Signal(4, name=name) for name in ("high", "half", "lead"))
     none, sclk = dut.pins.cs_n.all(), dut.pins.sclk
     was_none, was_clock = before(~none, "was_selected"), before(sclk, "was_clock")
     ever = Signal()  # a transfer has been

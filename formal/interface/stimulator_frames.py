@@ -25,14 +25,25 @@ def _frames(m: Module, on_cycles: int = ON_CYCLES):
 
 
 @proof(
-    "whatever a host sets and whenever: no amplitude, delay, frequency or width on the line is above its limit, and a value's bytes are "
+    "whatever a host sets and whenever: no amplitude, delay, frequency or width on the line is above its "
+    "limit, and a value's bytes are "
     "of one value",
     depth=2,
     reduced="400 cycles at most, one OFF after a reset",
     bugs=(
-        Bug("no limit", "Mux(self.settings[name] > limit, limit, self.settings[name])", "self.settings[name]", depth=20),
+        Bug(
+            "no limit",
+            "Mux(self.settings[name] > limit, limit, self.settings[name])",
+            "self.settings[name]",
+            depth=20,
+        ),
         Bug("settings are not held", "value = held[", "value = self.settings[", depth=34),
-        Bug("the width goes out as frequency", '"SF": "frequency", "SW": "width"', '"SF": "width", "SW": "frequency"', depth=40),
+        Bug(
+            "the width goes out as frequency",
+            '"SF": "frequency", "SW": "width"',
+            '"SF": "width", "SW": "frequency"',
+            depth=40,
+        ),
     ),
 )
 def limits(m: Module) -> None:
@@ -55,14 +66,22 @@ def limits(m: Module) -> None:
         prove(~(at & (place == low)) | (high == held[name][8:]), f"{name}: its high byte")
         prove(held[name] <= limit, f"{name} is held")
     prove(held.amplitude <= ONE.amplitude_limit, "amplitude is held")
-    prove(~(dut.byte.valid & (frame == 0) & ((place == 4) | (place == 5))) | (byte == 0), "the delay's upper bytes")
+    prove(
+        ~(dut.byte.valid & (frame == 0) & ((place == 4) | (place == 5))) | (byte == 0),
+        "the delay's upper bytes",
+    )
     prove(inside.sending | (place == 0), "a frame begins at its first byte")
-    prove(~inside.sending | (frame == OFF) | (inside.burst == frame + 1), "a burst's frames are under way in a burst")
+    prove(
+        ~inside.sending | (frame == OFF) | (inside.burst == frame + 1),
+        "a burst's frames are under way in a burst",
+    )
 
 
 @proof(
-    "once a burst has begun, its end, a fault, another electrode or the time limit is followed by an OFF frame before any other begins, "
-    "and OFF begins in the cycle in which the frame under way is over; after a fault nothing else begins until the request has been low; "
+    "once a burst has begun, its end, a fault, another electrode or the time limit is followed by an OFF "
+    "frame before any other begins, "
+    "and OFF begins in the cycle in which the frame under way is over; after a fault nothing else begins "
+    "until the request has been low; "
     "ON comes only after all six frames of settings",
     depth=3,
     reduced="14 cycles at most, one OFF after a reset",
@@ -76,7 +95,12 @@ def limits(m: Module) -> None:
         ),
         Bug("no time limit", "self.fault | too_long\n", "self.fault\n", depth=34),
         Bug("no new touch is needed", "~self.fault & ~locked", "~self.fault", depth=45),
-        Bug("nothing is sent at the end", "frame.eq(OFF), sending.eq(1), offs.eq(OFFS - 1)", "frame.eq(OFF), offs.eq(0)", depth=40),
+        Bug(
+            "nothing is sent at the end",
+            "frame.eq(OFF), sending.eq(1), offs.eq(OFFS - 1)",
+            "frame.eq(OFF), offs.eq(0)",
+            depth=40,
+        ),
     ),
 )
 def off_follows(m: Module) -> None:

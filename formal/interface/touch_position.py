@@ -1,4 +1,5 @@
-"""Where the array is touched: every whole frame with a touched cell is told once, in time, and nothing else is."""
+"""Where the array is touched: every whole frame with a touched cell is told once, in time, and nothing else
+is."""
 
 from __future__ import annotations
 
@@ -24,20 +25,37 @@ TOP = 255
 
 
 @proof(
-    "every whole frame with a touched cell is told once, a fixed time behind its last taxel; the first whole one without, behind one that "
+    "every whole frame with a touched cell is told once, a fixed time behind its last taxel; the first "
+    "whole one without, behind one that "
     "had, is told as the end; of a frame with a clear in it nothing is told; the divider comes to rest",
     depth=2,
     reduced="4 x 4 cells of 8 bits; no frame ends while one is divided",
     bugs=(
-        Bug("the rest of a frame counts after a clear", "self.i.valid & (inside | self.i.payload.first)", "self.i.valid", depth=40),
-        Bug("y is not divided", "rest.eq(other), left.eq(bits), second.eq(1)", "rest.eq(other), second.eq(1)", depth=45),
+        Bug(
+            "the rest of a frame counts after a clear",
+            "self.i.valid & (inside | self.i.payload.first)",
+            "self.i.valid",
+            depth=40,
+        ),
+        Bug(
+            "y is not divided",
+            "rest.eq(other), left.eq(bits), second.eq(1)",
+            "rest.eq(other), second.eq(1)",
+            depth=45,
+        ),
         Bug(
             "a clear forgets the touch's end only",
             "(*frame, inside, left, second, touch, known",
             "(*frame, inside, second, touch, known",
             depth=45,
         ),
-        Bug("an end is told twice", "touch.eq(total_now != 0)", "touch.eq(touch | (total_now != 0))", depth=70, eager=True),
+        Bug(
+            "an end is told twice",
+            "touch.eq(total_now != 0)",
+            "touch.eq(touch | (total_now != 0))",
+            depth=70,
+            eager=True,
+        ),
     ),
 )
 def told_once(m: Module) -> None:

@@ -11,14 +11,20 @@ DIVISOR = 3
 
 
 @proof(
-    "a byte that is taken is on the line as a start bit, eight data bits from the lowest and a stop bit, each for the divisor's cycles; no "
+    "a byte that is taken is on the line as a start bit, eight data bits from the lowest and a stop bit, "
+    "each for the divisor's cycles; no "
     "byte is taken meanwhile, and the line is high where there is none",
     depth=3,
     reduced="3 cycles a bit",
     bugs=(
         Bug("no stop bit", "left.eq(9)", "left.eq(8)", depth=60),
         Bug("highest bit first", "self.tx.eq(bits[0])", "self.tx.eq(bits[7])", depth=20),
-        Bug("a byte is taken in the stop bit", "self.i.ready.eq((left == 0) & over)", "self.i.ready.eq(left == 0)", depth=60),
+        Bug(
+            "a byte is taken in the stop bit",
+            "self.i.ready.eq((left == 0) & over)",
+            "self.i.ready.eq(left == 0)",
+            depth=60,
+        ),
     ),
 )
 def bytes_are_whole(m: Module) -> None:
@@ -41,8 +47,16 @@ def bytes_are_whole(m: Module) -> None:
     # ---- for the induction
     prove((at <= 10) & (cycles < DIVISOR) & (inside.left <= 9) & (inside.timer < DIVISOR), "ranges")
     prove(
-        Mux(at == 10, (inside.left == 0) & (inside.timer == 0), (inside.left == 9 - at) & (inside.timer == DIVISOR - 1 - cycles)), "place"
+        Mux(
+            at == 10,
+            (inside.left == 0) & (inside.timer == 0),
+            (inside.left == 9 - at) & (inside.timer == DIVISOR - 1 - cycles),
+        ),
+        "place",
     )
     for bit in range(10):
-        prove((at != bit) | (inside.bits[: 9 - bit] == frame[bit + 1 :]) if bit < 9 else Const(1), f"what follows bit {bit}")
+        prove(
+            (at != bit) | (inside.bits[: 9 - bit] == frame[bit + 1 :]) if bit < 9 else Const(1),
+            f"what follows bit {bit}",
+        )
     prove((at == 10) | (frame[9] & ~frame[0]), "start and stop")

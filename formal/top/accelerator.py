@@ -63,7 +63,8 @@ def _whole_frames(m: Module, pauses: bool) -> None:
 
 
 @proof(
-    "frames into the whole accelerator: its touch gets one local decision, then one global one, in time; STATUS has it open until then",
+    "frames into the whole accelerator: its touch gets one local decision, then one global one, in time; "
+    "STATUS has it open until then",
     method="bounded",
     depth=IN_TIME + 8,
     reduced=f"{REDUCED}, no pauses",
@@ -74,7 +75,12 @@ def _whole_frames(m: Module, pauses: bool) -> None:
             "control.global_taken.eq(0)",
             depth=IN_TIME + 2,
         ),
-        Bug("windows do not reach the engine", "wiring.connect(m, front_end.o, engine.i)", "pass", depth=IN_TIME + 2),
+        Bug(
+            "windows do not reach the engine",
+            "wiring.connect(m, front_end.o, engine.i)",
+            "pass",
+            depth=IN_TIME + 2,
+        ),
     ),
 )
 def one_decision(m: Module) -> None:

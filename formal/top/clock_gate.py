@@ -1,8 +1,9 @@
 """The stopped clock: where no edge is let through, the chain would not have changed.
 
-The chain is looked at without its gate. In a cycle that the gate would stop (`needed` low) every register has to keep its value, no
-memory is written, and what a memory has read stays. So the chain with its clock stopped in these cycles goes through the same states, and
-by `needed` the very cycle of a beat or of a bus access is never one of them.
+The chain is looked at without its gate. In a cycle that the gate would stop (`needed` low) every register has
+to keep its value, no memory is written, and what a memory has read stays. So the chain with its clock stopped
+in these cycles goes through the same states, and by `needed` the very cycle of a beat or of a bus access is
+never one of them.
 """
 
 from __future__ import annotations
@@ -67,7 +68,10 @@ class _Ungated(Accelerator):
 
 def _stands_still(m: Module, config: AcceleratorConfig) -> None:
     dut = _Ungated(config)
-    with mock.patch.dict(lanes.LANE_TYPES, plain=_AnyLane), mock.patch.object(recording_state, "QUIET_BITS", QUIET_BITS):
+    with (
+        mock.patch.dict(lanes.LANE_TYPES, plain=_AnyLane),
+        mock.patch.object(recording_state, "QUIET_BITS", QUIET_BITS),
+    ):
         inside = opened_up(dut)
     needed = inside.needed
     memories: list[MemoryInstance] = []
@@ -93,7 +97,10 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
     stopped = before(~needed, "stopped")
     prove(needed | ~(dut.i.valid | dut.bus.w_stb | dut.bus.r_stb), "what comes in has its edge")
     for number, signal in enumerate(inside.registers):
-        prove(~stopped | (signal == before(signal, f"was_{number}")), f"{signal.name} would have kept its value ({number})")
+        prove(
+            ~stopped | (signal == before(signal, f"was_{number}")),
+            f"{signal.name} would have kept its value ({number})",
+        )
     for number, memory in enumerate(memories):
         for port in memory._write_ports:
             prove(needed | ~Value.cast(port._en).any(), f"no memory is written ({number})")
@@ -104,15 +111,36 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
 
 
 @proof(
-    "in a cycle in which the clock is stopped no register would change, no memory would be written; a beat or a bus access has its edge",
+    "in a cycle in which the clock is stopped no register would change, no memory would be written; a beat "
+    "or a bus access has its edge",
     depth=DRAINED,
     method="any state",
     reduced=REDUCED,
     bugs=(
-        Bug("a beat does not wake the chain", "| self.i.valid | control.awake", "| control.awake", file=ACCELERATOR),
-        Bug("the edge after the last one is missing", "state.busy | lingers | cycles", "state.busy | cycles", file=CONTROL),
-        Bug("frames that the ring drops are not waited for", "for part in parts), dropping)", "for part in parts))", file=ACCELERATOR),
-        Bug("a chain at work is stopped", "bus.r_stb | state.busy | lingers", "bus.r_stb | lingers", file=CONTROL),
+        Bug(
+            "a beat does not wake the chain",
+            "| self.i.valid | control.awake",
+            "| control.awake",
+            file=ACCELERATOR,
+        ),
+        Bug(
+            "the edge after the last one is missing",
+            "state.busy | lingers | cycles",
+            "state.busy | cycles",
+            file=CONTROL,
+        ),
+        Bug(
+            "frames that the ring drops are not waited for",
+            "for part in parts), dropping)",
+            "for part in parts))",
+            file=ACCELERATOR,
+        ),
+        Bug(
+            "a chain at work is stopped",
+            "bus.r_stb | state.busy | lingers",
+            "bus.r_stb | lingers",
+            file=CONTROL,
+        ),
     ),
 )
 def stands_still(m: Module) -> None:

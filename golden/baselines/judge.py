@@ -1,8 +1,8 @@
 """A baseline on recordings that it has not seen, and what it costs.
 
-A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a touch, or without a completed
-window, counts as wrong. Seconds of training and microseconds of a decision, one touch at a
-time, are those of the processor, in one thread: other work beside it does not count.
+A *run* is one fold with one seed: trained on the other folds, judged on this one. A recording without a
+touch, or without a completed window, counts as wrong. Seconds of training and microseconds of a decision, one
+touch at a time, are those of the processor, in one thread: other work beside it does not count.
 """
 
 from __future__ import annotations
@@ -43,8 +43,9 @@ class Judging:
 
 
 def judge(scene: Scene, piece: Judging) -> dict[str, Any]:
-    """Its runs, {fold, seed, recordings, accuracy, parameters, multiplies, bytes, comparisons, train_s, decision_us (each timed)}; networks
-    also float_accuracy. ``refused`` in their place where the method cannot see these touches."""
+    """Its runs, {fold, seed, recordings, accuracy, parameters, multiplies, bytes, comparisons, train_s,
+    decision_us (each timed)}; networks also float_accuracy. ``refused`` in their place where the method
+    cannot see these touches."""
     method = piece.method
     with one_thread():
         try:
@@ -62,9 +63,16 @@ def _runs(scene: Scene, method: Method, piece: Judging) -> list[dict[str, Any]]:
         part, asked = (scene.where[rows] for rows in (np.setdiff1d(np.arange(len(recordings)), test), test))
         part, seen, asked = part[part >= 0], test[asked >= 0], asked[asked >= 0]
         if not len(part):
-            raise InputError(f"{recordings.source}: no touch was found in a training part; check the onset rule with 'eskin inspect'")
+            raise InputError(
+                f"{recordings.source}: no touch was found in a training part; check the onset rule with "
+                "'eskin inspect'"
+            )
         begin = time.process_time()
-        fitted = method.fit(scene, part, seed) if len(np.unique(scene.labels[part])) > 1 else _constant(scene, part)
+        fitted = (
+            method.fit(scene, part, seed)
+            if len(np.unique(scene.labels[part])) > 1
+            else _constant(scene, part)
+        )
         seconds = time.process_time() - begin
         right = int((fitted.decide(asked) == recordings.labels[seen]).sum()) if len(asked) else 0
         alone = fitted.alone or partial(_decided, fitted.decide)
@@ -105,7 +113,15 @@ def timed(decide: Callable[[Any], Any], rows: np.ndarray) -> list[float]:
 
 def _network_runs(scene: Scene, method: NetworkMethod, piece: Judging) -> list[dict[str, Any]]:
     config, recipe = method.network(scene.config)
-    work = Folds(scene.recordings, config, recipe, [list(piece.groups)], piece.seeds, piece.folds, Datasets(scene.recordings))
+    work = Folds(
+        scene.recordings,
+        config,
+        recipe,
+        [list(piece.groups)],
+        piece.seeds,
+        piece.folds,
+        Datasets(scene.recordings),
+    )
     begin = time.process_time()
     models = work.fit(None)
     seconds = (time.process_time() - begin) / len(models)
@@ -137,7 +153,9 @@ def _network_runs(scene: Scene, method: NetworkMethod, piece: Judging) -> list[d
 
 def bytes_of(model: IntegerModel) -> int:
     """Bytes of an integer network's weights and biases, packed."""
-    return -(-sum(model.arrays[name].size * fmt.width for name, fmt in network_formats(model.config).items()) // 8)
+    return -(
+        -sum(model.arrays[name].size * fmt.width for name, fmt in network_formats(model.config).items()) // 8
+    )
 
 
 def _decided(decide: Callable[[np.ndarray], Any], row: int) -> Any:

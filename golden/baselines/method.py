@@ -1,4 +1,5 @@
-"""What a baseline is: a way to fit a classifier to some touches of a scene, and what the fitted one is and costs."""
+"""What a baseline is: a way to fit a classifier to some touches of a scene, and what the fitted one is and
+costs."""
 
 from __future__ import annotations
 
@@ -18,9 +19,10 @@ FLOAT_BYTES = 4
 class Fitted:
     """A classifier and its cost.
 
-    decide: rows of the scene -> their classes, (rows). parameters: numbers that it keeps. multiplies: of one decision, from windows, frames
-    or tensor of the touch on; normalisation, exponentials, square roots and comparisons are not counted. comparisons: of one decision,
-    where trees decide. alone: decides one row with all that a decision takes, where ``decide`` knows parts of it already.
+    decide: rows of the scene -> their classes, (rows). parameters: numbers that it keeps. multiplies: of one
+    decision, from windows, frames or tensor of the touch on; normalisation, exponentials, square roots and
+    comparisons are not counted. comparisons: of one decision, where trees decide. alone: decides one row with
+    all that a decision takes, where ``decide`` knows parts of it already.
     """
 
     decide: Callable[[np.ndarray], np.ndarray]

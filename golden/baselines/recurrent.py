@@ -1,11 +1,12 @@
 """Networks that eskin puts into hardware: its own recipe, and GRU and LSTM under the thesis's protocol.
 
-The protocol (M. Alameh, chapter 3): N windows, each overlapping the next by half, over the whole touch; their means alone, one mean and one
-scale for all taxels; a loss on the last step, which decides; Adam, 96 epochs of batches of 48. Two things are not the thesis's: the resting
-level is removed, since it tells the session (docs/results.md), and mean and scale come from the training part alone.
+The protocol (M. Alameh, chapter 3): N windows, each overlapping the next by half, over the whole touch; their
+means alone, one mean and one scale for all taxels; a loss on the last step, which decides; Adam, 96 epochs of
+batches of 48. Two things are not the thesis's: the resting level is removed, since it tells the session
+(docs/results.md), and mean and scale come from the training part alone.
 
-All folds and seeds of a network train at once. Accuracy is that of the integer network, quantised after training to 8-bit weights;
-``float_accuracy`` stands beside it.
+All folds and seeds of a network train at once. Accuracy is that of the integer network, quantised after
+training to 8-bit weights; ``float_accuracy`` stands beside it.
 """
 
 from __future__ import annotations
@@ -26,8 +27,8 @@ THESIS_STEPS = (20, 50, 100, 200, 256)
 
 @dataclass(frozen=True)
 class NetworkMethod:
-    """A network of a cell and hidden units; steps: windows under the thesis's protocol, 0: our front end and recipe; recipe: what differs
-    from it."""
+    """A network of a cell and hidden units; steps: windows under the thesis's protocol, 0: our front end and
+    recipe; recipe: what differs from it."""
 
     name: str
     label: str
@@ -60,12 +61,17 @@ def thesis_network(config: AcceleratorConfig, cell: str, hidden: int, steps: int
     InputError
         As ``NetworkMethod.network``.
     """
-    plain = config.replace(feature_kinds=("mean",), compand="none", feature_scale="array", feature_shift=(), decision="last")
+    plain = config.replace(
+        feature_kinds=("mean",), compand="none", feature_scale="array", feature_shift=(), decision="last"
+    )
     if config.windows.window_mode == "touch":
         return with_network(plain, cell=cell, hidden=hidden, steps=steps)
     hop = config.last_frame // (steps + 1)
     if not hop:
-        raise InputError(f"{steps} windows: a touch has {config.last_frame} frames; take fewer windows or a front end of longer touches")
+        raise InputError(
+            f"{steps} windows: a touch has {config.last_frame} frames; take fewer windows or a front end of "
+            "longer touches"
+        )
     return with_network(plain.replace(hop=hop, window=2 * hop, steps=steps), cell=cell, hidden=hidden)
 
 
@@ -90,5 +96,7 @@ OURS = (
     NetworkMethod("gru12", "GRU 12, our recipe", "ours", "gru", 12),
 )
 THESIS: Sequence[NetworkMethod] = tuple(
-    _thesis(cell, hidden, steps) for steps in THESIS_STEPS for cell, hidden in (("gru", 12), ("gru", 10), ("lstm", 10))
+    _thesis(cell, hidden, steps)
+    for steps in THESIS_STEPS
+    for cell, hidden in (("gru", 12), ("gru", 10), ("lstm", 10))
 )

@@ -32,10 +32,23 @@ def choose_methods(names: Sequence[str] | None, full: bool) -> list[str]:
         return [name for name in METHODS if full or name not in ONLY_FULL]
     chosen: list[str] = []
     for name in names:
-        members = [name] if name in METHODS else [member for member, method in METHODS.items() if method.family == name]
+        members = (
+            [name]
+            if name in METHODS
+            else [member for member, method in METHODS.items() if method.family == name]
+        )
         if not members:
-            raise InputError(f"--methods {name}: is no method; use {', '.join(METHODS)}, or a family: {', '.join(FAMILIES)}")
-        chosen += [member for member in members if member not in chosen and (name in METHODS or full or member not in ONLY_FULL)]
+            raise InputError(
+                f"--methods {name}: is no method; use {', '.join(METHODS)}, or a family: "
+                f"{', '.join(FAMILIES)}"
+            )
+        chosen += [
+            member
+            for member in members
+            if member not in chosen and (name in METHODS or full or member not in ONLY_FULL)
+        ]
     if not chosen:
-        raise InputError(f"--methods: names none; use {', '.join(METHODS)}, or a family: {', '.join(FAMILIES)}")
+        raise InputError(
+            f"--methods: names none; use {', '.join(METHODS)}, or a family: {', '.join(FAMILIES)}"
+        )
     return chosen

@@ -1,4 +1,5 @@
-"""What follows from the runs of baselines: rows, who in hardware is near the best, which of the thesis's orders hold."""
+"""What follows from the runs of baselines: rows, who in hardware is near the best, which of the thesis's
+orders hold."""
 
 from __future__ import annotations
 
@@ -22,11 +23,13 @@ NEAR = 0.01
 """Accuracy within which a network is as good as the best method."""
 
 
-def row_of(method: Method | NetworkMethod, groups: Sequence[str], runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """A row of baselines.json: method, label, family, split, groups, accuracy (mean over seeds of the share of all recordings), spread
-    (standard deviation over runs), best (run), standard_error (over recordings), runs, seeds; parameters, multiplies, bytes, comparisons
-    and train_s (means over runs); decision_us (median) and decision_us_99 of all timed decisions; hardware; networks float_accuracy,
-    float_spread."""
+def row_of(
+    method: Method | NetworkMethod, groups: Sequence[str], runs: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """A row of baselines.json: method, label, family, split, groups, accuracy (mean over seeds of the share
+    of all recordings), spread (standard deviation over runs), best (run), standard_error (over recordings),
+    runs, seeds; parameters, multiplies, bytes, comparisons and train_s (means over runs); decision_us
+    (median) and decision_us_99 of all timed decisions; hardware; networks float_accuracy, float_spread."""
     weights = [run["recordings"] for run in runs]
     shares = np.array([run["accuracy"] for run in runs])
     accuracy = float(np.average(shares, weights=weights))
@@ -43,9 +46,19 @@ def row_of(method: Method | NetworkMethod, groups: Sequence[str], runs: Sequence
         "spread": float(shares.std()),
         "best": float(shares.max()),
         "standard_error": math.sqrt(accuracy * (1 - accuracy) * seeds / sum(weights)),
-        "runs": [{key: run[key] for key in ("fold", "seed", "recordings", "accuracy", "float_accuracy") if key in run} for run in runs],
+        "runs": [
+            {
+                key: run[key]
+                for key in ("fold", "seed", "recordings", "accuracy", "float_accuracy")
+                if key in run
+            }
+            for run in runs
+        ],
         "seeds": seeds,
-        **{key: round(float(np.mean([run[key] for run in runs]))) for key in ("parameters", "multiplies", "bytes", "comparisons")},
+        **{
+            key: round(float(np.mean([run[key] for run in runs])))
+            for key in ("parameters", "multiplies", "bytes", "comparisons")
+        },
         "train_s": float(np.mean([run["train_s"] for run in runs])),
         "decision_us": float(np.median(times)) if times else None,
         "decision_us_99": float(np.quantile(times, 0.99)) if times else None,
@@ -53,17 +66,25 @@ def row_of(method: Method | NetworkMethod, groups: Sequence[str], runs: Sequence
     }
     if hardware:
         real = [run["float_accuracy"] for run in runs]
-        row |= {"float_accuracy": float(np.average(real, weights=weights)), "float_spread": float(np.std(real))}
+        row |= {
+            "float_accuracy": float(np.average(real, weights=weights)),
+            "float_spread": float(np.std(real)),
+        }
     return row
 
 
 def nearest(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Of the rows of one split: best (method) and its accuracy; network: of the hardware-ready ones within NEAR of it that with the fewest
-    multiplies, else the most accurate; gap: how far it is below the best, accuracy; within: gap <= NEAR."""
+    """Of the rows of one split: best (method) and its accuracy; network: of the hardware-ready ones within
+    NEAR of it that with the fewest multiplies, else the most accurate; gap: how far it is below the best,
+    accuracy; within: gap <= NEAR."""
     best = max(rows, key=lambda row: row["accuracy"])
     ready = [row for row in rows if row["hardware"]]
     close = [row for row in ready if row["accuracy"] >= best["accuracy"] - NEAR - 1e-12]
-    chosen = min(close, key=lambda row: row["multiplies"]) if close else max(ready, key=lambda row: row["accuracy"], default=None)
+    chosen = (
+        min(close, key=lambda row: row["multiplies"])
+        if close
+        else max(ready, key=lambda row: row["accuracy"], default=None)
+    )
     return {
         "split": best["split"],
         "best": best["method"],
@@ -85,9 +106,9 @@ ORDERS = (
 
 
 def orders(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """The thesis's orders on the rows of one split, as far as the methods are there, in float: order, split, above and below (method,
-    accuracy, spread over runs), difference, its standard error over the folds' differences, and holds: True, False, or None where the
-    difference is within that error."""
+    """The thesis's orders on the rows of one split, as far as the methods are there, in float: order, split,
+    above and below (method, accuracy, spread over runs), difference, its standard error over the folds'
+    differences, and holds: True, False, or None where the difference is within that error."""
     by_name = {row["method"]: row for row in rows}
     orders = []
     for order, above, below in ORDERS:
@@ -102,7 +123,11 @@ def orders(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 "order": order,
                 "split": first["split"],
                 **{
-                    side: {"method": row["method"], "accuracy": _real(row), "spread": row.get("float_spread", row["spread"])}
+                    side: {
+                        "method": row["method"],
+                        "accuracy": _real(row),
+                        "spread": row.get("float_spread", row["spread"]),
+                    }
                     for side, row in (("above", first), ("below", second))
                 },
                 "difference": difference,
@@ -130,14 +155,19 @@ SWEPT = ("logistic", "svm", "cnn")
 
 
 def judge_baseline(
-    name: str, recordings: Recordings, config: AcceleratorConfig, splits: Sequence[Sequence[str]], seeds: Sequence[int], folds: int
+    name: str,
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    splits: Sequence[Sequence[str]],
+    seeds: Sequence[int],
+    folds: int,
 ) -> dict[str, Any]:
     """One method on every split of a sweep.
 
     Returns
     -------
-    label; parameters and multiplies_decision (means over runs: support vectors differ); splits: {groups, accuracy, by_seed, per_fold:
-    {recordings, accuracy}} each.
+    label; parameters and multiplies_decision (means over runs: support vectors differ); splits: {groups,
+    accuracy, by_seed, per_fold: {recordings, accuracy}} each.
     """
     scene, seeds = Scene.of(recordings, config), tuple(int(seed) for seed in seeds)
     every, split_rows = [], []
@@ -154,8 +184,16 @@ def judge_baseline(
                 "groups": list(groups),
                 "accuracy": float(np.average(shares.mean(axis=0), weights=sizes)),
                 "by_seed": np.average(shares, axis=1, weights=sizes).tolist(),
-                "per_fold": [{"recordings": size, "accuracy": float(a)} for size, a in zip(sizes, shares.mean(axis=0), strict=True)],
+                "per_fold": [
+                    {"recordings": size, "accuracy": float(a)}
+                    for size, a in zip(sizes, shares.mean(axis=0), strict=True)
+                ],
             }
         )
     row = row_of(METHODS[name], [], every)
-    return {"label": row["label"], "parameters": row["parameters"], "multiplies_decision": row["multiplies"], "splits": split_rows}
+    return {
+        "label": row["label"],
+        "parameters": row["parameters"],
+        "multiplies_decision": row["multiplies"],
+        "splits": split_rows,
+    }

@@ -25,9 +25,10 @@ from eskin.golden.training.datasets import scaling
 class Scene:
     """First touches with a completed window at least, n of them; row i of everything is one touch.
 
-    recordings, config: where they come from. shape: rows and columns of the array. touches: their windows. where (recordings): row of each
-    recording's touch, -1 none. means (n, K, D): what windows say, before mean and scale are removed. labels (n). weights: arrays
-    of a pretrained network by name, where the user gave them.
+    recordings, config: where they come from. shape: rows and columns of the array. touches: their windows.
+    where (recordings): row of each recording's touch, -1 none. means (n, K, D): what windows say, before mean
+    and scale are removed. labels (n). weights: arrays of a pretrained network by name, where the user gave
+    them.
     """
 
     recordings: Recordings
@@ -59,12 +60,24 @@ class Scene:
         first = found.first_touch()
         usable = np.flatnonzero((first >= 0) & (found.completed[first] > 0))
         if not len(usable):
-            raise InputError(f"{recordings.source}: no recording has a touch with a completed window; look with 'eskin inspect'")
+            raise InputError(
+                f"{recordings.source}: no recording has a touch with a completed window; look with 'eskin "
+                "inspect'"
+            )
         touches = found.take(first[usable])
         where = np.full(len(recordings), -1)
         where[usable] = np.arange(len(usable))
         shape = shape or array_shape(config, None)
-        return cls(recordings, config, shape, touches, where, real_features(config, touches.sums), recordings.labels[usable], weights)
+        return cls(
+            recordings,
+            config,
+            shape,
+            touches,
+            where,
+            real_features(config, touches.sums),
+            recordings.labels[usable],
+            weights,
+        )
 
     @property
     def classes(self) -> int:
@@ -72,7 +85,8 @@ class Scene:
         return len(self.recordings.class_names)
 
     def windows(self, part: np.ndarray) -> np.ndarray:
-        """(n, K, D): windows of all touches with the mean and scale of the rows ``part`` alone; 0 where there is no window or a fault."""
+        """(n, K, D): windows of all touches with the mean and scale of the rows ``part`` alone; 0 where there
+        is no window or a fault."""
         part_touches = self.touches.take(part)
         mu, sigma = scaling(self.config, self.means[part], part_touches.completed, part_touches.faults)
         windows = (self.means - real_by_input(self.config, mu)) / real_by_input(self.config, sigma)
@@ -82,9 +96,9 @@ class Scene:
         return windows
 
     def frames(self, count: int) -> np.ndarray:
-        """(n, count, taxels): deviations from rest between the onset and the end of the last window, codes, as ``count`` points in time:
-        means of equal parts where that is fewer than there are frames, else straight lines between frames. A touch that the recording cuts
-        short is 0 from there on."""
+        """(n, count, taxels): deviations from rest between the onset and the end of the last window, codes,
+        as ``count`` points in time: means of equal parts where that is fewer than there are frames, else
+        straight lines between frames. A touch that the recording cuts short is 0 from there on."""
         if count not in self._known:
             self._known[count] = self._frames(count)
         return self._known[count]
@@ -94,7 +108,9 @@ class Scene:
         held = self._held()
         rows = {int(recording): row for row, recording in enumerate(held.recording)}
         frames = np.zeros((len(self.labels), count, self.config.sensor.taxels), dtype=np.float32)
-        for number, (recording, start) in enumerate(zip(self.touches.recording, self.touches.start_frame, strict=True)):
+        for number, (recording, start) in enumerate(
+            zip(self.touches.recording, self.touches.start_frame, strict=True)
+        ):
             touch = np.zeros((span, self.config.sensor.taxels))
             course = held.of_touch(rows[int(recording)])[start - 1 :][:span]
             touch[: len(course)] = course
@@ -123,7 +139,8 @@ def _in_time(touch: np.ndarray, count: int) -> np.ndarray:
 
 
 def array_shape(config: AcceleratorConfig, asked: str | None) -> tuple[int, int]:
-    """Rows and columns: those asked for (``4x4``), those of the configuration where they fit the taxels, else the most square ones.
+    """Rows and columns: those asked for (``4x4``), those of the configuration where they fit the taxels, else
+    the most square ones.
 
     Raises
     ------
@@ -138,7 +155,8 @@ def array_shape(config: AcceleratorConfig, asked: str | None) -> tuple[int, int]
         shape = int(sides[1]), int(sides[2])
         if math.prod(shape) != taxels:
             raise InputError(
-                f"--shape {asked}: is {math.prod(shape)} taxels and the recordings have {taxels}; give rows and columns of that product"
+                f"--shape {asked}: is {math.prod(shape)} taxels and the recordings have {taxels}; give rows "
+                "and columns of that product"
             )
         return shape
     if math.prod(grid) == taxels:

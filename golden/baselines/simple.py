@@ -1,14 +1,17 @@
 """Classifiers without a recurrent cell, on the window means of a touch: what a simpler model would do.
 
-- ``logistic``: logistic regression on the mean and the standard deviation, over the windows of the touch, of every input.
+- ``logistic``: logistic regression on the mean and the standard deviation, over the windows of the touch, of
+  every input.
 - ``svm``: support vectors with a radial basis function, one against one, on all windows of the touch.
-- ``forest``, ``boosting``: a random forest and gradient-boosted trees on all windows: no multiplies, many comparisons.
-- ``cnn``: two 1-D convolutions over the windows, their mean over time, a dense layer; about as many parameters as the recurrent network.
-- ``kernels``: random convolutions over the windows, of each the largest value and the share of positive ones, and a ridge regression of the
-  classes on them (A. Dempster, F. Petitjean, G. Webb 2020, ROCKET).
+- ``forest``, ``boosting``: a random forest and gradient-boosted trees on all windows: no multiplies, many
+  comparisons.
+- ``cnn``: two 1-D convolutions over the windows, their mean over time, a dense layer; about as many
+  parameters as the recurrent network.
+- ``kernels``: random convolutions over the windows, of each the largest value and the share of positive ones,
+  and a ridge regression of the classes on them (A. Dempster, F. Petitjean, G. Webb 2020, ROCKET).
 
-Penalties are chosen by cross-validation inside each training part; the convolutions of ``cnn`` train as the networks do (noise, time warp
-and gain of the recipe). All compute in float.
+Penalties are chosen by cross-validation inside each training part; the convolutions of ``cnn`` train as the
+networks do (noise, time warp and gain of the recipe). All compute in float.
 """
 
 from __future__ import annotations
@@ -63,7 +66,8 @@ def fit_svm(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
 
 
 def fit_forest(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
-    """A random forest; parameters: feature and threshold of every fork, shares of the classes of every leaf."""
+    """A random forest; parameters: feature and threshold of every fork, shares of the classes of every
+    leaf."""
     from sklearn.ensemble import RandomForestClassifier
 
     x = _flat(scene, part)
@@ -71,7 +75,9 @@ def fit_forest(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     forks = sum(int((tree.tree_.feature >= 0).sum()) for tree in model.estimators_)
     leaves = sum(tree.tree_.n_leaves for tree in model.estimators_)
     compared = sum(float(tree.decision_path(x[part]).sum()) / len(part) - 1 for tree in model.estimators_)
-    return Fitted(lambda rows: model.predict(x[rows]), 2 * forks + scene.classes * int(leaves), 0, round(compared))
+    return Fitted(
+        lambda rows: model.predict(x[rows]), 2 * forks + scene.classes * int(leaves), 0, round(compared)
+    )
 
 
 def fit_boosting(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
@@ -79,17 +85,22 @@ def fit_boosting(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     from sklearn.ensemble import GradientBoostingClassifier
 
     x = _flat(scene, part)
-    model = GradientBoostingClassifier(n_estimators=STAGES, max_depth=DEPTH, max_features="sqrt", random_state=seed)
+    model = GradientBoostingClassifier(
+        n_estimators=STAGES, max_depth=DEPTH, max_features="sqrt", random_state=seed
+    )
     model.fit(x[part], scene.labels[part])
     trees = [estimator.tree_ for estimator in model.estimators_.ravel()]
     forks = sum(int((tree.feature >= 0).sum()) for tree in trees)
     leaves = sum(int(tree.n_leaves) for tree in trees)
-    return Fitted(lambda rows: model.predict(x[rows]), 2 * forks + leaves, 0, sum(int(tree.max_depth) for tree in trees))
+    return Fitted(
+        lambda rows: model.predict(x[rows]), 2 * forks + leaves, 0, sum(int(tree.max_depth) for tree in trees)
+    )
 
 
 # ---------------------------------------------------------------------- the CNN
 def cnn_channels(config: AcceleratorConfig) -> int:
-    """Channels of both convolutions: the most with which the CNN has no more parameters than the recurrent network, 2 at least."""
+    """Channels of both convolutions: the most with which the CNN has no more parameters than the recurrent
+    network, 2 at least."""
     channels = 2
     while cnn_size(config, channels + 1)[0] <= config.parameter_count:
         channels += 1
@@ -133,11 +144,16 @@ def fit_cnn(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     return Fitted(decide, *cnn_size(config, cnn_channels(config)))
 
 
-def _train_cnn(network: torch.nn.Module, features: torch.Tensor, labels: torch.Tensor, recipe: Recipe) -> None:
-    """``recipe`` on whole touches: features (touches, steps, inputs). Windows after the last are its copies."""
+def _train_cnn(
+    network: torch.nn.Module, features: torch.Tensor, labels: torch.Tensor, recipe: Recipe
+) -> None:
+    """``recipe`` on whole touches: features (touches, steps, inputs). Windows after the last are its
+    copies."""
     steps = features.shape[1]
     optimiser = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, recipe.learning_rate, total_steps=recipe.updates)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, recipe.learning_rate, total_steps=recipe.updates
+    )
     for _ in range(recipe.updates):
         rows = torch.randint(len(features), (recipe.batch,))
         speed, gain = (limit ** (2 * torch.rand(recipe.batch, 1) - 1) for limit in (recipe.warp, recipe.gain))
@@ -157,7 +173,8 @@ def _train_cnn(network: torch.nn.Module, features: torch.Tensor, labels: torch.T
 
 # ---------------------------------------------------------------------- random convolutions
 def fit_kernels(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
-    """Random convolutions of all inputs; a kernel's bias is what it gives at a random window of a random touch of the training part."""
+    """Random convolutions of all inputs; a kernel's bias is what it gives at a random window of a random
+    touch of the training part."""
     from sklearn.linear_model import RidgeClassifierCV
 
     config, windows = scene.config, scene.windows(part)
@@ -192,7 +209,9 @@ def fit_kernels(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     outputs = len(model.coef_)
     parameters = count * (config.inputs * RANDOM_LENGTH + 1) + outputs * (2 * count + 1)
     multiplies = count * steps * config.inputs * RANDOM_LENGTH + outputs * 2 * count
-    return Fitted(lambda rows: model.predict((features(convolved(rows)) - middle) / scale), parameters, multiplies)
+    return Fitted(
+        lambda rows: model.predict((features(convolved(rows)) - middle) / scale), parameters, multiplies
+    )
 
 
 SIMPLE = (

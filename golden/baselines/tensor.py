@@ -1,13 +1,16 @@
-"""Tensor-SVM and tensor-RLS: a kernel on taxel x taxel x time tensors (P. Gastaldo et al. 2014, after M. Signoretto et al. 2011).
+"""Tensor-SVM and tensor-RLS: a kernel on taxel x taxel x time tensors (P. Gastaldo et al. 2014, after M.
+Signoretto et al. 2011).
 
-The unfolding of a tensor X along mode n is the matrix X(n) whose rows are its slices along n. With V(n) the leading right singular vectors
-of X(n), columns of an orthonormal matrix, two tensors are compared by the subspaces that these span:
+The unfolding of a tensor X along mode n is the matrix X(n) whose rows are its slices along n. With V(n) the
+leading right singular vectors of X(n), columns of an orthonormal matrix, two tensors are compared by the
+subspaces that these span:
 
     k(X, Y) = product over n of exp(-d_n(X, Y) / (2 sigma^2)),   d_n = |V V' - W W'|^2 = r + s - 2 |V' W|^2   (Frobenius norms)
 
-with V (r columns) of X and W (s columns) of Y. The amplitude of a tensor, and a change of orthonormal basis along a mode that all tensors
-share, leave it as it is. Of each unfolding the leading half of the singular vectors is taken (one at least): all of them would span the
-whole space where the unfolding is higher than it is wide, and then say nothing.
+with V (r columns) of X and W (s columns) of Y. The amplitude of a tensor, and a change of orthonormal basis
+along a mode that all tensors share, leave it as it is. Of each unfolding the leading half of the singular
+vectors is taken (one at least): all of them would span the whole space where the unfolding is higher than it
+is wide, and then say nothing.
 
 sigma, as a share of the median distance, and the penalty are chosen by folds inside the training part.
 """
@@ -49,7 +52,8 @@ def ranks_of(shape: Sequence[int], share: float = 0.5) -> tuple[int, ...]:
 
 
 def subspaces(tensors: np.ndarray, ranks: Sequence[int] | None = None) -> list[np.ndarray]:
-    """For each mode (n, ranks, product of the other sizes): leading right singular vectors of the unfolding, as rows."""
+    """For each mode (n, ranks, product of the other sizes): leading right singular vectors of the unfolding,
+    as rows."""
     ranks = ranks or ranks_of(tensors.shape[1:])
     bases = []
     for mode, rank in enumerate(ranks):
@@ -83,8 +87,9 @@ def stored_values(shape: Sequence[int], ranks: Sequence[int]) -> int:
 
 
 def subspace_multiplies(shape: Sequence[int], ranks: Sequence[int]) -> int:
-    """Multiplies from a tensor to its subspaces: of each unfolding the products of its shorter side (m x m), eigenvectors of these (about
-    9 m^3 operations by the symmetric QR algorithm, Golub and Van Loan, half multiplies), and the singular vectors from them."""
+    """Multiplies from a tensor to its subspaces: of each unfolding the products of its shorter side (m x m),
+    eigenvectors of these (about 9 m^3 operations by the symmetric QR algorithm, Golub and Van Loan, half
+    multiplies), and the singular vectors from them."""
     count = 0.0
     for size, rank in zip(shape, ranks, strict=True):
         short, long = sorted((size, math.prod(shape) // size))
@@ -96,7 +101,9 @@ def subspace_multiplies(shape: Sequence[int], ranks: Sequence[int]) -> int:
 
 def compare_multiplies(shape: Sequence[int], ranks: Sequence[int]) -> int:
     """Multiplies of one value of the kernel, from the subspaces of both."""
-    return 1 + sum(rank * rank * (math.prod(shape) // size + 1) for size, rank in zip(shape, ranks, strict=True))
+    return 1 + sum(
+        rank * rank * (math.prod(shape) // size + 1) for size, rank in zip(shape, ranks, strict=True)
+    )
 
 
 class Tensors:
@@ -115,7 +122,9 @@ class Tensors:
 
     def multiplies(self, count: int) -> int:
         """From the tensor to ``kept`` values of the kernel."""
-        return subspace_multiplies(self.shape, self.ranks) + count * compare_multiplies(self.shape, self.ranks)
+        return subspace_multiplies(self.shape, self.ranks) + count * compare_multiplies(
+            self.shape, self.ranks
+        )
 
     def values(self, count: int) -> int:
         """Numbers that ``kept`` tensors need."""
@@ -134,16 +143,21 @@ def tensors_of(scene: Scene) -> Tensors:
 
 
 def _best(
-    distance: np.ndarray, labels: np.ndarray, seed: int, decide: Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
+    distance: np.ndarray,
+    labels: np.ndarray,
+    seed: int,
+    decide: Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray],
 ) -> tuple[float, float]:
-    """(width, inverse penalty) that do best on folds of the training part; ``decide(kernel of the rest, labels of the rest, kernel of fold
-    against rest, inverse penalty)``."""
+    """(width, inverse penalty) that do best on folds of the training part; ``decide(kernel of the rest,
+    labels of the rest, kernel of fold against rest, inverse penalty)``."""
     apart = distance[np.triu_indices(len(distance), 1)]
     median = float(np.median(apart)) if len(apart) and np.median(apart) > 0 else 1.0
     inner = stratified(labels, seed)
     if inner is None:
         return median, PENALTIES[1]
-    scores: dict[tuple[float, float], int] = dict.fromkeys(((w * median, p) for w, p in itertools.product(WIDTHS, PENALTIES)), 0)
+    scores: dict[tuple[float, float], int] = dict.fromkeys(
+        ((w * median, p) for w, p in itertools.product(WIDTHS, PENALTIES)), 0
+    )
     for rest, fold in inner.split(distance, labels):
         for width in WIDTHS:
             whole = kernel(distance, width * median)

@@ -1,13 +1,16 @@
-"""CNN-LSTM and ConvLSTM on images of the array over time ("Dataset B" of the thesis), small enough for two cores.
+"""CNN-LSTM and ConvLSTM on images of the array over time ("Dataset B" of the thesis), small enough for two
+cores.
 
-The thesis cuts 6144 frames into 24 images; each holds 256 frames of 4 x 4 taxels side by side, 64 x 64 pixels. Here it is IMAGES images of
-TILES x TILES frames, means over time, so a fold trains in a minute.
+The thesis cuts 6144 frames into 24 images; each holds 256 frames of 4 x 4 taxels side by side, 64 x 64
+pixels. Here it is IMAGES images of TILES x TILES frames, means over time, so a fold trains in a minute.
 
-- CNN-LSTM: two convolutions and pools on each image, their values into an LSTM, which decides at the last image. The thesis takes the
-  values from networks trained on photographs; these convolutions are trained with the rest.
+- CNN-LSTM: two convolutions and pools on each image, their values into an LSTM, which decides at the last
+  image. The thesis takes the values from networks trained on photographs; these convolutions are trained with
+  the rest.
 - ConvLSTM: an LSTM whose products are 3 x 3 convolutions, its last state pooled, two dense layers.
 
-Both by Adam on cross-entropy. ``thesis_convlstm`` and ``thesis_cnn_lstm`` count the thesis's sizes without making them.
+Both by Adam on cross-entropy. ``thesis_convlstm`` and ``thesis_cnn_lstm`` count the thesis's sizes without
+making them.
 """
 
 from __future__ import annotations
@@ -32,7 +35,8 @@ CHANNELS, UNITS = (8, 16), 16
 """Of the CNN-LSTM: its two convolutions, its LSTM."""
 
 FILTERS, DENSE, POOLED = 8, 32, 4
-"""Of the ConvLSTM: filters of each gate, units of its first dense layer, values along each side of the pooled state."""
+"""Of the ConvLSTM: filters of each gate, units of its first dense layer, values along each side of the pooled
+state."""
 
 KERNEL = 3
 
@@ -117,7 +121,9 @@ def multiplies(network: torch.nn.Module, *shape: int) -> int:
     return count
 
 
-def _fit(make: Callable[[int, int, int], torch.nn.Module], scene: Scene, part: np.ndarray, seed: int) -> Fitted:
+def _fit(
+    make: Callable[[int, int, int], torch.nn.Module], scene: Scene, part: np.ndarray, seed: int
+) -> Fitted:
     pictures = images(scene)
     mean, scale = float(pictures[part].mean()), float(pictures[part].std()) + 1e-9
     x, y = torch.tensor((pictures - mean) / scale), torch.tensor(scene.labels)
@@ -153,9 +159,11 @@ def fit_convlstm(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
 
 
 # ---------------------------------------------------------------------- the thesis's sizes
-def thesis_convlstm(images: int = 24, side: int = 64, filters: int = 32, dense: int = 100, classes: int = 3) -> tuple[int, int]:
-    """(parameters, multiplies of a decision) of the thesis's ConvLSTM: every image's state, not the last one's, goes into the dense layer,
-    which holds nearly all of its parameters."""
+def thesis_convlstm(
+    images: int = 24, side: int = 64, filters: int = 32, dense: int = 100, classes: int = 3
+) -> tuple[int, int]:
+    """(parameters, multiplies of a decision) of the thesis's ConvLSTM: every image's state, not the last
+    one's, goes into the dense layer, which holds nearly all of its parameters."""
     gates = KERNEL * KERNEL * (1 + filters) * 4 * filters
     states = images * side * side * filters
     parameters = gates + 4 * filters + (states + 1) * dense + (dense + 1) * classes
@@ -163,8 +171,9 @@ def thesis_convlstm(images: int = 24, side: int = 64, filters: int = 32, dense: 
 
 
 def thesis_cnn_lstm(units: int, classes: int = 3) -> dict[str, int]:
-    """Parameters of a VGG16 and a ResNet50 without their last layers, whose values for a 64 x 64 image (2 x 2 x 512, 2 x 2 x 2048) go
-    into an LSTM of so many units, and of the dense layer after it. The thesis does not tell the units."""
+    """Parameters of a VGG16 and a ResNet50 without their last layers, whose values for a 64 x 64 image (2 x 2
+    x 512, 2 x 2 x 2048) go into an LSTM of so many units, and of the dense layer after it. The thesis does
+    not tell the units."""
 
     def with_lstm(cnn: int, values: int) -> int:
         return cnn + 4 * (units * (values + units) + units) + classes * (units + 1)
@@ -179,8 +188,8 @@ def _vgg16() -> int:
 
 
 def _resnet50() -> int:
-    """Bottlenecks of 3, 4, 6, 3 (K. He et al. 2016), every convolution with a bias and four numbers of batch normalisation a channel, as
-    Keras counts them."""
+    """Bottlenecks of 3, 4, 6, 3 (K. He et al. 2016), every convolution with a bias and four numbers of batch
+    normalisation a channel, as Keras counts them."""
 
     def convolution(kernel: int, a: int, b: int) -> int:
         return kernel * kernel * a * b + b + 4 * b
@@ -188,7 +197,9 @@ def _resnet50() -> int:
     count, width = convolution(7, 3, 64), 64
     for inner, blocks in ((64, 3), (128, 4), (256, 6), (512, 3)):
         for block in range(blocks):
-            count += convolution(1, width, inner) + convolution(3, inner, inner) + convolution(1, inner, 4 * inner)
+            count += (
+                convolution(1, width, inner) + convolution(3, inner, inner) + convolution(1, inner, 4 * inner)
+            )
             count += convolution(1, width, 4 * inner) if block == 0 else 0
             width = 4 * inner
     return count

@@ -1,11 +1,14 @@
-"""DCNN by transfer: the touch as one colour image, a network trained on photographs, a new last layer (chapter 2 of the thesis).
+"""DCNN by transfer: the touch as one colour image, a network trained on photographs, a new last layer
+(chapter 2 of the thesis).
 
-The thesis writes 4 x 4 x 30000 samples into 400 x 400 pixels of three colours, which hold just as many values. Here the image is as small
-as it holds the touch, 64 pixels a side at least, in steps of 32. Frames follow each other row by row, stretched in time to fill it.
-A value is sign * log2(1 + |deviation|) over the bits of a sample, between 0 and 1: no scale is taken from the recordings.
+The thesis writes 4 x 4 x 30000 samples into 400 x 400 pixels of three colours, which hold just as many
+values. Here the image is as small as it holds the touch, 64 pixels a side at least, in steps of 32. Frames
+follow each other row by row, stretched in time to fill it. A value is sign * log2(1 + |deviation|) over the
+bits of a sample, between 0 and 1: no scale is taken from the recordings.
 
-The network is MobileNetV2 (M. Sandler et al. 2018), one of the thesis's, under torchvision's names, so that torchvision's weights fit; the
-project downloads none. Without a file of weights the layers are random, and only the last one learns.
+The network is MobileNetV2 (M. Sandler et al. 2018), one of the thesis's, under torchvision's names, so that
+torchvision's weights fit; the project downloads none. Without a file of weights the layers are random, and
+only the last one learns.
 """
 
 from __future__ import annotations
@@ -22,7 +25,15 @@ from eskin.golden.baselines.scene import Scene
 from eskin.golden.baselines.tiles import multiplies
 from eskin.golden.core.errors import InputError
 
-BLOCKS = ((1, 16, 1, 1), (6, 24, 2, 2), (6, 32, 3, 2), (6, 64, 4, 2), (6, 96, 3, 1), (6, 160, 3, 2), (6, 320, 1, 1))
+BLOCKS = (
+    (1, 16, 1, 1),
+    (6, 24, 2, 2),
+    (6, 32, 3, 2),
+    (6, 64, 4, 2),
+    (6, 96, 3, 1),
+    (6, 160, 3, 2),
+    (6, 320, 1, 1),
+)
 """MobileNetV2: expansion, channels, how many, stride of the first."""
 
 VALUES = 1280
@@ -33,7 +44,9 @@ LEAST_SIDE, SIDE_STEP = 64, 32
 MEAN, SCALE = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 """Of the photographs that published weights were trained on, by colour."""
 
-LEARNT_NOT = "dcnn: no --weights FILE, so its layers are random and only the last one learns: this is no transfer"
+LEARNT_NOT = (
+    "dcnn: no --weights FILE, so its layers are random and only the last one learns: this is no transfer"
+)
 
 
 def _step(a: int, b: int, kernel: int, stride: int = 1, groups: int = 1) -> torch.nn.Sequential:
@@ -48,7 +61,11 @@ class _Block(torch.nn.Module):
         super().__init__()
         inner = a * expand
         steps: list[torch.nn.Module] = [_step(a, inner, 1)] if expand > 1 else []
-        steps += [_step(inner, inner, 3, stride, inner), torch.nn.Conv2d(inner, b, 1, bias=False), torch.nn.BatchNorm2d(b)]
+        steps += [
+            _step(inner, inner, 3, stride, inner),
+            torch.nn.Conv2d(inner, b, 1, bias=False),
+            torch.nn.BatchNorm2d(b),
+        ]
         self.conv = torch.nn.Sequential(*steps)
         self.added = stride == 1 and a == b
 
@@ -57,7 +74,8 @@ class _Block(torch.nn.Module):
 
 
 class MobileNetV2(torch.nn.Module):
-    """Images (n, 3, side, side) to VALUES values each; ``classifier`` is there for the names and the count of a file of weights."""
+    """Images (n, 3, side, side) to VALUES values each; ``classifier`` is there for the names and the count of
+    a file of weights."""
 
     def __init__(self, classes: int = 1000) -> None:
         super().__init__()
@@ -94,12 +112,17 @@ def read_weights(path: str | Path) -> dict[str, np.ndarray]:
     if not isinstance(state, Mapping) or not all(isinstance(value, torch.Tensor) for value in state.values()):
         raise InputError(f"--weights {path}: holds no dictionary of arrays; {fix}")
     with torch.device("meta"):
-        shapes = {name: tuple(array.shape) for name, array in MobileNetV2().state_dict().items() if _kept(name)}
+        shapes = {
+            name: tuple(array.shape) for name, array in MobileNetV2().state_dict().items() if _kept(name)
+        }
     for name, shape in shapes.items():
         if name not in state:
             raise InputError(f"--weights {path}: is of another network, it has no '{name}'; {fix}")
         if tuple(state[name].shape) != shape:
-            raise InputError(f"--weights {path}: is of another network, '{name}' is {tuple(state[name].shape)} and not {shape}; {fix}")
+            raise InputError(
+                f"--weights {path}: is of another network, '{name}' is {tuple(state[name].shape)} and not "
+                f"{shape}; {fix}"
+            )
     extra = next((name for name in state if name not in shapes and _kept(name)), None)
     if extra is not None:
         raise InputError(f"--weights {path}: is of another network, it has '{extra}'; {fix}")
@@ -110,7 +133,9 @@ def read_weights(path: str | Path) -> dict[str, np.ndarray]:
 
 
 def _kept(name: str) -> bool:
-    return (name.startswith("features.") and not name.endswith("num_batches_tracked")) or not name.startswith(("features.", "classifier."))
+    return (name.startswith("features.") and not name.endswith("num_batches_tracked")) or not name.startswith(
+        ("features.", "classifier.")
+    )
 
 
 def network_of(weights: Mapping[str, np.ndarray] | None, seed: int = 0) -> MobileNetV2:
@@ -133,11 +158,17 @@ def side_of(scene: Scene) -> int:
 
 
 def pictures(scene: Scene, side: int) -> np.ndarray:
-    """(n, 3, side, side), 0 to 1: value v of the frames in a row is colour v mod 3 of pixel v // 3, row by row."""
+    """(n, 3, side, side), 0 to 1: value v of the frames in a row is colour v mod 3 of pixel v // 3, row by
+    row."""
     values, taxels = 3 * side * side, scene.config.sensor.taxels
     frames = scene.frames(-(-values // taxels)).reshape(len(scene.labels), -1)[:, :values]
     level = np.sign(frames) * np.log2(1 + np.abs(frames)) / scene.config.sensor.sample_bits
-    return (0.5 + 0.5 * np.clip(level, -1, 1)).reshape(-1, side, side, 3).transpose(0, 3, 1, 2).astype(np.float32)
+    return (
+        (0.5 + 0.5 * np.clip(level, -1, 1))
+        .reshape(-1, side, side, 3)
+        .transpose(0, 3, 1, 2)
+        .astype(np.float32)
+    )
 
 
 _known: dict[int, tuple[Scene, MobileNetV2, torch.Tensor, np.ndarray]] = {}

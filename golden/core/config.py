@@ -1,7 +1,8 @@
-"""The configuration of one accelerator: every size, rule and number format, with units, and what follows from them.
+"""The configuration of one accelerator: every size, rule and number format, with units, and what follows from
+them.
 
-Shared by the golden model and the hardware generator. A configuration that cannot work is refused on construction, before any long
-work starts.
+Shared by the golden model and the hardware generator. A configuration that cannot work is refused on
+construction, before any long work starts.
 """
 
 from __future__ import annotations
@@ -35,7 +36,8 @@ from eskin.golden.core.groups import (
 )
 
 WIDEST_ACCUMULATOR = 48
-"""Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum exactly."""
+"""Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum
+exactly."""
 
 WIDEST_DSP_ACCUMULATOR = 32
 """Bits of the accumulator inside an SB_MAC16."""
@@ -49,9 +51,11 @@ RING_SLACK_FRAMES = 8
 
 @dataclass(frozen=True, kw_only=True)
 class AcceleratorConfig:
-    """One accelerator. docs/specification.md says what each rule means; widths and counts derived here are used by model and RTL alike.
+    """One accelerator. docs/specification.md says what each rule means; widths and counts derived here are
+    used by model and RTL alike.
 
-    The fields stand in groups (groups.py): ``config.sensor.taxels``. Each group checks itself, this class what ties them together.
+    The fields stand in groups (groups.py): ``config.sensor.taxels``. Each group checks itself, this class
+    what ties them together.
 
     Raises
     ------
@@ -74,8 +78,16 @@ class AcceleratorConfig:
 
     # ------------------------------------------------------------------ checks
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.isprintable() or len(self.name.encode()) > 100 or set(self.name) & set("/\\"):
-            raise InputError(f"configuration, field name: is {self.name!r:.120}; give up to 100 printable letters without / and \\")
+        if (
+            not isinstance(self.name, str)
+            or not self.name.isprintable()
+            or len(self.name.encode()) > 100
+            or set(self.name) & set("/\\")
+        ):
+            raise InputError(
+                f"configuration, field name: is {self.name!r:.120}; give up to 100 printable letters "
+                "without / and \\"
+            )
         self._check_front_end()
         if self.is_image:
             self._check_image()
@@ -92,17 +104,30 @@ class AcceleratorConfig:
         raise InputError(f"configuration '{self.name}', field {field}: {why}")
 
     def _check_front_end(self) -> None:
-        rest, onset, windows, lowest = self.rest_level.rest, self.onset_rule, self.windows, self.sample_format.min_code
+        rest, onset, windows, lowest = (
+            self.rest_level.rest,
+            self.onset_rule,
+            self.windows,
+            self.sample_format.min_code,
+        )
         if rest == "tracked" and onset.onset == "immediate":
-            self._refuse("rest", "is 'tracked' with onset 'immediate', where the gate is never closed; use 'initial' or 'none'")
+            self._refuse(
+                "rest",
+                "is 'tracked' with onset 'immediate', where the gate is never closed; use 'initial' or "
+                "'none'",
+            )
         if onset.onset == "band" and not 0 <= onset.band_low - lowest <= onset.band_high - lowest:
-            self._refuse("band_low", f"is {onset.band_low} with band_high {onset.band_high}; give sample codes, low below high")
+            self._refuse(
+                "band_low",
+                f"is {onset.band_low} with band_high {onset.band_high}; give sample codes, low below high",
+            )
         if onset.onset == "baseline" and rest == "none":
             self._refuse("rest", "is 'none' with onset 'baseline', which needs a rest level; use 'tracked'")
         if self.faults.fault_frames and self.sensor.sample_bits < 4:
             self._refuse(
                 "fault_frames",
-                f"is {self.faults.fault_frames} with samples of {self.sensor.sample_bits} bits; a fault detector needs 4: give 0",
+                f"is {self.faults.fault_frames} with samples of {self.sensor.sample_bits} bits; a fault "
+                "detector needs 4: give 0",
             )
         if windows.window_mode == "touch":
             if self.opens_at_once and windows.pretrigger_frames:
@@ -110,44 +135,62 @@ class AcceleratorConfig:
             if not self.opens_at_once and onset.rearm_frames < self.ring_frames:
                 self._refuse(
                     "rearm_frames",
-                    f"is {onset.rearm_frames}; it must be at least {self.ring_frames}, the frames the pre-trigger ring holds",
+                    f"is {onset.rearm_frames}; it must be at least {self.ring_frames}, the frames the "
+                    "pre-trigger ring holds",
                 )
             if self.last_frame < windows.pretrigger_frames + 2:
                 self._refuse(
                     "pretrigger_frames",
-                    f"is {windows.pretrigger_frames}, but a touch ends with its frame {self.last_frame}, which must come "
+                    f"is {windows.pretrigger_frames}, but a touch ends with its frame {self.last_frame}, "
+                    "which must come "
                     "after the onset; lower pretrigger_frames or raise steps or hop",
                 )
         if self.network.decision == "early" and self.network.early_steps > windows.steps:
-            self._refuse("early_steps", f"is {self.network.early_steps} in a touch of {windows.steps} steps; give at most as many")
+            self._refuse(
+                "early_steps",
+                f"is {self.network.early_steps} in a touch of {windows.steps} steps; give at most as many",
+            )
 
     def _check_features(self) -> None:
         features, windows, bits = self.features, self.windows, self.sum_bits
         if self.inputs > 160:
             self._refuse(
                 "feature_kinds",
-                f"{self.kinds} kinds of {self.sensor.taxels} taxels are {self.inputs} inputs and 160 are there; use fewer kinds",
+                f"{self.kinds} kinds of {self.sensor.taxels} taxels are {self.inputs} inputs and 160 are "
+                "there; use fewer kinds",
             )
         common = math.gcd(windows.hop, *self.window_lengths)
         if "activity" in features.feature_kinds and common % features.activity_block:
             works = ", ".join(str(block) for block in range(1, 65) if common % block == 0)
             frames = f"hops of {windows.hop} and windows of {', '.join(map(str, self.window_lengths))} frames"
-            self._refuse("activity_block", f"is {features.activity_block} with {frames}; blocks must fill both: use {works}")
+            self._refuse(
+                "activity_block",
+                f"is {features.activity_block} with {frames}; blocks must fill both: use {works}",
+            )
         if "integral" in features.feature_kinds and features.integral_knee > self.integral_bits - 2:
             self._refuse(
                 "integral_knee",
-                f"is {features.integral_knee} for integrals of {self.integral_bits} bits; give at most {self.integral_bits - 2}",
+                f"is {features.integral_knee} for integrals of {self.integral_bits} bits; give at most "
+                f"{self.integral_bits - 2}",
             )
         if features.compand == "log":
             if features.compand_knee > bits - 2:
-                self._refuse("compand_knee", f"is {features.compand_knee} for sums of {bits} bits; give at most {bits - 2}")
+                self._refuse(
+                    "compand_knee",
+                    f"is {features.compand_knee} for sums of {bits} bits; give at most {bits - 2}",
+                )
             if (bits - features.compand_knee) << features.compand_frac > 1 << bits - 1:
-                self._refuse("compand_frac", f"is {features.compand_frac}; lower it: companded sums have the {bits} bits of sums at most")
+                self._refuse(
+                    "compand_frac",
+                    f"is {features.compand_frac}; lower it: companded sums have the {bits} bits of sums at "
+                    "most",
+                )
         if len(features.feature_shift) not in (0, len(self.feature_units)):
             of_kinds = f" of {self.kinds} kinds of feature" if self.kinds > 1 else ""
             self._refuse(
                 "feature_shift",
-                f"has {len(features.feature_shift)} values for {len(self.window_lengths)} distinct window lengths{of_kinds}",
+                f"has {len(features.feature_shift)} values for {len(self.window_lengths)} distinct window "
+                f"lengths{of_kinds}",
             )
         if any(not 0 <= shift <= bits for shift in features.feature_shift):
             self._refuse("feature_shift", f"must lie in 0..{bits}")
@@ -157,23 +200,32 @@ class AcceleratorConfig:
         if self.recurrent:
             self._check_recurrent_formats()
         if self.logit_shift < 1:
-            self._refuse("logit_format", f"{formats.logit_format} is finer than the dense products; lower its fraction bits")
+            self._refuse(
+                "logit_format",
+                f"{formats.logit_format} is finer than the dense products; lower its fraction bits",
+            )
         if self.dense_bias_shift < 0:
             self._refuse("dense_bias_format", f"{formats.dense_bias_format} is finer than the dense products")
         if self.accumulator_bits > WIDEST_ACCUMULATOR:
             needed = f"{self.accumulator_bits}-bit accumulator and there are {WIDEST_ACCUMULATOR} bits"
-            self._refuse("weight_format" if self.recurrent else "dense_format", f"the worst case needs a {needed}: narrow the weights")
+            self._refuse(
+                "weight_format" if self.recurrent else "dense_format",
+                f"the worst case needs a {needed}: narrow the weights",
+            )
         if self.hardware.lane_type == "dsp" and self.accumulator_bits > WIDEST_DSP_ACCUMULATOR:
             self._refuse(
                 "lane_type",
-                f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need {self.accumulator_bits}; "
+                f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need "
+                f"{self.accumulator_bits}; "
                 "take plain lanes, or narrow the weights",
             )
         if not self.recurrent and self.hardware.lane_type == "serial" and self.kept_low_bits > 15:
             self._refuse(
                 "dense_format",
-                f"{formats.dense_format} and features of {formats.feature_format} need sums of {self.accumulator_bits} bits with "
-                f"{self.logit_shift} below a logit; the bit-serial lane keeps 31 with 15 below: narrow the weights",
+                f"{formats.dense_format} and features of {formats.feature_format} need sums of "
+                f"{self.accumulator_bits} bits with "
+                f"{self.logit_shift} below a logit; the bit-serial lane keeps 31 with 15 below: narrow the "
+                "weights",
             )
 
     def _check_recurrent_formats(self) -> None:
@@ -181,24 +233,35 @@ class AcceleratorConfig:
         if self.feature_align < 0:
             self._refuse(
                 "feature_format",
-                f"{formats.feature_format} has {-self.feature_align} fraction bits too many: input products must not be "
+                f"{formats.feature_format} has {-self.feature_align} fraction bits too many: input products "
+                "must not be "
                 "finer than recurrent ones (state + recurrent weight fraction bits)",
             )
         if self.operand_bits > 16:
             self._refuse(
                 "feature_format",
-                f"{formats.feature_format} needs {self.operand_bits} bits on the lanes' scale; 16 are there: raise the "
+                f"{formats.feature_format} needs {self.operand_bits} bits on the lanes' scale; 16 are "
+                "there: raise the "
                 "fraction bits of weight_format or lower those of recurrent_format or state_format",
             )
-        for what, shift in (("sigmoid", self.sigmoid_shift), ("tanh", self.tanh_shift), ("value", self.value_shift)):
+        for what, shift in (
+            ("sigmoid", self.sigmoid_shift),
+            ("tanh", self.tanh_shift),
+            ("value", self.value_shift),
+        ):
             if shift < 1:
                 self._refuse(
                     "table_entries" if what != "value" else "recurrent_format",
-                    f"the {what} narrowing would be {shift} bits; products need more fraction bits than their result",
+                    f"the {what} narrowing would be {shift} bits; products need more fraction bits than "
+                    "their result",
                 )
-        if (network.cell == "lstm" or network.reset == "after") and formats.state_format.frac_bits < self.tanh_frac + 1:
+        if (
+            network.cell == "lstm" or network.reset == "after"
+        ) and formats.state_format.frac_bits < self.tanh_frac + 1:
             self._refuse(
-                "state_format", f"{formats.state_format} needs at least {self.tanh_frac + 1} fraction bits to address the tanh table"
+                "state_format",
+                f"{formats.state_format} needs at least {self.tanh_frac + 1} fraction bits to address the "
+                "tanh table",
             )
         if network.cell == "gru" and formats.state_format.frac_bits > 14:
             self._refuse(
@@ -208,18 +271,28 @@ class AcceleratorConfig:
             )
         if self.bias_shift < 0:
             self._refuse(
-                "bias_format", f"{formats.bias_format} is finer than the products; it has at most {self.product_frac} fraction bits"
+                "bias_format",
+                f"{formats.bias_format} is finer than the products; it has at most {self.product_frac} "
+                "fraction bits",
             )
 
     def _check_image(self) -> None:
         image, network = self.image, self.network
         if network.cell != "image" or not image.layers:
-            self._refuse("cell", f"is '{network.cell}' with {len(image.layers)} layers in group image; cell 'image' and layers go together")
+            self._refuse(
+                "cell",
+                f"is '{network.cell}' with {len(image.layers)} layers in group image; cell 'image' and "
+                "layers go together",
+            )
         if (outputs := self.stages[-1].outputs) != self.classes:
-            self._refuse("layers", f"end with {outputs} outputs and there are {self.classes} classes; give one each")
+            self._refuse(
+                "layers", f"end with {outputs} outputs and there are {self.classes} classes; give one each"
+            )
         for field, wanted in _of_every_image(image).items():
             if self.value(field) != wanted:
-                self._refuse(field, f"is {self.value(field)!r} in a network for images, where it is always {wanted!r}")
+                self._refuse(
+                    field, f"is {self.value(field)!r} in a network for images, where it is always {wanted!r}"
+                )
         for group in ("rest_level", "faults", "features"):
             if getattr(self, group) != GROUPS[group]():
                 self._refuse(group, "is set, and images have none of it; leave the group out")
@@ -232,7 +305,8 @@ class AcceleratorConfig:
             if not 0 <= shift <= images.MOST_SHIFT:
                 self._refuse(
                     "weight_formats",
-                    f"make a shift of {shift} behind '{stage.layer}'; it must lie in 0..{images.MOST_SHIFT}: quantise again",
+                    f"make a shift of {shift} behind '{stage.layer}'; it must lie in "
+                    f"0..{images.MOST_SHIFT}: quantise again",
                 )
 
     def _check_position(self) -> None:
@@ -241,30 +315,51 @@ class AcceleratorConfig:
             return
         if one.rows * one.columns != self.sensor.taxels:
             self._refuse(
-                "rows", f"is {one.rows} with {one.columns} columns, and there are {self.sensor.taxels} taxels; give the array's own"
+                "rows",
+                f"is {one.rows} with {one.columns} columns, and there are {self.sensor.taxels} taxels; give "
+                "the array's own",
             )
         if self.sensor.taxels < 16:
-            self._refuse("position", f"is for arrays of 16 taxels and more, and there are {self.sensor.taxels}; leave it out")
+            self._refuse(
+                "position",
+                f"is for arrays of 16 taxels and more, and there are {self.sensor.taxels}; leave it out",
+            )
         if not fmt.min_code <= one.position_rest <= fmt.max_code:
-            self._refuse("position_rest", f"is {one.position_rest}; give a sample, {fmt.min_code} to {fmt.max_code}")
+            self._refuse(
+                "position_rest", f"is {one.position_rest}; give a sample, {fmt.min_code} to {fmt.max_code}"
+            )
         if one.position_threshold >= fmt.max_code - one.position_rest:
-            self._refuse("position_threshold", f"is {one.position_threshold}; no sample is that far above position_rest")
+            self._refuse(
+                "position_threshold",
+                f"is {one.position_threshold}; no sample is that far above position_rest",
+            )
 
     def _check_stimulator(self) -> None:
         one = self.interface
         if one.stimulator == "positions" and not one.position:
-            self._refuse("stimulator", "is 'positions' without position; set position and the array's rows and columns")
+            self._refuse(
+                "stimulator", "is 'positions' without position; set position and the array's rows and columns"
+            )
         if one.stimulator == "decisions" and one.electrodes and len(one.electrodes) != self.classes:
-            self._refuse("electrodes", f"has {len(one.electrodes)} values for {self.classes} classes; give one each")
+            self._refuse(
+                "electrodes", f"has {len(one.electrodes)} values for {self.classes} classes; give one each"
+            )
         if one.stimulator == "decisions" and not one.electrodes and self.classes > 24:
-            self._refuse("electrodes", f"is empty with {self.classes} classes and 24 electrodes; name one for each class")
+            self._refuse(
+                "electrodes",
+                f"is empty with {self.classes} classes and 24 electrodes; name one for each class",
+            )
 
     def _check_pace(self) -> None:
         clock, rate, inputs = self.hardware.clock_hz, self.sensor.sample_rate_hz, self.inputs
         if clock / rate < 2 * inputs:
-            what = f"{self.sensor.taxels} taxels" + (f" with {self.kinds} kinds of feature" if self.kinds > 1 else "")
+            what = f"{self.sensor.taxels} taxels" + (
+                f" with {self.kinds} kinds of feature" if self.kinds > 1 else ""
+            )
             self._refuse(
-                "clock_hz", f"is {clock:g}: {clock / rate:.3g} cycles a frame cannot take {what}; use at least {2 * inputs * rate:g}"
+                "clock_hz",
+                f"is {clock:g}: {clock / rate:.3g} cycles a frame cannot take {what}; use at least "
+                f"{2 * inputs * rate:g}",
             )
 
     # ------------------------------------------------------------------ sensor and windows
@@ -296,7 +391,11 @@ class AcceleratorConfig:
     @property
     def deviation_bound(self) -> int:
         """Largest absolute deviation, codes."""
-        span = self.sample_format.magnitude if self.rest_level.rest == "none" else self.sample_format.max_code - self.sample_format.min_code
+        span = (
+            self.sample_format.magnitude
+            if self.rest_level.rest == "none"
+            else self.sample_format.max_code - self.sample_format.min_code
+        )
         return min(self.rest_level.clip, span) if self.rest_level.clip else span
 
     @property
@@ -308,10 +407,14 @@ class AcceleratorConfig:
     def window_spans(self) -> tuple[tuple[int, int], ...]:
         """First and last frame (1-based from the start of the touch's first window) of windows 1..steps.
 
-        Free: ``hop (k-1) + 1 .. hop (k-1) + 2 hop``. Touch: the same with ``window`` frames, clipped at touch_frames.
+        Free: ``hop (k-1) + 1 .. hop (k-1) + 2 hop``. Touch: the same with ``window`` frames, clipped at
+        touch_frames.
         """
         limit = self.windows.touch_frames if self.windows.window_mode == "touch" else 1 << 62
-        return tuple((self.windows.hop * k + 1, min(self.windows.hop * k + self.windows.window, limit)) for k in range(self.windows.steps))
+        return tuple(
+            (self.windows.hop * k + 1, min(self.windows.hop * k + self.windows.window, limit))
+            for k in range(self.windows.steps)
+        )
 
     @cached_property
     def window_lengths(self) -> tuple[int, ...]:
@@ -325,7 +428,8 @@ class AcceleratorConfig:
 
     @property
     def last_frame(self) -> int:
-        """Frame (1-based from the first window's start) that completes the last window: the end of the touch."""
+        """Frame (1-based from the first window's start) that completes the last window: the end of the
+        touch."""
         return self.window_spans[-1][1]
 
     # ------------------------------------------------------------------ features
@@ -370,7 +474,9 @@ class AcceleratorConfig:
     @property
     def block_bound(self) -> int:
         """Largest activity of one block, codes: its absolute sum, or the absolute change of that sum."""
-        return self.features.activity_block * (self.deviation_span if self.features.activity_rule == "change" else self.deviation_bound)
+        return self.features.activity_block * (
+            self.deviation_span if self.features.activity_rule == "change" else self.deviation_bound
+        )
 
     @property
     def integral_bound(self) -> int:
@@ -389,13 +495,15 @@ class AcceleratorConfig:
 
     @cached_property
     def beat_bits(self) -> int:
-        """Bits of what each frame gives a window for one input: a deviation, a block's activity, a companded integral."""
+        """Bits of what each frame gives a window for one input: a deviation, a block's activity, a companded
+        integral."""
         bounds = {"mean": self.deviation_bound, "activity": self.block_bound, "integral": self.integral_limit}
         return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
 
     @cached_property
     def sum_bits(self) -> int:
-        """Bits of what a window gives for one input: of the mean window times deviation_bound, of activity its blocks times block_bound."""
+        """Bits of what a window gives for one input: of the mean window times deviation_bound, of activity
+        its blocks times block_bound."""
         bounds = {
             "mean": self.windows.window * self.deviation_bound,
             "activity": -(-self.windows.window // self.features.activity_block) * self.block_bound,
@@ -404,8 +512,9 @@ class AcceleratorConfig:
         return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
 
     def feature_unit(self, length: int, kind: str) -> float:
-        """What a window's value is divided by to give what the network learns from: the frames of a window of ``length`` (a mean, codes),
-        its blocks (mean activity of a block, codes), or companded two to the power of the fraction bits."""
+        """What a window's value is divided by to give what the network learns from: the frames of a window of
+        ``length`` (a mean, codes), its blocks (mean activity of a block, codes), or companded two to the
+        power of the fraction bits."""
         if kind == "integral":
             return 2.0**self.features.integral_frac
         if self.features.compand == "log":
@@ -414,24 +523,31 @@ class AcceleratorConfig:
 
     @property
     def feature_units(self) -> tuple[float, ...]:
-        """``feature_unit`` for each of window_lengths, and of each for each kind, in the order of ``feature_shift``."""
-        return tuple(self.feature_unit(length, kind) for length in self.window_lengths for kind in self.features.feature_kinds)
+        """``feature_unit`` for each of window_lengths, and of each for each kind, in the order of
+        ``feature_shift``."""
+        return tuple(
+            self.feature_unit(length, kind)
+            for length in self.window_lengths
+            for kind in self.features.feature_kinds
+        )
 
     @property
     def mean_words(self) -> int:
-        """16-bit words in which the host loads one mean constant, low word first; with ``checksum`` the highest bit is a parity bit."""
+        """16-bit words in which the host loads one mean constant, low word first; with ``checksum`` the
+        highest bit is a parity bit."""
         return -(-(self.sum_bits + self.hardware.checksum) // 16)
 
     # ------------------------------------------------------------------ network sizes
     @property
     def recurrent(self) -> bool:
-        """True for cells with a hidden state; False for the linear one, which adds logits up over the windows."""
+        """True for cells with a hidden state; False for the linear one, which adds logits up over the
+        windows."""
         return self.network.cell in ("gru", "lstm")
 
     @property
     def is_image(self) -> bool:
-        """True for a network for images, whose sizes and formats are those of group ``image``; what this class says of windows, features
-        and cells is without meaning there."""
+        """True for a network for images, whose sizes and formats are those of group ``image``; what this
+        class says of windows, features and cells is without meaning there."""
         return self.network.cell == "image" or bool(self.image.layers)
 
     @cached_property
@@ -446,8 +562,8 @@ class AcceleratorConfig:
 
     @property
     def layer_shifts(self) -> tuple[int, ...]:
-        """The right shift of each of ``weighted_stages``: fraction bits of weight and value before, less those of what it gives.
-        0 until the model is quantised."""
+        """The right shift of each of ``weighted_stages``: fraction bits of weight and value before, less
+        those of what it gives. 0 until the model is quantised."""
         if not self.image.weight_formats:
             return (0,) * len(self.weighted_stages)
         given = (images.PIXEL_FORMAT, *self.image.map_formats, self.formats.logit_format)
@@ -458,32 +574,37 @@ class AcceleratorConfig:
 
     @property
     def sets(self) -> int:
-        """Sets of weights: one a window for a linear cell, unless it has ``one`` for all; 1 for the others."""
+        """Sets of weights: one a window for a linear cell, unless it has ``one`` for all; 1 for the
+        others."""
         return self.windows.steps if not self.recurrent and self.network.weight_sets == "window" else 1
 
     @property
     def gates(self) -> tuple[str, ...]:
-        """Names of the gate rows in program order (the order of the integer archive's arrays is free); none of a linear cell."""
+        """Names of the gate rows in program order (the order of the integer archive's arrays is free); none
+        of a linear cell."""
         if not self.recurrent:
             return ()
         return ("i", "f", "g", "o") if self.network.cell == "lstm" else ("z", "r", "n")
 
     @property
     def parameter_count(self) -> int:
-        """Trainable parameters: G (H (D+H) + H) + C (H+1), torch's second bias row added for reset after; linear: a C x D matrix for each
-        set of weights, + C; of images those of all layers, batch norm counted."""
+        """Trainable parameters: G (H (D+H) + H) + C (H+1), torch's second bias row added for reset after;
+        linear: a C x D matrix for each set of weights, + C; of images those of all layers, batch norm
+        counted."""
         if self.is_image:
             return sum(stage.parameters for stage in self.stages)
         if not self.recurrent:
             return self.sets * self.classes * self.inputs + self.classes
         rows = len(self.gates) * self.network.hidden
         extra = rows if self.network.cell == "gru" and self.network.reset == "after" else 0
-        return rows * (self.inputs + self.network.hidden + 1) + extra + self.classes * (self.network.hidden + 1)
+        return (
+            rows * (self.inputs + self.network.hidden + 1) + extra + self.classes * (self.network.hidden + 1)
+        )
 
     @property
     def multiplies(self) -> int:
-        """Multiplies a step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD; an image: those of all layers, with those by the
-        zeros around maps."""
+        """Multiplies a step: GRU 3H(D+H) + 2H + CH, LSTM 4H(D+H) + 3H + CH, linear CD; an image: those of all
+        layers, with those by the zeros around maps."""
         if self.is_image:
             return sum(stage.multiplies for stage in self.stages)
         h, d = self.network.hidden, self.inputs
@@ -512,31 +633,41 @@ class AcceleratorConfig:
     def dense_product_frac(self) -> int:
         """Fraction bits of dense products: weights times states, or times features in a linear cell."""
         return (
-            self.formats.dense_format.frac_bits + (self.formats.state_format if self.recurrent else self.formats.feature_format).frac_bits
+            self.formats.dense_format.frac_bits
+            + (self.formats.state_format if self.recurrent else self.formats.feature_format).frac_bits
         )
 
     @property
     def feature_align(self) -> int:
-        """Zeros appended to a feature code so that W x and U h products share one scale (exact, no narrowing); none in a linear cell."""
+        """Zeros appended to a feature code so that W x and U h products share one scale (exact, no
+        narrowing); none in a linear cell."""
         if not self.recurrent:
             return 0
-        return self.product_frac - self.formats.weight_format.frac_bits - self.formats.feature_format.frac_bits
+        return (
+            self.product_frac - self.formats.weight_format.frac_bits - self.formats.feature_format.frac_bits
+        )
 
     @property
     def operand_bits(self) -> int:
-        """Bits of a vector operand on the lanes: the wider of the state and the aligned feature; the feature's in a linear cell."""
+        """Bits of a vector operand on the lanes: the wider of the state and the aligned feature; the
+        feature's in a linear cell."""
         if not self.recurrent:
             return self.formats.feature_format.width
         return max(self.formats.state_format.width, self.formats.feature_format.width + self.feature_align)
 
     @property
     def weight_bits(self) -> int:
-        """Bits of a weight word: the widest of the three weight formats; the dense one's in a linear cell; the widest layer's of images."""
+        """Bits of a weight word: the widest of the three weight formats; the dense one's in a linear cell;
+        the widest layer's of images."""
         if self.is_image:
             return max((fmt.width for fmt in self.image.weight_formats), default=8)
         if not self.recurrent:
             return self.formats.dense_format.width
-        return max(self.formats.weight_format.width, self.formats.recurrent_format.width, self.formats.dense_format.width)
+        return max(
+            self.formats.weight_format.width,
+            self.formats.recurrent_format.width,
+            self.formats.dense_format.width,
+        )
 
     @property
     def index_bits(self) -> int:
@@ -605,10 +736,14 @@ class AcceleratorConfig:
 
     @cached_property
     def accumulator_bound(self) -> int:
-        """Largest absolute value any row accumulator, addend and rounding half included, can reach under the formats."""
+        """Largest absolute value any row accumulator, addend and rounding half included, can reach under the
+        formats."""
         if not self.recurrent:
             return self.dense_bound
-        state, feature = self.formats.state_format.magnitude, self.formats.feature_format.magnitude << self.feature_align
+        state, feature = (
+            self.formats.state_format.magnitude,
+            self.formats.feature_format.magnitude << self.feature_align,
+        )
         gate_row = (
             self.inputs * self.formats.weight_format.magnitude * feature
             + self.network.hidden * self.formats.recurrent_format.magnitude * state
@@ -619,13 +754,17 @@ class AcceleratorConfig:
 
     @cached_property
     def dense_bound(self) -> int:
-        """Largest absolute value that a dense row's accumulator, addend and rounding half included, can reach under the formats; that of a
-        linear cell goes on over all steps of a touch."""
+        """Largest absolute value that a dense row's accumulator, addend and rounding half included, can reach
+        under the formats; that of a linear cell goes on over all steps of a touch."""
         operands = self.network.hidden * self.formats.state_format.magnitude
         if not self.recurrent:
             operands = self.windows.steps * self.inputs * self.formats.feature_format.magnitude
         products = operands * self.formats.dense_format.magnitude
-        return products + (self.formats.dense_bias_format.magnitude << self.dense_bias_shift) + (1 << self.logit_shift - 1)
+        return (
+            products
+            + (self.formats.dense_bias_format.magnitude << self.dense_bias_shift)
+            + (1 << self.logit_shift - 1)
+        )
 
     @property
     def logit_proven(self) -> bool:
@@ -634,30 +773,36 @@ class AcceleratorConfig:
 
     @cached_property
     def accumulator_bits(self) -> int:
-        """Bits of a row accumulator: proven, no reachable overflow. At least 18, so that an addend is never one word of the host's."""
+        """Bits of a row accumulator: proven, no reachable overflow. At least 18, so that an addend is never
+        one word of the host's."""
         if self.is_image:
             return images.accumulator_bits(self.stages, self.weight_bits, self.layer_shifts)
         return max(18, signed_bits(self.accumulator_bound))
 
     @property
     def kept_low_bits(self) -> int:
-        """Bits of the low one of the two words in which the bit-serial lane keeps a linear cell's sums; the high one has 16."""
+        """Bits of the low one of the two words in which the bit-serial lane keeps a linear cell's sums; the
+        high one has 16."""
         return max(self.logit_shift, self.accumulator_bits - 16)
 
     @property
     def addend_parts(self) -> int:
-        """16-bit words in which the host loads one addend, low word first: two, three where the accumulator has more than 32 bits."""
+        """16-bit words in which the host loads one addend, low word first: two, three where the accumulator
+        has more than 32 bits."""
         return -(-self.accumulator_bits // 16)
 
     @cached_property
     def elementwise_bits(self) -> int:
-        """Bits of the element-wise accumulator: two products of 16-bit operands and gates or scales, and a rounding half; of a linear cell,
-        which only normalises, one."""
+        """Bits of the element-wise accumulator: two products of 16-bit operands and gates or scales, and a
+        rounding half; of a linear cell, which only normalises, one."""
         if not self.recurrent:
             return signed_bits(self.centred_format.magnitude * self.scale_format.magnitude + self.gate_one)
         operand = max(self.formats.state_format.magnitude, self.centred_format.magnitude)
         return signed_bits(
-            max(2 * self.formats.state_format.magnitude * self.gate_one, operand * self.scale_format.magnitude) + self.gate_one
+            max(
+                2 * self.formats.state_format.magnitude * self.gate_one, operand * self.scale_format.magnitude
+            )
+            + self.gate_one
         )
 
     @property
@@ -673,15 +818,23 @@ class AcceleratorConfig:
 
     @classmethod
     def of_image(
-        cls, height: int, width: int, layers: Sequence[images.Layer | str], class_names: Sequence[str], **fields: Any
+        cls,
+        height: int,
+        width: int,
+        layers: Sequence[images.Layer | str],
+        class_names: Sequence[str],
+        **fields: Any,
     ) -> AcceleratorConfig:
-        """A network for images of ``height`` x ``width`` pixels: ``layers``, the last one an output for each of ``class_names``; an
-        image is one touch of height frames, open at once, one window and one step. ``fields``: others by name, whatever their group."""
+        """A network for images of ``height`` x ``width`` pixels: ``layers``, the last one an output for each
+        of ``class_names``; an image is one touch of height frames, open at once, one window and one step.
+        ``fields``: others by name, whatever their group."""
         image = Image(height=height, width=width, layers=tuple(map(str, layers)))
         given = {"sample_rate_hz": IMAGE_ROWS_HZ, "logit_format": QFormat(8, 8)} | fields
         own: dict[str, Any] = {"name": given.pop("name")} if "name" in given else {}
         of_group: dict[str, dict[str, Any]] = {}
-        for field, value in (_of_every_image(image) | given | {"cell": "image", "class_names": tuple(class_names)}).items():
+        for field, value in (
+            _of_every_image(image) | given | {"cell": "image", "class_names": tuple(class_names)}
+        ).items():
             of_group.setdefault(GROUP_OF[field], {})[field] = value
         groups: dict[str, Any] = {group: GROUPS[group](**values) for group, values in of_group.items()}
         return cls(**own, image=image, **groups)
@@ -719,22 +872,28 @@ class AcceleratorConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, group by group; formats as ``SQ(int,frac)``."""
-        groups = {group: {field: _plain(value) for field, value in vars(getattr(self, group)).items()} for group in GROUPS}
+        groups = {
+            group: {field: _plain(value) for field, value in vars(getattr(self, group)).items()}
+            for group in GROUPS
+        }
         return {"name": self.name, **groups}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any], source: str = "configuration") -> AcceleratorConfig:
-        """The configuration in ``values``, as `to_dict` makes them; what is left out is as by default. ``source`` names the file in
-        errors."""
+        """The configuration in ``values``, as `to_dict` makes them; what is left out is as by default.
+        ``source`` names the file in errors."""
         if not isinstance(values, dict):
-            raise InputError(f"{source}: holds no configuration; it must be a JSON object of groups of fields")
+            raise InputError(
+                f"{source}: holds no configuration; it must be a JSON object of groups of fields"
+            )
         parts: dict[str, Any] = {}
         for key, value in values.items():
             if key == "name":
                 parts[key] = value
             elif key in GROUP_OF:
                 raise InputError(
-                    f"{source}: field {key} stands outside of its group, as before version 0.2; put it into {GROUP_OF[key]}, "
+                    f"{source}: field {key} stands outside of its group, as before version 0.2; put it into "
+                    f"{GROUP_OF[key]}, "
                     "or train the model again"
                 )
             elif key not in GROUPS:
@@ -745,7 +904,9 @@ class AcceleratorConfig:
                 unknown = sorted(field for field in value if GROUP_OF.get(field) != key)
                 if unknown:
                     known = ", ".join(field for field, group in GROUP_OF.items() if group == key)
-                    raise InputError(f"{source}, group {key}: unknown field {unknown[0]}; known fields are {known}")
+                    raise InputError(
+                        f"{source}, group {key}: unknown field {unknown[0]}; known fields are {known}"
+                    )
                 try:
                     parts[key] = GROUPS[key](**value)
                 except InputError as error:
@@ -768,7 +929,10 @@ class AcceleratorConfig:
         try:
             values = json.loads(path.read_text())
         except OSError as error:
-            raise InputError(f"configuration '{path}': {error.strerror}; give a preset ({', '.join(PRESETS)}) or a JSON file") from None
+            raise InputError(
+                f"configuration '{path}': {error.strerror}; give a preset ({', '.join(PRESETS)}) or a JSON "
+                "file"
+            ) from None
         except (ValueError, RecursionError) as error:
             raise InputError(f"configuration '{path}': is not JSON ({error})") from None
         return cls.from_dict(values, str(path))
@@ -784,7 +948,9 @@ def _of_every_image(image: Image) -> dict[str, Any]:
     """Fields outside of group ``image`` that have one value only in a network for images of this size."""
     height = image.height
     sensor: dict[str, Any] = dict(taxels=image.width, sample_bits=8, sample_signed=False, masked_taxels=())
-    gate: dict[str, Any] = dict(onset="immediate", window_mode="touch", pretrigger_frames=0, touch_frames=height)
+    gate: dict[str, Any] = dict(
+        onset="immediate", window_mode="touch", pretrigger_frames=0, touch_frames=height
+    )
     return sensor | gate | dict(hop=height, window=2 * height, steps=1, decision="last")
 
 
@@ -805,10 +971,21 @@ _THESIS_WINDOWS: dict[str, Any] = dict(
 
 PRESETS: dict[str, AcceleratorConfig] = {
     "thesis": AcceleratorConfig.of(
-        name="thesis", onset="band", band_low=25920, band_high=26880, rest="none", decision="last", **_THESIS_WINDOWS
+        name="thesis",
+        onset="band",
+        band_low=25920,
+        band_high=26880,
+        rest="none",
+        decision="last",
+        **_THESIS_WINDOWS,
     ),
     "synthetic": AcceleratorConfig.of(
-        name="synthetic", onset="baseline", rest="tracked", rest_frames=64, onset_threshold=120, **_THESIS_WINDOWS
+        name="synthetic",
+        onset="baseline",
+        rest="tracked",
+        rest_frames=64,
+        onset_threshold=120,
+        **_THESIS_WINDOWS,
     ),
     "pvdf": AcceleratorConfig.of(
         name="pvdf",

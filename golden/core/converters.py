@@ -1,7 +1,9 @@
-"""What is known of each converter, and what follows for one configuration: the plan that hardware and golden model share.
+"""What is known of each converter, and what follows for one configuration: the plan that hardware and golden
+model share.
 
-Facts are the data sheets'; where they leave something open, the slower or wider figure is taken. On a board with 3.3 V pins a converter
-runs at 3.3 V; one whose data sheet tells its limits for 2.7 V and 5 V only gets those for 2.7 V.
+Facts are the data sheets'; where they leave something open, the slower or wider figure is taken. On a board
+with 3.3 V pins a converter runs at 3.3 V; one whose data sheet tells its limits for 2.7 V and 5 V only gets
+those for 2.7 V.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ if TYPE_CHECKING:
     from eskin.golden.core.config import AcceleratorConfig
 
 RESERVE = 0.1
-"""Of a frame's time that a scan leaves free: the frame is handed on then, and the last taxel still belongs to this frame's instant."""
+"""Of a frame's time that a scan leaves free: the frame is handed on then, and the last taxel still belongs to
+this frame's instant."""
 LINES_MAX = 16
 """Data lines at most."""
 
@@ -41,11 +44,11 @@ class ConverterFault(IntFlag):
 class SpiChip:
     """A converter with a serial port, by its data sheet.
 
-    bits: clocks of a transfer. channels: of a chip. command: what channel 0 is asked for with, most significant bit first;
-    channel_bit: where in it the channel's number begins. delay: transfers from a command to its data. code_bit, code_bits: place
-    of the code in what comes back; tag_bit, tag_bits: of the channel's number (0 bits: none); zeros: bits that are 0 by the data
-    sheet. sclk_hz, conversions_hz: the most. high_s, lead_s: select high between transfers, and from its fall to the first clock,
-    at least.
+    bits: clocks of a transfer. channels: of a chip. command: what channel 0 is asked for with, most
+    significant bit first; channel_bit: where in it the channel's number begins. delay: transfers from a
+    command to its data. code_bit, code_bits: place of the code in what comes back; tag_bit, tag_bits: of the
+    channel's number (0 bits: none); zeros: bits that are 0 by the data sheet. sclk_hz, conversions_hz: the
+    most. high_s, lead_s: select high between transfers, and from its fall to the first clock, at least.
     """
 
     bits: int
@@ -65,7 +68,8 @@ class SpiChip:
 
 
 SPI_CHIPS: dict[str, SpiChip] = {
-    # manual mode 0001, DI11 set so that range and outputs are as asked for; the number comes back with the code, two transfers later
+    # manual mode 0001, DI11 set so that range and outputs are as asked for; the number comes back with the
+    # code, two transfers later
     "ads7953": SpiChip(
         bits=16,
         channels=16,
@@ -91,18 +95,22 @@ SPI_CHIPS: dict[str, SpiChip] = {
         high_s=500e-9,
         lead_s=100e-9,
     ),
-    "ad7476": SpiChip(bits=16, channels=1, zeros=0xF000, sclk_hz=20e6, conversions_hz=1e6, high_s=100e-9, lead_s=40e-9),
+    "ad7476": SpiChip(
+        bits=16, channels=1, zeros=0xF000, sclk_hz=20e6, conversions_hz=1e6, high_s=100e-9, lead_s=40e-9
+    ),
 }
-"""``mcp3208x2`` at 3.3 V: its limits at 2.7 V. ``high_s`` of the ads7953 and ad7476 are wider than their data sheets ask for."""
+"""``mcp3208x2`` at 3.3 V: its limits at 2.7 V. ``high_s`` of the ads7953 and ad7476 are wider than their data
+sheets ask for."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SpiPlan:
     """Transfers of one frame at one clock.
 
-    lines: data lines, whose chips share clock, command and select. selects: groups of chips asked one after the other, each with a select
-    line of its own. transfers: (group, command) of each transfer of a scan. half, lead, high: cycles of half an SCLK period, from the fall
-    of select to the first clock, and of select high.
+    lines: data lines, whose chips share clock, command and select. selects: groups of chips asked one after
+    the other, each with a select line of its own. transfers: (group, command) of each transfer of a scan.
+    half, lead, high: cycles of half an SCLK period, from the fall of select to the first clock, and of select
+    high.
     """
 
     chip: SpiChip
@@ -121,7 +129,9 @@ class SpiPlan:
         wires = {}
         for name, k in [*((name, 0) for name in said), *further]:
             wide = many.get(name, 1) > 1
-            wires[f"pins__{name}[{k}]" if wide else f"pins__{name}"] = f"{chip}, {said[name]}" + (f" {k}" if wide else "")
+            wires[f"pins__{name}[{k}]" if wide else f"pins__{name}"] = f"{chip}, {said[name]}" + (
+                f" {k}" if wide else ""
+            )
         return wires
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
@@ -152,8 +162,8 @@ class SpiPlan:
 
 
 def sample_clock(clock_hz: float, rate_hz: float) -> tuple[int, int]:
-    """(p, q) with p / q = rate / clock in lowest terms: p frames in q cycles. p = 1: every frame takes q cycles exactly; otherwise the
-    start of a scan is up to one cycle late."""
+    """(p, q) with p / q = rate / clock in lowest terms: p frames in q cycles. p = 1: every frame takes q
+    cycles exactly; otherwise the start of a scan is up to one cycle late."""
     ratio = Fraction(str(rate_hz)) / Fraction(str(clock_hz))
     return ratio.numerator, ratio.denominator
 
@@ -223,7 +233,10 @@ def spi_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> SpiPla
     lines = config.interface.data_lines or chips(config)
     selects = -(-chips(config) // lines)
     channels = min(chip.channels, config.sensor.taxels)
-    asked = [chip.command | channel << chip.channel_bit if chip.channels > 1 else chip.command for channel in range(channels)]
+    asked = [
+        chip.command | channel << chip.channel_bit if chip.channels > 1 else chip.command
+        for channel in range(channels)
+    ]
     words = asked + [0] * chip.delay
     sclk = min(chip.sclk_hz, config.interface.converter_hz or USUAL_HZ)
     half = half_period(clock, sclk)
@@ -281,43 +294,74 @@ def refusal(config: AcceleratorConfig) -> tuple[str, str] | None:
     chip, count = spi_chip(config), chips(config)
     per_chip = f"{chip.channels} channel{'s' * (chip.channels > 1)}"
     if interface.converter == "ads7953" and count > 1:
-        return "converter", f"is 'ads7953' with {taxels} taxels; it has 16 channels: use mcp3208x2 or spi with more lines, or fewer taxels"
+        return (
+            "converter",
+            f"is 'ads7953' with {taxels} taxels; it has 16 channels: use mcp3208x2 or spi with more lines, "
+            "or fewer taxels",
+        )
     if interface.converter == "mcp3208x2" and count > 2:
-        return "converter", f"is 'mcp3208x2' with {taxels} taxels; two chips have 16 channels: use fewer taxels or another converter"
+        return (
+            "converter",
+            f"is 'mcp3208x2' with {taxels} taxels; two chips have 16 channels: use fewer taxels or another "
+            "converter",
+        )
     lines = interface.data_lines or count
     if not 1 <= lines <= min(count, LINES_MAX):
         return (
             "data_lines",
-            f"is {interface.data_lines}; {taxels} taxels are {count} chips of {per_chip}: give 1 to {min(count, LINES_MAX)}",
+            f"is {interface.data_lines}; {taxels} taxels are {count} chips of {per_chip}: give 1 to "
+            f"{min(count, LINES_MAX)}",
         )
     if taxels % min(chip.channels, taxels):
         return "taxels", f"is {taxels}; chips of {per_chip} take a multiple of {chip.channels}"
     if count % lines:
         return "data_lines", f"is {lines} for {count} chips; give a number that divides them"
     if config.hardware.clock_hz < 2 * HALF_MIN * 1e5:
-        return "clock_hz", f"is {config.hardware.clock_hz:g}; an SPI converter needs at least {2 * HALF_MIN * 1e5:g}"
+        return (
+            "clock_hz",
+            f"is {config.hardware.clock_hz:g}; an SPI converter needs at least {2 * HALF_MIN * 1e5:g}",
+        )
     return _too_slow(config)
 
 
 def _wrong_frame(config: AcceleratorConfig) -> tuple[str, str] | None:
     one = config.interface
-    for name, low, bits in (("spi_code_bit", one.spi_code_bit, one.spi_code_bits), ("spi_tag_bit", one.spi_tag_bit, one.spi_tag_bits)):
+    for name, low, bits in (
+        ("spi_code_bit", one.spi_code_bit, one.spi_code_bits),
+        ("spi_tag_bit", one.spi_tag_bit, one.spi_tag_bits),
+    ):
         if low + bits > one.spi_frame_bits:
-            return name, f"is {low} with {bits} bits; they must lie in the {one.spi_frame_bits} bits of a frame"
+            return (
+                name,
+                f"is {low} with {bits} bits; they must lie in the {one.spi_frame_bits} bits of a frame",
+            )
     for name, value in (("spi_command", one.spi_command), ("spi_zeros", one.spi_zeros)):
         if value >> one.spi_frame_bits:
             return name, f"is {value:#x}; a frame has {one.spi_frame_bits} bits"
-    if one.spi_channels > 1 and one.spi_channel_bit + (one.spi_channels - 1).bit_length() > one.spi_frame_bits:
-        return "spi_channel_bit", f"is {one.spi_channel_bit}; the channel's number must lie in the {one.spi_frame_bits} bits of a frame"
-    if one.spi_channels > 1 and not one.spi_delay and one.spi_channel_bit < one.spi_code_bit + one.spi_code_bits:
+    if (
+        one.spi_channels > 1
+        and one.spi_channel_bit + (one.spi_channels - 1).bit_length() > one.spi_frame_bits
+    ):
+        return (
+            "spi_channel_bit",
+            f"is {one.spi_channel_bit}; the channel's number must lie in the {one.spi_frame_bits} bits of a "
+            "frame",
+        )
+    if (
+        one.spi_channels > 1
+        and not one.spi_delay
+        and one.spi_channel_bit < one.spi_code_bit + one.spi_code_bits
+    ):
         return "spi_channel_bit", (
-            f"is {one.spi_channel_bit} with the code's first bit at {one.spi_code_bit + one.spi_code_bits - 1}; a code that comes in its "
+            f"is {one.spi_channel_bit} with the code's first bit at "
+            f"{one.spi_code_bit + one.spi_code_bits - 1}; a code that comes in its "
             "command's own transfer must come after the channel's number: put it higher, or give spi_delay"
         )
     if one.spi_tag_bits and one.spi_channels > 1 << one.spi_tag_bits:
         return (
             "spi_tag_bits",
-            f"is {one.spi_tag_bits}; {one.spi_channels} channels need {(one.spi_channels - 1).bit_length()}, or 0 for none",
+            f"is {one.spi_tag_bits}; {one.spi_channels} channels need "
+            f"{(one.spi_channels - 1).bit_length()}, or 0 for none",
         )
     return None
 
@@ -335,13 +379,17 @@ def _too_slow(config: AcceleratorConfig) -> tuple[str, str] | None:
     for lines in range(plan.lines + 1, count + 1):
         parallel = spi_plan(_with(config, data_lines=lines))
         if count % lines == 0 and parallel.scan_cycles / clock <= left:
-            helps.append(f"data_lines {lines} (chips side by side) takes {1e6 * parallel.scan_cycles / clock:.0f} us")
+            helps.append(
+                f"data_lines {lines} (chips side by side) takes {1e6 * parallel.scan_cycles / clock:.0f} us"
+            )
             break
     chip = spi_chip(config)
     if chip.sclk_hz > clock / plan.half / 2:
         faster = _with(config, converter_hz=chip.sclk_hz)
         if spi_plan(faster).scan_cycles / clock <= left:
-            helps.append(f"converter_hz {chip.sclk_hz:g} takes {1e6 * spi_plan(faster).scan_cycles / clock:.0f} us")
+            helps.append(
+                f"converter_hz {chip.sclk_hz:g} takes {1e6 * spi_plan(faster).scan_cycles / clock:.0f} us"
+            )
     if config.interface.converter != "ads7953" and config.sensor.taxels <= 16 and not helps:
         fast = spi_plan(_with(config, converter="ads7953", data_lines=0, converter_hz=0.0))
         if fast.scan_cycles / clock <= left:
@@ -349,14 +397,17 @@ def _too_slow(config: AcceleratorConfig) -> tuple[str, str] | None:
     helps.append(f"a rate of at most {most} Hz works as it is")
     series = f" of {plan.selects} chips in series" if plan.selects > 1 else ""
     return "converter", (
-        f"is '{config.interface.converter}', which cannot keep up: {len(plan.transfers)} transfers{series} at "
-        f"{clock / plan.half / 2 / 1e6:.3g} MHz take {1e6 * took:.0f} us, and of {1e6 / rate:.0f} us a frame at {rate:g} Hz "
+        f"is '{config.interface.converter}', which cannot keep up: {len(plan.transfers)} transfers{series} "
+        "at "
+        f"{clock / plan.half / 2 / 1e6:.3g} MHz take {1e6 * took:.0f} us, and of {1e6 / rate:.0f} us a "
+        f"frame at {rate:g} Hz "
         f"{1e6 * left:.0f} may be used; {', or '.join(helps)}"
     )
 
 
 class _Changed:
-    """A configuration seen with other fields of its interface, without the checks that would refuse it while they are made."""
+    """A configuration seen with other fields of its interface, without the checks that would refuse it while
+    they are made."""
 
     def __init__(self, config: AcceleratorConfig, interface) -> None:
         self.sensor, self.hardware, self.interface = config.sensor, config.hardware, interface

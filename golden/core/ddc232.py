@@ -1,7 +1,9 @@
-"""The DDC232 of Texas Instruments, 32 current inputs of 20 bits: what its data sheet (SBAS331) says, and the plan for one configuration.
+"""The DDC232 of Texas Instruments, 32 current inputs of 20 bits: what its data sheet (SBAS331) says, and the
+plan for one configuration.
 
-Where the sheet's copies differ or say nothing, a field of the configuration tells it, or the slower figure is taken: DVALID at most
-`Interface.ddc_dvalid_clocks` clocks after CONV, either order of channels, milliseconds after reset.
+Where the sheet's copies differ or say nothing, a field of the configuration tells it, or the slower figure is
+taken: DVALID at most `Interface.ddc_dvalid_clocks` clocks after CONV, either order of channels, milliseconds
+after reset.
 """
 
 from __future__ import annotations
@@ -39,9 +41,10 @@ ZERO = {20: 0x01000, 16: 0x0100}
 class DdcPlan:
     """What the controller does at one clock.
 
-    configuration: the 12 bits, first bit highest. bits: of a code. places: taxel of each word that is read, in their order; None: not
-    wired. clk_half, half: cycles of half a period of its clock and of the data clock. wait, quiet: cycles. deadline: from an edge of
-    CONV; a DVALID that comes later leaves no time to read. dvalid: cycles in which it comes by the data sheet.
+    configuration: the 12 bits, first bit highest. bits: of a code. places: taxel of each word that is read,
+    in their order; None: not wired. clk_half, half: cycles of half a period of its clock and of the data
+    clock. wait, quiet: cycles. deadline: from an edge of CONV; a DVALID that comes later leaves no time to
+    read. dvalid: cycles in which it comes by the data sheet.
     """
 
     configuration: int
@@ -102,23 +105,40 @@ def ddc_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> DdcPla
         half=half,
         wait=math.ceil(WAIT_S * clock),
         quiet=quiet,
-        dvalid=one.ddc_dvalid_clocks * 2 * clk_half + 6,  # an edge of CONV waits for its clock; DVALID crosses two flip-flops
+        dvalid=one.ddc_dvalid_clocks * 2 * clk_half
+        + 6,  # an edge of CONV waits for its clock; DVALID crosses two flip-flops
     )
     read = DdcPlan(deadline=0, **known).read_cycles  # type: ignore[arg-type]
     return DdcPlan(deadline=math.floor(clock / config.sensor.sample_rate_hz) - quiet - read, **known)  # type: ignore[arg-type]
 
 
 def ddc_refusal(config: AcceleratorConfig, changed) -> tuple[str, str] | None:
-    """(field, why) where it cannot deliver these frames; ``changed(**fields)`` is the configuration with others, unchecked."""
-    one, taxels, clock, rate = config.interface, config.sensor.taxels, config.hardware.clock_hz, config.sensor.sample_rate_hz
+    """(field, why) where it cannot deliver these frames; ``changed(**fields)`` is the configuration with
+    others, unchecked."""
+    one, taxels, clock, rate = (
+        config.interface,
+        config.sensor.taxels,
+        config.hardware.clock_hz,
+        config.sensor.sample_rate_hz,
+    )
     if taxels > CHANNELS:
         return "taxels", f"is {taxels}; a DDC232 has {CHANNELS} inputs: use fewer taxels or another converter"
     if one.ddc_first and one.ddc_first + taxels - 1 > CHANNELS:
-        return "ddc_first", f"is {one.ddc_first} with {taxels} taxels; inputs end at {CHANNELS}: give at most {CHANNELS + 1 - taxels}"
+        return (
+            "ddc_first",
+            f"is {one.ddc_first} with {taxels} taxels; inputs end at {CHANNELS}: give at most "
+            f"{CHANNELS + 1 - taxels}",
+        )
     if one.converter_hz > DCLK_HZ:
-        return "converter_hz", f"is {one.converter_hz:g}; the data clock of a DDC232 has at most {DCLK_HZ:g} Hz here"
+        return (
+            "converter_hz",
+            f"is {one.converter_hz:g}; the data clock of a DDC232 has at most {DCLK_HZ:g} Hz here",
+        )
     if rate > RATE_HZ:
-        return "sample_rate_hz", f"is {rate:g}; a DDC232 integrates for 166.5 us at least: give at most {math.floor(RATE_HZ)}"
+        return (
+            "sample_rate_hz",
+            f"is {rate:g}; a DDC232 integrates for 166.5 us at least: give at most {math.floor(RATE_HZ)}",
+        )
 
     def late(other) -> int:
         plan = ddc_plan(other)
@@ -129,17 +149,32 @@ def ddc_refusal(config: AcceleratorConfig, changed) -> tuple[str, str] | None:
     plan = ddc_plan(config)
     wiring = {"ddc_first": 0} if plan.places.count(None) else {}
     ways: list[dict] = [wiring] if wiring else []
-    ways += [{"converter_hz": clock / 2 / half} for half in range(plan.half - 1, 1, -1) if clock / 2 / half <= DCLK_HZ]
+    ways += [
+        {"converter_hz": clock / 2 / half}
+        for half in range(plan.half - 1, 1, -1)
+        if clock / 2 / half <= DCLK_HZ
+    ]
     fastest = {"converter_hz": min(DCLK_HZ, clock / 4)}
-    ways += [{"ddc_bits": 16}, {"ddc_version": "CK"}, {"ddc_version": "CK"} | fastest, {"ddc_bits": 16} | fastest]
+    ways += [
+        {"ddc_bits": 16},
+        {"ddc_version": "CK"},
+        {"ddc_version": "CK"} | fastest,
+        {"ddc_bits": 16} | fastest,
+    ]
     works = (way for way in ways if late(changed(**way)) <= 0)
-    helps = [" and ".join(f"{k} {v:.0f}" if isinstance(v, float) else f"{k} {v}" for k, v in way.items()) for way in works]
+    helps = [
+        " and ".join(f"{k} {v:.0f}" if isinstance(v, float) else f"{k} {v}" for k, v in way.items())
+        for way in works
+    ]
     most = math.floor(clock / (plan.dvalid + plan.read_cycles + plan.quiet + 1))
     helps = [*helps[:2], f"a rate of at most {most} Hz works as it is"]
     us = 1e6 / clock
     return "converter", (
-        f"is 'ddc232', which cannot keep up: DVALID comes up to {plan.dvalid * us:.0f} us after CONV (version {one.ddc_version} at "
-        f"{clock / plan.clk_half / 2e6:.3g} MHz), {len(plan.places)} words of {plan.bits} bits at {clock / plan.half / 2e6:.3g} MHz take "
-        f"{plan.read_cycles * us:.0f} us and 10 us before the next CONV are quiet, of {1e6 / rate:.0f} us a frame at {rate:g} Hz; "
+        f"is 'ddc232', which cannot keep up: DVALID comes up to {plan.dvalid * us:.0f} us after CONV "
+        f"(version {one.ddc_version} at "
+        f"{clock / plan.clk_half / 2e6:.3g} MHz), {len(plan.places)} words of {plan.bits} bits at "
+        f"{clock / plan.half / 2e6:.3g} MHz take "
+        f"{plan.read_cycles * us:.0f} us and 10 us before the next CONV are quiet, of {1e6 / rate:.0f} us a "
+        f"frame at {rate:g} Hz; "
         f"{', or '.join(helps)}"
     )

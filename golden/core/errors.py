@@ -29,4 +29,6 @@ def array_of(values: Any, name: str) -> np.ndarray:
     try:
         return np.asarray(values)
     except (TypeError, ValueError, KeyError):
-        raise InputError(f"{name}: {type(values).__name__} is no array of numbers; give rows of one length") from None
+        raise InputError(
+            f"{name}: {type(values).__name__} is no array of numbers; give rows of one length"
+        ) from None

@@ -42,8 +42,8 @@ def check_target(path: str | Path | None) -> None:
 
 @contextlib.contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
-    """A temporary file in ``path``'s folder (made if missing) that takes the name ``path`` when the block ends without an error; who may
-    read it is as for any new file of the process (its umask).
+    """A temporary file in ``path``'s folder (made if missing) that takes the name ``path`` when the block
+    ends without an error; who may read it is as for any new file of the process (its umask).
 
     Raises
     ------
@@ -67,8 +67,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def replacing_folder(folder: str | Path) -> Iterator[Path]:
-    """A new folder beside ``folder`` (its parent made if missing) that takes its name when the block ends without an error; who may read
-    it is as for any new folder of the process (its umask).
+    """A new folder beside ``folder`` (its parent made if missing) that takes its name when the block ends
+    without an error; who may read it is as for any new folder of the process (its umask).
 
     What may be replaced is for the caller to decide.
 
@@ -97,7 +97,8 @@ def exchange(fresh: Path, folder: Path, old: Path) -> None:
     OSError
         It cannot; ``folder`` is as it was.
     """
-    # a folder with content cannot be renamed over: the old one steps aside for the moment between two renames, one process at a time
+    # a folder with content cannot be renamed over: the old one steps aside for the moment between two
+    # renames, one process at a time
     parent = os.open(folder.absolute().parent, os.O_RDONLY)
     try:
         fcntl.flock(parent, fcntl.LOCK_EX)
@@ -121,7 +122,8 @@ def write_json(path: str | Path, value: Any) -> None:
 
 
 class ArchiveError(ValueError):
-    """An ``.npz`` that cannot be read. member: the array at fault, empty: the archive itself; the message says what is wrong with it."""
+    """An ``.npz`` that cannot be read. member: the array at fault, empty: the archive itself; the message
+    says what is wrong with it."""
 
     def __init__(self, why: str, member: str = "") -> None:
         super().__init__(why)
@@ -138,16 +140,21 @@ def check_unpacked(archive: zipfile.ZipFile) -> None:
     """
     unpacked = sum(entry.file_size for entry in archive.infolist())
     if unpacked > MOST_UNPACKED_BYTES:
-        raise ArchiveError(f"unpacks to {unpacked / 1e9:.3g} GB, more than the {MOST_UNPACKED_BYTES / 1e9:.3g} GB that are read")
+        raise ArchiveError(
+            f"unpacks to {unpacked / 1e9:.3g} GB, more than the {MOST_UNPACKED_BYTES / 1e9:.3g} GB that are "
+            "read"
+        )
 
 
 def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
-    """Every array of an ``.npz`` archive by name; members that are no arrays are left out. No pickle is ever read.
+    """Every array of an ``.npz`` archive by name; members that are no arrays are left out. No pickle is ever
+    read.
 
     Raises
     ------
     ArchiveError
-        It is no regular file or no archive, damaged, unpacks to more than MOST_UNPACKED_BYTES, or holds Python objects.
+        It is no regular file or no archive, damaged, unpacks to more than MOST_UNPACKED_BYTES, or holds
+        Python objects.
     OSError
         It is not there or may not be read.
     """
@@ -170,7 +177,9 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
                     arrays[member] = value
         except ArchiveError:
             raise
-        except Exception as error:  # a damaged file can fail anywhere inside numpy's, zipfile's and zlib's readers
+        except (
+            Exception
+        ) as error:  # a damaged file can fail anywhere inside numpy's, zipfile's and zlib's readers
             if "Object arrays" in str(error):
                 raise ArchiveError("holds Python objects, which need a pickle", member) from None
             if not member and "pickle" in str(error):

@@ -1,7 +1,8 @@
 """Fixed point: formats and the arithmetic that defines rounding and overflow, in plain integers.
 
-This file is the definition shared by the golden model and the hardware (docs/specification.md, section 1). Words are the field's:
-TRN drops bits (floor), RND adds half an LSB first (half up), RND_CONV rounds half to even; WRAP keeps the low bits, SAT clamps.
+This file is the definition shared by the golden model and the hardware (docs/specification.md, section 1).
+Words are the field's: TRN drops bits (floor), RND adds half an LSB first (half up), RND_CONV rounds half to
+even; WRAP keeps the low bits, SAT clamps.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ Overflow = Literal["WRAP", "SAT"]
 
 @dataclass(frozen=True)
 class QFormat:
-    """A two's-complement fixed-point format, printed ``SQ(int, frac)``; the value of a code is ``code / 2**frac``.
+    """A two's-complement fixed-point format, printed ``SQ(int, frac)``; the value of a code is ``code /
+    2**frac``.
 
     Parameters
     ----------
@@ -67,9 +69,14 @@ class QFormat:
         return max(-self.min_code, self.max_code)
 
     def quantise(self, value, *, rounding: Rounding = "RND_CONV"):
-        """Codes (int64) nearest to real ``value``, saturated. For constants made offline, never in a datapath."""
+        """Codes (int64) nearest to real ``value``, saturated. For constants made offline, never in a
+        datapath."""
         scaled = np.asarray(value, dtype=np.float64) * 2.0**self.frac_bits
-        rounders: dict[str, Callable[[np.ndarray], np.ndarray]] = {"RND_CONV": np.rint, "TRN": np.floor, "RND": lambda v: np.floor(v + 0.5)}
+        rounders: dict[str, Callable[[np.ndarray], np.ndarray]] = {
+            "RND_CONV": np.rint,
+            "TRN": np.floor,
+            "RND": lambda v: np.floor(v + 0.5),
+        }
         rounded = rounders[rounding](scaled)
         return np.clip(rounded, self.min_code, self.max_code).astype(np.int64)
 

@@ -1,4 +1,5 @@
-"""The groups of a configuration's fields, each checking itself; what ties groups together is checked in config.py.
+"""The groups of a configuration's fields, each checking itself; what ties groups together is checked in
+config.py.
 
 Types, ranges and words to choose from stand in the annotations, where pydantic checks them.
 """
@@ -95,7 +96,8 @@ ImageMap = Annotated[_Format, AfterValidator(_image_map)]
 
 
 class Group:
-    """Fields that belong together. On construction every field is held against its annotation, then `check` against the others."""
+    """Fields that belong together. On construction every field is held against its annotation, then `check`
+    against the others."""
 
     def __post_init__(self) -> None:
         for name, adapter in _adapters(type(self)).items():  # type: ignore[arg-type]  # a class is hashable whatever its instances are
@@ -103,7 +105,9 @@ class Group:
             try:
                 object.__setattr__(self, name, adapter.validate_python(value))
             except ValidationError as error:
-                raise self.refused(name, f"is {_shown(value)}; {_in_words(error, type(self), name)}") from None
+                raise self.refused(
+                    name, f"is {_shown(value)}; {_in_words(error, type(self), name)}"
+                ) from None
         self.check()
 
     def check(self) -> None:
@@ -141,10 +145,18 @@ def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
     if kind == "string_type":
         return "give text"
     if kind.startswith(("greater_than", "less_than")):
-        bounds = next(part for part in get_args(get_type_hints(group, include_extras=True)[field]) if isinstance(part, Interval | Ge | Gt))
+        bounds = next(
+            part
+            for part in get_args(get_type_hints(group, include_extras=True)[field])
+            if isinstance(part, Interval | Ge | Gt)
+        )
         if isinstance(bounds, Gt):
             return f"it must be above {bounds.gt}"
-        return f"it must be at least {bounds.ge}" if isinstance(bounds, Ge) else f"it must lie in {bounds.ge}..{bounds.le}"
+        return (
+            f"it must be at least {bounds.ge}"
+            if isinstance(bounds, Ge)
+            else f"it must lie in {bounds.ge}..{bounds.le}"
+        )
     if kind == "is_instance_of":
         return "give a format, SQ(3,5) say"
     if kind == "literal_error":
@@ -160,8 +172,9 @@ def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
 class Sensor(Group):
     """What delivers frames.
 
-    taxels; sample_rate_hz (frames a second); sample_bits, sample_signed (A/D code); volt_per_code (volt, 0 when the recordings are not
-    voltages); masked_taxels (taxel indices, from 0, that are out of use at reset).
+    taxels; sample_rate_hz (frames a second); sample_bits, sample_signed (A/D code); volt_per_code (volt, 0
+    when the recordings are not voltages); masked_taxels (taxel indices, from 0, that are out of use at
+    reset).
     """
 
     taxels: Annotated[StrictInt, Interval(ge=4, le=160)] = 16
@@ -182,8 +195,9 @@ class Sensor(Group):
 class RestLevel(Group):
     """What deviations are counted from.
 
-    rest: ``none`` (0), ``tracked`` (mean of the first rest_frames frames, then 1/16 code a frame by sign, frozen during a touch) or
-    ``initial`` (mean of the first rest_frames, then frozen). clip: codes; a deviation from rest is held within +-clip, 0 = no clip.
+    rest: ``none`` (0), ``tracked`` (mean of the first rest_frames frames, then 1/16 code a frame by sign,
+    frozen during a touch) or ``initial`` (mean of the first rest_frames, then frozen). clip: codes; a
+    deviation from rest is held within +-clip, 0 = no clip.
     """
 
     rest: Rest = "none"
@@ -193,7 +207,9 @@ class RestLevel(Group):
     def check(self) -> None:
         if (self.rest == "none") != (self.rest_frames == 0):
             raise self.refused(
-                "rest_frames", f"is {self.rest_frames} with rest '{self.rest}'; rest none has 0 frames, the others at least 1"
+                "rest_frames",
+                f"is {self.rest_frames} with rest '{self.rest}'; rest none has 0 frames, the others at "
+                "least 1",
             )
 
 
@@ -201,10 +217,11 @@ class RestLevel(Group):
 class Onset(Group):
     """When a touch begins.
 
-    onset: ``band`` (any taxel outside band_low..band_high, codes), ``baseline`` (every onset_check_frames frames, any taxel whose mean
-    deviation over onset_mean_frames exceeds onset_threshold codes) or ``immediate`` (gate open from frame 1, one touch).
-    rearm_frames: quiet frames before the next touch may begin. onset_hits of onset_span: judged frames out of the last so many in which
-    the rule must hold (M of K); 1 of 1 = at once.
+    onset: ``band`` (any taxel outside band_low..band_high, codes), ``baseline`` (every onset_check_frames
+    frames, any taxel whose mean deviation over onset_mean_frames exceeds onset_threshold codes) or
+    ``immediate`` (gate open from frame 1, one touch). rearm_frames: quiet frames before the next touch may
+    begin. onset_hits of onset_span: judged frames out of the last so many in which the rule must hold (M of
+    K); 1 of 1 = at once.
     """
 
     onset: OnsetRule = "band"
@@ -221,19 +238,29 @@ class Onset(Group):
         if self.onset_hits > self.onset_span:
             raise self.refused("onset_hits", f"is {self.onset_hits}; it must lie in 1..{self.onset_span}")
         if self.onset == "baseline":
-            blocks, remainder = divmod(self.onset_mean_frames, self.onset_check_frames) if self.onset_check_frames > 0 else (0, 1)
+            blocks, remainder = (
+                divmod(self.onset_mean_frames, self.onset_check_frames)
+                if self.onset_check_frames > 0
+                else (0, 1)
+            )
             if remainder or blocks not in (1, 2, 4, 8):
-                raise self.refused("onset_mean_frames", f"is {self.onset_mean_frames}; it must be 1, 2, 4 or 8 times onset_check_frames")
+                raise self.refused(
+                    "onset_mean_frames",
+                    f"is {self.onset_mean_frames}; it must be 1, 2, 4 or 8 times onset_check_frames",
+                )
             if self.onset_check_frames & (self.onset_check_frames - 1):
-                raise self.refused("onset_check_frames", f"is {self.onset_check_frames}; it must be a power of two")
+                raise self.refused(
+                    "onset_check_frames", f"is {self.onset_check_frames}; it must be a power of two"
+                )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Faults(Group):
     """The fault detector.
 
-    fault_frames: length of the blocks in which every taxel is judged stuck, silent or saturated, and masked then; 0 = no detector.
-    fault_activity: codes; a taxel whose samples change by no more than this in a whole block, added up, has failed.
+    fault_frames: length of the blocks in which every taxel is judged stuck, silent or saturated, and masked
+    then; 0 = no detector. fault_activity: codes; a taxel whose samples change by no more than this in a whole
+    block, added up, has failed.
     """
 
     fault_frames: Annotated[StrictInt, Interval(ge=0, le=4096)] = 0
@@ -241,15 +268,17 @@ class Faults(Group):
 
     def check(self) -> None:
         if self.fault_frames & (self.fault_frames - 1) or self.fault_frames == 1:
-            raise self.refused("fault_frames", f"is {self.fault_frames}; it must be 0 or a power of two from 2 on")
+            raise self.refused(
+                "fault_frames", f"is {self.fault_frames}; it must be 0 or a power of two from 2 on"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Windows(Group):
     """Where windows lie, and how many a touch has.
 
-    window_mode: ``touch`` (hops start pretrigger_frames before the onset; windows clipped at touch_frames) or ``free`` (hops run from
-    arm). hop, window: frames; steps: windows, so steps of the network, a touch.
+    window_mode: ``touch`` (hops start pretrigger_frames before the onset; windows clipped at touch_frames) or
+    ``free`` (hops run from arm). hop, window: frames; steps: windows, so steps of the network, a touch.
     """
 
     window_mode: WindowMode = "touch"
@@ -261,15 +290,23 @@ class Windows(Group):
 
     def check(self) -> None:
         if self.window not in (2 * self.hop, 2 * self.hop + 1):
-            raise self.refused("window", f"is {self.window} at hop {self.hop}; a window is 2 hop or 2 hop + 1 frames")
+            raise self.refused(
+                "window", f"is {self.window} at hop {self.hop}; a window is 2 hop or 2 hop + 1 frames"
+            )
         if self.window_mode == "free":
             if self.window != 2 * self.hop:
-                raise self.refused("window", f"is {self.window}; free-running windows are 2 hop = {2 * self.hop} frames")
+                raise self.refused(
+                    "window", f"is {self.window}; free-running windows are 2 hop = {2 * self.hop} frames"
+                )
             if self.pretrigger_frames:
-                raise self.refused("pretrigger_frames", "must be 0 with free-running windows, which keep no raw frames")
+                raise self.refused(
+                    "pretrigger_frames", "must be 0 with free-running windows, which keep no raw frames"
+                )
         elif self.hop * (self.steps - 1) + 1 > self.touch_frames:
             raise self.refused(
-                "steps", f"is {self.steps}: window {self.steps} would begin after frame {self.touch_frames}; lower steps or hop"
+                "steps",
+                f"is {self.steps}: window {self.steps} would begin after frame {self.touch_frames}; lower "
+                "steps or hop",
             )
 
 
@@ -277,17 +314,19 @@ class Windows(Group):
 class Features(Group):
     """From window sums to what the network reads.
 
-    compand: ``none``, or ``log``: sums are companded before the normaliser, to log2(1 + |sum| / 2**compand_knee) with its sign, straight
-    between powers of two, compand_frac fraction bits.
+    compand: ``none``, or ``log``: sums are companded before the normaliser, to log2(1 + |sum| /
+    2**compand_knee) with its sign, straight between powers of two, compand_frac fraction bits.
 
-    feature_kinds: what a window gives for each taxel, any of ``mean`` (the sum of its deviations), ``activity`` (how much they move inside
-    it) and ``integral`` (their sum since the touch's first window began, companded), in this order. activity_rule: the window's sum over
-    blocks of activity_block frames of the absolute block ``sum``, or of the absolute ``change`` from the block before. integral_knee,
-    integral_frac: the integral is companded to log2(1 + |d| / 2**integral_knee) with integral_frac fraction bits. feature_scale: a mean and
-    scale for each kind for the whole ``array``, or for each ``taxel``.
+    feature_kinds: what a window gives for each taxel, any of ``mean`` (the sum of its deviations),
+    ``activity`` (how much they move inside it) and ``integral`` (their sum since the touch's first window
+    began, companded), in this order. activity_rule: the window's sum over blocks of activity_block frames of
+    the absolute block ``sum``, or of the absolute ``change`` from the block before. integral_knee,
+    integral_frac: the integral is companded to log2(1 + |d| / 2**integral_knee) with integral_frac fraction
+    bits. feature_scale: a mean and scale for each kind for the whole ``array``, or for each ``taxel``.
 
-    feature_shift: bits dropped from (sum - mean) for each distinct window length and, of each, each kind of feature (all kinds of the first
-    length first). aligned_means: these bits are 0 in every mean, so that hardware does without them; one shift for every length then.
+    feature_shift: bits dropped from (sum - mean) for each distinct window length and, of each, each kind of
+    feature (all kinds of the first length first). aligned_means: these bits are 0 in every mean, so that
+    hardware does without them; one shift for every length then.
     """
 
     compand: Compand = "none"
@@ -307,27 +346,36 @@ class Features(Group):
             raise self.refused("feature_kinds", f"is empty; name one or more of {', '.join(FEATURE_KINDS)}")
         if self.feature_kinds != tuple(kind for kind in FEATURE_KINDS if kind in self.feature_kinds):
             raise self.refused(
-                "feature_kinds", f"is {', '.join(self.feature_kinds)}; name each kind once, in the order {', '.join(FEATURE_KINDS)}"
+                "feature_kinds",
+                f"is {', '.join(self.feature_kinds)}; name each kind once, in the order "
+                f"{', '.join(FEATURE_KINDS)}",
             )
         if self.compand == "log" and self.feature_kinds == ("integral",):
-            raise self.refused("compand", "is 'log' with integrals alone, which are companded by themselves; use 'none'")
+            raise self.refused(
+                "compand", "is 'log' with integrals alone, which are companded by themselves; use 'none'"
+            )
         if self.aligned_means and (len(self.feature_kinds) > 1 or self.feature_scale == "taxel"):
             raise self.refused(
-                "aligned_means", "is for one mean a window length; leave it out with several kinds of feature or a scale a taxel"
+                "aligned_means",
+                "is for one mean a window length; leave it out with several kinds of feature or a scale a "
+                "taxel",
             )
         if self.aligned_means and len(set(self.feature_shift)) > 1:
-            raise self.refused("aligned_means", f"needs one feature_shift for every window length, not {self.feature_shift}")
+            raise self.refused(
+                "aligned_means", f"needs one feature_shift for every window length, not {self.feature_shift}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Network(Group):
     """The classifier and how it decides.
 
-    cell (``image``: the layers of group image); weight_sets (linear only): weights of its own for every ``window``, or ``one`` set for all
-    of them; reset (GRU only); gate_activation and hidden (gru, lstm); class_names; decision: the global one by ``vote``, by the
-    ``last`` step, or ``early``: by the first step at which the last early_steps local decisions agree, each with a margin of at least
-    early_margin (logit LSBs); by the last step where that never comes; margin_threshold: a global decision of a smaller margin is not
-    confident; 0 = every one is.
+    cell (``image``: the layers of group image); weight_sets (linear only): weights of its own for every
+    ``window``, or ``one`` set for all of them; reset (GRU only); gate_activation and hidden (gru, lstm);
+    class_names; decision: the global one by ``vote``, by the ``last`` step, or ``early``: by the first step
+    at which the last early_steps local decisions agree, each with a margin of at least early_margin (logit
+    LSBs); by the last step where that never comes; margin_threshold: a global decision of a smaller margin is
+    not confident; 0 = every one is.
     """
 
     cell: Cell = "gru"
@@ -350,12 +398,14 @@ class Network(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Image(Group):
-    """A network for images, in place of a cell that reads windows; nothing of it is there while layers is empty.
+    """A network for images, in place of a cell that reads windows; nothing of it is there while layers is
+    empty.
 
-    height, width: pixels of an image, which comes as height frames of width samples. layers: from the image on, each ``conv K N``
-    (kernel K x K of 1, 3 or 5, N channels, ReLU), ``pool`` (behind a convolution, 2 x 2) or ``dense N``; the last is ``dense`` with an
-    output for each class. weight_formats: of each layer that has weights, 4 or 8 bits; map_formats: of what each of them but the last
-    gives, 8 bits unsigned. Both are empty until the model is quantised; the last layer gives logits in ``logit_format``.
+    height, width: pixels of an image, which comes as height frames of width samples. layers: from the image
+    on, each ``conv K N`` (kernel K x K of 1, 3 or 5, N channels, ReLU), ``pool`` (behind a convolution, 2 x
+    2) or ``dense N``; the last is ``dense`` with an output for each class. weight_formats: of each layer that
+    has weights, 4 or 8 bits; map_formats: of what each of them but the last gives, 8 bits unsigned. Both are
+    empty until the model is quantised; the last layer gives logits in ``logit_format``.
     """
 
     height: Annotated[StrictInt, Interval(ge=0, le=256)] = 0
@@ -380,7 +430,9 @@ class Image(Group):
         for field, wanted in (("weight_formats", weighted), ("map_formats", weighted - 1)):
             given = len(getattr(self, field))
             if given != (wanted if self.weight_formats else 0):
-                raise self.refused(field, f"has {given} formats for {wanted} layers that have one; quantise the model again")
+                raise self.refused(
+                    field, f"has {given} formats for {wanted} layers that have one; quantise the model again"
+                )
 
     def stages(self) -> tuple[Stage, ...]:
         """Every layer with the shapes of its maps."""
@@ -389,9 +441,10 @@ class Image(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Formats(Group):
-    """Number formats: weight_format (input weights), recurrent_format, dense_format, bias_format, dense_bias_format, feature_format,
-    state_format, gate_frac (gate codes are 0..2**gate_frac), logit_format, table_entries (over +-8). A linear cell has of these
-    dense_format, dense_bias_format, feature_format, gate_frac (the normaliser's) and logit_format."""
+    """Number formats: weight_format (input weights), recurrent_format, dense_format, bias_format,
+    dense_bias_format, feature_format, state_format, gate_frac (gate codes are 0..2**gate_frac), logit_format,
+    table_entries (over +-8). A linear cell has of these dense_format, dense_bias_format, feature_format,
+    gate_frac (the normaliser's) and logit_format."""
 
     weight_format: Weight = QFormat(3, 5)
     recurrent_format: Weight = QFormat(3, 5)
@@ -407,11 +460,13 @@ class Formats(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Hardware(Group):
-    """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the host bus; False: ROM);
-    clock_hz; checksum (memories and registers are checked as they are used, a fault raises a flag); watchdog (a chain that hangs goes
-    back to idle); one_port (no memory of the pre-trigger ring is read and written in one cycle, as a chip's macros of one port want);
-    clock_gate (the clock stops while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights in the large
-    memories of an iCE40 UP5K, fewer block memories; ``eskin build`` does so by itself where these run out)."""
+    """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the
+    host bus; False: ROM); clock_hz; checksum (memories and registers are checked as they are used, a fault
+    raises a flag); watchdog (a chain that hangs goes back to idle); one_port (no memory of the pre-trigger
+    ring is read and written in one cycle, as a chip's macros of one port want); clock_gate (the clock stops
+    while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights in the large
+    memories of an iCE40 UP5K, fewer block memories; ``eskin build`` does so by itself where these run
+    out)."""
 
     lanes: Annotated[StrictInt, Interval(ge=1, le=64)] = 4
     lane_type: LaneType = "plain"
@@ -426,47 +481,57 @@ class Hardware(Group):
     def check(self) -> None:
         if self.lane_type == "serial" and self.lanes > 1:
             raise self.refused(
-                "lanes", f"is {self.lanes} and lane_type is 'serial', of which one lane is built; take lanes 1, or plain or dsp lanes"
+                "lanes",
+                f"is {self.lanes} and lane_type is 'serial', of which one lane is built; take lanes 1, or "
+                "plain or dsp lanes",
             )
         if self.lane_type == "dsp" and self.clock_gate:
             raise self.refused(
-                "clock_gate", "stops the clock of a chip, and lane_type is 'dsp', a part of FPGAs; take plain lanes or leave it out"
+                "clock_gate",
+                "stops the clock of a chip, and lane_type is 'dsp', a part of FPGAs; take plain lanes or "
+                "leave it out",
             )
         if self.lane_type == "serial" and self.checksum:
-            raise self.refused("checksum", "is not built for the bit-serial lane; leave it out, or take plain or dsp lanes")
+            raise self.refused(
+                "checksum", "is not built for the bit-serial lane; leave it out, or take plain or dsp lanes"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Interface(Group):
     """What hangs on the pins in front of the chain; nothing of it is built while it is ``none``.
 
-    converter: ``ads7953`` (16 channels), ``mcp3208x2`` (two chips of 8 on shared clock, command and select), ``ad7476`` (a chip a
-    taxel), ``spi``: any other, by the fields ``spi_...``; ``ddc232`` (32 currents), ``mpr121`` (capacitive electrodes), ``matrix``
-    (rows and columns on multiplexers, one ad7476). converter_hz: of its serial clock, at most (0: 2 MHz, or what its data sheet
-    allows where that is less). data_lines: chips that are read side by side (0: all; fewer: in series, a select line
-    each). code_offset (0, or half the range where samples are signed), code_shift (full scale on full scale): sample = (code -
+    converter: ``ads7953`` (16 channels), ``mcp3208x2`` (two chips of 8 on shared clock, command and select),
+    ``ad7476`` (a chip a taxel), ``spi``: any other, by the fields ``spi_...``; ``ddc232`` (32 currents),
+    ``mpr121`` (capacitive electrodes), ``matrix`` (rows and columns on multiplexers, one ad7476).
+    converter_hz: of its serial clock, at most (0: 2 MHz, or what its data sheet allows where that is less).
+    data_lines: chips that are read side by side (0: all; fewer: in series, a select line each). code_offset
+    (0, or half the range where samples are signed), code_shift (full scale on full scale): sample = (code -
     code_offset) >> code_shift, rounded and saturated; a shift below 0 appends zeros.
 
-    spi_frame_bits: clocks of a transfer; spi_channels: of a chip; spi_command: for channel 0; spi_channel_bit: where its number begins;
-    spi_delay: transfers from command to data; spi_code_bit, spi_code_bits, spi_tag_bit, spi_tag_bits: place of the code and of the
-    channel's number in what comes back (0 bits: none); spi_zeros: its bits that are always 0.
+    spi_frame_bits: clocks of a transfer; spi_channels: of a chip; spi_command: for channel 0;
+    spi_channel_bit: where its number begins; spi_delay: transfers from command to data; spi_code_bit,
+    spi_code_bits, spi_tag_bit, spi_tag_bits: place of the code and of the channel's number in what comes back
+    (0 bits: none); spi_zeros: its bits that are always 0.
 
-    ddc_version; ddc_range (0..7, its full scale); ddc_bits: of a code; ddc_first: input (from 1) of taxel 0 (0: the taxels are on those
-    that come first); ddc_ascending: input 1 comes first, not 32; ddc_dvalid_clocks: of its own clock, from CONV to DVALID at most.
-    settle_s: of a matrix, seconds from a new address to the sample. mpr_chips: 1 (places between electrodes are means) or 2 (11
-    electrodes each, one for every row and column).
+    ddc_version; ddc_range (0..7, its full scale); ddc_bits: of a code; ddc_first: input (from 1) of taxel 0
+    (0: the taxels are on those that come first); ddc_ascending: input 1 comes first, not 32;
+    ddc_dvalid_clocks: of its own clock, from CONV to DVALID at most. settle_s: of a matrix, seconds from a
+    new address to the sample. mpr_chips: 1 (places between electrodes are means) or 2 (11 electrodes each,
+    one for every row and column).
 
     rows, columns: of the array (taxel = row x columns + column), for ``matrix``, ``mpr121`` and position.
 
     position: tell where the array is touched; position_rest: sample of a
-    cell that nothing touches; position_threshold: codes above it that a touched cell exceeds; slide_least: sixteenths of a cell from a
-    touch's first position to its last, along the longer axis, that make it a slide.
+    cell that nothing touches; position_threshold: codes above it that a touched cell exceeds; slide_least:
+    sixteenths of a cell from a touch's first position to its last, along the longer axis, that make it a
+    slide.
 
-    stimulator: electrodes on the skin are driven by ``decisions`` (class to electrode) or by ``positions`` (array to electrodes);
-    electrodes: one of 1..24 for each class, row by row, 0 for none (empty: class k has electrode k + 1); stim_amplitude,
-    stim_delay, stim_frequency, stim_width: at reset, in the stimulator's units; amplitude_limit, delay_limit, frequency_limit,
-    width_limit: what no host can exceed; hold_s: seconds that a decision or position is good for; on_limit_s: seconds that an
-    electrode is on at most.
+    stimulator: electrodes on the skin are driven by ``decisions`` (class to electrode) or by ``positions``
+    (array to electrodes); electrodes: one of 1..24 for each class, row by row, 0 for none (empty: class k has
+    electrode k + 1); stim_amplitude, stim_delay, stim_frequency, stim_width: at reset, in the stimulator's
+    units; amplitude_limit, delay_limit, frequency_limit, width_limit: what no host can exceed; hold_s:
+    seconds that a decision or position is good for; on_limit_s: seconds that an electrode is on at most.
     """
 
     converter: Converter = "none"
@@ -519,7 +584,9 @@ class Interface(Group):
         for name in ("amplitude", "delay", "frequency", "width"):
             value, limit = getattr(self, f"stim_{name}"), getattr(self, f"{name}_limit")
             if value > limit:
-                raise self.refused(f"stim_{name}", f"is {value} and {name}_limit is {limit}; give at most that")
+                raise self.refused(
+                    f"stim_{name}", f"is {value} and {name}_limit is {limit}; give at most that"
+                )
         if any(not 0 <= electrode <= 24 for electrode in self.electrodes):
             raise self.refused("electrodes", "names one outside 1..24; give 0 for none")
 
@@ -537,8 +604,10 @@ GROUPS: dict[str, type[Group]] = {
     "hardware": Hardware,
     "interface": Interface,
 }
-"""The groups by the name that a configuration and its file give them, in the order in which a frame meets them; the interface,
-which most have none of, is last."""
+"""The groups by the name that a configuration and its file give them, in the order in which a frame meets
+them; the interface, which most have none of, is last."""
 
-GROUP_OF: dict[str, str] = {field.name: group for group, kind in GROUPS.items() for field in dataclasses.fields(kind)}  # type: ignore[arg-type]
+GROUP_OF: dict[str, str] = {
+    field.name: group for group, kind in GROUPS.items() for field in dataclasses.fields(kind)
+}  # type: ignore[arg-type]
 """The group of each field; a field's name is its own in all groups."""

@@ -1,6 +1,8 @@
-"""Image networks: layers, the maps between them, their sizes and integer formats (docs/specification.md, section 15).
+"""Image networks: layers, the maps between them, their sizes and integer formats (docs/specification.md,
+section 15).
 
-Shared by the golden model and the hardware; the algorithms are not. A network is a list of short texts, as in a configuration's group
+Shared by the golden model and the hardware; the algorithms are not. A network is a list of short texts, as in
+a configuration's group
 ``image``:
 
 | text | layer |
@@ -9,24 +11,27 @@ Shared by the golden model and the hardware; the algorithms are not. A network i
 | ``pool`` | behind a convolution: largest of 2 x 2, stride 2; a row or column over at the end is a window of its own (ceil) |
 | ``dense N`` | every value of the map to N outputs; then ReLU, but for the last layer, whose outputs are the logits |
 
-**Maps** are channels-last: value (row, column, channel) of a map of width W and C channels has the number ``(row W + column) C + channel``.
-Map 0 is the image, one channel, 8 bits unsigned. Every map between layers has 8 bits unsigned.
+**Maps** are channels-last: value (row, column, channel) of a map of width W and C channels has the number
+``(row W + column) C + channel``. Map 0 is the image, one channel, 8 bits unsigned. Every map between layers
+has 8 bits unsigned.
 
-**Numbers.** A layer with weights has signed weights of 8 or 4 bits and biases of BIAS_BITS bits, in units of its accumulator:
-``narrow(sum(weight * value) + bias, shift, F) = SAT_F(floor((sum + bias + 2^(shift-1)) / 2^shift))``, F = UQ 8 bits, where the saturation
-at 0 is the ReLU; of the last layer F = the signed ``logit_format``. ``shift`` is 0 or more, and with 0 nothing is rounded.
+**Numbers.** A layer with weights has signed weights of 8 or 4 bits and biases of BIAS_BITS bits, in units of
+its accumulator: ``narrow(sum(weight * value) + bias, shift, F) = SAT_F(floor((sum + bias + 2^(shift-1)) /
+2^shift))``, F = UQ 8 bits, where the saturation at 0 is the ReLU; of the last layer F = the signed
+``logit_format``. ``shift`` is 0 or more, and with 0 nothing is rounded.
 
-**Accumulator.** No sum overflows, whatever the weights and biases are: ``accumulator_bound`` is made of the formats alone, so that other
-weights may be loaded.
+**Accumulator.** No sum overflows, whatever the weights and biases are: ``accumulator_bound`` is made of the
+formats alone, so that other weights may be loaded.
 
-**Folder of a model.** ``config.json`` has the group ``image`` (layers, formats) and ``weights.npz`` for each layer that has weights, with n
-its number in the list of layers from 0 (pools count): ``W_n`` int64, of a convolution (channels, K, K, channels before), of a dense
-layer (outputs, values of the map before, in the order of their numbers); ``b_n`` int64 (channels or outputs). ``float.npz``: the same
-names, float64, batch norm folded in.
+**Folder of a model.** ``config.json`` has the group ``image`` (layers, formats) and ``weights.npz`` for each
+layer that has weights, with n its number in the list of layers from 0 (pools count): ``W_n`` int64, of a
+convolution (channels, K, K, channels before), of a dense layer (outputs, values of the map before, in the
+order of their numbers); ``b_n`` int64 (channels or outputs). ``float.npz``: the same names, float64, batch
+norm folded in.
 
-**On its way in** an image is ``height`` frames of ``width`` samples, row by row from the top, each from the left. The gate is open at
-once and nothing is subtracted or normalised: a sample is a pixel. The last pixel of row ``height`` ends the image; its decision is both
-local and global (one step).
+**On its way in** an image is ``height`` frames of ``width`` samples, row by row from the top, each from the
+left. The gate is open at once and nothing is subtracted or normalised: a sample is a pixel. The last pixel of
+row ``height`` ends the image; its decision is both local and global (one step).
 """
 
 from __future__ import annotations
@@ -120,7 +125,8 @@ def parse_layer(text: str) -> Layer:
 class Stage:
     """A layer in its place.
 
-    number: in the list of layers, from 0. source, result: shapes of the map before and behind it. last: its outputs are the logits.
+    number: in the list of layers, from 0. source, result: shapes of the map before and behind it. last: its
+    outputs are the logits.
     """
 
     number: int
@@ -158,7 +164,8 @@ class Stage:
 
     @property
     def parameters(self) -> int:
-        """Trained parameters: weights and biases, and of a convolution the two of each channel's batch norm, which is folded in later."""
+        """Trained parameters: weights and biases, and of a convolution the two of each channel's batch norm,
+        which is folded in later."""
         return self.weights + self.outputs * (3 if isinstance(self.layer, Conv) else 1)
 
     def accumulator_bound(self, weight_bits: int, shift: int) -> int:
@@ -186,7 +193,9 @@ def stages_of(height: int, width: int, layers: Sequence[Layer]) -> tuple[Stage, 
         if isinstance(layer, Dense):
             result: Shape = (1, 1, layer.outputs)
         elif number and isinstance(layers[number - 1], Dense):
-            raise ValueError(f"has '{layer}' behind a dense layer, which leaves no image; put dense layers last")
+            raise ValueError(
+                f"has '{layer}' behind a dense layer, which leaves no image; put dense layers last"
+            )
         elif isinstance(layer, Conv):
             result = (shape[0], shape[1], layer.channels)
         elif not number or isinstance(layers[number - 1], Pool):
@@ -203,17 +212,25 @@ def _check_room(stages: Sequence[Stage]) -> None:
     for stage, behind in itertools.pairwise(stages):
         if math.prod(stage.result) > MOST_MAP_VALUES and not isinstance(behind.layer, Pool):
             raise ValueError(
-                f"has a map of {math.prod(stage.result)} values behind '{stage.layer}', and {MOST_MAP_VALUES} fit the memory; "
+                f"has a map of {math.prod(stage.result)} values behind '{stage.layer}', and "
+                f"{MOST_MAP_VALUES} fit the memory; "
                 "use fewer channels, or a pool behind it"
             )
-    for kind, most, words in ((Conv, MOST_CONV_WEIGHTS, "convolutions"), (Dense, MOST_DENSE_WEIGHTS, "dense layers")):
+    for kind, most, words in (
+        (Conv, MOST_CONV_WEIGHTS, "convolutions"),
+        (Dense, MOST_DENSE_WEIGHTS, "dense layers"),
+    ):
         weights = sum(stage.weights for stage in stages if isinstance(stage.layer, kind))
         if weights > most:
-            raise ValueError(f"needs {weights} weights in its {words}, and {most} fit the memory; use fewer channels, or more pools")
+            raise ValueError(
+                f"needs {weights} weights in its {words}, and {most} fit the memory; use fewer channels, or "
+                "more pools"
+            )
 
 
 SIZES = ((28, 50), (26, 47), (28, 40), (28, 32), (24, 32))
-"""Heights and widths of images for which TactNet4 was published (Gandarias et al., IEEE Sensors Journal 19(16), 2019)."""
+"""Heights and widths of images for which TactNet4 was published (Gandarias et al., IEEE Sensors Journal
+19(16), 2019)."""
 
 NETWORKS: dict[str, tuple[str, ...]] = {
     "tactnet": ("conv 5 8", "pool", "conv 3 16", "pool", "conv 3 32", "pool"),
@@ -221,7 +238,8 @@ NETWORKS: dict[str, tuple[str, ...]] = {
     "four-lean": ("conv 3 4", "pool", "conv 3 8", "pool", "conv 3 16", "pool", "conv 3 32", "pool"),
     "tactnet-half": ("conv 5 4", "pool", "conv 3 8", "pool", "conv 3 16", "pool"),
 }
-"""Networks by name, without the dense layer at the end, which has an output for each class: TactNet4, and smaller ones."""
+"""Networks by name, without the dense layer at the end, which has an output for each class: TactNet4, and
+smaller ones."""
 
 
 def network(name: str, classes: int) -> tuple[Layer, ...]:
@@ -232,4 +250,7 @@ def network(name: str, classes: int) -> tuple[Layer, ...]:
 def accumulator_bits(stages: Sequence[Stage], weight_bits: int, shifts: Sequence[int]) -> int:
     """Bits of one accumulator for all layers; ``shifts``: of the layers that have weights, in order."""
     weighted = [stage for stage in stages if stage.weights]
-    return max(signed_bits(stage.accumulator_bound(weight_bits, shift)) for stage, shift in zip(weighted, shifts, strict=True))
+    return max(
+        signed_bits(stage.accumulator_bound(weight_bits, shift))
+        for stage, shift in zip(weighted, shifts, strict=True)
+    )

@@ -1,8 +1,10 @@
-"""Long work in many pieces: on all cores of this machine or on a dask cluster, finished results kept by their content.
+"""Long work in many pieces: on all cores of this machine or on a dask cluster, finished results kept by their
+content.
 
-A *piece* is a value that a function of a module's top level turns into a result that JSON can hold: ``function(shared, piece)``. What all
-pieces need, recordings above all, is ``shared`` and goes to every worker once. A piece's key is a hash of all that its result depends on
-(``content_key``); with a folder to keep results in, interrupted work goes on where it stopped, and repeated work is not done again.
+A *piece* is a value that a function of a module's top level turns into a result that JSON can hold:
+``function(shared, piece)``. What all pieces need, recordings above all, is ``shared`` and goes to every
+worker once. A piece's key is a hash of all that its result depends on (``content_key``); with a folder to
+keep results in, interrupted work goes on where it stopped, and repeated work is not done again.
 """
 
 from __future__ import annotations
@@ -39,13 +41,13 @@ class Jobs:
     workers:
         Processes of this machine; None: one a core; 1: this process itself.
     dask:
-        Address of a dask scheduler (``tcp://HOST:PORT``) whose workers are used in place of processes. They and the
-        scheduler have this project installed.
+        Address of a dask scheduler (``tcp://HOST:PORT``) whose workers are used in place of processes. They
+        and the scheduler have this project installed.
     progress:
         Told how many pieces are done.
     version:
-        A function of a module's top level that names the code. Workers of a cluster must give what it gives here: results of other code
-        would be kept under the name of this one's.
+        A function of a module's top level that names the code. Workers of a cluster must give what it gives
+        here: results of other code would be kept under the name of this one's.
     """
 
     def __init__(
@@ -56,14 +58,26 @@ class Jobs:
         progress: Progress | None = None,
         version: Callable[[], str] | None = None,
     ) -> None:
-        self._workers, self._dask, self._progress, self._version = workers or os.cpu_count() or 1, dask, progress, version
+        self._workers, self._dask, self._progress, self._version = (
+            workers or os.cpu_count() or 1,
+            dask,
+            progress,
+            version,
+        )
 
     def results(
-        self, function: Function, pieces: Mapping[str, Any], shared: Any = None, *, keep: Memo | None = None, what: str = "done"
+        self,
+        function: Function,
+        pieces: Mapping[str, Any],
+        shared: Any = None,
+        *,
+        keep: Memo | None = None,
+        what: str = "done",
     ) -> dict[str, Any]:
         """The result of every piece, by key and in the order of ``pieces``.
 
-        An interrupt, or the error of a piece, ends the workers at once and is raised; what was finished before is kept.
+        An interrupt, or the error of a piece, ends the workers at once and is raised; what was finished
+        before is kept.
 
         Parameters
         ----------
@@ -94,7 +108,9 @@ class Jobs:
                     self._progress(what, done, len(waiting))
         return found
 
-    def _arriving(self, function: Function, pieces: Mapping[str, Any], shared: Any) -> Generator[tuple[str, Any], None, None]:
+    def _arriving(
+        self, function: Function, pieces: Mapping[str, Any], shared: Any
+    ) -> Generator[tuple[str, Any], None, None]:
         """(key, result) as they are finished."""
         if self._dask is not None:
             executor, call, stop, end = _cluster(self._dask, shared, self._version)
@@ -106,13 +122,18 @@ class Jobs:
             return
         try:
             with _quiet_children():
-                futures: dict[Future[Any], str] = {executor.submit(*call(function, piece)): key for key, piece in pieces.items()}
+                futures: dict[Future[Any], str] = {
+                    executor.submit(*call(function, piece)): key for key, piece in pieces.items()
+                }
             for future in as_completed(futures):
                 yield futures[future], future.result()
         except BaseException as error:
             stop()
             if isinstance(error, BrokenProcessPool):
-                raise InputError("a worker process died, out of memory perhaps; what was finished is kept: run the same again") from None
+                raise InputError(
+                    "a worker process died, out of memory perhaps; what was finished is kept: run the same "
+                    "again"
+                ) from None
             raise
         finally:
             executor.shutdown()
@@ -120,7 +141,8 @@ class Jobs:
 
 
 Place = tuple[Executor, Callable[[Function, Any], tuple[Any, ...]], Callable[[], None], Callable[[], None]]
-"""An executor, what is submitted to it for a function and a piece, how its work is given up, what is to be done when it has shut down."""
+"""An executor, what is submitted to it for a function and a piece, how its work is given up, what is to be
+done when it has shut down."""
 
 
 # ---------------------------------------------------------------------- processes of this machine
@@ -128,8 +150,8 @@ _shared: Any = None
 
 
 def _begin_worker(shared: bytes) -> None:
-    """A worker is a process group of its own, so that Ctrl-C at a terminal reaches the parent alone, which ends the workers with all that
-    they have started; and it ends when the parent has died."""
+    """A worker is a process group of its own, so that Ctrl-C at a terminal reaches the parent alone, which
+    ends the workers with all that they have started; and it ends when the parent has died."""
     global _shared
     with contextlib.suppress(PermissionError):  # it leads its session already
         os.setpgid(0, 0)
@@ -152,7 +174,8 @@ def _in_worker(function: Function, piece: Any) -> Any:
 
 @contextlib.contextmanager
 def _quiet_children() -> Iterator[None]:
-    """Processes that are started in the block compute in one thread and do not see an interrupt until they say so."""
+    """Processes that are started in the block compute in one thread and do not see an interrupt until they
+    say so."""
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.environ.update(ONE_THREAD)
@@ -169,7 +192,8 @@ def _quiet_children() -> Iterator[None]:
 
 def _processes(workers: int, shared: Any) -> Place:
     others = set(multiprocessing.active_children())
-    context = multiprocessing.get_context("spawn")  # a fork would inherit torch's threads in whatever state they are
+    # a fork would inherit torch's threads in whatever state they are
+    context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, context, _begin_worker, (pickle.dumps(shared),))
 
     def stop() -> None:
@@ -187,15 +211,21 @@ def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> Pl
     try:
         from distributed import Client
     except ImportError:
-        raise InputError(f"--dask {address}: dask.distributed is not installed; install eskin[cluster]") from None
+        raise InputError(
+            f"--dask {address}: dask.distributed is not installed; install eskin[cluster]"
+        ) from None
     try:
         client = Client(address, timeout="10s")
     except (OSError, ValueError) as error:
-        raise InputError(f"--dask {address}: no scheduler answers ({error}); start 'dask scheduler', give its tcp://HOST:PORT") from None
+        raise InputError(
+            f"--dask {address}: no scheduler answers ({error}); start 'dask scheduler', give its "
+            "tcp://HOST:PORT"
+        ) from None
     try:
         _check_workers(client, address, version)
         everywhere = client.scatter(shared, broadcast=True, hash=False)
-        executor = client.get_executor(pure=False)  # changed code must not be answered from the cluster's memory
+        # changed code must not be answered from the cluster's memory
+        executor = client.get_executor(pure=False)
     except BaseException:
         client.close()
         raise
@@ -205,13 +235,20 @@ def _cluster(address: str, shared: Any, version: Callable[[], str] | None) -> Pl
 
 def _check_workers(client: Any, address: str, version: Callable[[], str] | None) -> None:
     if not client.scheduler_info()["workers"]:
-        raise InputError(f"--dask {address}: the scheduler has no worker; start some with 'dask worker {address}'")
+        raise InputError(
+            f"--dask {address}: the scheduler has no worker; start some with 'dask worker {address}'"
+        )
     if version is None:
         return
     try:
         versions = {"the scheduler": client.run_on_scheduler(version), **client.run(version)}
     except ImportError as error:
-        raise InputError(f"--dask {address}: scheduler or workers lack this project ({error}); install it there") from None
+        raise InputError(
+            f"--dask {address}: scheduler or workers lack this project ({error}); install it there"
+        ) from None
     other = sorted(where for where, its in versions.items() if its != version())
     if other:
-        raise InputError(f"--dask {address}: {other[-1]} has other code or libraries than this machine; install the same there")
+        raise InputError(
+            f"--dask {address}: {other[-1]} has other code or libraries than this machine; install the same "
+            "there"
+        )

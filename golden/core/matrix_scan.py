@@ -1,4 +1,5 @@
-"""A matrix of rows and columns behind multiplexers, an amplifier and one converter channel: the plan for one configuration.
+"""A matrix of rows and columns behind multiplexers, an amplifier and one converter channel: the plan for one
+configuration.
 
 The converter is an AD7476: its select line falls when the amplifier has settled, which takes the sample.
 """
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class MatrixPlan:
-    """rows, columns: of the matrix. settle: cycles from a new address to the sample. port: of the converter, one transfer a cell."""
+    """rows, columns: of the matrix. settle: cycles from a new address to the sample. port: of the converter,
+    one transfer a cell."""
 
     rows: int
     columns: int
@@ -36,7 +38,11 @@ class MatrixPlan:
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
         """Of the model in cosim/converters."""
-        return {"ROWS": self.rows, "COLUMNS": self.columns, "SETTLE_PS": round(1e12 * config.interface.settle_s)}
+        return {
+            "ROWS": self.rows,
+            "COLUMNS": self.columns,
+            "SETTLE_PS": round(1e12 * config.interface.settle_s),
+        }
 
     @property
     def cell_cycles(self) -> int:
@@ -50,16 +56,28 @@ class MatrixPlan:
 
 
 def matrix_plan(config: AcceleratorConfig, port: SpiPlan, clock_hz: float | None = None) -> MatrixPlan:
-    """The plan at ``clock_hz``, by default the configuration's; ``port`` is that of one channel at the same clock."""
+    """The plan at ``clock_hz``, by default the configuration's; ``port`` is that of one channel at the same
+    clock."""
     one, clock = config.interface, clock_hz or config.hardware.clock_hz
-    return MatrixPlan(rows=one.rows, columns=one.columns, settle=max(1, math.ceil(one.settle_s * clock)), port=port)
+    return MatrixPlan(
+        rows=one.rows, columns=one.columns, settle=max(1, math.ceil(one.settle_s * clock)), port=port
+    )
 
 
 def matrix_refusal(config: AcceleratorConfig, plan: MatrixPlan, left_s: float) -> tuple[str, str] | None:
-    """(field, why) where a scan does not end in ``left_s`` seconds, or rows and columns are not the taxels."""
-    one, taxels, clock, rate = config.interface, config.sensor.taxels, config.hardware.clock_hz, config.sensor.sample_rate_hz
+    """(field, why) where a scan does not end in ``left_s`` seconds, or rows and columns are not the
+    taxels."""
+    one, taxels, clock, rate = (
+        config.interface,
+        config.sensor.taxels,
+        config.hardware.clock_hz,
+        config.sensor.sample_rate_hz,
+    )
     if one.rows * one.columns != taxels:
-        return "rows", f"is {one.rows} with {one.columns} columns, and there are {taxels} taxels; give the matrix's own"
+        return (
+            "rows",
+            f"is {one.rows} with {one.columns} columns, and there are {taxels} taxels; give the matrix's own",
+        )
     if clock < 2 * HALF_MIN * 1e5:
         return "clock_hz", f"is {clock:g}; an SPI converter needs at least {2 * HALF_MIN * 1e5:g}"
     took = plan.scan_cycles / clock
@@ -69,7 +87,9 @@ def matrix_refusal(config: AcceleratorConfig, plan: MatrixPlan, left_s: float) -
     helps = [f"settle_s {math.floor(settle * 1e7) / 1e7:g}"] if settle > 1e-6 else []
     helps.append(f"a rate of at most {math.floor(left_s * rate / took)} Hz works as it is")
     return "converter", (
-        f"is 'matrix', which cannot keep up: {taxels} cells of {1e6 * plan.cell_cycles / clock:.3g} us, {1e6 * one.settle_s:.3g} of them "
-        f"to settle, take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms a frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; "
+        f"is 'matrix', which cannot keep up: {taxels} cells of {1e6 * plan.cell_cycles / clock:.3g} us, "
+        f"{1e6 * one.settle_s:.3g} of them "
+        f"to settle, take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms a frame at {rate:g} Hz "
+        f"{1e3 * left_s:.3g} may be used; "
         f"{', or '.join(helps)}"
     )

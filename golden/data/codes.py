@@ -25,10 +25,14 @@ def round_step(largest: float, top: int) -> float:
     """The smallest of 1, 2 and 5 times a power of ten that brings ``largest`` to at most ``top`` codes."""
     exact = largest / top
     power = 10.0 ** math.floor(math.log10(exact))
-    return float(f"{next(factor for factor in (1, 2, 5, 10) if factor * power >= exact * (1 - 1e-12)) * power:.6g}")
+    return float(
+        f"{next(factor for factor in (1, 2, 5, 10) if factor * power >= exact * (1 - 1e-12)) * power:.6g}"
+    )
 
 
-def to_codes(values: np.ndarray, source: str, scale: float | None = None) -> tuple[np.ndarray, float, list[str]]:
+def to_codes(
+    values: np.ndarray, source: str, scale: float | None = None
+) -> tuple[np.ndarray, float, list[str]]:
     """Finite real samples as codes ``rint(value / scale)``.
 
     Parameters
@@ -38,7 +42,8 @@ def to_codes(values: np.ndarray, source: str, scale: float | None = None) -> tup
     source:
         What they are called in messages.
     scale:
-        What one code is worth; None: whole numbers of at most 16 bits are codes already, others get a scale that leaves twice their range.
+        What one code is worth; None: whole numbers of at most 16 bits are codes already, others get a scale
+        that leaves twice their range.
 
     Returns
     -------
@@ -50,12 +55,20 @@ def to_codes(values: np.ndarray, source: str, scale: float | None = None) -> tup
         The scale is no positive number, or all values are 0.
     """
     if scale is not None and not (math.isfinite(scale) and scale > 0):
-        raise InputError(f"{source}: a scale of {scale} makes no codes; give what one code is worth, a number above 0")
+        raise InputError(
+            f"{source}: a scale of {scale} makes no codes; give what one code is worth, a number above 0"
+        )
     low, high = float(values.min()), float(values.max())
     if scale is not None and not math.isfinite(max(-low, high) / scale):
-        raise InputError(f"{source}: a scale of {scale} makes infinite codes of samples up to {max(-low, high):.6g}; give a larger one")
+        raise InputError(
+            f"{source}: a scale of {scale} makes infinite codes of samples up to {max(-low, high):.6g}; "
+            "give a larger one"
+        )
     if max(-low, high) > 1e300:
-        raise InputError(f"{source}: samples run from {low:.6g} to {high:.6g}; nothing can be scaled to that, so give another unit")
+        raise InputError(
+            f"{source}: samples run from {low:.6g} to {high:.6g}; nothing can be scaled to that, so give "
+            "another unit"
+        )
     whole = values.dtype.kind in "iu" or np.array_equal(values, np.rint(values))
     if scale is None and whole and low >= -32768 and high <= (32767 if low < 0 else 65535):
         return values.astype(np.int32), 0.0, ["samples are whole numbers and were taken as codes"]
@@ -65,7 +78,10 @@ def to_codes(values: np.ndarray, source: str, scale: float | None = None) -> tup
     if scale is None:
         if largest < 1e-300:
             raise InputError(f"{source}: every sample is 0; nothing can be scaled")
-        scale, said = round_step(HEADROOM * largest, bounds.max_code), f"twice the largest value of {largest:.6g} fits 16 bits"
+        scale, said = (
+            round_step(HEADROOM * largest, bounds.max_code),
+            f"twice the largest value of {largest:.6g} fits 16 bits",
+        )
     codes = np.rint(values / scale)
     beyond = int(np.count_nonzero((codes < bounds.min_code) | (codes > bounds.max_code)))
     notes = [f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {scale:.6g} ({said})"]

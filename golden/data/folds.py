@@ -10,7 +10,9 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 
 
-def grouped_folds(recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None) -> list[np.ndarray]:
+def grouped_folds(
+    recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None
+) -> list[np.ndarray]:
     """Test indices (ascending) of each fold; together they are all recordings, each once.
 
     Parameters
@@ -18,10 +20,11 @@ def grouped_folds(recordings: Recordings, groups: Sequence[str], folds: int, see
     recordings:
         What to split.
     groups:
-        Names of group arrays: recordings that share all their values are never on both sides. Empty: every recording is its own
-        group, and folds are stratified by class.
+        Names of group arrays: recordings that share all their values are never on both sides. Empty: every
+        recording is its own group, and folds are stratified by class.
     folds:
-        Number of folds, at least 2. With no more groups than folds each group is left out in turn (so there may be fewer folds).
+        Number of folds, at least 2. With no more groups than folds each group is left out in turn (so there
+        may be fewer folds).
     seed:
         Order in which groups are dealt; None: as they stand in the archive.
 
@@ -46,12 +49,16 @@ def grouped_folds(recordings: Recordings, groups: Sequence[str], folds: int, see
     count = int(keys.max()) + 1
     if count < 2:
         what = f"group {' and '.join(groups)} has one value" if groups else "there is one recording"
-        raise InputError(f"recordings '{recordings.source}': {what}; nothing can be left out, so choose another group or add recordings")
+        raise InputError(
+            f"recordings '{recordings.source}': {what}; nothing can be left out, so choose another group or "
+            "add recordings"
+        )
     if groups and count <= folds:
         return [np.flatnonzero(keys == key) for key in range(count)]
     if count < folds:
         raise InputError(
-            f"recordings '{recordings.source}': {folds} folds were asked for and there are {count} recordings; "
+            f"recordings '{recordings.source}': {folds} folds were asked for and there are {count} "
+            "recordings; "
             f"ask for fewer, --folds {count} of eskin train, or add recordings"
         )
 
@@ -63,8 +70,11 @@ def grouped_folds(recordings: Recordings, groups: Sequence[str], folds: int, see
     filled = np.zeros((folds, table.shape[1]))
     fold_of = np.zeros(count, dtype=np.int64)
     for group in order:
-        # The fold that this group leaves closest to an even share of every class; ties go to the emptiest, then the first.
-        unevenness = (((filled + table[group]) / wanted) ** 2).sum(axis=1) - ((filled / wanted) ** 2).sum(axis=1)
+        # The fold that this group leaves closest to an even share of every class; ties go to the emptiest,
+        # then the first.
+        unevenness = (((filled + table[group]) / wanted) ** 2).sum(axis=1) - ((filled / wanted) ** 2).sum(
+            axis=1
+        )
         fold = np.lexsort((filled.sum(axis=1), np.round(unevenness, 9)))[0]
         fold_of[group] = fold
         filled[fold] += table[group]

@@ -1,4 +1,5 @@
-"""The file of frames that a record of `eskin watch` is until its archive is written: a line of JSON, then a row a frame."""
+"""The file of frames that a record of `eskin watch` is until its archive is written: a line of JSON, then a
+row a frame."""
 
 from __future__ import annotations
 
@@ -20,7 +21,8 @@ def row_type(head: dict[str, Any]) -> np.dtype:
 
 
 def arrays_of(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an archive (docs/recordings.md); samples stay in the file. A frame that was not finished is left out.
+    """The arrays of an archive (docs/recordings.md); samples stay in the file. A frame that was not finished
+    is left out.
 
     Raises
     ------
@@ -32,10 +34,18 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
     try:
         head = json.loads(line)
         row = row_type(head)
-        names, rate, volt = np.array(head["class_names"], dtype=np.str_), float(head["sample_rate_hz"]), float(head["lsb_volt"])
-        rows = np.memmap(path, row, "r", offset=len(line), shape=(path.stat().st_size - len(line)) // row.itemsize)
+        names, rate, volt = (
+            np.array(head["class_names"], dtype=np.str_),
+            float(head["sample_rate_hz"]),
+            float(head["lsb_volt"]),
+        )
+        rows = np.memmap(
+            path, row, "r", offset=len(line), shape=(path.stat().st_size - len(line)) // row.itemsize
+        )
     except (ValueError, KeyError, TypeError, RecursionError):
-        raise InputError(f"recordings '{path}': holds no frames that eskin watch left; give another file") from None
+        raise InputError(
+            f"recordings '{path}': holds no frames that eskin watch left; give another file"
+        ) from None
     begins = np.flatnonzero(np.diff(rows["recording"], prepend=~rows["recording"][:1]))
     arrays = {
         "samples": rows["samples"],

@@ -23,19 +23,22 @@ FORMS = "an .npz archive, a folder of .csv, .lvm or .png files by class, a long 
 
 
 def load_recordings(
-    data: str | Path | pd.DataFrame, *, config: AcceleratorConfig | None = None, reading: Reading | None = None
+    data: str | Path | pd.DataFrame,
+    *,
+    config: AcceleratorConfig | None = None,
+    reading: Reading | None = None,
 ) -> Recordings:
-    """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder of ``.csv``, ``.lvm`` or ``.png`` files by
-    class, one long table, a ``.mat`` file, or the word ``synthetic``.
+    """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder of ``.csv``,
+    ``.lvm`` or ``.png`` files by class, one long table, a ``.mat`` file, or the word ``synthetic``.
 
     Parameters
     ----------
     data:
         Path or the word; in Python also one long table as a pandas DataFrame.
     config:
-        Gives volt_per_code, the code's format and (without a usable time column) the rate of ``.lvm`` files (default: the thesis preset);
-        what one code is worth, and a rate that is not said, of real samples in other files; array, classes and rate of ``synthetic``
-        (default: 4 x 4 taxels, 3 classes, 3 kHz).
+        Gives volt_per_code, the code's format and (without a usable time column) the rate of ``.lvm`` files
+        (default: the thesis preset); what one code is worth, and a rate that is not said, of real samples in
+        other files; array, classes and rate of ``synthetic`` (default: 4 x 4 taxels, 3 classes, 3 kHz).
     reading:
         What is said about text tables and ``.mat`` files; None: everything is found out.
 
@@ -48,7 +51,9 @@ def load_recordings(
     if type(data).__name__ == "DataFrame":  # its class would have to be imported
         return load_long_table(data, reading, config)
     if not isinstance(data, str | Path):
-        raise InputError(f"recordings: are of type {type(data).__name__}; give {FORMS}, or a pandas DataFrame")
+        raise InputError(
+            f"recordings: are of type {type(data).__name__}; give {FORMS}, or a pandas DataFrame"
+        )
     if str(data) == "synthetic":
         return synthetic_recordings() if config is None else scene_of(config)
     path = Path(data)
@@ -68,4 +73,7 @@ def load_recordings(
             return load_long_table(path, reading, config)
         return load_archive(path, reading.scale or (config.sensor.volt_per_code or None if config else None))
     except OSError as error:
-        raise InputError(f"recordings '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None
+        raise InputError(
+            f"recordings '{path}': cannot be read ({error.strerror or error}); check the path and its "
+            "permissions"
+        ) from None

@@ -1,4 +1,5 @@
-"""Recordings from MATLAB's .mat files (up to version 7): named arrays, as in an archive or as cells of arrays."""
+"""Recordings from MATLAB's .mat files (up to version 7): named arrays, as in an archive or as cells of
+arrays."""
 
 from __future__ import annotations
 
@@ -29,18 +30,21 @@ NAMES = {
 }
 """What an array may be called, in the order of preference."""
 UNPACKED_BYTES, MOST_TIMES = 128 << 20, 50
-"""What a file may unpack to in any case, and beyond it how many times its own size: recordings shrink to a half or a tenth."""
+"""What a file may unpack to in any case, and beyond it how many times its own size: recordings shrink to a
+half or a tenth."""
 TRIAL = "import sys; from scipy.io.matlab import loadmat; loadmat(sys.argv[1], appendmat=False)"
 
 
 def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Recordings:
-    """Recordings of a .mat file: samples as a cell array of (frames, taxels), as (recordings, frames, taxels), or one after the other with
-    offsets; labels; class names; the rate. Every other array of one value a recording is a group.
+    """Recordings of a .mat file: samples as a cell array of (frames, taxels), as (recordings, frames,
+    taxels), or one after the other with offsets; labels; class names; the rate. Every other array of one
+    value a recording is a group.
 
     Raises
     ------
     InputError
-        An array is missing or does not fit; the file is damaged, unpacks to far more than it holds, or is of version 7.3.
+        An array is missing or does not fit; the file is damaged, unpacks to far more than it holds, or is of
+        version 7.3.
     """
 
     def refuse(why: str, array: str = "") -> NoReturn:
@@ -50,13 +54,17 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
     listed = ", ".join(arrays) or "none"
 
     def find(what: str, asked: str | None = None, option: str = "") -> str:
-        """The array that an option names, or else the first of its usual names; only what an option can name must be there."""
+        """The array that an option names, or else the first of its usual names; only what an option can name
+        must be there."""
         if asked is not None and asked not in arrays:
             refuse(f"{option} {asked}: the file has no such array; it has {listed}")
         name = asked or next((name for name in NAMES[what] if name in arrays), "")
         if option and not name:
             kind = "samples" if what == "samples" else "classes"
-            refuse(f"has no array of {kind} ({', '.join(NAMES[what][:3])}); it has {listed}: name it with {option}")
+            refuse(
+                f"has no array of {kind} ({', '.join(NAMES[what][:3])}); it has {listed}: name it with "
+                f"{option}"
+            )
         return name
 
     samples = find("samples", reading.samples, "--samples")
@@ -71,7 +79,10 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
         rate = float(given)
     elif rate is None:
         if config is None:
-            refuse("does not say its rate (sample_rate_hz, fs); write an archive with it, eskin convert SOURCE --rate HZ --out FILE.npz")
+            refuse(
+                "does not say its rate (sample_rate_hz, fs); write an archive with it, eskin convert SOURCE "
+                "--rate HZ --out FILE.npz"
+            )
         rate = config.sensor.sample_rate_hz
         notes.append(f"there is no rate in the file; it is that of configuration '{config.name}'")
     codes, class_names = _classes(arrays[labels], arrays.get(names), len(parts), labels, names, notes, refuse)
@@ -84,7 +95,11 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
     lost = next((name for name in reading.groups if name not in groups), None)
     if lost:
         refuse(f"--group {lost}: is no array of {len(parts)} values; the file has {listed}")
-    notes.insert(0, f"array {samples} holds {len(parts)} recordings of {parts[0].shape[1]} taxels, array {labels} their classes")
+    notes.insert(
+        0,
+        f"array {samples} holds {len(parts)} recordings of {parts[0].shape[1]} taxels, array {labels} their "
+        "classes",
+    )
     if groups:
         notes.append(f"groups: {', '.join(groups)}")
     ends = np.cumsum([0, *map(len, parts)])
@@ -103,7 +118,10 @@ def _read(path: Path, refuse) -> dict[str, np.ndarray]:
         refuse("is of version 7.3 (HDF5); save it in MATLAB with save(..., '-v7')")
     unpacked = _unpacked_bytes(raw)
     if unpacked > max(UNPACKED_BYTES, MOST_TIMES * size):
-        refuse(f"has {size} bytes and unpacks to {unpacked / 1e6:.0f} MB, which recordings do not; save it again with save(..., '-v6')")
+        refuse(
+            f"has {size} bytes and unpacks to {unpacked / 1e6:.0f} MB, which recordings do not; save it "
+            "again with save(..., '-v6')"
+        )
     # scipy's compiled reader ends its process on some damaged files: a child shows whether it comes back
     trial = subprocess.run([sys.executable, "-c", TRIAL, str(path)], capture_output=True)
     try:
@@ -114,11 +132,16 @@ def _read(path: Path, refuse) -> dict[str, np.ndarray]:
         if isinstance(error, OSError) and error.errno:
             raise
         refuse("is damaged or no .mat file; save it again in MATLAB with save(..., '-v7')")
-    return {name: array for name, array in found.items() if not name.startswith("__") and isinstance(array, np.ndarray)}
+    return {
+        name: array
+        for name, array in found.items()
+        if not name.startswith("__") and isinstance(array, np.ndarray)
+    }
 
 
 def _unpacked_bytes(raw: bytes) -> int:
-    """What the variables of a file of version 5 to 7 say they unpack to: each begins with its kind and its bytes, packed or not."""
+    """What the variables of a file of version 5 to 7 say they unpack to: each begins with its kind and its
+    bytes, packed or not."""
     order: Literal["big", "little"] = "big" if raw[126:128] == b"MI" else "little"
     unpacked, place = 0, 128
     while raw[126:128] in (b"MI", b"IM") and place + 8 <= len(raw):
@@ -144,11 +167,18 @@ def _parts(
             refuse("holds no recording", name)
         for number, part in enumerate(parts, 1):
             if part.ndim != 2 or part.dtype.kind not in "fiu" or not part.size:
-                refuse(f"cell {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)", name)
+                refuse(
+                    f"cell {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)", name
+                )
         rows, columns = {part.shape[0] for part in parts}, {part.shape[1] for part in parts}
         if len(rows) == 1 and (len(columns) > 1 or max(columns) > max(rows)):
             parts = [part.T for part in parts]
-            same = "" if len(columns) > 1 else ", since they are wider than high; were they not, give an array (recordings, frames, taxels)"
+            same = (
+                ""
+                if len(columns) > 1
+                else ", since they are wider than high; were they not, give an array (recordings, frames, "
+                "taxels)"
+            )
             notes.append(f"cells stand as (taxels, frames) and were turned{same}")
         elif len(columns) > 1:
             odd = next(number for number, part in enumerate(parts, 1) if part.shape[1] != parts[0].shape[1])
@@ -161,15 +191,28 @@ def _parts(
         notes.append(f"array {name} was taken as (recordings, frames, taxels)")
     elif samples.ndim == 2 and samples.size:
         if offsets is None:
-            refuse("is one table and there is no array offsets that says where recordings begin; make it a cell array of recordings", name)
+            refuse(
+                "is one table and there is no array offsets that says where recordings begin; make it a "
+                "cell array of recordings",
+                name,
+            )
         bounds = _column(offsets)
         if bounds is None or bounds.dtype.kind not in "iu":
             refuse("is no list of whole numbers", "offsets")
-        if len(bounds) < 2 or bounds[0] != 0 or bounds[-1] != len(samples) or (bounds[1:] <= bounds[:-1]).any():
+        if (
+            len(bounds) < 2
+            or bounds[0] != 0
+            or bounds[-1] != len(samples)
+            or (bounds[1:] <= bounds[:-1]).any()
+        ):
             refuse(f"must rise from 0 to the {len(samples)} frames of samples", "offsets")
         parts = [samples[a:b] for a, b in pairwise(bounds)]
     else:
-        refuse(f"has shape {samples.shape}; give a cell array of (frames, taxels), or (recordings, frames, taxels)", name)
+        refuse(
+            f"has shape {samples.shape}; give a cell array of (frames, taxels), or (recordings, frames, "
+            "taxels)",
+            name,
+        )
     for number, part in enumerate(parts, 1):
         if not np.isfinite(part).all():
             row, column = place_of(~np.isfinite(part))
@@ -209,15 +252,22 @@ def _classes(
         notes.append("classes are numbered from 1, as in MATLAB")
         values = values - 1
     if values.min() < 0 or values.max() >= len(listed):
-        refuse(f"runs from {values.min()} to {values.max()} and there are {len(listed)} class names", label_name)
+        refuse(
+            f"runs from {values.min()} to {values.max()} and there are {len(listed)} class names", label_name
+        )
     return values.tolist(), listed.tolist()
 
 
 def _column(array: np.ndarray) -> np.ndarray | None:
-    """A vector of numbers or text, of a row, a column, a cell array or a matrix of letters; None: it is none. Whole numbers are int64."""
+    """A vector of numbers or text, of a row, a column, a cell array or a matrix of letters; None: it is none.
+    Whole numbers are int64."""
     if array.dtype == object:
         cells = [np.asarray(cell).reshape(-1) for cell in array.reshape(-1)]
-        kinds = {"U" if cell.dtype.kind == "U" else "n" for cell in cells if cell.size == 1 and cell.dtype.kind in "Ufiu"}
+        kinds = {
+            "U" if cell.dtype.kind == "U" else "n"
+            for cell in cells
+            if cell.size == 1 and cell.dtype.kind in "Ufiu"
+        }
         if len(kinds) != 1 or any(cell.size != 1 for cell in cells):
             return None
         array = np.concatenate(cells)
@@ -226,5 +276,7 @@ def _column(array: np.ndarray) -> np.ndarray | None:
     if array.dtype.kind not in "fiub" or array.size != max(array.shape, default=1):
         return None
     values = array.reshape(-1)
-    whole = values.dtype.kind in "iub" or (len(values) and (values == np.rint(values)).all() and np.abs(values).max() < 2**62)
+    whole = values.dtype.kind in "iub" or (
+        len(values) and (values == np.rint(values)).all() and np.abs(values).max() < 2**62
+    )
     return values.astype(np.int64) if whole else values

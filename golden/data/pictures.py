@@ -20,28 +20,45 @@ def is_picture_folder(path: Path) -> bool:
 
 
 def load_picture_folder(path: Path) -> Recordings:
-    """The images of a folder: class names are the sub-folders' names, in order of the alphabet, and so are the files of each.
+    """The images of a folder: class names are the sub-folders' names, in order of the alphabet, and so are
+    the files of each.
 
     Raises
     ------
     InputError
-        A file is no image, has colours or more than 8 bits, or another size than the first; a sub-folder has none.
+        A file is no image, has colours or more than 8 bits, or another size than the first; a sub-folder has
+        none.
     """
     from PIL import Image, UnidentifiedImageError
 
-    classes = sorted(folder for folder in path.iterdir() if folder.is_dir() and not folder.name.startswith("."))
+    classes = sorted(
+        folder for folder in path.iterdir() if folder.is_dir() and not folder.name.startswith(".")
+    )
     images: list[np.ndarray] = []
     labels, names = [], []
     for label, folder in enumerate(classes):
         files = _pictures(folder)
         if not files:
-            raise InputError(f"images '{folder}': holds no {SUFFIX} file; give every class some, or take the folder away")
+            raise InputError(
+                f"images '{folder}': holds no {SUFFIX} file; give every class some, or take the folder away"
+            )
         for file in files:
             try:
                 with Image.open(file) as picture:
-                    mode, pixels = picture.mode, np.asarray(picture.convert("L") if picture.mode in ("1", "P", "L") else picture)
-            except (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
-                raise InputError(f"image '{file}': cannot be read ({error}); save it as an 8-bit grey PNG") from None
+                    mode, pixels = (
+                        picture.mode,
+                        np.asarray(picture.convert("L") if picture.mode in ("1", "P", "L") else picture),
+                    )
+            except (
+                OSError,
+                UnidentifiedImageError,
+                Image.DecompressionBombError,
+                SyntaxError,
+                ValueError,
+            ) as error:
+                raise InputError(
+                    f"image '{file}': cannot be read ({error}); save it as an 8-bit grey PNG"
+                ) from None
             if pixels.ndim == 3 and mode in ("RGB", "RGBA", "LA"):
                 pixels = _grey(pixels, mode, file)
             if pixels.ndim != 2 or pixels.dtype != np.uint8:
@@ -49,12 +66,17 @@ def load_picture_folder(path: Path) -> Recordings:
             if images and pixels.shape != images[0].shape:
                 first = f"{images[0].shape[0]} x {images[0].shape[1]}"
                 raise InputError(
-                    f"image '{file}': has {pixels.shape[0]} x {pixels.shape[1]} pixels and the first one {first}; bring all to one size"
+                    f"image '{file}': has {pixels.shape[0]} x {pixels.shape[1]} pixels and the first one "
+                    f"{first}; bring all to one size"
                 )
             images.append(pixels)
             labels.append(label)
             names.append(file.name)
-    arrays = {"images": np.array(images), "labels": np.array(labels), "class_names": np.array([folder.name for folder in classes])}
+    arrays = {
+        "images": np.array(images),
+        "labels": np.array(labels),
+        "class_names": np.array([folder.name for folder in classes]),
+    }
     return recordings_of(arrays, str(path), groups={"source_file": np.array(names)})
 
 
@@ -62,7 +84,9 @@ def image_size(text: str) -> tuple[int, int]:
     """Height and width that ``26x47`` says."""
     sides = re.fullmatch(r"(\d{1,3})x(\d{1,3})", text.lower())
     if not sides or not (4 <= int(sides[1]) <= 256 and 4 <= int(sides[2]) <= 160):
-        raise InputError(f"--size {text[:40]}: is no size of images; give height x width, 4x4 to 256x160, as in 26x47")
+        raise InputError(
+            f"--size {text[:40]}: is no size of images; give height x width, 4x4 to 256x160, as in 26x47"
+        )
     return int(sides[1]), int(sides[2])
 
 
@@ -75,12 +99,16 @@ def resized(recordings: Recordings, height: int, width: int) -> Recordings:
         The recordings are no images.
     """
     if recordings.image_shape is None:
-        raise InputError(f"recordings '{recordings.source}': are no images, so have no height and width; leave --size out")
+        raise InputError(
+            f"recordings '{recordings.source}': are no images, so have no height and width; leave --size out"
+        )
     old = recordings.image_shape
     images = recordings.samples.reshape(-1, *old)
     made = np.floor(_areas(old[0], height) @ images @ _areas(old[1], width).T + 0.5).astype(np.int32)
     offsets = np.arange(len(recordings) + 1, dtype=np.int64) * height
-    return dataclasses.replace(recordings, samples=made.reshape(-1, width), offsets=offsets, image_shape=(height, width))
+    return dataclasses.replace(
+        recordings, samples=made.reshape(-1, width), offsets=offsets, image_shape=(height, width)
+    )
 
 
 def _areas(old: int, new: int) -> np.ndarray:
@@ -99,5 +127,7 @@ def _grey(pixels: np.ndarray, mode: str, file: Path) -> np.ndarray:
     """The one channel of a picture in colours that are all grey."""
     colours = pixels[..., : 1 if mode == "LA" else 3]
     if (colours != colours[..., :1]).any():
-        raise InputError(f"image '{file}': has colours; pressure is one number a pixel: save it as an 8-bit grey PNG")
+        raise InputError(
+            f"image '{file}': has colours; pressure is one number a pixel: save it as an 8-bit grey PNG"
+        )
     return colours[..., 0]

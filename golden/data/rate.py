@@ -7,7 +7,8 @@ import numpy as np
 from eskin.golden.data.recordings import Recordings
 
 SHORTEST_S, LONGEST_S = 0.05, 1800.0
-"""Between these lies the time that a hand, an arm or a machine takes to touch something, with room on both sides."""
+"""Between these lies the time that a hand, an arm or a machine takes to touch something, with room on both
+sides."""
 DURATIONS = {"duration_ms": 1e-3, "duration_s": 1.0}
 """Group arrays that tell how long each recording took, and their unit in seconds."""
 RATE_ERROR = 0.05
@@ -15,8 +16,8 @@ RATE_ERROR = 0.05
 
 
 def wrong_rate(recordings: Recordings) -> list[str]:
-    """A sentence where the declared sample rate cannot be right: by what the recordings say of their duration, or by how short or long no
-    touch is."""
+    """A sentence where the declared sample rate cannot be right: by what the recordings say of their
+    duration, or by how short or long no touch is."""
     rate, lengths = recordings.sample_rate_hz, recordings.lengths
     follow = "windows, latency and budgets follow the rate"
     for name, unit in DURATIONS.items():
@@ -25,11 +26,15 @@ def wrong_rate(recordings: Recordings) -> list[str]:
             measured = float(np.median(lengths / told))
             if abs(measured / rate - 1) > RATE_ERROR:
                 return [
-                    f"the archive declares {rate:.4g} frames a second and its array {name} makes it {measured:.4g}: "
+                    f"the archive declares {rate:.4g} frames a second and its array {name} makes it "
+                    f"{measured:.4g}: "
                     f"correct sample_rate_hz or {name}, since {follow}"
                 ]
     middle = float(np.median(lengths)) / rate
     if SHORTEST_S <= middle <= LONGEST_S:
         return []
     how = f"only {1000 * middle:.3g} ms" if middle < SHORTEST_S else f"{middle / 60:.3g} minutes"
-    return [f"at the declared {rate:.4g} frames a second a recording lasts {how}: check sample_rate_hz, since {follow}"]
+    return [
+        f"at the declared {rate:.4g} frames a second a recording lasts {how}: check sample_rate_hz, since "
+        f"{follow}"
+    ]

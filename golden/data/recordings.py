@@ -1,7 +1,7 @@
 """Recordings in memory, and whether they fit a configuration.
 
-Every refusal is an InputError of one sentence that names the file, the array or line, and the fix. Nothing here guesses: an archive
-that breaks the rules of docs/recordings.md is refused before any work starts.
+Every refusal is an InputError of one sentence that names the file, the array or line, and the fix. Nothing
+here guesses: an archive that breaks the rules of docs/recordings.md is refused before any work starts.
 """
 
 from __future__ import annotations
@@ -67,7 +67,8 @@ class Recordings:
     notes:
         Sentences about choices the loader made.
     image_shape:
-        Height and width where the recordings are still images: one recording is an image then, its rows are the frames, from the top.
+        Height and width where the recordings are still images: one recording is an image then, its rows are
+        the frames, from the top.
     """
 
     samples: np.ndarray
@@ -84,7 +85,8 @@ class Recordings:
     image_shape: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
-        """Give groups with a name of the archive's another one: a column called labels would replace the classes when it is written."""
+        """Give groups with a name of the archive's another one: a column called labels would replace the
+        classes when it is written."""
         groups = {str(name): np.asarray(values) for name, values in self.groups.items()}
         for name in [name for name in groups if name in RESERVED]:
             other = f"group_{name}"
@@ -122,7 +124,8 @@ class Recordings:
         Parameters
         ----------
         arrays:
-            One recording (frames, taxels), or several: a list of such, or an array (recordings, frames, taxels). Integers are A/D codes.
+            One recording (frames, taxels), or several: a list of such, or an array (recordings, frames,
+            taxels). Integers are A/D codes.
         labels:
             The class index of each; None: all are 0.
         sample_rate_hz:
@@ -144,9 +147,12 @@ class Recordings:
             if part.ndim != 2 or part.shape[1] != parts[0].shape[1] or not len(part):
                 shape = f"(frames, {parts[0].shape[1]})" if parts[0].ndim == 2 else "(frames, taxels)"
                 raise InputError(
-                    f"{source}: array {number} has shape {part.shape}; every recording is an array {shape} with a frame at least"
+                    f"{source}: array {number} has shape {part.shape}; every recording is an array {shape} "
+                    "with a frame at least"
                 )
-        labels = np.zeros(len(parts), dtype=np.int64) if labels is None else array_of(labels, f"{source}, labels")
+        labels = (
+            np.zeros(len(parts), dtype=np.int64) if labels is None else array_of(labels, f"{source}, labels")
+        )
         if class_names is None:
             most = int(labels.max(initial=0)) if labels.dtype.kind in "iu" else 0
             class_names = [f"class{index}" for index in range(min(most, MOST_NAMES) + 1)]
@@ -221,9 +227,11 @@ class Recordings:
         )
 
     def evenly(self, n: int) -> np.ndarray:
-        """Indices (ascending) of ``n`` recordings: the same every time, spread over the classes and over each class's list.
+        """Indices (ascending) of ``n`` recordings: the same every time, spread over the classes and over each
+        class's list.
 
-        A class with too few gives all of its recordings and the others give more; ``n`` of all or more gives every index.
+        A class with too few gives all of its recordings and the others give more; ``n`` of all or more gives
+        every index.
         """
         if n < 1:
             raise InputError(f"{n} recordings were asked for; ask for at least 1")
@@ -248,7 +256,10 @@ def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str) -> list[np.ndar
         whole = np.asarray(arrays)
     except (TypeError, ValueError, KeyError):  # no sequence, or rows of several lengths
         kind = type(arrays).__name__
-        raise InputError(f"{source}: {kind} is no array of numbers; give an array (frames, taxels), or a list of such arrays") from None
+        raise InputError(
+            f"{source}: {kind} is no array of numbers; give an array (frames, taxels), or a list of such "
+            "arrays"
+        ) from None
     return list(whole) if whole.ndim == 3 else [whole]
 
 
@@ -269,7 +280,8 @@ def recordings_of(
     groups:
         Name -> one value a recording; None: the other arrays of that length.
     scale:
-        What one code is worth where samples are real numbers and the arrays do not say it; None: chosen (``eskin.golden.data.codes``).
+        What one code is worth where samples are real numbers and the arrays do not say it; None: chosen
+        (``eskin.golden.data.codes``).
     notes:
         Sentences about choices that were made before.
 
@@ -290,7 +302,10 @@ def recordings_of(
 
     samples = arrays["samples"]
     if samples.dtype.kind not in "iuf":
-        refuse("samples", f"holds {samples.dtype}, not numbers; save A/D codes as integers, or real samples as floats")
+        refuse(
+            "samples",
+            f"holds {samples.dtype}, not numbers; save A/D codes as integers, or real samples as floats",
+        )
     if samples.ndim != 2 or samples.shape[1] < 1:
         refuse("samples", f"has shape {samples.shape}; it must be (frames, taxels)")
     if not len(samples):
@@ -299,12 +314,20 @@ def recordings_of(
     if "lsb_volt" in arrays:
         known = _positive_number(arrays["lsb_volt"])
         if known is None:
-            refuse("lsb_volt", f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or leave the array out")
+            refuse(
+                "lsb_volt",
+                f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or leave the array "
+                "out",
+            )
         volt = known
     if samples.dtype.kind == "f":
         if not np.isfinite(samples).all():
             row, taxel = place_of(~np.isfinite(samples))
-            refuse("samples", f"holds {samples[row, taxel]} at row {row}, taxel {taxel}; every sample must be a finite number")
+            refuse(
+                "samples",
+                f"holds {samples[row, taxel]} at row {row}, taxel {taxel}; every sample must be a finite "
+                "number",
+            )
         with np.errstate(over="ignore"):  # long doubles beyond the range of float64 are refused as infinite
             samples = samples.astype(np.float64)
         samples, volt, said = to_codes(samples, f"recordings '{source}', array samples", volt or scale)
@@ -318,17 +341,30 @@ def recordings_of(
 
     offsets = arrays["offsets"]
     if offsets.dtype.kind not in "iu" or offsets.ndim != 1:
-        refuse("offsets", f"is {offsets.dtype} of shape {offsets.shape}; it must be integers of shape (recordings + 1,)")
+        refuse(
+            "offsets",
+            f"is {offsets.dtype} of shape {offsets.shape}; it must be integers of shape (recordings + 1,)",
+        )
     if len(offsets) < 2:
         refuse("offsets", f"has {len(offsets)} value(s), so no recording; it needs recordings + 1 values")
     if offsets[0] != 0:
         refuse("offsets", f"starts at {offsets[0]}; it must start at 0")
     if offsets[-1] != len(samples):
-        refuse("offsets", f"ends at {offsets[-1]} but samples has {len(samples)} frames; the last value must be the number of frames")
+        refuse(
+            "offsets",
+            f"ends at {offsets[-1]} but samples has {len(samples)} frames; the last value must be the "
+            "number of frames",
+        )
     if (offsets[1:] < offsets[:-1]).any():
-        refuse("offsets", f"falls after entry {int(np.argmax(offsets[1:] < offsets[:-1]))}; it must not decrease")
+        refuse(
+            "offsets", f"falls after entry {int(np.argmax(offsets[1:] < offsets[:-1]))}; it must not decrease"
+        )
     if (offsets[1:] == offsets[:-1]).any():
-        refuse("offsets", f"makes recording {int(np.argmax(offsets[1:] == offsets[:-1]))} empty (0 frames); leave that recording out")
+        refuse(
+            "offsets",
+            f"makes recording {int(np.argmax(offsets[1:] == offsets[:-1]))} empty (0 frames); leave that "
+            "recording out",
+        )
     recordings = len(offsets) - 1
 
     class_names, labels = _classes(arrays, recordings, refuse)
@@ -353,28 +389,44 @@ def recordings_of(
 Refuse = Callable[[str, str], NoReturn]
 
 
-def _classes(arrays: Mapping[str, np.ndarray], recordings: int, refuse: Refuse) -> tuple[tuple[str, ...], np.ndarray]:
+def _classes(
+    arrays: Mapping[str, np.ndarray], recordings: int, refuse: Refuse
+) -> tuple[tuple[str, ...], np.ndarray]:
     """Names of the classes, and the class of each recording."""
     names = arrays["class_names"]
     if names.dtype.kind not in "US" or names.ndim != 1 or not len(names):
-        refuse("class_names", f"is {names.dtype} of shape {names.shape}; it must be a list of text, one name a class")
+        refuse(
+            "class_names",
+            f"is {names.dtype} of shape {names.shape}; it must be a list of text, one name a class",
+        )
     try:
         class_names = tuple(str(name.decode() if isinstance(name, bytes) else name) for name in names)
     except UnicodeDecodeError:
         refuse("class_names", "holds bytes that are not UTF-8; save the names as text")
     for index, name in enumerate(class_names):
         if not name.strip() or not name.isprintable():
-            refuse("class_names", f"has an empty or unprintable name at {index}; give every class a readable name")
+            refuse(
+                "class_names",
+                f"has an empty or unprintable name at {index}; give every class a readable name",
+            )
         if name in class_names[:index]:
             refuse("class_names", f"has the name {name} twice; names must differ")
 
     labels = arrays["labels"]
     if labels.dtype.kind not in "iu" or labels.shape != (recordings,):
-        refuse("labels", f"is {labels.dtype} of shape {labels.shape}; it must be integers of shape ({recordings},), one a recording")
+        refuse(
+            "labels",
+            f"is {labels.dtype} of shape {labels.shape}; it must be integers of shape ({recordings},), one "
+            "a recording",
+        )
     outside = (labels < 0) | (labels >= len(class_names))
     if outside.any():
         first = int(np.argmax(outside))
-        refuse("labels", f"gives recording {first} class {labels[first]}; class_names has classes 0..{len(class_names) - 1}")
+        refuse(
+            "labels",
+            f"gives recording {first} class {labels[first]}; class_names has classes "
+            f"0..{len(class_names) - 1}",
+        )
     return class_names, labels.astype(np.int64)
 
 
@@ -387,7 +439,11 @@ def _groups(arrays: Mapping[str, np.ndarray], recordings: int) -> dict[str, np.n
 
 
 def _images(
-    arrays: Mapping[str, np.ndarray], source: str, groups: Mapping[str, Any] | None, notes: Sequence[str], refuse: Refuse
+    arrays: Mapping[str, np.ndarray],
+    source: str,
+    groups: Mapping[str, Any] | None,
+    notes: Sequence[str],
+    refuse: Refuse,
 ) -> Recordings:
     """The recordings of an archive of images: an image each, its rows the frames."""
     for name in IMAGE_ARRAYS:
@@ -405,7 +461,8 @@ def _images(
             number = int(np.argmax(wrong.any(axis=(1, 2))))
             refuse(
                 "images",
-                f"holds {images[number][wrong[number]][0]:g} in image {number}; real pixels lie in 0..1, codes are integers 0..255",
+                f"holds {images[number][wrong[number]][0]:g} in image {number}; real pixels lie in 0..1, "
+                "codes are integers 0..255",
             )
         images, notes = np.rint(255.0 * images), (*notes, "pixels from 0 to 1 became codes from 0 to 255")
     elif images.dtype.kind not in "iu":
@@ -417,15 +474,26 @@ def _images(
     if "sample_rate_hz" in arrays:
         rate = _positive_number(arrays["sample_rate_hz"])
     if rate is None:
-        refuse("sample_rate_hz", f"is {_shown(arrays['sample_rate_hz'])}; give rows a second, above 0, or leave the array out")
+        refuse(
+            "sample_rate_hz",
+            f"is {_shown(arrays['sample_rate_hz'])}; give rows a second, above 0, or leave the array out",
+        )
     made = image_recordings(images, labels, class_names, rate_hz=rate, source=source)
-    return dataclasses.replace(made, groups=_groups(arrays, count) if groups is None else dict(groups), notes=tuple(notes))
+    return dataclasses.replace(
+        made, groups=_groups(arrays, count) if groups is None else dict(groups), notes=tuple(notes)
+    )
 
 
 def image_recordings(
-    images: np.ndarray, labels: np.ndarray, class_names: Sequence[str], *, rate_hz: float = IMAGE_ROWS_HZ, source: str = "images"
+    images: np.ndarray,
+    labels: np.ndarray,
+    class_names: Sequence[str],
+    *,
+    rate_hz: float = IMAGE_ROWS_HZ,
+    source: str = "images",
 ) -> Recordings:
-    """Images (n, height, width) of codes 0..255 as recordings: a row a frame, from the top, ``rate_hz`` rows a second."""
+    """Images (n, height, width) of codes 0..255 as recordings: a row a frame, from the top, ``rate_hz`` rows
+    a second."""
     count, height, width = images.shape
     return Recordings(
         samples=images.reshape(count * height, width).astype(np.int32),
@@ -457,30 +525,49 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
     Raises
     ------
     InputError
-        Other taxels, codes outside the sample format or of another worth, a rate more than 2 % off, or other class names.
+        Other taxels, codes outside the sample format or of another worth, a rate more than 2 % off, or other
+        class names.
     """
 
     def refuse(what: str, why: str) -> None:
-        raise InputError(f"recordings '{recordings.source}', {what}: {why}; use recordings and a model of one sensor and task")
+        raise InputError(
+            f"recordings '{recordings.source}', {what}: {why}; use recordings and a model of one sensor and "
+            "task"
+        )
 
     if config.is_image and recordings.image_shape != (config.image.height, config.image.width):
         given = recordings.image_shape
         has = "no images" if given is None else f"images of {given[0]} x {given[1]} pixels"
-        refuse("array images", f"holds {has} and configuration '{config.name}' takes {config.image.height} x {config.image.width}")
+        refuse(
+            "array images",
+            f"holds {has} and configuration '{config.name}' takes {config.image.height} x "
+            f"{config.image.width}",
+        )
     if recordings.image_shape and not config.is_image:
-        refuse("array images", f"holds images and configuration '{config.name}' has cell {config.network.cell}, which takes recordings")
+        refuse(
+            "array images",
+            f"holds images and configuration '{config.name}' has cell {config.network.cell}, which takes "
+            "recordings",
+        )
     if recordings.taxels != config.sensor.taxels:
         refuse(
-            "array samples", f"has {recordings.taxels} taxels and configuration '{config.name}', field taxels, has {config.sensor.taxels}"
+            "array samples",
+            f"has {recordings.taxels} taxels and configuration '{config.name}', field taxels, has "
+            f"{config.sensor.taxels}",
         )
     low, high = int(recordings.samples.min()), int(recordings.samples.max())
     if low < config.sample_format.min_code or high > config.sample_format.max_code:
         span = f"{config.sample_format.min_code}..{config.sample_format.max_code}"
-        refuse("array samples", f"runs from {low} to {high} and configuration '{config.name}', field sample_bits, takes {span}")
+        refuse(
+            "array samples",
+            f"runs from {low} to {high} and configuration '{config.name}', field sample_bits, takes {span}",
+        )
     step, of_model = recordings.volt_per_code, config.sensor.volt_per_code
     if step and of_model and abs(step / of_model - 1.0) > 0.01:
         refuse(
-            "array lsb_volt", f"says that a code is worth {step:.6g} and configuration '{config.name}', field volt_per_code, {of_model:.6g}"
+            "array lsb_volt",
+            f"says that a code is worth {step:.6g} and configuration '{config.name}', field volt_per_code, "
+            f"{of_model:.6g}",
         )
     if abs(recordings.sample_rate_hz / config.sensor.sample_rate_hz - 1.0) > 0.02:
         wanted = f"configuration '{config.name}', field sample_rate_hz, has {config.sensor.sample_rate_hz:g}"

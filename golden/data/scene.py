@@ -1,32 +1,39 @@
-"""A synthetic tactile scene: brush, roll and slide on an n x m piezoelectric array, with no more physics than separates the three.
+"""A synthetic tactile scene: brush, roll and slide on an n x m piezoelectric array, with no more physics than
+separates the three.
 
-With 3 classes they are the modalities, with 2 brush and slide, in either direction and sense. More classes are modality, heading and
-speed together, in this order: class i (from 0) is modality i mod 3, heading i / 3 mod 4 (east, south, west, north: by columns up, rows up,
-columns down, rows down), speed i / 12 (medium, slow, fast). ``brush-east-medium`` is the first; any count takes the modalities evenly.
+With 3 classes they are the modalities, with 2 brush and slide, in either direction and sense. More classes
+are modality, heading and speed together, in this order: class i (from 0) is modality i mod 3, heading i / 3
+mod 4 (east, south, west, north: by columns up, rows up, columns down, rows down), speed i / 12 (medium, slow,
+fast). ``brush-east-medium`` is the first; any count takes the modalities evenly.
 
 Lengths are in half widths of the array (the taxel centres lie in a square of -1..1), time t in seconds.
 
-**Motion.** A contact touches down at one edge, dwells for 0.05 to 0.2 s, and crosses the array at constant speed along its heading: along
-the columns (``direction`` 0) or along the rows (1), in either sense, a few degrees off. ``u`` is how far the contact's centre has passed a
-taxel along the heading, ``y`` how far the taxel lies beside the path. The normal force ``N(t)`` rises over the first tenth of the contact,
-falls over the last, and carries the person's tremor.
+**Motion.** A contact touches down at one edge, dwells for 0.05 to 0.2 s, and crosses the array at constant
+speed along its heading: along the columns (``direction`` 0) or along the rows (1), in either sense, a few
+degrees off. ``u`` is how far the contact's centre has passed a taxel along the heading, ``y`` how far the
+taxel lies beside the path. The normal force ``N(t)`` rises over the first tenth of the contact, falls over
+the last, and carries the person's tremor.
 
 **Force on a taxel**, with ``g(q) = exp(-q^2 / 2)``:
 
 - roll, a rigid cylinder: a narrow line that loads and unloads, no shear: ``N g(u / w)``.
-- slide, a soft finger pad: pressure, and shear that pushes the skin together ahead of the pad and pulls it apart behind:
-  ``N g(q) g(y / 2) (p + m(s) sqrt(e) q)``, ``q = u / w``. Shear builds up with the distance slid, ``m(s) = friction tanh(s / 0.25)``, and
-  the pad moves by stick and slip, a sawtooth of 8 to 14 Hz on ``u``.
-- brush, rows of bristle tufts at pitch ``l`` under a broad patch: ``N g(u / b) ((1 + cos(2 pi u / l + phase)) / 2 + 0.15 (f - 1))``, where
-  f, drawn anew from an exponential distribution every 20 ms, stands for the many short contacts of single bristles.
+- slide, a soft finger pad: pressure, and shear that pushes the skin together ahead of the pad and pulls it
+  apart behind: ``N g(q) g(y / 2) (p + m(s) sqrt(e) q)``, ``q = u / w``. Shear builds up with the distance
+  slid, ``m(s) = friction tanh(s / 0.25)``, and the pad moves by stick and slip, a sawtooth of 8 to 14 Hz on
+  ``u``.
+- brush, rows of bristle tufts at pitch ``l`` under a broad patch: ``N g(u / b) ((1 + cos(2 pi u / l + phase))
+  / 2 + 0.15 (f - 1))``, where f, drawn anew from an exponential distribution every 20 ms, stands for the many
+  short contacts of single bristles.
 
 All times the coupling of each taxel in this trial (an uneven surface, a tilted hand).
 
-**Sensor.** A piezoelectric taxel does not see static force: ``dV/dt = dF/dt - V / tau``, ``tau = 1 / (2 pi CORNER_HZ)``. Gain (5 % apart)
-and rest level (1.65 V, 4 mV apart) belong to the taxel. White noise and slow drift are added, and the converter rounds to codes.
+**Sensor.** A piezoelectric taxel does not see static force: ``dV/dt = dF/dt - V / tau``, ``tau = 1 / (2 pi
+CORNER_HZ)``. Gain (5 % apart) and rest level (1.65 V, 4 mV apart) belong to the taxel. White noise and slow
+drift are added, and the converter rounds to codes.
 
-So that per-taxel mean and deviation tell little, forces are alike over the classes and vary by person and trial. What tells the classes
-apart is the order in which a taxel is loaded: + then - (roll), - then + (slide), several times (brush).
+So that per-taxel mean and deviation tell little, forces are alike over the classes and vary by person and
+trial. What tells the classes apart is the order in which a taxel is loaded: + then - (roll), - then +
+(slide), several times (brush).
 """
 
 from __future__ import annotations
@@ -51,7 +58,8 @@ REST_VOLT = 1.65
 CORNER_HZ = 0.5
 """High-pass corner of a piezoelectric taxel with its amplifier, hertz."""
 TYPICAL_VOLT = {"brush": 0.20, "roll": 0.20, "slide": 0.16}
-"""Signal of a typical force on a taxel before the high-pass, volt: with these the deviation of a taxel is alike over the classes."""
+"""Signal of a typical force on a taxel before the high-pass, volt: with these the deviation of a taxel is
+alike over the classes."""
 NOISE_VOLT, DRIFT_VOLT = 0.0012, 0.002
 SIDES = (2, 8)
 """Smallest and largest number of rows and of columns."""
@@ -61,7 +69,8 @@ CODES = 1 << 27
 
 
 class Kind(NamedTuple):
-    """What a class is: modality, quarter turns of the heading (None: either way along the trial's direction), length of a contact."""
+    """What a class is: modality, quarter turns of the heading (None: either way along the trial's direction),
+    length of a contact."""
 
     name: str
     modality: str
@@ -75,37 +84,51 @@ def kinds(classes: int) -> tuple[Kind, ...]:
         return tuple(Kind(name, name) for name in (MODALITIES if classes == 3 else ("brush", "slide")))
     speeds = list(SPEEDS)
     chosen = [(MODALITIES[index % 3], index // 3 % 4, speeds[index // 12]) for index in range(classes)]
-    return tuple(Kind(f"{modality}-{HEADINGS[quarter]}-{speed}", modality, quarter, SPEEDS[speed]) for modality, quarter, speed in chosen)
+    return tuple(
+        Kind(f"{modality}-{HEADINGS[quarter]}-{speed}", modality, quarter, SPEEDS[speed])
+        for modality, quarter, speed in chosen
+    )
 
 
 def scene_of(config: AcceleratorConfig, *, progress: Callable[[int, int], None] | None = None) -> Recordings:
-    """The scene that belongs to a configuration: what ``--data synthetic`` means beside ``--config`` or a model.
+    """The scene that belongs to a configuration: what ``--data synthetic`` means beside ``--config`` or a
+    model.
 
-    Its array is the most square one of ``taxels``, no more rows than columns; its classes are as many as class_names, which must be the
-    scene's own (``kinds``); its rate is sample_rate_hz. 20 persons and 4 trials as long as that makes no more than CODES samples, else
-    2 trials or 1, then fewer persons, 2 at least. The presets thesis and synthetic give the default scene.
+    Its array is the most square one of ``taxels``, no more rows than columns; its classes are as many as
+    class_names, which must be the scene's own (``kinds``); its rate is sample_rate_hz. 20 persons and 4
+    trials as long as that makes no more than CODES samples, else 2 trials or 1, then fewer persons, 2 at
+    least. The presets thesis and synthetic give the default scene.
 
     Raises
     ------
     InputError
-        No array of 2..8 rows and columns has that many taxels; other class names; a rate outside 100..20000 Hz.
+        No array of 2..8 rows and columns has that many taxels; other class names; a rate outside 100..20000
+        Hz.
     """
     rows = max(
-        (n for n in range(SIDES[0], SIDES[1] + 1) if not config.sensor.taxels % n and n <= config.sensor.taxels // n <= SIDES[1]), default=0
+        (
+            n
+            for n in range(SIDES[0], SIDES[1] + 1)
+            if not config.sensor.taxels % n and n <= config.sensor.taxels // n <= SIDES[1]
+        ),
+        default=0,
     )
     if not rows:
         raise InputError(
-            f"configuration '{config.name}', field taxels: is {config.sensor.taxels}; the synthetic scene has "
+            f"configuration '{config.name}', field taxels: is {config.sensor.taxels}; the synthetic scene "
+            "has "
             f"{SIDES[0]} to {SIDES[1]} rows and "
             "as many columns, so use 4, 9, 16, 25, 36, 49, 64 or another product of two of them"
         )
     names = tuple(kind.name for kind in kinds(config.classes))
     if config.network.class_names != names:
         raise InputError(
-            f"configuration '{config.name}', field class_names: is {', '.join(config.network.class_names)}; the synthetic scene of "
+            f"configuration '{config.name}', field class_names: is {', '.join(config.network.class_names)}; "
+            "the synthetic scene of "
             f"{config.classes} classes has {', '.join(names)}"
         )
-    room = int(CODES / (RECORDING_S * config.sensor.sample_rate_hz * config.sensor.taxels * config.classes))  # recordings of each class
+    # recordings of each class
+    room = int(CODES / (RECORDING_S * config.sensor.sample_rate_hz * config.sensor.taxels * config.classes))
     trials = next(trials for trials in (TRIALS, 2, 1) if trials == 1 or room >= trials * PERSONS)
     return synthetic_recordings(
         persons=max(2, min(PERSONS, room // trials)),
@@ -118,7 +141,9 @@ def scene_of(config: AcceleratorConfig, *, progress: Callable[[int, int], None] 
     )
 
 
-def _check_sizes(scene: str, persons: int, trials: int, rows: int, columns: int, classes: int, sample_rate_hz: float) -> None:
+def _check_sizes(
+    scene: str, persons: int, trials: int, rows: int, columns: int, classes: int, sample_rate_hz: float
+) -> None:
     for name, value, low, high in (
         ("persons", persons, 1, 1000),
         ("trials", trials, 1, 100),
@@ -133,7 +158,9 @@ def _check_sizes(scene: str, persons: int, trials: int, rows: int, columns: int,
 
 def _grid(rows: int, columns: int) -> np.ndarray:
     """(rows x columns, 2): across and down of each taxel, -1..1."""
-    across, down = np.meshgrid((2 * np.arange(columns) + 1) / columns - 1, (2 * np.arange(rows) + 1) / rows - 1)
+    across, down = np.meshgrid(
+        (2 * np.arange(columns) + 1) / columns - 1, (2 * np.arange(rows) + 1) / rows - 1
+    )
     return np.stack([across.ravel(), down.ravel()], axis=1)
 
 
@@ -153,7 +180,8 @@ def synthetic_recordings(
     Parameters
     ----------
     persons, trials:
-        People, and recordings for each person and class. Trials take the two directions in turn where a class has no heading of its own.
+        People, and recordings for each person and class. Trials take the two directions in turn where a class
+        has no heading of its own.
     seed:
         Everything follows from it; a person's recordings do not depend on how many persons there are.
     rows, columns:
@@ -208,7 +236,11 @@ def synthetic_recordings(
         labels=labels,
         class_names=tuple(kind.name for kind in of_class),
         sample_rate_hz=float(sample_rate_hz),
-        groups={"person": order // each, "trial": trials_of, "direction": np.where(direction < 0, trials_of % 2, direction)},
+        groups={
+            "person": order // each,
+            "trial": trials_of,
+            "direction": np.where(direction < 0, trials_of % 2, direction),
+        },
         source="synthetic scene",
         volt_per_code=volt_per_code,
     )
@@ -229,9 +261,15 @@ def _habit(rng: np.random.Generator) -> dict[str, float]:
 
 
 def _contact(
-    kind: Kind, rng: np.random.Generator, habit: dict[str, float], direction: int, grid: np.ndarray, time: np.ndarray
+    kind: Kind,
+    rng: np.random.Generator,
+    habit: dict[str, float],
+    direction: int,
+    grid: np.ndarray,
+    time: np.ndarray,
 ) -> np.ndarray:
-    """Signal of the force on every taxel, volt before the high-pass, shape (frames, taxels): one contact as the module describes it.
+    """Signal of the force on every taxel, volt before the high-pass, shape (frames, taxels): one contact as
+    the module describes it.
 
     ``direction`` counts where the class has no heading of its own; the sense is drawn then.
     """
@@ -251,7 +289,11 @@ def _contact(
     touching = (time > start) & (time < start + duration)
     since = time[touching, None] - start
     ramp = np.clip(np.minimum(since, duration - since) / (0.1 * duration), 0, 1)
-    normal = ramp**2 * (3 - 2 * ramp) * (1 + habit["tremor"] * np.sin(2 * np.pi * (habit["tremor_hz"] * since + rng.uniform())))
+    normal = (
+        ramp**2
+        * (3 - 2 * ramp)
+        * (1 + habit["tremor"] * np.sin(2 * np.pi * (habit["tremor_hz"] * since + rng.uniform())))
+    )
     slid = 2 * reach * np.clip((since - dwell) / (duration - dwell), 0, 1)
     if modality == "slide":
         stuck = (since * rng.uniform(8, 14) + rng.uniform()) % 1
@@ -280,7 +322,8 @@ def _bump(q) -> np.ndarray:
 
 
 def _high_pass(force: np.ndarray, sample_rate_hz: float) -> np.ndarray:
-    """First-order high-pass along the first axis, from rest: ``V(t) = a (V(t-1) + F(t) - F(t-1))``, ``a = exp(-2 pi CORNER_HZ / rate)``."""
+    """First-order high-pass along the first axis, from rest: ``V(t) = a (V(t-1) + F(t) - F(t-1))``, ``a =
+    exp(-2 pi CORNER_HZ / rate)``."""
     decay = np.float32(np.exp(-2 * np.pi * CORNER_HZ / sample_rate_hz))
     volt = np.diff(force, axis=0, prepend=force[:1])
     for frame in range(1, len(volt)):
@@ -292,4 +335,6 @@ def _high_pass(force: np.ndarray, sample_rate_hz: float) -> np.ndarray:
 def _drift(rng: np.random.Generator, time: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     """A slow sine of 0.05 to 0.2 Hz on every taxel of every recording, volt."""
     frequency, phase = rng.uniform(0.05, 0.2, shape), rng.uniform(0, 2 * np.pi, shape)
-    return _single(DRIFT_VOLT) * np.sin(_single(2 * np.pi * frequency) * _single(time)[:, None, None] + _single(phase))
+    return _single(DRIFT_VOLT) * np.sin(
+        _single(2 * np.pi * frequency) * _single(time)[:, None, None] + _single(phase)
+    )

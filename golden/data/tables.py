@@ -1,8 +1,8 @@
 """Recordings from tables of text and pandas DataFrames: what a column means (docs/recordings.md).
 
-Where a name says it, or --columns, it is taken as said. Any other column whose course no taxel has (one value in each recording, or
-steadily rising) is understood and said, or refused: as a taxel it would tell the network the class or the hour. What was understood
-stands in ``Recordings.notes``.
+Where a name says it, or --columns, it is taken as said. Any other column whose course no taxel has (one value
+in each recording, or steadily rising) is understood and said, or refused: as a taxel it would tell the
+network the class or the hour. What was understood stands in ``Recordings.notes``.
 """
 
 from __future__ import annotations
@@ -31,11 +31,26 @@ LEAST_STEPS = 16
 """From so many frames on a column's course says something about what it is."""
 
 _UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-_TIME = re.compile(r"^(?:time|t|timestamp|elapsed|seconds|zeit|x_value)(?:[ _]*[(\[]?(s|sec|seconds|ms|msec|us|µs|ns)[)\]]?)?$", re.I)
+_TIME = re.compile(
+    r"^(?:time|t|timestamp|elapsed|seconds|zeit|x_value)(?:[ "
+    r"_]*[(\[]?(s|sec|seconds|ms|msec|us|µs|ns)[)\]]?)?$",
+    re.I,
+)
 _INDEX = ("", "index", "frame", "sample", "n", "no", "number", "row", "counter", "unnamed: 0")
 _RECORDING = ("recording", "recording_id", "rec", "rec_id", "record", "series", "series_id",
               "sequence_id", "sample_id", "measurement", "id")  # fmt: skip
-_CLASS = ("class", "label", "target", "class_name", "category", "material", "object", "texture", "surface", "gesture")
+_CLASS = (
+    "class",
+    "label",
+    "target",
+    "class_name",
+    "category",
+    "material",
+    "object",
+    "texture",
+    "surface",
+    "gesture",
+)
 _GROUPS = ("person", "subject", "participant", "user", "session", "block", "trial", "run", "fold", "group", "day",
            "speed", "seq", "sequence")  # fmt: skip
 _MISSING = ("", "nan", "n/a", "<na>", "null")
@@ -78,8 +93,11 @@ def _chosen(table: Table, reading: Reading) -> list[int]:
     return columns
 
 
-def _meaning(table: Table, time: int | None, taken: Sequence[int], labels: np.ndarray, chosen: Sequence[int]) -> _Meaning:
-    """What the columns are: ``chosen``, where there are any, are the taxels; ``taken`` are something else already."""
+def _meaning(
+    table: Table, time: int | None, taken: Sequence[int], labels: np.ndarray, chosen: Sequence[int]
+) -> _Meaning:
+    """What the columns are: ``chosen``, where there are any, are the taxels; ``taken`` are something else
+    already."""
     names = [name.lower() for name in table.names]
     series = [re.sub(r"\d+", "#", name) for name in names]
     taxels: list[int] = []
@@ -94,20 +112,32 @@ def _meaning(table: Table, time: int | None, taken: Sequence[int], labels: np.nd
             taxels += [column] if chosen else []
             continue
         means_other = bool(names) and names[column] in (*_RECORDING, *_CLASS, *_GROUPS)
-        is_taxel = bool(names) and not means_other and "#" in series[column] and series.count(series[column]) > 1
+        is_taxel = (
+            bool(names) and not means_other and "#" in series[column] and series.count(series[column]) > 1
+        )
         text = table.is_text(column)
-        values = np.unique(table.frame[column].astype(str), return_inverse=True)[1].astype(float) if text else table.parsed(column)
+        values = (
+            np.unique(table.frame[column].astype(str), return_inverse=True)[1].astype(float)
+            if text
+            else table.parsed(column)
+        )
         course = _course(values, table.starts)
         if is_taxel or (course == "level" and not text and not means_other and (values == values[0]).all()):
             taxels.append(column)
             if course == "level":
-                notes.append(f"{table.called(column)} keeps its value in each recording and was taken as a taxel")
+                notes.append(
+                    f"{table.called(column)} keeps its value in each recording and was taken as a taxel"
+                )
         elif text and not any(table.frame[column]):
             leave_out(column, "is empty")
         elif names and _TIME.match(names[column]):
             leave_out(column, "is time, too,")
         elif course == "level" and not names:
-            table.refuse(f"{table.called(column)} has one value in each recording, so is no taxel; choose the taxels with --columns", 0)
+            table.refuse(
+                f"{table.called(column)} has one value in each recording, so is no taxel; choose the taxels "
+                "with --columns",
+                0,
+            )
         elif course == "level" and _same_split(values[table.starts], labels):
             leave_out(column, "tells the class, too,")
         elif course == "level":
@@ -124,7 +154,8 @@ def _meaning(table: Table, time: int | None, taken: Sequence[int], labels: np.nd
             leave_out(column, "runs on like a time")
         elif course == "either":
             table.refuse(
-                f"{table.called(column)} is level in some recordings and runs on like a time in others, so is no taxel; "
+                f"{table.called(column)} is level in some recordings and runs on like a time in others, so "
+                "is no taxel; "
                 "choose the taxels with --columns",
                 0,
             )
@@ -133,13 +164,15 @@ def _meaning(table: Table, time: int | None, taken: Sequence[int], labels: np.nd
     if not taxels:
         table.refuse("has no column left for taxels; choose them with --columns")
     if time is not None:
-        notes.insert(0, f"{table.called(time)} is time" if names else f"{table.called(time)} goes up and is time")
+        notes.insert(
+            0, f"{table.called(time)} is time" if names else f"{table.called(time)} goes up and is time"
+        )
     return _Meaning(taxels, time, groups, notes)
 
 
 def _course(values: np.ndarray, starts: np.ndarray) -> str:
-    """How a column goes, in every recording: "level", "counts" (in ones), "rises" (or falls, as a time does), "either" level or rising;
-    "" as signals do."""
+    """How a column goes, in every recording: "level", "counts" (in ones), "rises" (or falls, as a time does),
+    "either" level or rising; "" as signals do."""
     steps = np.diff(values)
     steps[starts[1:] - 1] = np.nan
     if np.isfinite(steps).sum() < LEAST_STEPS or not np.isfinite(values).all():
@@ -163,7 +196,8 @@ def _course(values: np.ndarray, starts: np.ndarray) -> str:
 
 
 def _is_clock(values: np.ndarray) -> bool:
-    """Whether values of one recording run evenly though not in every frame, as a coarse clock, or wrap as a counter of few bits."""
+    """Whether values of one recording run evenly though not in every frame, as a coarse clock, or wrap as a
+    counter of few bits."""
     steps = np.diff(values)
     middle = np.median(steps)
     if middle != 0 and (steps == middle).mean() > 0.9:
@@ -186,11 +220,18 @@ def _unit(table: Table, time: int | None) -> float:
     if table.frame[time].dtype.kind == "M":
         return 1.0
     match = _TIME.match(table.names[time])
-    return 1.0 if table.names[time].lower() == "seconds" else _UNITS.get((match[1] or "").lower(), 0.0) if match else 0.0
+    return (
+        1.0
+        if table.names[time].lower() == "seconds"
+        else _UNITS.get((match[1] or "").lower(), 0.0)
+        if match
+        else 0.0
+    )
 
 
 def _rate(table: Table, time: int, seconds: np.ndarray, rows: slice, unit: float) -> float | None:
-    """Frames a second of ``seconds``, the time column over ``rows``; None with fewer than two. unit: s; 0: not said."""
+    """Frames a second of ``seconds``, the time column over ``rows``; None with fewer than two. unit: s; 0:
+    not said."""
     if len(seconds) < 2:
         return None
     steps = np.diff(seconds)
@@ -199,11 +240,16 @@ def _rate(table: Table, time: int, seconds: np.ndarray, rows: slice, unit: float
     called = table.called(time)
     if steps.min() <= 0:
         row = int(np.argmax(steps <= 0)) + 1
-        table.refuse(f"{called} does not go up, from {seconds[row - 1]:g} to {seconds[row]:g}; give --rate HZ", rows.start + row)
+        table.refuse(
+            f"{called} does not go up, from {seconds[row - 1]:g} to {seconds[row]:g}; give --rate HZ",
+            rows.start + row,
+        )
     if far.max() > 0.5 * middle:
         row = int(np.argmax(far)) + 1
         why = f"{called} jumps by {steps[row - 1]:g} where others go by {middle:g}"
-        table.refuse(f"{why}; split the recording there, sample it evenly, or give --rate HZ", rows.start + row)
+        table.refuse(
+            f"{why}; split the recording there, sample it evenly, or give --rate HZ", rows.start + row
+        )
     rate = (len(seconds) - 1) / float(seconds[-1] - seconds[0]) / (unit or 1.0)
     if not unit and rate < 2:
         why = f"{called} goes by {middle:g}, which in seconds is {rate:.3g} frames a second"
@@ -212,9 +258,15 @@ def _rate(table: Table, time: int, seconds: np.ndarray, rows: slice, unit: float
 
 
 def _common_rate(
-    table: Table, time: int | None, units: Sequence[float], names: Sequence[str], reading: Reading, config: AcceleratorConfig | None
+    table: Table,
+    time: int | None,
+    units: Sequence[float],
+    names: Sequence[str],
+    reading: Reading,
+    config: AcceleratorConfig | None,
 ) -> tuple[float, str]:
-    """One rate for all recordings, and where it comes from, in words. units: of the time column in each recording, s (0: not said)."""
+    """One rate for all recordings, and where it comes from, in words. units: of the time column in each
+    recording, s (0: not said)."""
     told: list[tuple[float, str]] = []
     if time is not None:
         try:
@@ -229,16 +281,29 @@ def _common_rate(
     if reading.rate_hz is not None:
         if not told or abs(middle / reading.rate_hz - 1) <= RATE_TOLERANCE:
             return reading.rate_hz, "the sample rate is as asked for"
-        return reading.rate_hz, f"the sample rate is as asked for, {reading.rate_hz:g} Hz; but the time columns say {middle:g} Hz"
+        return (
+            reading.rate_hz,
+            f"the sample rate is as asked for, {reading.rate_hz:g} Hz; but the time columns say {middle:g} "
+            "Hz",
+        )
     if not told and config is not None:
-        return config.sensor.sample_rate_hz, f"there is no time column; the rate is that of configuration '{config.name}'"
+        return (
+            config.sensor.sample_rate_hz,
+            f"there is no time column; the rate is that of configuration '{config.name}'",
+        )
     if not told:
         why = "have no time column, so their rate is not known"
-        raise InputError(f"recordings '{table.place(0)}': {why}; write an archive with it, eskin convert SOURCE --rate HZ --out FILE.npz")
+        raise InputError(
+            f"recordings '{table.place(0)}': {why}; write an archive with it, eskin convert SOURCE --rate "
+            "HZ --out FILE.npz"
+        )
     (low, slow), (high, fast) = min(told), max(told)
     if high > (1 + RATE_TOLERANCE) * low:
         why = f"'{slow}' has {low:g} frames a second and '{fast}' {high:g}"
-        raise InputError(f"recordings '{table.place(0)}': {why}; give recordings of one rate, or the rate of all with --rate HZ")
+        raise InputError(
+            f"recordings '{table.place(0)}': {why}; give recordings of one rate, or the rate of all with "
+            "--rate HZ"
+        )
     return middle, "the sample rate is that of the time columns"
 
 
@@ -255,7 +320,8 @@ def assemble(
     config: AcceleratorConfig | None,
     notes: Sequence[str],
 ) -> Recordings:
-    """Recordings of finite samples (frames, taxels): real ones become codes, by the configuration's ``volt_per_code`` where it has one."""
+    """Recordings of finite samples (frames, taxels): real ones become codes, by the configuration's
+    ``volt_per_code`` where it has one."""
     of_config = config.sensor.volt_per_code if config is not None and scale is None else 0.0
     if of_config > 0 and values.dtype.kind == "f" and not np.array_equal(values, np.rint(values)):
         scale = of_config
@@ -273,35 +339,57 @@ def assemble(
 
 def is_table_folder(folder: Path) -> bool:
     """Whether any sub-folder holds a text table."""
-    return any(file.suffix.lower() in SUFFIXES for entry in _visible(folder) if entry.is_dir() for file in _visible(entry))
+    return any(
+        file.suffix.lower() in SUFFIXES
+        for entry in _visible(folder)
+        if entry.is_dir()
+        for file in _visible(entry)
+    )
 
 
-def load_folder(folder: Path, reading: Reading, config: AcceleratorConfig | None, lvm: bool = False) -> Recordings:
-    """One recording a file, one class a sub-folder; groups: source_file, what file names tell, and columns with one value a file.
+def load_folder(
+    folder: Path, reading: Reading, config: AcceleratorConfig | None, lvm: bool = False
+) -> Recordings:
+    """One recording a file, one class a sub-folder; groups: source_file, what file names tell, and columns
+    with one value a file.
 
-    A file name's parts of letters and a number (``p07_brush_t2``, ``Seq1_Sp300_t1``), separated by ``_`` or ``-``, become groups when
-    every file has them: ``p`` is called person, ``t`` trial, others keep their letters.
+    A file name's parts of letters and a number (``p07_brush_t2``, ``Seq1_Sp300_t1``), separated by ``_`` or
+    ``-``, become groups when every file has them: ``p`` is called person, ``t`` trial, others keep their
+    letters.
 
     Parameters
     ----------
     lvm:
-        The files are LabVIEW's: column 1 is time, columns 2.. are taxels in volt, which become codes of the configuration's
-        ``volt_per_code``; where the time columns give no steady rate, it is the configuration's.
+        The files are LabVIEW's: column 1 is time, columns 2.. are taxels in volt, which become codes of the
+        configuration's ``volt_per_code``; where the time columns give no steady rate, it is the
+        configuration's.
 
     Raises
     ------
     InputError
         Files that cannot be read, or that are not of one array and rate.
     """
-    for option, given in (("--recording", reading.recording), ("--class", reading.label), ("--group", reading.groups)):
+    for option, given in (
+        ("--recording", reading.recording),
+        ("--class", reading.label),
+        ("--group", reading.groups),
+    ):
         if given and not lvm:
             why = f"{option} is for one long table; in a folder a file is a recording, a sub-folder a class"
             raise InputError(f"recordings '{folder}': {why}")
     if lvm and (config is None or config.sensor.volt_per_code <= 0):
-        raise InputError(f"recordings '{folder}': .lvm files hold volts; give a configuration whose field volt_per_code is above 0")
-    class_folders = sorted((entry for entry in _visible(folder) if entry.is_dir()), key=lambda entry: natural(entry.name))
+        raise InputError(
+            f"recordings '{folder}': .lvm files hold volts; give a configuration whose field volt_per_code "
+            "is above 0"
+        )
+    class_folders = sorted(
+        (entry for entry in _visible(folder) if entry.is_dir()), key=lambda entry: natural(entry.name)
+    )
     if not class_folders:
-        raise InputError(f"recordings '{folder}': has no sub-folder; put each class's .lvm files into a folder named after the class")
+        raise InputError(
+            f"recordings '{folder}': has no sub-folder; put each class's .lvm files into a folder named "
+            "after the class"
+        )
     suffixes = (".lvm",) if lvm else SUFFIXES
     tables: list[Table] = []
     labels, names, units, skipped = [], [], [], 0
@@ -311,7 +399,10 @@ def load_folder(folder: Path, reading: Reading, config: AcceleratorConfig | None
         skipped += len(entries) - len(files)
         if not files:
             kinds = ".lvm file" if lvm else ".csv, .tsv or .txt file"
-            raise InputError(f"recordings '{class_folder}': has no {kinds}; add the class's recordings or remove the folder")
+            raise InputError(
+                f"recordings '{class_folder}': has no {kinds}; add the class's recordings or remove the "
+                "folder"
+            )
         for file in files:
             table = read_table(file, reading, lvm)
             chosen = _chosen(table, reading)
@@ -327,11 +418,14 @@ def load_folder(folder: Path, reading: Reading, config: AcceleratorConfig | None
     table = Table.joined(tables)
     groups = {"source_file": np.array(names)} | _groups_of_names([Path(name).stem for name in names])
     if lvm and config is not None:
-        return _volts_as_codes(table, np.array(labels), [entry.name for entry in class_folders], groups, str(folder), config)
+        return _volts_as_codes(
+            table, np.array(labels), [entry.name for entry in class_folders], groups, str(folder), config
+        )
     meaning = _meaning(table, time, (), np.array(labels), [*range(len(chosen))] if chosen else [])
     rate, why = _common_rate(table, meaning.time, units, names, reading, config)
     notes = [
-        f"{len(class_folders)} folders are classes, {len(names)} files recordings; {_listed(table, meaning.taxels)}",
+        f"{len(class_folders)} folders are classes, {len(names)} files recordings; "
+        f"{_listed(table, meaning.taxels)}",
         *dict.fromkeys(note for each in tables for note in each.notes),
         *meaning.notes,
         why,
@@ -341,14 +435,26 @@ def load_folder(folder: Path, reading: Reading, config: AcceleratorConfig | None
     groups |= {table.names[column]: _whole(table, column) for column in meaning.groups}
     values = table.numbers(meaning.taxels)
     return assemble(
-        values, table.offsets, labels, [entry.name for entry in class_folders], rate, groups, str(folder), reading.scale, config, notes
+        values,
+        table.offsets,
+        labels,
+        [entry.name for entry in class_folders],
+        rate,
+        groups,
+        str(folder),
+        reading.scale,
+        config,
+        notes,
     )
 
 
 def _check_alike(first: Table, table: Table, first_name: str, lvm: bool) -> None:
     """Refuse a file whose columns are not those of the first; how they call time may differ."""
     bare, others = ([_TIME.sub("time", name) for name in each.names] for each in (table, first))
-    count, other = (each.frame.shape[1] - (1 if lvm else sum(map(bool, map(_TIME.match, each.names)))) for each in (table, first))
+    count, other = (
+        each.frame.shape[1] - (1 if lvm else sum(map(bool, map(_TIME.match, each.names))))
+        for each in (table, first)
+    )
     if count != other:
         table.refuse(f"has {count} taxels where '{first_name}' has {other}; all files must agree")
     if bare != others:
@@ -356,7 +462,12 @@ def _check_alike(first: Table, table: Table, first_name: str, lvm: bool) -> None
 
 
 def _volts_as_codes(
-    table: Table, labels: np.ndarray, class_names: Sequence[str], groups: dict[str, np.ndarray], source: str, config: AcceleratorConfig
+    table: Table,
+    labels: np.ndarray,
+    class_names: Sequence[str],
+    groups: dict[str, np.ndarray],
+    source: str,
+    config: AcceleratorConfig,
 ) -> Recordings:
     sensor, fmt = config.sensor, config.sample_format
     volts = table.numbers([*table.frame][1:])
@@ -366,9 +477,13 @@ def _volts_as_codes(
         row, taxel = place_of(wrong)
         span = f"{fmt.min_code * sensor.volt_per_code:g} to {fmt.max_code * sensor.volt_per_code:g} V"
         why = f"{volts[row, taxel]:g} V is outside the converter's {span}"
-        table.refuse(f"{why}; set sample_bits, sample_signed and volt_per_code of the configuration", row, taxel + 1)
+        table.refuse(
+            f"{why}; set sample_bits, sample_signed and volt_per_code of the configuration", row, taxel + 1
+        )
     try:
-        rate, note = _common_rate(table, 0, [1.0] * len(labels), groups["source_file"].tolist(), Reading(), None)
+        rate, note = _common_rate(
+            table, 0, [1.0] * len(labels), groups["source_file"].tolist(), Reading(), None
+        )
     except InputError:
         rate = sensor.sample_rate_hz
         note = f"the time columns give no steady rate; taken from the configuration '{config.name}'"
@@ -387,32 +502,53 @@ def _volts_as_codes(
     )
 
 
-def load_long_table(data: Path | pd.DataFrame, reading: Reading, config: AcceleratorConfig | None) -> Recordings:
-    """One table of all recordings, a file or a DataFrame: columns for recording, class, groups, time and taxels, one row a frame.
+def load_long_table(
+    data: Path | pd.DataFrame, reading: Reading, config: AcceleratorConfig | None
+) -> Recordings:
+    """One table of all recordings, a file or a DataFrame: columns for recording, class, groups, time and
+    taxels, one row a frame.
 
     A recording is a run of rows with one value of recording and class.
 
     Raises
     ------
     InputError
-        There is no header, no class or recording column, a value of them is missing, a group changes inside a recording, or rows of a
-        recording do not stand together.
+        There is no header, no class or recording column, a value of them is missing, a group changes inside a
+        recording, or rows of a recording do not stand together.
     """
     table = read_table(data, reading) if isinstance(data, Path) else _of_frame(data)
     if not table.names:
-        table.refuse("has no header, so its columns have no names; add one, or make it a folder with a sub-folder a class", 0)
+        table.refuse(
+            "has no header, so its columns have no names; add one, or make it a folder with a sub-folder a "
+            "class",
+            0,
+        )
     lower = [name.lower() for name in table.names]
 
     def column_of(asked: str | None, words: Sequence[str], option: str, what: str) -> int:
-        named = [table.find(asked, option)] if asked is not None else [lower.index(word) for word in words if word in lower]
+        named = (
+            [table.find(asked, option)]
+            if asked is not None
+            else [lower.index(word) for word in words if word in lower]
+        )
         if not named:
-            table.refuse(f"has no column that says the {what} ({', '.join(words[:4])}, ...); name it with {option}", 0)
+            table.refuse(
+                f"has no column that says the {what} ({', '.join(words[:4])}, ...); name it with {option}", 0
+            )
         table.check_filled(named[0], _MISSING)
         return named[0]
 
     label = column_of(reading.label, _CLASS, "--class", "class of a row")
-    recording = column_of(reading.recording, [word for word in _RECORDING if word != lower[label]], "--recording", "recording of a row")
-    keys = {column: np.unique(table.frame[column].astype(str), return_inverse=True)[1] for column in (recording, label)}
+    recording = column_of(
+        reading.recording,
+        [word for word in _RECORDING if word != lower[label]],
+        "--recording",
+        "recording of a row",
+    )
+    keys = {
+        column: np.unique(table.frame[column].astype(str), return_inverse=True)[1]
+        for column in (recording, label)
+    }
     changes = {column: np.flatnonzero(np.diff(key)) + 1 for column, key in keys.items()}
     starts = np.unique(np.concatenate([[0], *changes.values()]))
     table = replace(table, starts=starts)
@@ -420,12 +556,15 @@ def load_long_table(data: Path | pd.DataFrame, reading: Reading, config: Acceler
     cut = np.setdiff1d(changes[label], changes[recording])
     if len(cut):
         notes.append(
-            f"{table.called(label)} changes inside recordings, {len(cut)} times, first in line {table.lines[cut[0]]}: they were cut there"
+            f"{table.called(label)} changes inside recordings, {len(cut)} times, first in line "
+            f"{table.lines[cut[0]]}: they were cut there"
         )
     chosen = _chosen(table, reading)
     asked = [table.find(name, "--group") for name in reading.groups]
     groups = []
-    for column in asked or [number for number, name in enumerate(lower) if name in _GROUPS and number not in (label, recording)]:
+    for column in asked or [
+        number for number, name in enumerate(lower) if name in _GROUPS and number not in (label, recording)
+    ]:
         key = np.unique(table.frame[column].astype(str), return_inverse=True)[1]
         inside = np.setdiff1d(np.flatnonzero(np.diff(key)) + 1, starts)
         if not len(inside):
@@ -455,7 +594,18 @@ def load_long_table(data: Path | pd.DataFrame, reading: Reading, config: Acceler
         notes.append(f"groups: {', '.join(table.names[column] for column in groups)}")
     of_group = {table.names[column]: _whole(table, column) for column in (*groups, recording)}
     values = table.numbers(meaning.taxels)
-    return assemble(values, table.offsets, labels, class_names, rate, of_group, table.sources[0], reading.scale, config, notes)
+    return assemble(
+        values,
+        table.offsets,
+        labels,
+        class_names,
+        rate,
+        of_group,
+        table.sources[0],
+        reading.scale,
+        config,
+        notes,
+    )
 
 
 def _of_frame(frame: pd.DataFrame) -> Table:
@@ -475,7 +625,10 @@ def _groups_of_names(stems: list[str]) -> dict[str, np.ndarray]:
     tokens = [dict(re.findall(r"(?:^|[_\-. ])([A-Za-z]+)(\d{1,18})(?=$|[_\-. ])", stem)) for stem in stems]
     everywhere = [word for word in tokens[0] if all(word in others for others in tokens)]
     called = {"p": "person", "t": "trial"}
-    return {called.get(word.lower(), word.lower()): np.array([int(words[word]) for words in tokens]) for word in everywhere}
+    return {
+        called.get(word.lower(), word.lower()): np.array([int(words[word]) for words in tokens])
+        for word in everywhere
+    }
 
 
 def _listed(table: Table, taxels: Sequence[int]) -> str:
@@ -497,12 +650,17 @@ def _shown(value) -> str:
 
 
 def _whole(table: Table, column: int) -> np.ndarray:
-    """The values of a group, one a recording: whole numbers as integers, others as they are, all else as text."""
+    """The values of a group, one a recording: whole numbers as integers, others as they are, all else as
+    text."""
     values = table.frame[column].iloc[table.starts]
     if values.dtype.kind not in "iuf":
         return np.array([str(value) for value in values])
     numbers = values.to_numpy(dtype=np.float64)
-    return numbers.astype(np.int64) if np.array_equal(numbers, np.rint(numbers)) and np.abs(numbers).max() < 2**53 else numbers
+    return (
+        numbers.astype(np.int64)
+        if np.array_equal(numbers, np.rint(numbers)) and np.abs(numbers).max() < 2**53
+        else numbers
+    )
 
 
 def natural(name: str) -> list:

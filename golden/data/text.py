@@ -1,7 +1,8 @@
-"""Tables of text as people have them, ``.csv`` and LabVIEW's ``.lvm``: pandas parses, this module finds the form out.
+"""Tables of text as people have them, ``.csv`` and LabVIEW's ``.lvm``: pandas parses, this module finds the
+form out.
 
-What separates the cells, whether a comma is a decimal point and whether there is a header is read off the file; what cannot be read for
-certain is refused with file, line and the option that settles it.
+What separates the cells, whether a comma is a decimal point and whether there is a header is read off the
+file; what cannot be read for certain is refused with file, line and the option that settles it.
 """
 
 from __future__ import annotations
@@ -44,8 +45,9 @@ _LVM_HEADER = re.compile(rf"\s*(?:\*\*\*|(?:{_LVM_WORDS})\s*(?:[\t;, ]|$))", re.
 class Reading:
     """What a user says about a source; None and empty: it is found out.
 
-    rate_hz: frames a second. time, recording, label: columns, by name or by number from 1. columns: the taxels. groups: columns of a long
-    table, or arrays of a .mat file. delimiter: what separates columns. scale: what one code is worth. samples: array of a .mat file.
+    rate_hz: frames a second. time, recording, label: columns, by name or by number from 1. columns: the
+    taxels. groups: columns of a long table, or arrays of a .mat file. delimiter: what separates columns.
+    scale: what one code is worth. samples: array of a .mat file.
     """
 
     rate_hz: float | None = None
@@ -63,8 +65,9 @@ class Reading:
 class Table:
     """Rows of recordings, one after the other.
 
-    frame: the cells; columns are numbered from 0. names: the header, empty without one. lines (rows): numbers in the file, from 1.
-    starts: the first row of each recording. sources: the file of each recording, or one for all.
+    frame: the cells; columns are numbered from 0. names: the header, empty without one. lines (rows): numbers
+    in the file, from 1. starts: the first row of each recording. sources: the file of each recording, or one
+    for all.
     """
 
     frame: pd.DataFrame
@@ -97,7 +100,9 @@ class Table:
     def only(self, columns: list[int]) -> Table:
         """The table with these columns, numbered anew."""
         frame = self.frame[columns].set_axis(range(len(columns)), axis=1)
-        return replace(self, frame=frame, names=tuple(self.names[column] for column in columns) if self.names else ())
+        return replace(
+            self, frame=frame, names=tuple(self.names[column] for column in columns) if self.names else ()
+        )
 
     def check_filled(self, column: int, missing: Sequence[str]) -> None:
         """Refuse a column with a cell that has no value, or one of the words for none."""
@@ -130,7 +135,11 @@ class Table:
         if re.fullmatch(r"\d{1,9}", name) and 1 <= int(name) <= self.frame.shape[1]:
             return int(name) - 1
         listed = ", ".join(self.names[:12]) if self.names else f"numbers 1..{self.frame.shape[1]}"
-        why = "has several columns of that name" if name in self.names else f"has no such column; it has {listed}"
+        why = (
+            "has several columns of that name"
+            if name in self.names
+            else f"has no such column; it has {listed}"
+        )
         self.refuse(f"{option} {name[:40]}: the file {why}")
 
     def parsed(self, column: int) -> np.ndarray:
@@ -146,7 +155,9 @@ class Table:
 
     def is_text(self, column: int) -> bool:
         """Whether most cells of a column are no numbers."""
-        return self.frame[column].dtype.kind not in "iufM" and 2 * np.isnan(self.parsed(column)).sum() >= len(self.lines)
+        return self.frame[column].dtype.kind not in "iufM" and 2 * np.isnan(self.parsed(column)).sum() >= len(
+            self.lines
+        )
 
     def numbers(self, columns: Sequence[int]) -> np.ndarray:
         """(rows, columns) float64.
@@ -162,7 +173,9 @@ class Table:
         row, number = place_of(~np.isfinite(values))
         column = columns[number]
         cell = str(self.frame[column].iloc[row])[:20]
-        repair = "repair or remove the line" + (", or choose the taxels with --columns" if self.is_text(column) else "")
+        repair = "repair or remove the line" + (
+            ", or choose the taxels with --columns" if self.is_text(column) else ""
+        )
         if self.names:
             shown = f"'{cell}', which is no number" if cell else "an empty cell"
             shown = f"{cell}, not a finite number" if _NUMBER.fullmatch(cell) else shown
@@ -179,8 +192,8 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
     reading:
         Its delimiter counts.
     lvm:
-        LabVIEW's form: headers, also between frames, titles, comments behind the numbers and a cut last line are left out; no column has a
-        name.
+        LabVIEW's form: headers, also between frames, titles, comments behind the numbers and a cut last line
+        are left out; no column has a name.
 
     Raises
     ------
@@ -210,7 +223,11 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
     if delimiter is None and lvm:
         refuse("has no taxel column; column 1 is time, columns 2.. are taxels in volt", numbered[0][0])
     if delimiter is None:
-        refuse("is one column when it is split at commas, semicolons, tabs or blanks; name what separates its cells with --delimiter", 1)
+        refuse(
+            "is one column when it is split at commas, semicolons, tabs or blanks; name what separates its "
+            "cells with --delimiter",
+            1,
+        )
     if lvm and delimiter == "," and not any("." in line for line in shown):
         refuse("commas may be decimal points or separators; separate the columns by tabs or semicolons")
     names: tuple[str, ...] = ()
@@ -238,14 +255,20 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
                 text[row] = line.rstrip(" ")[:-1]
             elif count != width:
                 of = "the header" if names else f"line {numbered[0][0]}"
-                refuse(f"has {count} cells where {of} has {width}; repair or remove the line, or give --delimiter", numbered[row][0])
+                refuse(
+                    f"has {count} cells where {of} has {width}; repair or remove the line, or give "
+                    "--delimiter",
+                    numbered[row][0],
+                )
     frame = pd.read_csv(
         StringIO("\n".join(text)), sep=r"\s+" if delimiter == " " else delimiter, header=None, names=range(width), index_col=False,
         keep_default_na=False, na_values=[], low_memory=False, skipinitialspace=True, skip_blank_lines=False, quoting=3 if lvm else 0,
     )  # fmt: skip
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iuf")]:
         frame[column] = frame[column].astype(str).str.strip()
-    table = Table(frame, names, np.array([number for number, _ in numbered]), (str(path),), np.array([0]), tuple(notes))
+    table = Table(
+        frame, names, np.array([number for number, _ in numbered]), (str(path),), np.array([0]), tuple(notes)
+    )
     return _frames_of_lvm(table) if lvm else table
 
 
@@ -272,21 +295,25 @@ def _lines(path: Path, refuse) -> list[tuple[int, str]]:
 
 
 def _without_lvm_headers(numbered: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    """Lines of frames alone. LabVIEW ends each header (file, then channels) with a marker line; titles and units are text above them."""
+    """Lines of frames alone. LabVIEW ends each header (file, then channels) with a marker line; titles and
+    units are text above them."""
     start = 0
     for index, (_, line) in enumerate(numbered):
         if line.strip().startswith("***End_of_Header***"):
             start = index + 1
         elif re.match(r"\s*[-+]?[\d.,]+[\t; ,]", line):
             break
-    frames = [(number, line.rstrip(" \t;,\r")) for number, line in numbered[start:] if not _LVM_HEADER.match(line)]
+    frames = [
+        (number, line.rstrip(" \t;,\r")) for number, line in numbered[start:] if not _LVM_HEADER.match(line)
+    ]
     while frames and not re.search(r"^\s*[-+]?\d|\d[.,]\d", frames[0][1]):
         frames.pop(0)
     return frames
 
 
 def _frames_of_lvm(table: Table) -> Table:
-    """Time and taxels of a file of LabVIEW: the leading columns that hold numbers in most rows. What is not a frame is refused."""
+    """Time and taxels of a file of LabVIEW: the leading columns that hold numbers in most rows. What is not a
+    frame is refused."""
     blank = (table.frame == "").to_numpy()
     values = np.stack([table.parsed(column) for column in table.frame], axis=1)
     is_number = ~np.isnan(values)
@@ -306,7 +333,9 @@ def _frames_of_lvm(table: Table) -> Table:
         table.refuse(f"has {count} columns where the file has {columns}; repair or remove the line", row)
     missing = blank[:rows, 0]
     if missing.any() and not missing.all():
-        table.refuse("the time is missing; fill it in or leave the whole column blank", int(np.argmax(missing)), 0)
+        table.refuse(
+            "the time is missing; fill it in or leave the whole column blank", int(np.argmax(missing)), 0
+        )
     frame = table.frame.iloc[:rows, :columns]
     made = Table(frame, (), table.lines[:rows], table.sources, table.starts)
     made.numbers(range(1 if missing.all() else 0, columns))
@@ -320,7 +349,10 @@ def _split(line: str, delimiter: str) -> list[str]:
         return line.split() if delimiter == " " else [cell.strip() for cell in line.split(delimiter)]
     texts = iter(re.findall(r'"([^"]*)"', line))
     hidden = re.sub(r'"[^"]*"', "\0", line)
-    return [re.sub("\0", lambda _: next(texts), cell).strip() for cell in _split(hidden.replace('"', ""), delimiter)]
+    return [
+        re.sub("\0", lambda _: next(texts), cell).strip()
+        for cell in _split(hidden.replace('"', ""), delimiter)
+    ]
 
 
 def _count(line: str, delimiter: str) -> int:
@@ -338,12 +370,17 @@ def _asked_delimiter(lines: list[str], asked: str, refuse) -> str:
     if len(asked) != 1 or asked.isalnum() or asked in '".-+\n\r\0':
         refuse(f"--delimiter {asked!r}: cannot separate numbers; give a comma, a semicolon, tab or blank")
     if max(_count(line, asked) for line in lines) < 2:
-        refuse(f"is one column when it is split at {DELIMITERS.get(asked, repr(asked))}; give another --delimiter, or leave it out", 1)
+        refuse(
+            f"is one column when it is split at {DELIMITERS.get(asked, repr(asked))}; give another "
+            "--delimiter, or leave it out",
+            1,
+        )
     return asked
 
 
 def _delimiter(lines: list[str]) -> str | None:
-    """What splits most lines alike, into the largest share of numbers: a comma may be a decimal point where something else separates."""
+    """What splits most lines alike, into the largest share of numbers: a comma may be a decimal point where
+    something else separates."""
 
     def share_of_numbers(delimiter: str) -> float:
         rows = [_split(line, delimiter) for line in lines]
@@ -358,21 +395,29 @@ def _delimiter(lines: list[str]) -> str | None:
 
 
 def _is_header(first: list[str], second: list[str]) -> bool:
-    """Whether the first line names the columns: by text, or by numbers that count from 0 or 1 and do not count on below."""
+    """Whether the first line names the columns: by text, or by numbers that count from 0 or 1 and do not
+    count on below."""
     filled = [cell for cell in first if cell]
     numbers = [cell for cell in filled if _NUMBER.fullmatch(cell)]
     counts = len(numbers) > 2 and any(numbers == [str(n + k) for n in range(len(numbers))] for k in (0, 1))
     if len(numbers) == len(filled):
-        return counts and not (second[0].isdecimal() and first[0].isdecimal() and second[0] == str(int(first[0]) + 1))
-    # text beside numbers: a row of a table without a header, unless the row below has numbers where it has text
-    below = any(not _NUMBER.fullmatch(a) and _NUMBER.fullmatch(b) for a, b in zip(first, second, strict=False))
+        return counts and not (
+            second[0].isdecimal() and first[0].isdecimal() and second[0] == str(int(first[0]) + 1)
+        )
+    # text beside numbers: a row of a table without a header, unless the row below has numbers where it has
+    # text
+    below = any(
+        not _NUMBER.fullmatch(a) and _NUMBER.fullmatch(b) for a, b in zip(first, second, strict=False)
+    )
     return not numbers or counts or below or len(filled) == 1
 
 
 def _without_commas(numbered: list[tuple[int, str]], delimiter: str, refuse) -> tuple[list[str], str]:
-    """The lines with decimal points and without separators of thousands, and what was understood of their commas.
+    """The lines with decimal points and without separators of thousands, and what was understood of their
+    commas.
 
-    Of a number such as 1,234 alone nobody knows which; that no number contradicts one of the two readings is no reason to take it.
+    Of a number such as 1,234 alone nobody knows which; that no number contradicts one of the two readings is
+    no reason to take it.
     """
     lines = [line for _, line in numbered]
     text = "\n".join(lines)
@@ -383,13 +428,25 @@ def _without_commas(numbered: list[tuple[int, str]], delimiter: str, refuse) -> 
     if not numbers:
         return lines, ""
     decimal = not all(map(_THOUSANDS.fullmatch, numbers))
-    if not decimal and not any(number.count(",") > 1 for number in numbers) and not re.search(r"\d\.\d", scope):
+    if (
+        not decimal
+        and not any(number.count(",") > 1 for number in numbers)
+        and not re.search(r"\d\.\d", scope)
+    ):
         columns = [set(map(bool, map(_WITH_COMMA.fullmatch, filter(_NUMBER.fullmatch, cells))))
                    for cells in zip(*(_split(line, delimiter) for line in lines), strict=False)]  # fmt: skip
         if {True, False} not in columns:
             number = next(number for number, line in numbered if numbers[0] in line)
-            refuse(f"'{numbers[0]}' may be a decimal number or thousands; write a decimal point, or no separator of thousands", number)
-    pattern, point, note = (r"(?<=\d),(?=\d)", ".", "") if decimal else (r"(?<=\d),(?=\d{3})", "", "commas in numbers separate thousands")
+            refuse(
+                f"'{numbers[0]}' may be a decimal number or thousands; write a decimal point, or no "
+                "separator of thousands",
+                number,
+            )
+    pattern, point, note = (
+        (r"(?<=\d),(?=\d)", ".", "")
+        if decimal
+        else (r"(?<=\d),(?=\d{3})", "", "commas in numbers separate thousands")
+    )
     if delimiter == ",":
         return re.sub(r'"[^"]*"', lambda quoted: re.sub(pattern, point, quoted[0]), text).split("\n"), note
     return re.sub(pattern, point, text).split("\n"), note

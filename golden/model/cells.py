@@ -1,10 +1,12 @@
-"""The cells and the dense layer, each written once over an arithmetic object (docs/specification.md, sections 4 to 6).
+"""The cells and the dense layer, each written once over an arithmetic object (docs/specification.md, sections
+4 to 6).
 
-``Float`` computes in real numbers and trains; ``Fixed`` computes in codes, bit-true to the specification, with straight-through
-gradients. Every parameter may carry leading batch dimensions (folds x seeds, say), so that many networks run at once.
+``Float`` computes in real numbers and trains; ``Fixed`` computes in codes, bit-true to the specification,
+with straight-through gradients. Every parameter may carry leading batch dimensions (folds x seeds, say), so
+that many networks run at once.
 
-Parameters are a mapping from the names of docs/specification.md section 8 (``W_z`` ... ``b_y``) to tensors; a float network with reset
-after has a second bias row ``bh_z``, ``bh_r``, ``bh_n``, as in torch.
+Parameters are a mapping from the names of docs/specification.md section 8 (``W_z`` ... ``b_y``) to tensors; a
+float network with reset after has a second bias row ``bh_z``, ``bh_r``, ``bh_n``, as in torch.
 """
 
 from __future__ import annotations
@@ -20,7 +22,8 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import QFormat
 
 Array = Any
-"""A numpy array, or a torch tensor where gradients are wanted; torch is imported by whoever brings tensors, never here."""
+"""A numpy array, or a torch tensor where gradients are wanted; torch is imported by whoever brings tensors,
+never here."""
 
 Parameters = Mapping[str, Array]
 
@@ -42,7 +45,9 @@ def _in_rows(array: Array) -> Array:
 
 
 def _sigmoid(acc: Array) -> Array:
-    return 0.5 * (1.0 + np.tanh(0.5 * acc)) if isinstance(acc, np.ndarray) else sys.modules["torch"].sigmoid(acc)
+    return (
+        0.5 * (1.0 + np.tanh(0.5 * acc)) if isinstance(acc, np.ndarray) else sys.modules["torch"].sigmoid(acc)
+    )
 
 
 class Float:
@@ -93,10 +98,9 @@ class Float:
 class Fixed:
     """Integer arithmetic in codes, bit-true to docs/specification.md sections 4 to 6.
 
-    Values are float64 arrays or tensors that hold integers below 2**53: products and sums are exact in any order, and matrix products run
-    at
-    the speed of floating point. Gradients pass the roundings unchanged, are 0 where a value saturates, and use the true sigmoid and
-    tanh at the table look-ups.
+    Values are float64 arrays or tensors that hold integers below 2**53: products and sums are exact in any
+    order, and matrix products run at the speed of floating point. Gradients pass the roundings unchanged, are
+    0 where a value saturates, and use the true sigmoid and tanh at the table look-ups.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -122,7 +126,10 @@ class Fixed:
         """``sig[narrow(acc, sigmoid_shift, index_format)]``, a gate code."""
         config = self._config
         return self._look_up(
-            self._sigmoid, acc, config.sigmoid_shift, lambda: self._smooth_sigmoid(acc / 2.0**config.product_frac) * self.one
+            self._sigmoid,
+            acc,
+            config.sigmoid_shift,
+            lambda: self._smooth_sigmoid(acc / 2.0**config.product_frac) * self.one,
         )
 
     def tanh(self, acc: Array) -> Array:
@@ -131,7 +138,9 @@ class Fixed:
 
     def tanh_of_state(self, value: Array) -> Array:
         """``tanh[narrow(value, state_index_shift, index_format)]``, a state code."""
-        return self._tanh_at(value, self._config.state_index_shift, self._config.formats.state_format.frac_bits)
+        return self._tanh_at(
+            value, self._config.state_index_shift, self._config.formats.state_format.frac_bits
+        )
 
     def value(self, acc: Array) -> Array:
         """``narrow(acc, value_shift, state_format)``."""
@@ -147,22 +156,29 @@ class Fixed:
 
     @staticmethod
     def _narrow(value: Array, shift: int, fmt: QFormat) -> Array:
-        """SAT(floor((value + 2**(shift-1)) / 2**shift)): adding the half after the division is exact too, and RND_0 is the identity."""
+        """SAT(floor((value + 2**(shift-1)) / 2**shift)): adding the half after the division is exact too, and
+        RND_0 is the identity."""
         scaled = value * 2.0**-shift
         if shift and isinstance(value, np.ndarray):
             scaled = np.floor(scaled + 0.5)
         elif shift:
             smooth = scaled
-            scaled = _with_gradient(_library(value).floor(smooth.detach() + 0.5), lambda: smooth, smooth.requires_grad)
+            scaled = _with_gradient(
+                _library(value).floor(smooth.detach() + 0.5), lambda: smooth, smooth.requires_grad
+            )
         return scaled.clip(fmt.min_code, fmt.max_code)
 
     def _tanh_at(self, value: Array, shift: int, frac_bits: int) -> Array:
         unit = 2.0**self._config.formats.state_format.frac_bits
-        return self._look_up(self._tanh, value, shift, lambda: _library(value).tanh(value / 2.0**frac_bits) * unit)
+        return self._look_up(
+            self._tanh, value, shift, lambda: _library(value).tanh(value / 2.0**frac_bits) * unit
+        )
 
     def _look_up(self, table: np.ndarray, value: Array, shift: int, smooth: Callable[[], Array]) -> Array:
         if isinstance(value, np.ndarray):
-            return table[self._narrow(value, shift, self._config.index_format).astype(np.int64) + len(table) // 2]
+            return table[
+                self._narrow(value, shift, self._config.index_format).astype(np.int64) + len(table) // 2
+            ]
         index = self._narrow(value.detach(), shift, self._config.index_format).long() + len(table) // 2
         return _with_gradient(sys.modules["torch"].from_numpy(table)[index], smooth, value.requires_grad)
 
@@ -180,11 +196,14 @@ Arithmetic = Float | Fixed
 
 
 def apply_rows(matrix: Array, vector: Array) -> Array:
-    """``matrix @ vector`` for every item: matrix (..., rows, columns), vector (..., items, columns) -> (..., items, rows)."""
+    """``matrix @ vector`` for every item: matrix (..., rows, columns), vector (..., items, columns) -> (...,
+    items, rows)."""
     return vector @ matrix.swapaxes(-1, -2)
 
 
-def _gru_before(a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state: tuple[Array, ...]) -> tuple[Array, ...]:
+def _gru_before(
+    a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state: tuple[Array, ...]
+) -> tuple[Array, ...]:
     """z, r = sig(row); n = tanh(Wn x + Un (r h) + bn); h' = z h + (1 - z) n."""
     (h,) = state
     z, r = _parts(a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], h)), h.shape[-1], h.shape[-1])
@@ -193,7 +212,9 @@ def _gru_before(a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state
     return (a.state(z * h + (a.one - z) * n),)
 
 
-def _gru_after(a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state: tuple[Array, ...]) -> tuple[Array, ...]:
+def _gru_after(
+    a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state: tuple[Array, ...]
+) -> tuple[Array, ...]:
     """z, r = sig(row); n = tanh(Wn x + bn + r (Un h + bhn)); h' = z h + (1 - z) n."""
     (h,) = state
     z, r = _parts(a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], h)), h.shape[-1], h.shape[-1])
@@ -203,7 +224,9 @@ def _gru_after(a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state:
     return (a.state(z * h + (a.one - z) * n),)
 
 
-def _lstm(a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state: tuple[Array, ...]) -> tuple[Array, ...]:
+def _lstm(
+    a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state: tuple[Array, ...]
+) -> tuple[Array, ...]:
     """i, f, o = sig(row); g = tanh(row); c' = f c + i g; h' = o tanh(c')."""
     h, c = state
     i, f, o = _parts(a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], h)), *[h.shape[-1]] * 3)
@@ -212,18 +235,27 @@ def _lstm(a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state: tupl
     return a.state(o * a.tanh_of_state(c)), c
 
 
-_CELLS = {("gru", "before"): _gru_before, ("gru", "after"): _gru_after, ("lstm", "before"): _lstm, ("lstm", "after"): _lstm}
+_CELLS = {
+    ("gru", "before"): _gru_before,
+    ("gru", "after"): _gru_after,
+    ("lstm", "before"): _lstm,
+    ("lstm", "after"): _lstm,
+}
 
 
 def _run_linear(a: Arithmetic, parameters: Parameters, features: Array) -> tuple[Array, Array]:
-    """l_k = l_(k-1) + V_k x_k from l_0 = b_y, in the accumulator: each step's logit is narrowed from the sum, never the sum from it."""
+    """l_k = l_(k-1) + V_k x_k from l_0 = b_y, in the accumulator: each step's logit is narrowed from the sum,
+    never the sum from it."""
     x = a.operand(features).swapaxes(-3, -2)  # steps before touches: a step has weights of its own
     sums = apply_rows(parameters["V"], x).cumsum(-3) + a.dense_bias(parameters["b_y"])[..., None, None, :]
     return features[..., :0], a.logit(sums).swapaxes(-3, -2)
 
 
-def run_cell(a: Arithmetic, config: AcceleratorConfig, parameters: Parameters, features: Array) -> tuple[Array, Array]:
-    """Run the configured cell and the dense layer over whole touches, h (and c) 0 at the start, a linear cell's sums the bias.
+def run_cell(
+    a: Arithmetic, config: AcceleratorConfig, parameters: Parameters, features: Array
+) -> tuple[Array, Array]:
+    """Run the configured cell and the dense layer over whole touches, h (and c) 0 at the start, a linear
+    cell's sums the bias.
 
     Parameters
     ----------
@@ -237,7 +269,8 @@ def run_cell(a: Arithmetic, config: AcceleratorConfig, parameters: Parameters, f
     Returns
     -------
     (hidden, logits):
-        h' (..., touches, steps, H) and logits (..., touches, steps, C) after every step; a linear cell has H = 0.
+        h' (..., touches, steps, H) and logits (..., touches, steps, C) after every step; a linear cell has H
+        = 0.
     """
     if not config.recurrent:
         return _run_linear(a, parameters, features)
@@ -247,12 +280,16 @@ def run_cell(a: Arithmetic, config: AcceleratorConfig, parameters: Parameters, f
     reset_after = config.network.cell == "gru" and config.network.reset == "after"
 
     def bias(gate: str) -> Array:
-        # the second bias row of a float reset-after gate is one with the first; only bh_n stands inside the reset product
+        # the second bias row of a float reset-after gate is one with the first; only bh_n stands inside the
+        # reset product
         return p[f"b_{gate}"] + p[f"bh_{gate}"] if gate != "n" and f"bh_{gate}" in p else p[f"b_{gate}"]
 
     w = xp.concatenate([p[f"W_{gate}"] for gate in (*through_sigmoid, through_tanh)], -2)
     b = xp.concatenate([bias(gate) for gate in (*through_sigmoid, through_tanh)], -1)
-    u = {"sigmoid": xp.concatenate([p[f"U_{gate}"] for gate in through_sigmoid], -2), through_tanh: p[f"U_{through_tanh}"]}
+    u = {
+        "sigmoid": xp.concatenate([p[f"U_{gate}"] for gate in through_sigmoid], -2),
+        through_tanh: p[f"U_{through_tanh}"],
+    }
     touches, steps = features.shape[-3:-1]
     rows = apply_rows(w, _in_rows(a.operand(features))) + a.bias(b)[..., None, :]
     rows = rows.reshape(*rows.shape[:-2], touches, steps, rows.shape[-1])

@@ -1,4 +1,5 @@
-"""What a converter makes of a recording, and what the chain gets of its codes: docs/specification.md section 12."""
+"""What a converter makes of a recording, and what the chain gets of its codes: docs/specification.md section
+12."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ def samples_of(codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
 
 
 def codes_of(samples: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-    """The codes that a converter would give for recorded samples: the nearest it has, its ends for what lies beyond them."""
+    """The codes that a converter would give for recorded samples: the nearest it has, its ends for what lies
+    beyond them."""
     fmt, shift = code_format(config), code_shift(config)
     wide = samples.astype(np.int64)
     moved = wide * 2**shift if shift >= 0 else np.floor_divide(wide + 2 ** (-shift - 1), 2**-shift)
@@ -29,10 +31,12 @@ def codes_of(samples: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
 
 
 def through_converter(recordings: Recordings, config: AcceleratorConfig) -> tuple[Recordings, np.ndarray]:
-    """The recordings as the chain gets them behind the configuration's converter, and the codes at its pins: (frames, taxels), or
-    (frames, electrodes)."""
+    """The recordings as the chain gets them behind the configuration's converter, and the codes at its pins:
+    (frames, taxels), or (frames, electrodes)."""
     codes = codes_of(recordings.samples, config)
     if config.interface.converter == "mpr121":
         electrodes = mpr121.electrodes_of(codes, config)
-        return dataclasses.replace(recordings, samples=samples_of(mpr121.cells_of(electrodes, config), config)), electrodes
+        return dataclasses.replace(
+            recordings, samples=samples_of(mpr121.cells_of(electrodes, config), config)
+        ), electrodes
     return dataclasses.replace(recordings, samples=samples_of(codes, config)), codes

@@ -1,4 +1,5 @@
-"""Image networks in integers and in float: every map, the logits, the decision (docs/specification.md, section 15)."""
+"""Image networks in integers and in float: every map, the logits, the decision (docs/specification.md,
+section 15)."""
 
 from __future__ import annotations
 
@@ -25,8 +26,9 @@ Stream = tuple[np.ndarray, np.ndarray]
 class ImageTrace:
     """What a network made of n images.
 
-    decision (n): class. margin (n): largest minus second largest logit. logits (n, C): codes of ``logit_format``, or real ones. maps:
-    number of the layer -> (n, rows, columns, channels), what it gave: uint8 codes, or real values; of every layer but the last.
+    decision (n): class. margin (n): largest minus second largest logit. logits (n, C): codes of
+    ``logit_format``, or real ones. maps: number of the layer -> (n, rows, columns, channels), what it gave:
+    uint8 codes, or real values; of every layer but the last.
     """
 
     config: AcceleratorConfig
@@ -50,15 +52,19 @@ class ImageTrace:
 
     @property
     def streams(self) -> dict[str, Stream]:
-        """Stage -> (values int64, offsets (n + 1)), of an integer run: ``map_N`` flat, channels last, for each layer N whose map is kept
-        (that of a convolution with a pool behind it is not); ``logit`` flat; ``decision`` rows of
-        `eskin.golden.model.pipeline.DECISION_FIELDS`, the local one and then the global one."""
+        """Stage -> (values int64, offsets (n + 1)), of an integer run: ``map_N`` flat, channels last, for
+        each layer N whose map is kept (that of a convolution with a pool behind it is not); ``logit`` flat;
+        ``decision`` rows of `eskin.golden.model.pipeline.DECISION_FIELDS`, the local one and then the global
+        one."""
         count = len(self.decision)
         streams: dict[str, Stream] = {}
         for stage, behind in zip(self.config.stages, self.config.stages[1:], strict=False):
             if not isinstance(behind.layer, Pool):
                 values = self.maps[stage.number].reshape(count, -1)
-                streams[f"map_{stage.number}"] = (values.astype(np.int64).ravel(), np.arange(count + 1) * values.shape[1])
+                streams[f"map_{stage.number}"] = (
+                    values.astype(np.int64).ravel(),
+                    np.arange(count + 1) * values.shape[1],
+                )
         streams["logit"] = (self.logits.astype(np.int64).ravel(), np.arange(count + 1) * self.config.classes)
         zero = np.zeros(count, dtype=np.int64)
         local = np.stack([zero, zero, self.decision, self.margin, zero, zero], axis=1).astype(np.int64)
@@ -83,20 +89,30 @@ def image_seconds(config: AcceleratorConfig) -> float:
 def layer_formats(config: AcceleratorConfig) -> list[tuple[Stage, QFormat, QFormat, QFormat]]:
     """(layer with weights, format of its weights, of what it reads, of what it gives), in their order."""
     outputs = (*config.image.map_formats, config.formats.logit_format)
-    return list(zip(config.weighted_stages, config.image.weight_formats, (PIXEL_FORMAT, *outputs), outputs, strict=False))
+    return list(
+        zip(
+            config.weighted_stages,
+            config.image.weight_formats,
+            (PIXEL_FORMAT, *outputs),
+            outputs,
+            strict=False,
+        )
+    )
 
 
 def columns(values: np.ndarray, kernel: int) -> np.ndarray:
-    """What a kernel sees at each place of maps (n, rows, columns, channels), zeros around them: (n, rows, columns, kernel x kernel x
-    channels), row of the kernel first, then its column, then the channel."""
+    """What a kernel sees at each place of maps (n, rows, columns, channels), zeros around them: (n, rows,
+    columns, kernel x kernel x channels), row of the kernel first, then its column, then the channel."""
     around = kernel // 2
     padded = np.pad(values, ((0, 0), (around, around), (around, around), (0, 0)))
-    patches = np.lib.stride_tricks.sliding_window_view(padded, (kernel, kernel), axis=(1, 2))  # n, rows, columns, channels, kernel, kernel
+    # n, rows, columns, channels, kernel, kernel
+    patches = np.lib.stride_tricks.sliding_window_view(padded, (kernel, kernel), axis=(1, 2))
     return patches.transpose(0, 1, 2, 4, 5, 3).reshape(*values.shape[:3], -1)
 
 
 def pooled(values: np.ndarray) -> np.ndarray:
-    """Largest of 2 x 2 of maps (n, rows, columns, channels); a last odd row or column is a window of its own."""
+    """Largest of 2 x 2 of maps (n, rows, columns, channels); a last odd row or column is a window of its
+    own."""
     rows, across = values.shape[1:3]
     padded = np.pad(values, ((0, 0), (0, rows % 2), (0, across % 2), (0, 0)), mode="edge")
     parts = padded.reshape(len(values), padded.shape[1] // 2, 2, padded.shape[2] // 2, 2, values.shape[3])
@@ -104,8 +120,13 @@ def pooled(values: np.ndarray) -> np.ndarray:
 
 
 def accumulators(stage: Stage, values: np.ndarray, weights: np.ndarray, bias: np.ndarray) -> np.ndarray:
-    """Sums of a layer with weights and their bias, float64, which holds integer ones exactly (below 2**53)."""
-    patches = columns(values, stage.layer.kernel) if isinstance(stage.layer, Conv) else values.reshape(len(values), 1, 1, -1)
+    """Sums of a layer with weights and their bias, float64, which holds integer ones exactly (below
+    2**53)."""
+    patches = (
+        columns(values, stage.layer.kernel)
+        if isinstance(stage.layer, Conv)
+        else values.reshape(len(values), 1, 1, -1)
+    )
     return patches.astype(np.float64) @ weights.reshape(stage.outputs, -1).T.astype(np.float64) + bias
 
 
@@ -113,7 +134,9 @@ Behind = Callable[[int, np.ndarray], np.ndarray]
 """(number of a layer among those with weights, its sums) -> what it gives."""
 
 
-def layer_by_layer(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], values: np.ndarray, behind: Behind) -> Iterator[np.ndarray]:
+def layer_by_layer(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], values: np.ndarray, behind: Behind
+) -> Iterator[np.ndarray]:
     """What each layer gives of maps (n, height, width, 1), layer by layer."""
     numbers = {stage.number: index for index, stage in enumerate(config.weighted_stages)}
     for stage in config.stages:
@@ -128,7 +151,12 @@ def layer_by_layer(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], 
 def run_images(model: IntegerModel, images: np.ndarray, *, maps: bool = True) -> ImageTrace:
     """The integer network on images (n, height, width) of codes 0..255; ``maps``: keep them too."""
     return _run(
-        model.config, model.arrays, _integer(model.config), _checked(model.config, images)[..., None].astype(np.int64), maps, np.int64
+        model.config,
+        model.arrays,
+        _integer(model.config),
+        _checked(model.config, images)[..., None].astype(np.int64),
+        maps,
+        np.int64,
     )
 
 
@@ -155,12 +183,23 @@ def _checked(config: AcceleratorConfig, images: np.ndarray) -> np.ndarray:
     return images
 
 
-def _run(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], behind: Behind, pixels: np.ndarray, keep: bool, kind) -> ImageTrace:
+def _run(
+    config: AcceleratorConfig,
+    arrays: Mapping[str, np.ndarray],
+    behind: Behind,
+    pixels: np.ndarray,
+    keep: bool,
+    kind,
+) -> ImageTrace:
     maps_of: dict[int, list[np.ndarray]] = {stage.number: [] for stage in config.stages}
     for begin in range(0, len(pixels), BATCH):
-        for stage, values in zip(config.stages, layer_by_layer(config, arrays, pixels[begin : begin + BATCH], behind), strict=True):
+        for stage, values in zip(
+            config.stages, layer_by_layer(config, arrays, pixels[begin : begin + BATCH], behind), strict=True
+        ):
             if stage.last or keep:
-                maps_of[stage.number].append(values if stage.last or kind is np.float64 else values.astype(np.uint8))
+                maps_of[stage.number].append(
+                    values if stage.last or kind is np.float64 else values.astype(np.uint8)
+                )
     last = config.stages[-1].number
     logits = np.concatenate(maps_of.pop(last)).reshape(len(pixels), config.classes).astype(kind)
     ordered = np.sort(logits, axis=1)
@@ -170,7 +209,8 @@ def _run(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], behind: Be
 
 # ---------------------------------------------------------------------- made-up images
 def random_images(config: AcceleratorConfig, count: int, seed: int) -> np.ndarray:
-    """Images (count, height, width), uint8, for tests: blobs on zeros, noise over the whole range, all black and all white."""
+    """Images (count, height, width), uint8, for tests: blobs on zeros, noise over the whole range, all black
+    and all white."""
     rng = np.random.default_rng(seed)
     height, width = config.image.height, config.image.width
     row, column = np.arange(height)[:, None], np.arange(width)
@@ -183,14 +223,19 @@ def random_images(config: AcceleratorConfig, count: int, seed: int) -> np.ndarra
         else:
             blobs = sum(
                 rng.integers(60, 400)
-                * np.exp(-((row - rng.uniform(0, height)) ** 2 + (column - rng.uniform(0, width)) ** 2) / rng.uniform(2, 30))
+                * np.exp(
+                    -((row - rng.uniform(0, height)) ** 2 + (column - rng.uniform(0, width)) ** 2)
+                    / rng.uniform(2, 30)
+                )
                 for _ in range(3)
             )
             traces.append(np.clip(blobs - 20, 0, 255))
     return np.array(traces).astype(np.uint8)
 
 
-def image_recordings(config: AcceleratorConfig, images: np.ndarray, labels: np.ndarray | None = None) -> Recordings:
+def image_recordings(
+    config: AcceleratorConfig, images: np.ndarray, labels: np.ndarray | None = None
+) -> Recordings:
     """Images (n, height, width) as recordings of this configuration's sensor."""
     from eskin.golden.data.recordings import image_recordings as made
 

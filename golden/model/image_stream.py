@@ -1,4 +1,5 @@
-"""Images row by row: the integer network's decision with the last row, as the hardware gives it (docs/specification.md, section 15)."""
+"""Images row by row: the integer network's decision with the last row, as the hardware gives it
+(docs/specification.md, section 15)."""
 
 from __future__ import annotations
 
@@ -14,10 +15,11 @@ from eskin.golden.model.stream import Decision
 
 
 class ImageStream:
-    """`eskin.golden.model.stream.Stream` of a network for images: the first ``height`` frames after ``arm`` are an image, a row each; what
-    comes behind it does nothing.
+    """`eskin.golden.model.stream.Stream` of a network for images: the first ``height`` frames after ``arm``
+    are an image, a row each; what comes behind it does nothing.
 
-    The local decision's stages are ``map`` (the values of all maps that are kept, one map after the other) and ``logit`` (C).
+    The local decision's stages are ``map`` (the values of all maps that are kept, one map after the other)
+    and ``logit`` (C).
     """
 
     def __init__(self, model: IntegerModel) -> None:
@@ -53,7 +55,8 @@ class ImageStream:
         return None if self.onset_frame is None else 1
 
     def push(self, frames: Any) -> list[Decision]:
-        """Take rows (n, width) of pixels 0..255; the decisions, the local one and then the global one, with the image's last row.
+        """Take rows (n, width) of pixels 0..255; the decisions, the local one and then the global one, with
+        the image's last row.
 
         Raises
         ------
@@ -62,7 +65,10 @@ class ImageStream:
         """
         rows, height, width = np.atleast_2d(frames), *self._image.shape
         if rows.ndim != 2 or rows.shape[1] != width:
-            raise InputError(f"frames: have shape {np.shape(frames)}; the model takes ({width},) for one row, (rows, {width}) for many")
+            raise InputError(
+                f"frames: have shape {np.shape(frames)}; the model takes ({width},) for one row, (rows, "
+                f"{width}) for many"
+            )
         if rows.dtype.kind not in "iu" or (len(rows) and (rows.min() < 0 or rows.max() > 255)):
             raise InputError("frames: hold values that are no pixels; give whole numbers from 0 to 255")
         missing = height - self.frame
@@ -86,6 +92,18 @@ class ImageStream:
         for is_global, step, label, margin, partial, unsure in (local, whole):
             shown = {} if is_global else {"stages": stages}
             decisions.append(
-                Decision(self.config.image.height, 0, step, bool(is_global), label, margin, bool(partial), bool(unsure), 0, 1, **shown)
+                Decision(
+                    self.config.image.height,
+                    0,
+                    step,
+                    bool(is_global),
+                    label,
+                    margin,
+                    bool(partial),
+                    bool(unsure),
+                    0,
+                    1,
+                    **shown,
+                )
             )
         return decisions

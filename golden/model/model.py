@@ -1,7 +1,8 @@
-"""Models: the trained float network and the integer one, each a configuration and named arrays, kept together in a model folder.
+"""Models: the trained float network and the integer one, each a configuration and named arrays, kept together
+in a model folder.
 
-A model folder holds ``config.json``, ``float.npz`` (float network), ``training.json`` (how it came about) and, once quantised,
-``weights.npz`` (integer network, docs/specification.md section 8).
+A model folder holds ``config.json``, ``float.npz`` (float network), ``training.json`` (how it came about)
+and, once quantised, ``weights.npz`` (integer network, docs/specification.md section 8).
 """
 
 from __future__ import annotations
@@ -24,15 +25,22 @@ from eskin.golden.core.memo import content_key
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.preprocess import companded
 
-CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE = "config.json", "float.npz", "weights.npz", "training.json"
+CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE = (
+    "config.json",
+    "float.npz",
+    "weights.npz",
+    "training.json",
+)
 SCALE_ROOM = 2
-"""Bits that a full-scale centred feature has to spare: a shift may be so much smaller, and scales four times as large."""
+"""Bits that a full-scale centred feature has to spare: a shift may be so much smaller, and scales four times
+as large."""
 MODEL_FILES = (CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE)
 
 
 # ---------------------------------------------------------------------- names, shapes, formats
 def network_shapes(config: AcceleratorConfig, *, real: bool) -> dict[str, tuple[int, ...]]:
-    """Shapes of the network's arrays by name; ``real`` adds torch's second bias rows of a float reset-after GRU."""
+    """Shapes of the network's arrays by name; ``real`` adds torch's second bias rows of a float reset-after
+    GRU."""
     h, d, c = config.network.hidden, config.inputs, config.classes
     if config.is_image:
         of_stage = {f"W_{stage.number}": stage.weight_shape for stage in config.weighted_stages}
@@ -50,7 +58,10 @@ def network_shapes(config: AcceleratorConfig, *, real: bool) -> dict[str, tuple[
 def network_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
     """Formats of the integer network's arrays by name."""
     if config.is_image:
-        weights = {f"W_{stage.number}": fmt for stage, fmt in zip(config.weighted_stages, config.image.weight_formats, strict=True)}
+        weights = {
+            f"W_{stage.number}": fmt
+            for stage, fmt in zip(config.weighted_stages, config.image.weight_formats, strict=True)
+        }
         return weights | {f"b_{stage.number}": QFormat(BIAS_BITS, 0) for stage in config.weighted_stages}
     kinds = {
         "W": config.formats.weight_format,
@@ -58,12 +69,17 @@ def network_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
         "b": config.formats.bias_format,
         "bh": config.formats.bias_format,
     }
-    formats = {name: kinds[name.partition("_")[0]] for name in network_shapes(config, real=False) if name not in ("V", "b_y")}
+    formats = {
+        name: kinds[name.partition("_")[0]]
+        for name in network_shapes(config, real=False)
+        if name not in ("V", "b_y")
+    }
     return formats | {"V": config.formats.dense_format, "b_y": config.formats.dense_bias_format}
 
 
 def constants_shape(config: AcceleratorConfig) -> tuple[int, ...]:
-    """Shape of mu and sigma, and of mean and scale for one window length: () where one pair serves all inputs, else (constants,)."""
+    """Shape of mu and sigma, and of mean and scale for one window length: () where one pair serves all
+    inputs, else (constants,)."""
     return (config.constants,) if config.constants > 1 else ()
 
 
@@ -75,11 +91,12 @@ def real_by_input(config: AcceleratorConfig, constants: np.ndarray) -> np.ndarra
 # ---------------------------------------------------------------------- the two models
 @dataclass(frozen=True)
 class FloatModel:
-    """A trained float network with its normalisation: feature = (d / unit - mu) / sigma (``AcceleratorConfig.feature_unit``), the same for
-    all steps.
+    """A trained float network with its normalisation: feature = (d / unit - mu) / sigma
+    (``AcceleratorConfig.feature_unit``), the same for all steps.
 
-    config: the configuration it was trained under. arrays: float64, by name (``network_shapes(config, real=True)``) and ``mu``, ``sigma``
-    (codes; sigma above 0): scalars, or (constants) with several kinds of feature or a scale a taxel. A network for images has neither.
+    config: the configuration it was trained under. arrays: float64, by name (``network_shapes(config,
+    real=True)``) and ``mu``, ``sigma`` (codes; sigma above 0): scalars, or (constants) with several kinds of
+    feature or a scale a taxel. A network for images has neither.
 
     Raises
     ------
@@ -98,10 +115,16 @@ class FloatModel:
         checked = {}
         for name, array in _take(self.arrays, shapes, self.source, self.config).items():
             if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
-                raise InputError(f"{self.source}, array {name}: holds values that are no finite numbers; train the model again")
+                raise InputError(
+                    f"{self.source}, array {name}: holds values that are no finite numbers; train the model "
+                    "again"
+                )
             checked[name] = _frozen(np.array(array, dtype=np.float64))
         if "sigma" in checked and (checked["sigma"] <= 0).any():
-            raise InputError(f"{self.source}, array sigma: is {checked['sigma'].min()}; it must be above 0: train the model again")
+            raise InputError(
+                f"{self.source}, array sigma: is {checked['sigma'].min()}; it must be above 0: train the "
+                "model again"
+            )
         object.__setattr__(self, "arrays", checked)
 
     @property
@@ -117,7 +140,8 @@ class FloatModel:
         return _content(self)
 
     def features(self, means: np.ndarray) -> np.ndarray:
-        """Features (..., steps, inputs) of what `eskin.golden.model.preprocess.real_features` gives; 0 for masked taxels."""
+        """Features (..., steps, inputs) of what `eskin.golden.model.preprocess.real_features` gives; 0 for
+        masked taxels."""
         mu, sigma = (real_by_input(self.config, self.arrays[name]) for name in ("mu", "sigma"))
         features = (means - mu) / sigma
         features[..., list(self.config.input_mask)] = 0.0
@@ -128,7 +152,8 @@ class FloatModel:
         return _run(Float(self.config), self.config, self.arrays, features)
 
     def save(self, folder: str | Path, training: Mapping[str, Any]) -> None:
-        """Make ``folder`` (new, or a model folder, which is replaced) of config.json, float.npz and training.json, in one exchange."""
+        """Make ``folder`` (new, or a model folder, which is replaced) of config.json, float.npz and
+        training.json, in one exchange."""
 
         def write(temporary: Path) -> None:
             (temporary / CONFIG_FILE).write_text(self.config.to_json())
@@ -139,7 +164,8 @@ class FloatModel:
 
     @classmethod
     def load(cls, folder: str | Path, *, images: bool = False) -> FloatModel:
-        """The float model in a model folder; one of images is refused unless ``images`` says that the caller takes those."""
+        """The float model in a model folder; one of images is refused unless ``images`` says that the caller
+        takes those."""
         config, arrays, source = _load(folder, FLOAT_FILE, "train a model into it", images)
         return cls(config, arrays, source)
 
@@ -148,12 +174,14 @@ class FloatModel:
 class IntegerModel:
     """The integer network: what the hardware computes with.
 
-    config: with every format and ``feature_shift`` filled. arrays: int64 codes by the names of docs/specification.md section 8.
+    config: with every format and ``feature_shift`` filled. arrays: int64 codes by the names of
+    docs/specification.md section 8.
 
     Raises
     ------
     InputError
-        When an array is missing, superfluous, not integer, of another shape, or outside its format; when feature_shift is empty.
+        When an array is missing, superfluous, not integer, of another shape, or outside its format; when
+        feature_shift is empty.
     """
 
     config: AcceleratorConfig
@@ -163,9 +191,13 @@ class IntegerModel:
     def __post_init__(self) -> None:
         config, lengths = self.config, len(self.config.window_lengths)
         if config.is_image and not config.image.weight_formats:
-            raise InputError(f"{self.source}: field weight_formats of its configuration is empty; quantise the model")
+            raise InputError(
+                f"{self.source}: field weight_formats of its configuration is empty; quantise the model"
+            )
         if not config.is_image and not config.features.feature_shift:
-            raise InputError(f"{self.source}: field feature_shift of its configuration is empty; quantise the model")
+            raise InputError(
+                f"{self.source}: field feature_shift of its configuration is empty; quantise the model"
+            )
         shapes, formats = network_shapes(config, real=False), network_formats(config)
         if not config.is_image:
             shapes |= dict.fromkeys(("mean", "scale"), (lengths, *constants_shape(config)))
@@ -173,17 +205,27 @@ class IntegerModel:
         checked = {}
         for name, array in _take(self.arrays, shapes, self.source, config).items():
             if array.dtype.kind not in "iu":
-                raise InputError(f"{self.source}, array {name}: holds {array.dtype}, not integers; quantise the model again")
+                raise InputError(
+                    f"{self.source}, array {name}: holds {array.dtype}, not integers; quantise the model "
+                    "again"
+                )
             lowest = 1 if name == "scale" else formats[name].min_code
             if array.min() < lowest or array.max() > formats[name].max_code:
                 raise InputError(
-                    f"{self.source}, array {name}: holds {array.min()}..{array.max()}, outside {lowest}..{formats[name].max_code} of "
+                    f"{self.source}, array {name}: holds {array.min()}..{array.max()}, outside "
+                    f"{lowest}..{formats[name].max_code} of "
                     f"{formats[name]}; quantise the model again"
                 )
             checked[name] = _frozen(np.array(array, dtype=np.int64))
-        if config.features.aligned_means and (checked["mean"] % (1 << config.features.feature_shift[0])).any():
+        if (
+            config.features.aligned_means
+            and (checked["mean"] % (1 << config.features.feature_shift[0])).any()
+        ):
             step = f"2**{config.features.feature_shift[0]}"
-            raise InputError(f"{self.source}, array mean: is no multiple of {step}, which aligned_means promises; quantise the model again")
+            raise InputError(
+                f"{self.source}, array mean: is no multiple of {step}, which aligned_means promises; "
+                "quantise the model again"
+            )
         object.__setattr__(self, "arrays", checked)
 
     @property
@@ -205,21 +247,25 @@ class IntegerModel:
         return hidden.astype(np.int64), logits.astype(np.int64)
 
     def logits_of(self, variants: Mapping[str, np.ndarray], features: np.ndarray) -> np.ndarray:
-        """Logit codes (variants, n, K, C), int64: the network once for each variant of its arrays, name -> (variants, *shape); arrays
-        without a variant stay. The codes are not checked against their formats."""
+        """Logit codes (variants, n, K, C), int64: the network once for each variant of its arrays, name ->
+        (variants, *shape); arrays without a variant stay. The codes are not checked against their formats."""
         count = len(next(iter(variants.values())))
         names = network_shapes(self.config, real=False)
-        arrays = {name: np.broadcast_to(self.arrays[name], (count, *self.arrays[name].shape)) for name in names} | dict(variants)
+        arrays = {
+            name: np.broadcast_to(self.arrays[name], (count, *self.arrays[name].shape)) for name in names
+        } | dict(variants)
         return _run(Fixed(self.config), self.config, arrays, features)[1].astype(np.int64)
 
     @classmethod
     def load(cls, folder: str | Path, *, images: bool = False) -> IntegerModel:
-        """The integer model in a model folder; one of images is refused unless ``images`` says that the caller takes those."""
+        """The integer model in a model folder; one of images is refused unless ``images`` says that the
+        caller takes those."""
         config, arrays, source = _load(folder, INTEGER_FILE, "quantise the model in it", images)
         return cls(config, arrays, source)
 
     def save(self, folder: str | Path, *, training: Mapping[str, Any] | None = None) -> None:
-        """Write config.json, weights.npz and, when given, a new training record into ``folder``, new or a model folder, in one exchange.
+        """Write config.json, weights.npz and, when given, a new training record into ``folder``, new or a
+        model folder, in one exchange.
 
         The folder's other files are kept.
         """
@@ -236,13 +282,21 @@ class IntegerModel:
         replace_folder(folder, write)
 
 
-def _run(arithmetic: Float | Fixed, config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], features: np.ndarray):
+def _run(
+    arithmetic: Float | Fixed,
+    config: AcceleratorConfig,
+    arrays: Mapping[str, np.ndarray],
+    features: np.ndarray,
+):
     parameters = {name: np.asarray(arrays[name], dtype=np.float64) for name in arrays}
     return run_cell(arithmetic, config, parameters, np.asarray(features, dtype=np.float64))
 
 
 def _content(model: FloatModel | IntegerModel) -> str:
-    return content_key(model.config.to_dict(), *(part for name in sorted(model.arrays) for part in (name, model.arrays[name])))
+    return content_key(
+        model.config.to_dict(),
+        *(part for name in sorted(model.arrays) for part in (name, model.arrays[name])),
+    )
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:
@@ -250,18 +304,32 @@ def _frozen(array: np.ndarray) -> np.ndarray:
     return array
 
 
-def _take(arrays: Mapping[str, np.ndarray], shapes: dict[str, tuple[int, ...]], source: str, config: AcceleratorConfig):
+def _take(
+    arrays: Mapping[str, np.ndarray],
+    shapes: dict[str, tuple[int, ...]],
+    source: str,
+    config: AcceleratorConfig,
+):
     """``arrays`` with exactly the names and shapes of ``shapes``, in that order."""
-    cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else f"linear, weights of {config.sets} windows"
+    cell = (
+        f"{config.network.cell} {config.network.hidden}"
+        if config.recurrent
+        else f"linear, weights of {config.sets} windows"
+    )
     if config.is_image:
         cell = ", ".join(config.image.layers)
     needed_by = f"configuration '{config.name}' ({cell}, {config.inputs} inputs, {config.classes} classes)"
     for name in shapes:
         if name not in arrays:
-            raise InputError(f"{source}, array {name}: is missing and {needed_by} needs it; use weights and config.json of one model")
+            raise InputError(
+                f"{source}, array {name}: is missing and {needed_by} needs it; use weights and config.json "
+                "of one model"
+            )
     for name in arrays:
         if name not in shapes:
-            raise InputError(f"{source}, array {name}: is unknown to {needed_by}; use weights and config.json of one model")
+            raise InputError(
+                f"{source}, array {name}: is unknown to {needed_by}; use weights and config.json of one model"
+            )
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise InputError(
@@ -282,7 +350,10 @@ def load_config(folder: str | Path) -> AcceleratorConfig:
     """
     path = Path(folder) / CONFIG_FILE
     if not path.is_file():
-        raise InputError(f"model '{folder}': has no {CONFIG_FILE}, so it is no model folder; name the folder that 'eskin train' wrote")
+        raise InputError(
+            f"model '{folder}': has no {CONFIG_FILE}, so it is no model folder; name the folder that 'eskin "
+            "train' wrote"
+        )
     return AcceleratorConfig.load(path)
 
 
@@ -308,10 +379,15 @@ def load_training(folder: str | Path) -> dict[str, Any]:
     return record
 
 
-def _load(folder: str | Path, file: str, fix: str, images: bool) -> tuple[AcceleratorConfig, dict[str, np.ndarray], str]:
+def _load(
+    folder: str | Path, file: str, fix: str, images: bool
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray], str]:
     config = load_config(folder)
     if config.is_image and not images:
-        raise InputError(f"model '{folder}': is a network for images, which this verb does not take; docs/images.md lists those that do")
+        raise InputError(
+            f"model '{folder}': is a network for images, which this verb does not take; docs/images.md "
+            "lists those that do"
+        )
     path = Path(folder) / file
     if not path.is_file():
         raise InputError(f"model '{folder}': has no {file}; {fix}")
@@ -329,7 +405,8 @@ def check_model_target(folder: str | Path) -> None:
     Raises
     ------
     InputError
-        When ``folder`` is a file, or a folder that is not empty and not a model folder (config.json and nothing but model files).
+        When ``folder`` is a file, or a folder that is not empty and not a model folder (config.json and
+        nothing but model files).
     """
     folder = Path(folder)
     if not folder.exists():
@@ -339,13 +416,20 @@ def check_model_target(folder: str | Path) -> None:
     names = {entry.name for entry in folder.iterdir()}
     foreign = sorted(names - set(MODEL_FILES))
     if foreign:
-        raise InputError(f"model '{folder}': holds '{foreign[0]}', which is no part of a model; name a new folder or move that away")
+        raise InputError(
+            f"model '{folder}': holds '{foreign[0]}', which is no part of a model; name a new folder or "
+            "move that away"
+        )
     if names and CONFIG_FILE not in names:
-        raise InputError(f"model '{folder}': is not empty and has no {CONFIG_FILE}, so it is no model folder; name a new folder")
+        raise InputError(
+            f"model '{folder}': is not empty and has no {CONFIG_FILE}, so it is no model folder; name a new "
+            "folder"
+        )
 
 
 def replace_folder(folder: str | Path, write: Callable[[Path], None]) -> None:
-    """Make a model folder in one exchange: ``write`` fills a temporary folder beside it, which then takes the name.
+    """Make a model folder in one exchange: ``write`` fills a temporary folder beside it, which then takes the
+    name.
 
     Raises
     ------
@@ -358,7 +442,9 @@ def replace_folder(folder: str | Path, write: Callable[[Path], None]) -> None:
         with replacing_folder(folder) as fresh:
             write(fresh)
     except OSError as error:
-        raise InputError(f"model '{folder}': cannot be written ({error.strerror}); name a folder you may write to") from None
+        raise InputError(
+            f"model '{folder}': cannot be written ({error.strerror}); name a folder you may write to"
+        ) from None
 
 
 # ---------------------------------------------------------------------- constants and random models
@@ -367,14 +453,16 @@ def normaliser_constants(
 ) -> tuple[AcceleratorConfig, np.ndarray, np.ndarray]:
     """Integer constants of feature = (d / unit - mu) / sigma, for every distinct window length.
 
-    unit: ``config.feature_unit``; d: the sum, or what else a window gives, companded where it is. mu, sigma: scalars or (constants).
-    The feature code is ``(d - unit mu) * ratio`` with ``ratio = 2**feature_frac / (unit sigma)``. The shift, one for each length and
-    kind, drops as many bits as leave ``scale = ratio 2**(shift + gate_frac)`` in 2**(gate_frac-2)..2**(gate_frac-1): centred then
-    resolves one to two bits more than the feature, and a full-scale feature takes at most 2 bits more than the feature's width. With a
-    scale a taxel that holds for the taxel that moves most, and the shift is up to SCALE_ROOM smaller where the quietest one's scale
-    would not fit 16 bits. Half of 2**shift is taken off the mean, which turns the floor of the declared narrowing into a rounding. A
-    shift is never below 0: there scale may be larger. ``aligned``: the largest window's for all, which hardware need not choose, and
-    means that end in as many zeros (``aligned_means``); only where one pair serves all inputs.
+    unit: ``config.feature_unit``; d: the sum, or what else a window gives, companded where it is. mu, sigma:
+    scalars or (constants). The feature code is ``(d - unit mu) * ratio`` with ``ratio = 2**feature_frac /
+    (unit sigma)``. The shift, one for each length and kind, drops as many bits as leave ``scale = ratio
+    2**(shift + gate_frac)`` in 2**(gate_frac-2)..2**(gate_frac-1): centred then resolves one to two bits more
+    than the feature, and a full-scale feature takes at most 2 bits more than the feature's width. With a
+    scale a taxel that holds for the taxel that moves most, and the shift is up to SCALE_ROOM smaller where
+    the quietest one's scale would not fit 16 bits. Half of 2**shift is taken off the mean, which turns the
+    floor of the declared narrowing into a rounding. A shift is never below 0: there scale may be larger.
+    ``aligned``: the largest window's for all, which hardware need not choose, and means that end in as many
+    zeros (``aligned_means``); only where one pair serves all inputs.
 
     Returns
     -------
@@ -400,7 +488,11 @@ def normaliser_constants(
             smallest = one / (units.max() * sigma[0]) if aligned else of_kind.min()
             shift = min(max(0, int(np.ceil(np.log2(0.25 / smallest))) + spare), config.sum_bits)
             lowest = max(0, shift - SCALE_ROOM) if config.features.feature_scale == "taxel" else shift
-            while shift > lowest and np.rint(of_kind.max() * 2.0 ** (shift + config.formats.gate_frac)) > config.scale_format.max_code:
+            while (
+                shift > lowest
+                and np.rint(of_kind.max() * 2.0 ** (shift + config.formats.gate_frac))
+                > config.scale_format.max_code
+            ):
                 shift -= 1
             shifts.append(shift)
         by = np.array(shifts[-config.kinds :])[kind_of]
@@ -409,8 +501,10 @@ def normaliser_constants(
         if scale.max() > largest or scale.min() < 1:
             worst = int(np.argmax(scale)) if scale.max() > largest else int(np.argmin(scale))
             raise InputError(
-                f"configuration '{config.name}', field feature_format: {config.formats.feature_format} needs a scale "
-                f"of {scale[worst]:.0f} for windows of {length} frames with a spread of {sigma[worst]:.3g} codes, outside 1..{largest}; "
+                f"configuration '{config.name}', field feature_format: {config.formats.feature_format} "
+                "needs a scale "
+                f"of {scale[worst]:.0f} for windows of {length} frames with a spread of {sigma[worst]:.3g} "
+                f"codes, outside 1..{largest}; "
                 "use fewer feature bits"
             )
         step, half = (1 << by) if aligned else np.ones_like(by), (1 << by) >> 1
@@ -418,13 +512,19 @@ def normaliser_constants(
         scales.append(scale)
     shape = (lengths, *constants_shape(config))
     mean = QFormat(config.sum_bits, 0).quantise(np.array(means)).reshape(shape)
-    return config.replace(feature_shift=tuple(shifts), aligned_means=aligned), mean, np.array(scales).astype(np.int64).reshape(shape)
+    return (
+        config.replace(feature_shift=tuple(shifts), aligned_means=aligned),
+        mean,
+        np.array(scales).astype(np.int64).reshape(shape),
+    )
 
 
 def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
-    """A model with random weights, for tests: as a trained one, or (one array in four) spread over the whole format; biases are not 0.
+    """A model with random weights, for tests: as a trained one, or (one array in four) spread over the whole
+    format; biases are not 0.
 
-    Mean and scale suit the signals that the configuration's front end lets through; feature_shift is filled when empty.
+    Mean and scale suit the signals that the configuration's front end lets through; feature_shift is filled
+    when empty.
     """
     rng = np.random.default_rng(seed)
     spread = (
@@ -432,12 +532,20 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
         if config.onset_rule.onset == "band"
         else float(config.onset_rule.onset_threshold)
     )
-    level = (config.onset_rule.band_low + config.onset_rule.band_high) / 2 if config.rest_level.rest == "none" else 0.0
+    level = (
+        (config.onset_rule.band_low + config.onset_rule.band_high) / 2
+        if config.rest_level.rest == "none"
+        else 0.0
+    )
     mu: Any = level + spread * rng.uniform(-0.2, 0.2)
     sigma: Any = max(spread, 8.0) * float(np.exp(rng.uniform(-0.7, 0.7)))
     if config.features.compand == "log":  # of a whole window
         mu, sigma = (
-            companded(np.array([round(value * config.windows.window)]), config.features.compand_knee, config.features.compand_frac)[0]
+            companded(
+                np.array([round(value * config.windows.window)]),
+                config.features.compand_knee,
+                config.features.compand_frac,
+            )[0]
             / 2.0**config.features.compand_frac
             for value in (mu, sigma)
         )
@@ -459,37 +567,66 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
     return IntegerModel(filled, arrays, f"random model {seed}")
 
 
-def _random_scaling(config: AcceleratorConfig, rng: np.random.Generator, mu: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+def _random_scaling(
+    config: AcceleratorConfig, rng: np.random.Generator, mu: float, sigma: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Constants a kind or an input about those of the mean, each a little different."""
     block, frac = config.features.activity_block, 2.0**config.features.integral_frac
     grown = (
-        companded(np.array([round(abs(value) * config.last_frame / 2)]), config.features.integral_knee, config.features.integral_frac)[0]
+        companded(
+            np.array([round(abs(value) * config.last_frame / 2)]),
+            config.features.integral_knee,
+            config.features.integral_frac,
+        )[0]
         / frac
         for value in (mu, sigma)
     )
     one_log = config.features.compand == "log"
-    of_kind = {"mean": (mu, sigma), "activity": (mu if one_log else sigma * block**0.5, sigma if one_log else sigma * block**0.5)}
+    of_kind = {
+        "mean": (mu, sigma),
+        "activity": (mu if one_log else sigma * block**0.5, sigma if one_log else sigma * block**0.5),
+    }
     of_kind["integral"] = tuple(grown)
-    chosen = np.array([of_kind[config.features.feature_kinds[index % config.kinds]] for index in range(config.constants)])
+    chosen = np.array(
+        [of_kind[config.features.feature_kinds[index % config.kinds]] for index in range(config.constants)]
+    )
     means = chosen[:, 0] + chosen[:, 1] * rng.uniform(-0.2, 0.2, config.constants)
     sigmas = np.maximum(
-        chosen[:, 1], [1.0 if kind != "integral" else 0.25 for kind in np.resize(config.features.feature_kinds, config.constants)]
+        chosen[:, 1],
+        [
+            1.0 if kind != "integral" else 0.25
+            for kind in np.resize(config.features.feature_kinds, config.constants)
+        ],
     )
     sigmas = sigmas * rng.uniform(0.5, 1.0, config.constants)
     # no finer features than a 16-bit scale can make of the window's value
-    units = np.array(config.feature_units).reshape(-1, config.kinds).min(axis=0)[np.arange(config.constants) % config.kinds]
-    finest = 2.0 ** (config.formats.feature_format.frac_bits + config.formats.gate_frac) / config.scale_format.max_code
+    units = (
+        np.array(config.feature_units)
+        .reshape(-1, config.kinds)
+        .min(axis=0)[np.arange(config.constants) % config.kinds]
+    )
+    finest = (
+        2.0 ** (config.formats.feature_format.frac_bits + config.formats.gate_frac)
+        / config.scale_format.max_code
+    )
     sigmas = np.maximum(sigmas, 1.01 * finest / units)
     return (means, sigmas) if config.constants > 1 else (means[0], sigmas[0])
 
 
 def with_network(
-    config: AcceleratorConfig, *, cell: str | None = None, reset: str | None = None, hidden: int | None = None, steps: int | None = None
+    config: AcceleratorConfig,
+    *,
+    cell: str | None = None,
+    reset: str | None = None,
+    hidden: int | None = None,
+    steps: int | None = None,
 ) -> AcceleratorConfig:
-    """``config`` with another cell, reset, hidden size or number of steps; formats and feature_shift back to what the cell starts from.
+    """``config`` with another cell, reset, hidden size or number of steps; formats and feature_shift back to
+    what the cell starts from.
 
-    A thesis-mode configuration keeps its touch length: hop = floor(touch_frames / steps), window = 2 hop + 1. A linear cell decides by its
-    last step, which has seen every window, where the configuration counted votes.
+    A thesis-mode configuration keeps its touch length: hop = floor(touch_frames / steps), window = 2 hop + 1.
+    A linear cell decides by its last step, which has seen every window, where the configuration counted
+    votes.
 
     Raises
     ------
@@ -499,8 +636,15 @@ def with_network(
     if (cell or config.network.cell) == "linear":
         for field, value in (("hidden", hidden), ("reset", reset)):
             if value is not None:
-                raise InputError(f"configuration '{config.name}', field {field}: is {value} and a linear cell has none; leave it out")
-    changes: dict[str, Any] = {key: value for key, value in (("cell", cell), ("reset", reset), ("hidden", hidden)) if value is not None}
+                raise InputError(
+                    f"configuration '{config.name}', field {field}: is {value} and a linear cell has none; "
+                    "leave it out"
+                )
+    changes: dict[str, Any] = {
+        key: value
+        for key, value in (("cell", cell), ("reset", reset), ("hidden", hidden))
+        if value is not None
+    }
     if steps is not None and steps != config.windows.steps:
         changes |= {"steps": steps, "feature_shift": ()}
         if config.windows.window_mode == "touch" and steps > 0:
@@ -522,11 +666,18 @@ def describe_formats(config: AcceleratorConfig) -> dict[str, str]:
     """Every number format that the configured cell has, by signal, printed, for reports."""
     if config.is_image:
         outputs = (*config.image.map_formats, config.formats.logit_format)
-        stages = zip(config.weighted_stages, config.image.weight_formats, outputs, config.layer_shifts, strict=True)
+        stages = zip(
+            config.weighted_stages, config.image.weight_formats, outputs, config.layer_shifts, strict=True
+        )
         return {
-            f"{stage.number} {stage.layer}": f"weights {weight}, gives {behind}, shift {shift}" for stage, weight, behind, shift in stages
+            f"{stage.number} {stage.layer}": f"weights {weight}, gives {behind}, shift {shift}"
+            for stage, weight, behind, shift in stages
         }
     names = [name for name in config.fields() if name.endswith("_format")]
     if not config.recurrent:
-        names = [name for name in names if name in ("feature_format", "dense_format", "dense_bias_format", "logit_format")]
+        names = [
+            name
+            for name in names
+            if name in ("feature_format", "dense_format", "dense_bias_format", "logit_format")
+        ]
     return {name.removesuffix("_format"): str(config.value(name)) for name in names}

@@ -1,4 +1,5 @@
-"""Recordings through a whole model: preprocessing, cell, decisions; the integer run keeps every stage for co-simulation.
+"""Recordings through a whole model: preprocessing, cell, decisions; the integer run keeps every stage for
+co-simulation.
 
 Decisions: docs/specification.md, section 7.
 """
@@ -35,15 +36,16 @@ Stream = tuple[np.ndarray, np.ndarray]
 class Trace:
     """What a model made of a set of recordings; n touches of R recordings, K steps.
 
-    touches: where they are, and their windowed sums. decision (R): global decision of the first touch, -1 none. not_touched (R), bool: no
-    onset was found. first (R): index of the first touch, -1 none. local (n, K): class decided at each step, -1 for a step that was not
-    completed. margin (n, K): its margin. global_decision, global_margin (n): of each touch, -1 and 0 without a completed step. global_step
-    (n): the step after which it was given, -1 none; global_partial (n), bool: the end of the recording brought it.
-    streams (integer runs): stage -> (values int64, offsets (R + 1)):
-    ``sum`` and ``feature`` flat, step by step, inputs in order, and with a fault detector ``fault``: 1 where the taxel is masked or its
-    flag counts; ``state`` flat, h' step by step, units in order; ``logit`` flat, step by
-    step, classes in order; ``decision`` rows (events, 6) of DECISION_FIELDS: a row per step, and after that of global_step the global row
-    (step = global_step). Touches of a recording in order of time.
+    touches: where they are, and their windowed sums. decision (R): global decision of the first touch, -1
+    none. not_touched (R), bool: no onset was found. first (R): index of the first touch, -1 none. local (n,
+    K): class decided at each step, -1 for a step that was not completed. margin (n, K): its margin.
+    global_decision, global_margin (n): of each touch, -1 and 0 without a completed step. global_step (n): the
+    step after which it was given, -1 none; global_partial (n), bool: the end of the recording brought it.
+    streams (integer runs): stage -> (values int64, offsets (R + 1)): ``sum`` and ``feature`` flat, step by
+    step, inputs in order, and with a fault detector ``fault``: 1 where the taxel is masked or its flag
+    counts; ``state`` flat, h' step by step, units in order; ``logit`` flat, step by step, classes in order;
+    ``decision`` rows (events, 6) of DECISION_FIELDS: a row per step, and after that of global_step the global
+    row (step = global_step). Touches of a recording in order of time.
     """
 
     config: AcceleratorConfig
@@ -72,24 +74,30 @@ class Trace:
         return self.partial & ~early_steps(self.config, self.local, self.margin, self.touches.completed)[1]
 
     def offered(self) -> np.ndarray:
-        """(n, K + 1), bool: which of a touch's decisions there are, the local ones and then the global one."""
+        """(n, K + 1), bool: which of a touch's decisions there are, the local ones and then the global
+        one."""
         completed = self.touches.completed[:, None]
         return np.concatenate([np.arange(self.local.shape[1]) < completed, completed > 0], axis=1)
 
     def decision_order(self) -> np.ndarray:
-        """(n, K + 1) columns of ``offered`` in the order of time: the global decision follows the local one of global_step."""
+        """(n, K + 1) columns of ``offered`` in the order of time: the global decision follows the local one
+        of global_step."""
         steps = np.broadcast_to(np.arange(self.local.shape[1]), self.local.shape)
-        return np.argsort(np.concatenate([steps, self.global_step[:, None] + 0.5], axis=1), axis=1, kind="stable")
+        return np.argsort(
+            np.concatenate([steps, self.global_step[:, None] + 0.5], axis=1), axis=1, kind="stable"
+        )
 
     def decision_time_s(self) -> np.ndarray:
-        """(R) seconds from the onset (the first frame where the gate opens at once) to the end of the window that the recording was decided
-        on; NaN: not decided."""
+        """(R) seconds from the onset (the first frame where the gate opens at once) to the end of the window
+        that the recording was decided on; NaN: not decided."""
         times = np.full(len(self.first), np.nan)
         touched = self.first >= 0
         touch = self.first[touched]
         ends = np.array([last for _, last in self.config.window_spans])[self.global_step[touch]]
         since = self.touches.start_frame[touch] - 1 + ends - self.touches.onset_frame[touch]
-        times[touched] = np.where(self.global_step[touch] >= 0, since / self.config.sensor.sample_rate_hz, np.nan)
+        times[touched] = np.where(
+            self.global_step[touch] >= 0, since / self.config.sensor.sample_rate_hz, np.nan
+        )
         return times
 
     @property
@@ -110,7 +118,8 @@ class Trace:
         return float(np.mean(self.decision == labels))
 
     def step_accuracy(self, labels: np.ndarray) -> np.ndarray:
-        """(K) share of recordings whose local decision at each step is as labelled; no decision counts as wrong."""
+        """(K) share of recordings whose local decision at each step is as labelled; no decision counts as
+        wrong."""
         return np.mean(self.first_local() == np.asarray(labels)[:, None], axis=0)
 
     def agreement(self, trace: Trace) -> float:
@@ -126,7 +135,8 @@ def first_maximum(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray):
-    """Decisions of docs/specification.md section 7 from logits (n, K, C), of which ``completed`` (n) steps count.
+    """Decisions of docs/specification.md section 7 from logits (n, K, C), of which ``completed`` (n) steps
+    count.
 
     Returns
     -------
@@ -147,8 +157,11 @@ def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray)
     return local, margin, np.where(completed > 0, decision, -1), np.where(completed > 0, lead, 0)
 
 
-def early_steps(config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray, completed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(first step (n) at which the last ``early_steps`` local decisions agree with enough margin, 0 where none; is there one (n)).
+def early_steps(
+    config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray, completed: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(first step (n) at which the last ``early_steps`` local decisions agree with enough margin, 0 where
+    none; is there one (n)).
 
     Parameters
     ----------
@@ -158,7 +171,11 @@ def early_steps(config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray
     if config.network.decision != "early":
         return np.zeros(len(local), dtype=np.int64), np.zeros(len(local), dtype=bool)
     real = np.issubdtype(margin.dtype, np.floating)
-    enough = margin >= (config.formats.logit_format.to_real(config.network.early_margin) if real else config.network.early_margin)
+    enough = margin >= (
+        config.formats.logit_format.to_real(config.network.early_margin)
+        if real
+        else config.network.early_margin
+    )
     enough &= np.arange(local.shape[1]) < completed[:, None]
     holds = np.zeros(local.shape, dtype=bool)
     for k in range(config.network.early_steps - 1, local.shape[1]):
@@ -167,16 +184,22 @@ def early_steps(config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray
     return np.argmax(holds, axis=1), np.asarray(holds.any(axis=1))
 
 
-def global_steps(config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray, completed: np.ndarray) -> np.ndarray:
-    """(n) the step after which a touch's global decision is given, -1 none; parameters as for ``early_steps``."""
+def global_steps(
+    config: AcceleratorConfig, local: np.ndarray, margin: np.ndarray, completed: np.ndarray
+) -> np.ndarray:
+    """(n) the step after which a touch's global decision is given, -1 none; parameters as for
+    ``early_steps``."""
     step, early = early_steps(config, local, margin, completed)
     return np.where(early, step, completed - 1)
 
 
 def step_times(config: AcceleratorConfig, touches: Touches) -> np.ndarray:
-    """Seconds from the onset (from the first frame where the gate opens at once) to the end of each window: median over touches."""
+    """Seconds from the onset (from the first frame where the gate opens at once) to the end of each window:
+    median over touches."""
     ends = np.array([last for _, last in config.window_spans])
-    since = touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
+    since = (
+        touches.start_frame[:, None] - 1 + ends - touches.onset_frame[:, None] if len(touches) else ends[None]
+    )
     return np.median(since, axis=0) / config.sensor.sample_rate_hz
 
 
@@ -188,11 +211,13 @@ def feature_codes(
 ) -> np.ndarray:
     """Feature codes (n, K, D) of touches, 0 where a taxel is masked, by the host or by the fault detector.
 
-    ``normaliser``: as ``eskin.golden.model.preprocess.normalise``. ``constants``: mean and scale in place of the model's, such as no model
-    may have.
+    ``normaliser``: as ``eskin.golden.model.preprocess.normalise``. ``constants``: mean and scale in place of
+    the model's, such as no model may have.
     """
     constants = model.arrays if constants is None else constants
-    return normaliser(model.config, touches.sums, touches.completed, constants["mean"], constants["scale"], touches.faults)
+    return normaliser(
+        model.config, touches.sums, touches.completed, constants["mean"], constants["scale"], touches.faults
+    )
 
 
 def float_features(model: FloatModel, touches: Touches) -> np.ndarray:
@@ -205,9 +230,10 @@ def float_features(model: FloatModel, touches: Touches) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Decided:
-    """What a network made of n touches, K steps: features (n, K, D), hidden (n, K, H) and logits (n, K, C), codes or, of a float network,
-    real; local and margin (n, K), decision, lead and step (n): class and margin of each step and of the touch (-1 and 0: none), and the
-    step after which the touch's decision is given (-1: none)."""
+    """What a network made of n touches, K steps: features (n, K, D), hidden (n, K, H) and logits (n, K, C),
+    codes or, of a float network, real; local and margin (n, K), decision, lead and step (n): class and margin
+    of each step and of the touch (-1 and 0: none), and the step after which the touch's decision is given
+    (-1: none)."""
 
     features: np.ndarray
     hidden: np.ndarray
@@ -235,24 +261,43 @@ def decide_touches(
     config:
         Whose decision rule; None: the model's.
     forward, normaliser, rule:
-        In place of the model's own arithmetic, of ``eskin.golden.model.preprocess.normalise`` (integer models) and of ``decide``.
+        In place of the model's own arithmetic, of ``eskin.golden.model.preprocess.normalise`` (integer
+        models) and of ``decide``.
     """
     config = config or model.config
-    features = feature_codes(model, touches, normaliser) if isinstance(model, IntegerModel) else float_features(model, touches)
+    features = (
+        feature_codes(model, touches, normaliser)
+        if isinstance(model, IntegerModel)
+        else float_features(model, touches)
+    )
     hidden, logits = forward(features, touches) if forward else model.forward(features)
     local, margin, decision, lead = rule(config, logits, touches.completed)
-    return Decided(features, hidden, logits, local, margin, decision, lead, global_steps(config, local, margin, touches.completed))
+    return Decided(
+        features,
+        hidden,
+        logits,
+        local,
+        margin,
+        decision,
+        lead,
+        global_steps(config, local, margin, touches.completed),
+    )
 
 
 def by_recording(values: np.ndarray, rows: np.ndarray, none: int = -1) -> np.ndarray:
-    """``values`` (n, ...) of touches, the one of row ``rows[r]`` for each recording r; ``none`` where that is -1."""
+    """``values`` (n, ...) of touches, the one of row ``rows[r]`` for each recording r; ``none`` where that is
+    -1."""
     placed = np.full((len(rows), *values.shape[1:]), none, dtype=np.int64)
     placed[rows >= 0] = values[rows[rows >= 0]]
     return placed
 
 
 def run(
-    model: IntegerModel, recordings: Recordings, *, touches: Touches | None = None, progress: Callable[[int, int], None] | None = None
+    model: IntegerModel,
+    recordings: Recordings,
+    *,
+    touches: Touches | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Trace:
     """Run an integer model over recordings, every stage in exact integers.
 
@@ -273,9 +318,14 @@ def run(
 
 
 def float_run(
-    model: FloatModel, recordings: Recordings, *, touches: Touches | None = None, progress: Callable[[int, int], None] | None = None
+    model: FloatModel,
+    recordings: Recordings,
+    *,
+    touches: Touches | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Trace:
-    """Run a float model over recordings: the same exact sums, then real arithmetic; parameters and errors as ``run``. No streams."""
+    """Run a float model over recordings: the same exact sums, then real arithmetic; parameters and errors as
+    ``run``. No streams."""
     touches = find_touches(model.config, recordings, progress=progress) if touches is None else touches
     return _trace(model, touches, streams=False)
 
@@ -298,7 +348,12 @@ def _trace(model: IntegerModel | FloatModel, touches: Touches, *, streams: bool)
         decided.logits,
     )
     if streams:
-        stages = {"sum": touches.sums, "feature": decided.features, "state": decided.hidden, "logit": decided.logits}
+        stages = {
+            "sum": touches.sums,
+            "feature": decided.features,
+            "state": decided.hidden,
+            "logit": decided.logits,
+        }
         trace.streams.update({stage: _flat_stream(touches, values) for stage, values in stages.items()})
         trace.streams["fault"] = _fault_stream(config, touches)
         trace.streams["decision"] = _decision_stream(trace)
@@ -309,12 +364,15 @@ def _flat_stream(touches: Touches, values: np.ndarray) -> Stream:
     """The completed steps of (n, K, width) values, flat, with offsets by recording."""
     steps, width = values.shape[1:]
     done = np.arange(steps) < touches.completed[:, None]
-    counts = np.bincount(touches.recording, weights=touches.completed * width, minlength=touches.recordings).astype(np.int64)
+    counts = np.bincount(
+        touches.recording, weights=touches.completed * width, minlength=touches.recordings
+    ).astype(np.int64)
     return values[done].reshape(-1).astype(np.int64), np.concatenate([[0], np.cumsum(counts)])
 
 
 def _fault_stream(config: AcceleratorConfig, touches: Touches) -> Stream:
-    """1 for each taxel of each window that is out of use, masked or failed; nothing without a fault detector."""
+    """1 for each taxel of each window that is out of use, masked or failed; nothing without a fault
+    detector."""
     if touches.faults is None:
         return np.zeros(0, dtype=np.int64), np.zeros(touches.recordings + 1, dtype=np.int64)
     out_of_use = touches.faults.copy()
@@ -338,5 +396,7 @@ def _decision_stream(trace: Trace) -> Stream:
     order = trace.decision_order()
     offered = np.take_along_axis(trace.offered(), order, axis=1)
     rows = np.take_along_axis(rows, order[..., None], axis=1)
-    counts = np.bincount(touches.recording, weights=offered.sum(axis=1), minlength=touches.recordings).astype(np.int64)
+    counts = np.bincount(touches.recording, weights=offered.sum(axis=1), minlength=touches.recordings).astype(
+        np.int64
+    )
     return rows[offered], np.concatenate([[0], np.cumsum(counts)])

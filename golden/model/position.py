@@ -1,4 +1,5 @@
-"""Where the array is touched, frame by frame, and which way a touch slid: docs/specification.md section 13."""
+"""Where the array is touched, frame by frame, and which way a touch slid: docs/specification.md section
+13."""
 
 from __future__ import annotations
 
@@ -16,9 +17,9 @@ DIRECTIONS = ("none", "right", "left", "down", "up")
 
 @dataclass(frozen=True)
 class Position:
-    """What is told of a frame. frame: its index. x, y: centre, sixteenths of a cell, 0 = middle of column or row 0. peak: index of the
-    largest cell. ended: the frame after a touch's last; the others are then those of its last. direction: of `DIRECTIONS`, with
-    ``ended``."""
+    """What is told of a frame. frame: its index. x, y: centre, sixteenths of a cell, 0 = middle of column or
+    row 0. peak: index of the largest cell. ended: the frame after a touch's last; the others are then those
+    of its last. direction: of `DIRECTIONS`, with ``ended``."""
 
     frame: int
     x: int
@@ -42,15 +43,21 @@ class PositionStream:
         self._last: Position | None = None
 
     def push(self, samples: np.ndarray) -> list[Position]:
-        """Positions of the next frames (frames, taxels): one for each with a touched cell, one more where a touch ends."""
+        """Positions of the next frames (frames, taxels): one for each with a touched cell, one more where a
+        touch ends."""
         interface = self._config.interface
         height = samples.astype(np.int64) - interface.position_rest
-        height = np.where(height > interface.position_threshold, height, 0).reshape(-1, interface.rows, interface.columns)
+        height = np.where(height > interface.position_threshold, height, 0).reshape(
+            -1, interface.rows, interface.columns
+        )
         positions: list[Position] = []
         for cells in height:
             total, first, last = int(cells.sum()), self._first, self._last
             if total:
-                x, y = (_rounded(int((cells.sum(axis=axis) * np.arange(cells.shape[1 - axis])).sum()), total) for axis in (0, 1))
+                x, y = (
+                    _rounded(int((cells.sum(axis=axis) * np.arange(cells.shape[1 - axis])).sum()), total)
+                    for axis in (0, 1)
+                )
                 self._last = Position(self._frame, x, y, int(cells.argmax()))
                 self._first = first or self._last
                 positions.append(self._last)
@@ -73,7 +80,8 @@ def _rounded(moment: int, total: int) -> int:
 
 
 def direction(across: int, down: int, least: int) -> int:
-    """Index of `DIRECTIONS`: of the longer axis, across where they are equal; none where that is shorter than ``least``."""
+    """Index of `DIRECTIONS`: of the longer axis, across where they are equal; none where that is shorter than
+    ``least``."""
     if max(abs(across), abs(down)) < least:
         return 0
     if abs(across) >= abs(down):

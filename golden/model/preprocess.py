@@ -1,7 +1,8 @@
-"""Preprocessing in exact integers: onset, windows and normaliser (docs/specification.md, sections 2 and 3), vectorised over recordings.
+"""Preprocessing in exact integers: onset, windows and normaliser (docs/specification.md, sections 2 and 3),
+vectorised over recordings.
 
-The golden expression of those sections, and of the fault detector (docs/specification.md, section 10). It sees whole
-recordings, so it adds spans of stored deviations; the hardware keeps running sums.
+The golden expression of those sections, and of the fault detector (docs/specification.md, section 10). It
+sees whole recordings, so it adds spans of stored deviations; the hardware keeps running sums.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ from eskin.golden.core.formats import clamp, narrow
 from eskin.golden.data.recordings import Recordings
 
 BATCH_SAMPLES = 1 << 22
-"""Samples (frames x recordings x taxels) held at once while scanning, so that memory does not grow with the data set."""
+"""Samples (frames x recordings x taxels) held at once while scanning, so that memory does not grow with the
+data set."""
 
 Progress = Callable[[int, int], None]
 """Called with (recordings done, recordings in all)."""
@@ -26,14 +28,16 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Touches:
-    """All touches of a set of recordings, ordered by recording, then by time; n touches, K windows, D inputs (taxels x kinds).
+    """All touches of a set of recordings, ordered by recording, then by time; n touches, K windows, D inputs
+    (taxels x kinds).
 
-    recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n): frame f, 1-based, in which
-    the rule was met; 0 where the gate opens at once. start_frame (n): first frame, 1-based, of window 1. completed (n): windows that ended
-    within the recording. partial (n), bool: the recording ended before the touch did. sums (n, K, D), int64: windowed sums of the
-    deviations, codes, and what else a window gives of a taxel (`window_values`); 0 from window ``completed`` on. faults (n, K, D), bool:
-    the fault detector had masked the taxel when window k was complete; None without a detector. flagged (recordings, taxels): frame,
-    1-based, that raised the taxel's fault flag, 0 = none; None without.
+    recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n):
+    frame f, 1-based, in which the rule was met; 0 where the gate opens at once. start_frame (n): first frame,
+    1-based, of window 1. completed (n): windows that ended within the recording. partial (n), bool: the
+    recording ended before the touch did. sums (n, K, D), int64: windowed sums of the deviations, codes, and
+    what else a window gives of a taxel (`window_values`); 0 from window ``completed`` on. faults (n, K, D),
+    bool: the fault detector had masked the taxel when window k was complete; None without a detector. flagged
+    (recordings, taxels): frame, 1-based, that raised the taxel's fault flag, 0 = none; None without.
     """
 
     recordings: int
@@ -50,7 +54,8 @@ class Touches:
         return len(self.recording)
 
     def take(self, rows: np.ndarray, steps: int | None = None) -> Touches:
-        """The touches ``rows`` (indices, or bool (n)) with everything that is known of them, and their first ``steps`` windows (None: all).
+        """The touches ``rows`` (indices, or bool (n)) with everything that is known of them, and their first
+        ``steps`` windows (None: all).
 
         ``recordings`` and ``flagged`` are about recordings and stay.
         """
@@ -76,9 +81,13 @@ class Touches:
 def window_spans(config: AcceleratorConfig, steps: int) -> tuple[tuple[int, int], ...]:
     """First and last frame, 1-based from the start of window 1, of ``steps`` windows.
 
-    The first ``config.windows.steps`` are those of the configuration; later ones go on at the same hop with the full window length.
+    The first ``config.windows.steps`` are those of the configuration; later ones go on at the same hop with
+    the full window length.
     """
-    further = ((config.windows.hop * k + 1, config.windows.hop * k + config.windows.window) for k in range(config.windows.steps, steps))
+    further = (
+        (config.windows.hop * k + 1, config.windows.hop * k + config.windows.window)
+        for k in range(config.windows.steps, steps)
+    )
     return (*config.window_spans[:steps], *further)
 
 
@@ -95,11 +104,12 @@ def find_touches(
     Parameters
     ----------
     steps:
-        Windows a touch, K; default ``config.windows.steps``. More shows what follows the touch (for time warp in training). Neither the
-        detector,
-        ``partial`` nor the first ``config.windows.steps`` windows depend on it.
+        Windows a touch, K; default ``config.windows.steps``. More shows what follows the touch (for time warp
+        in training). Neither the detector, ``partial`` nor the first ``config.windows.steps`` windows depend
+        on it.
     onsets:
-        (R) the frame at which each recording's one touch is forced, as ``find_onsets`` gives it; -1 none. The rule is then not asked.
+        (R) the frame at which each recording's one touch is forced, as ``find_onsets`` gives it; -1 none. The
+        rule is then not asked.
     progress:
         Called with (recordings done, recordings in all).
 
@@ -110,7 +120,8 @@ def find_touches(
     """
     if recordings.taxels != config.sensor.taxels:
         raise InputError(
-            f"{recordings.source}: has {recordings.taxels} taxels and configuration '{config.name}', field taxels, "
+            f"{recordings.source}: has {recordings.taxels} taxels and configuration '{config.name}', field "
+            "taxels, "
             f"has {config.sensor.taxels}; "
             "use recordings and a configuration of one array"
         )
@@ -120,7 +131,9 @@ def find_touches(
     sums: list[np.ndarray] = []
     flagged = np.zeros((len(lengths), config.sensor.taxels), dtype=np.int64)
     for first, last in _batches(lengths, config.sensor.taxels):
-        samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, config.sensor.taxels), dtype=np.int32)
+        samples = np.zeros(
+            (int(lengths[first:last].max(initial=0)), last - first, config.sensor.taxels), dtype=np.int32
+        )
         for index in range(first, last):
             samples[: lengths[index], index - first] = recordings.recording(index)
         forced = None if onsets is None else onsets[first:last]
@@ -152,7 +165,8 @@ def find_touches(
 
 
 def find_onsets(config: AcceleratorConfig, recordings: Recordings) -> np.ndarray:
-    """Onset frame of the first touch of each recording (1-based; 0 where the gate opens at once), -1 where there is none."""
+    """Onset frame of the first touch of each recording (1-based; 0 where the gate opens at once), -1 where
+    there is none."""
     touches = find_touches(config, recordings, steps=0)
     first = touches.first_touch()
     onsets = np.full(touches.recordings, -1, dtype=np.int64)
@@ -163,33 +177,42 @@ def find_onsets(config: AcceleratorConfig, recordings: Recordings) -> np.ndarray
 def companded(values: np.ndarray, knee: int, frac: int) -> np.ndarray:
     """Integers companded as section 3 says, int64, shape of ``values``.
 
-    With ``b = |d| + 2**knee`` and ``2**e`` the largest power of two in b: ``sign(d) * ((e - knee) * 2**F + floor(2**F b / 2**e) - 2**F)``,
-    which is log2(1 + |d| / 2**knee) on straight lines between powers of two. Odd and monotone.
+    With ``b = |d| + 2**knee`` and ``2**e`` the largest power of two in b: ``sign(d) * ((e - knee) * 2**F +
+    floor(2**F b / 2**e) - 2**F)``, which is log2(1 + |d| / 2**knee) on straight lines between powers of two.
+    Odd and monotone.
     """
     biased = np.abs(values.astype(np.int64)) + (1 << knee)
-    exponent = np.frexp(biased.astype(np.float64))[1].astype(np.int64) - 1  # exact: values have far fewer than 53 bits
+    # exact: values have far fewer than 53 bits
+    exponent = np.frexp(biased.astype(np.float64))[1].astype(np.int64) - 1
     return np.sign(values) * (((exponent - knee - 1) << frac) + ((biased << frac) >> exponent))
 
 
 def compand(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
-    """Window values (..., D) as the normaliser takes them, int64: with ``compand`` log the sums and activities are companded here;
-    integrals are already."""
+    """Window values (..., D) as the normaliser takes them, int64: with ``compand`` log the sums and
+    activities are companded here; integrals are already."""
     if config.features.compand == "none":
         return sums
     logarithms = companded(sums, config.features.compand_knee, config.features.compand_frac)
-    return np.where(_columns(config, "integral"), sums, logarithms) if "integral" in config.features.feature_kinds else logarithms
+    return (
+        np.where(_columns(config, "integral"), sums, logarithms)
+        if "integral" in config.features.feature_kinds
+        else logarithms
+    )
 
 
 def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.ndarray:
-    """What windows would give (as ``sums``, int64) of touches ``gain`` times as strong; held within +-2**40."""
+    """What windows would give (as ``sums``, int64) of touches ``gain`` times as strong; held within
+    +-2**40."""
     scaled = np.clip(np.rint(sums * gain), -(2**40), 2**40).astype(np.int64)
     features = config.features
     if "integral" not in features.feature_kinds:
         return scaled
-    unit = 1 << features.integral_frac  # back through the straight lines between powers of two, and forth again
+    # back through the straight lines between powers of two, and forth again
+    unit = 1 << features.integral_frac
     whole, part = np.divmod(np.abs(sums), unit)
     before = np.sign(sums) * (
-        (unit + part) * 2.0 ** (whole + features.integral_knee - features.integral_frac) - 2.0**features.integral_knee
+        (unit + part) * 2.0 ** (whole + features.integral_knee - features.integral_frac)
+        - 2.0**features.integral_knee
     )
     after = companded(np.rint(gain * before).astype(np.int64), features.integral_knee, features.integral_frac)
     return np.where(_columns(config, "integral"), after, scaled)
@@ -197,14 +220,21 @@ def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.nd
 
 def sums_alone(config: AcceleratorConfig) -> AcceleratorConfig:
     """``config`` with the plain window sums as its only feature, before quantisation."""
-    return config.replace(feature_kinds=("mean",), feature_scale="array", feature_shift=(), aligned_means=False)
+    return config.replace(
+        feature_kinds=("mean",), feature_scale="array", feature_shift=(), aligned_means=False
+    )
 
 
 def real_features(config: AcceleratorConfig, sums: np.ndarray) -> np.ndarray:
-    """What the network learns from, before mu and sigma, float64, shape of ``sums`` (..., K, D): means and mean activities of a block,
-    codes; the companded as logarithms. Masked taxels are left in."""
+    """What the network learns from, before mu and sigma, float64, shape of ``sums`` (..., K, D): means and
+    mean activities of a block, codes; the companded as logarithms. Masked taxels are left in."""
     spans = window_spans(config, sums.shape[-2])
-    units = np.array([[config.feature_unit(last - first + 1, kind) for kind in config.features.feature_kinds] for first, last in spans])
+    units = np.array(
+        [
+            [config.feature_unit(last - first + 1, kind) for kind in config.features.feature_kinds]
+            for first, last in spans
+        ]
+    )
     return compand(config, sums) / (units[:, list(config.input_kinds)] if config.kinds > 1 else units)
 
 
@@ -216,7 +246,8 @@ def normalise(
     scale: np.ndarray,
     faults: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Feature codes of windowed sums (section 3): ``narrow(SAT((compand(d) - mean) >> shift) * scale, gate_frac, feature_format)``.
+    """Feature codes of windowed sums (section 3): ``narrow(SAT((compand(d) - mean) >> shift) * scale,
+    gate_frac, feature_format)``.
 
     Parameters
     ----------
@@ -225,8 +256,8 @@ def normalise(
     completed:
         (n) windows that count; codes of the others are 0.
     mean, scale:
-        Integers, (lengths) or (lengths, constants): for each distinct window length (``config.window_lengths``) one, or one a kind, or one
-        an input (``config.constants``).
+        Integers, (lengths) or (lengths, constants): for each distinct window length
+        (``config.window_lengths``) one, or one a kind, or one an input (``config.constants``).
     faults:
         (n, K, D) bool, taxels masked by the fault detector (``Touches.faults``).
 
@@ -241,7 +272,9 @@ def normalise(
     """
     lengths = len(config.window_lengths)
     if not config.features.feature_shift:
-        raise InputError(f"configuration '{config.name}', field feature_shift: is empty; quantise the model to set it")
+        raise InputError(
+            f"configuration '{config.name}', field feature_shift: is empty; quantise the model to set it"
+        )
     if np.size(mean) != lengths * config.constants or np.size(scale) != lengths * config.constants:
         counted = f" with {config.constants} each" if config.constants > 1 else ""
         raise InputError(
@@ -250,7 +283,10 @@ def normalise(
         )
     steps = sums.shape[1]
     if steps > config.windows.steps:
-        raise InputError(f"configuration '{config.name}', field steps: is {config.windows.steps}, below the {steps} windows to normalise")
+        raise InputError(
+            f"configuration '{config.name}', field steps: is {config.windows.steps}, below the {steps} "
+            "windows to normalise"
+        )
     which = list(config.length_index[:steps])
     mean, scale = (by_input(config, values)[which] for values in (mean, scale))
     shift = shifts_by_input(config)[which]
@@ -264,7 +300,8 @@ def normalise(
 
 
 def _batches(lengths: np.ndarray, taxels: int, most: int | None = None) -> list[tuple[int, int]]:
-    """Ranges of consecutive recordings whose padded samples stay within ``most``, BATCH_SAMPLES (one recording at least)."""
+    """Ranges of consecutive recordings whose padded samples stay within ``most``, BATCH_SAMPLES (one
+    recording at least)."""
     most = BATCH_SAMPLES if most is None else most
     ranges, first = [], 0
     while first < len(lengths):
@@ -277,7 +314,8 @@ def _batches(lengths: np.ndarray, taxels: int, most: int | None = None) -> list[
 
 
 def by_input(config: AcceleratorConfig, constants: np.ndarray) -> np.ndarray:
-    """Normaliser constants (lengths) or (lengths, constants) as (lengths, inputs), or (lengths, 1) where they are the same, int64."""
+    """Normaliser constants (lengths) or (lengths, constants) as (lengths, inputs), or (lengths, 1) where they
+    are the same, int64."""
     table = np.asarray(constants, dtype=np.int64).reshape(len(config.window_lengths), config.constants)
     return table[:, list(config.input_constants)] if config.constants > 1 else table
 
@@ -293,8 +331,11 @@ def _columns(config: AcceleratorConfig, kind: str) -> np.ndarray:
     return np.array([config.features.feature_kinds[index] == kind for index in config.input_kinds])
 
 
-def window_values(config: AcceleratorConfig, deviations: np.ndarray, start: int, spans) -> tuple[np.ndarray, int]:
-    """What every window of a touch gives of every taxel (section 2), and how many leading windows the recording completes.
+def window_values(
+    config: AcceleratorConfig, deviations: np.ndarray, start: int, spans
+) -> tuple[np.ndarray, int]:
+    """What every window of a touch gives of every taxel (section 2), and how many leading windows the
+    recording completes.
 
     Parameters
     ----------
@@ -307,7 +348,8 @@ def window_values(config: AcceleratorConfig, deviations: np.ndarray, start: int,
 
     Returns
     -------
-    ((K, D) int64, number of windows): inputs taxel by taxel, of each its kinds in order; 0 from the number on.
+    ((K, D) int64, number of windows): inputs taxel by taxel, of each its kinds in order; 0 from the number
+    on.
     """
     touch = deviations[start - 1 :]
     completed = sum(last <= len(touch) for _, last in spans)
@@ -337,8 +379,9 @@ def _running(values: np.ndarray) -> np.ndarray:
 
 
 def _block_activity(config: AcceleratorConfig, deviations: np.ndarray, start: int) -> np.ndarray:
-    """(blocks, taxels) activity of the whole blocks from frame ``start`` on. With rule ``change`` the first block of all has none: of the
-    recording where hops run from its first frame, of the touch where they run from there."""
+    """(blocks, taxels) activity of the whole blocks from frame ``start`` on. With rule ``change`` the first
+    block of all has none: of the recording where hops run from its first frame, of the touch where they run
+    from there."""
     block, lead = config.features.activity_block, start - 1
 
     def blocks(frames: np.ndarray) -> np.ndarray:
@@ -357,11 +400,14 @@ def _start_frame(config: AcceleratorConfig, onset: int, previous_end: int) -> in
     """First frame of window 1 of a touch whose onset is frame ``onset`` (0: the gate opens at once)."""
     if config.windows.window_mode == "touch":
         return max(1, onset - config.windows.pretrigger_frames, previous_end + 1)
-    return (max(onset // config.windows.hop, 1) - 1) * config.windows.hop + 1  # gate frame g = onset + 1, window 1 begins with hop j0 - 1
+    return (
+        max(onset // config.windows.hop, 1) - 1
+    ) * config.windows.hop + 1  # gate frame g = onset + 1, window 1 begins with hop j0 - 1
 
 
 def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
-    """Activity A of section 10, codes, of blocks of samples (frames, ...): one number for each of the further axes."""
+    """Activity A of section 10, codes, of blocks of samples (frames, ...): one number for each of the further
+    axes."""
     span = 1 << config.fault_bits
     low = block.astype(np.int64) % span
     change = np.abs((np.diff(low, axis=0) + span // 2) % span - span // 2)
@@ -369,10 +415,12 @@ def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
 
 
 class TouchFinder:
-    """Rest level, onset detector and fault detector (docs/specification.md, sections 2 and 10) of recordings side by side, as they stand
-    after the frames seen so far. Frames come in pieces of any length, and how they are cut changes nothing.
+    """Rest level, onset detector and fault detector (docs/specification.md, sections 2 and 10) of recordings
+    side by side, as they stand after the frames seen so far. Frames come in pieces of any length, and how
+    they are cut changes nothing.
 
-    Recordings run side by side, frame by frame, because a tracked rest level depends on when earlier touches of its recording ended.
+    Recordings run side by side, frame by frame, because a tracked rest level depends on when earlier touches
+    of its recording ended.
 
     Parameters
     ----------
@@ -394,11 +442,17 @@ class TouchFinder:
         self._quiet = np.zeros(recordings, dtype=np.int64)
         self._baseline = np.zeros(shape, dtype=np.int32)
         self._settling = np.zeros(shape, dtype=np.int64)
-        self._hits = np.zeros((config.onset_rule.onset_span, recordings), dtype=bool)  # of the last judged frames, in a ring
+        # of the last judged frames, in a ring
+        self._hits = np.zeros((config.onset_rule.onset_span, recordings), dtype=bool)
         self._banded = config.onset_rule.onset == "band"
         self._period = 1 if self._banded else config.onset_rule.onset_check_frames
-        self._live = np.array([taxel not in config.sensor.masked_taxels for taxel in range(config.sensor.taxels)])
-        self._recent = np.zeros((0 if self._banded or config.opens_at_once else config.onset_rule.onset_mean_frames, *shape), np.int32)
+        self._live = np.array(
+            [taxel not in config.sensor.masked_taxels for taxel in range(config.sensor.taxels)]
+        )
+        self._recent = np.zeros(
+            (0 if self._banded or config.opens_at_once else config.onset_rule.onset_mean_frames, *shape),
+            np.int32,
+        )
         self._block = np.zeros((0, *shape), dtype=np.int32)  # samples of the fault detector's block under way
 
     def push(
@@ -411,13 +465,15 @@ class TouchFinder:
         samples:
             (frames, recordings, taxels) int32.
         lengths:
-            (recordings) frames that each recording has in all; what is behind them is not judged. None: all go on.
+            (recordings) frames that each recording has in all; what is behind them is not judged. None: all
+            go on.
         forced:
             (recordings) the frame at which the rule counts as met, -1 none; None: the rule is judged.
 
         Returns
         -------
-        (deviations (frames, recordings, taxels) int32, touches that began: (recording, onset frame, start frame)):
+        (deviations (frames, recordings, taxels) int32, touches that began: (recording, onset frame, start
+        frame)):
             touches in the order of their onsets.
         """
         config, first, last = self.config, self.frames, self.frames + len(samples)
@@ -427,7 +483,8 @@ class TouchFinder:
         if first < settle:
             self._settle(samples[: settle - first], min(settle, last))
         held = len(self._recent)
-        history = np.zeros((held + len(samples), *samples.shape[1:]), dtype=np.int32)  # what the onset rule still looks at, and these
+        # what the onset rule still looks at, and these
+        history = np.zeros((held + len(samples), *samples.shape[1:]), dtype=np.int32)
         history[:held] = self._recent
         deviations = history[held:]
         if not tracked and last > settle:
@@ -442,14 +499,16 @@ class TouchFinder:
         touches: list[tuple[int, int, int]] = []
         before = first
         while before < last:
-            judged = min((before // self._period + 1) * self._period, last)  # the detector's state can only change after a judged frame
+            # the detector's state can only change after a judged frame
+            judged = min((before // self._period + 1) * self._period, last)
             if tracked:
                 self._track(samples, deviations, first, before, judged)
             if judged > settle and judged % self._period == 0:
                 over = self._over(samples, history, judged, first)
                 touches += self._judge(judged, over, lengths, None if forced is None else forced == judged)
             before = judged
-            if whole and not self.armed.any() and (self.end >= lengths).all():  # no recording can have another touch
+            # no recording can have another touch
+            if whole and not self.armed.any() and (self.end >= lengths).all():
                 if tracked:
                     self._track(samples, deviations, first, before, last)
                 break
@@ -468,8 +527,11 @@ class TouchFinder:
         e = samples - ((levels + 8) >> 4)
         return np.clip(e, -limit, limit, out=e) if limit else e
 
-    def _track(self, samples: np.ndarray, deviations: np.ndarray, first: int, before: int, judged: int) -> None:
-        """Deviations of frames before+1..judged, between which the detector does not change, and the rest level after them."""
+    def _track(
+        self, samples: np.ndarray, deviations: np.ndarray, first: int, before: int, judged: int
+    ) -> None:
+        """Deviations of frames before+1..judged, between which the detector does not change, and the rest
+        level after them."""
         begin, stop = max(before, self.config.rest_level.rest_frames) - first, judged - first
         if begin >= stop:
             return
@@ -489,8 +551,11 @@ class TouchFinder:
         recent = history[stop - rule.onset_mean_frames : stop].sum(axis=0, dtype=np.int64)
         return np.abs(recent) > rule.onset_threshold * rule.onset_mean_frames
 
-    def _judge(self, judged: int, over: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None) -> list[tuple[int, int, int]]:
-        """The detector's step at the end of frame ``judged``: (recording, onset frame, start frame) of touches that begin."""
+    def _judge(
+        self, judged: int, over: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None
+    ) -> list[tuple[int, int, int]]:
+        """The detector's step at the end of frame ``judged``: (recording, onset frame, start frame) of
+        touches that begin."""
         rule = self.config.onset_rule
         sound = (self.flagged == 0) | (self.flagged > judged)
         self._hits[judged // self._period % len(self._hits)] = (over & self._live & sound).any(axis=1)
@@ -523,15 +588,16 @@ class TouchFinder:
 def _scan(
     config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None = None
 ) -> tuple[np.ndarray, list[tuple[int, int, int]], np.ndarray]:
-    """Deviations (frames, recordings, taxels) of a batch, its touches (recording, onset frame, start frame), in order, and the frame that
-    raised the fault flag of each taxel (recordings, taxels), 0 = none."""
+    """Deviations (frames, recordings, taxels) of a batch, its touches (recording, onset frame, start frame),
+    in order, and the frame that raised the fault flag of each taxel (recordings, taxels), 0 = none."""
     front = TouchFinder(config, samples.shape[1])
     deviations, touches = front.push(samples, lengths, forced)
     return deviations, sorted(touches), front.flagged
 
 
 def _track(samples: np.ndarray, baseline: np.ndarray, armed: np.ndarray) -> np.ndarray:
-    """Tracked rest levels (frames, recordings, taxels) before each frame of ``samples``, from ``baseline`` at the first."""
+    """Tracked rest levels (frames, recordings, taxels) before each frame of ``samples``, from ``baseline`` at
+    the first."""
     target, moves = 16 * samples, armed.astype(np.int32)[:, None]
     levels = np.empty_like(target)
     levels[0] = baseline
@@ -546,16 +612,18 @@ def _track(samples: np.ndarray, baseline: np.ndarray, armed: np.ndarray) -> np.n
 
 # ---------------------------------------------------------------------- the same touches under other windows
 GATE_BATCH = 1 << 24
-"""As BATCH_SAMPLES, where one rest level and gate after the other runs over all recordings: fewer batches take less time."""
+"""As BATCH_SAMPLES, where one rest level and gate after the other runs over all recordings: fewer batches
+take less time."""
 
 
 @dataclass(frozen=True)
 class FirstTouches:
     """The first touch of every recording that has one, under one rest level and gate.
 
-    recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n): 1-based, 0 where the gate
-    opens at once. offsets (n + 1), deviations (taxels, frames): touch i has the columns offsets[i]..offsets[i + 1], codes, of its recording
-    from the first frame to ``reach`` frames after its onset, as far as recording and touch go.
+    recordings: number of recordings scanned. recording (n): index of each touch's recording. onset_frame (n):
+    1-based, 0 where the gate opens at once. offsets (n + 1), deviations (taxels, frames): touch i has the
+    columns offsets[i]..offsets[i + 1], codes, of its recording from the first frame to ``reach`` frames after
+    its onset, as far as recording and touch go.
     """
 
     recordings: int
@@ -585,21 +653,24 @@ class FirstTouches:
     def within(self, reach: int) -> FirstTouches:
         """The same up to ``reach`` frames after each onset."""
         lengths = np.minimum(self.lengths, self.onset_frame + reach)
-        parts = [self.deviations[:, begin : begin + length] for begin, length in zip(self.offsets[:-1], lengths, strict=True)]
+        parts = [
+            self.deviations[:, begin : begin + length]
+            for begin, length in zip(self.offsets[:-1], lengths, strict=True)
+        ]
         flat = np.concatenate(parts, axis=1) if parts else self.deviations
         return FirstTouches(self.recordings, self.recording, self.onset_frame, _offsets(lengths), flat, reach)
 
     @property
     def running(self) -> np.ndarray:
-        """(taxels, frames + 1): sums of all columns before; of a type that holds the sums of a touch, so that differences within a touch
-        are right even where sums over all touches wrap."""
+        """(taxels, frames + 1): sums of all columns before; of a type that holds the sums of a touch, so that
+        differences within a touch are right even where sums over all touches wrap."""
         if () not in self._known:
             self._known[()] = self._summed(self.deviations)
         return self._known[()]
 
     def blocks(self, rule: str, block: int) -> tuple[np.ndarray, np.ndarray]:
-        """(offsets (n), running sums (taxels, blocks + 1)) of the activity of blocks that are counted from each recording's first frame:
-        the sum before touch i's block b stands in column offsets[i] + b."""
+        """(offsets (n), running sums (taxels, blocks + 1)) of the activity of blocks that are counted from
+        each recording's first frame: the sum before touch i's block b stands in column offsets[i] + b."""
         counts = self.lengths // block
         first = _offsets(counts)
         if (rule, block) not in self._known:
@@ -617,7 +688,8 @@ class FirstTouches:
 
     def _summed(self, values: np.ndarray) -> np.ndarray:
         largest = max(int(self.deviations.max(initial=0)), -int(self.deviations.min(initial=0)))
-        small = 2 * largest * int(self.lengths.max(initial=0)) < 1 << 31  # a change is twice a deviation at most
+        # a change is twice a deviation at most
+        small = 2 * largest * int(self.lengths.max(initial=0)) < 1 << 31
         total = np.zeros((len(values), values.shape[1] + 1), dtype=np.int32 if small else np.int64)
         np.cumsum(values, axis=1, dtype=total.dtype, out=total[:, 1:])
         return total
@@ -628,13 +700,16 @@ def _offsets(lengths: np.ndarray | Sequence[int]) -> np.ndarray:
 
 
 def first_touches(config: AcceleratorConfig, recordings: Recordings) -> FirstTouches:
-    """The first touch of every recording that has one. Rest level and gate alone decide them, as long as the touch is no shorter than those
-    that ``cut_windows`` makes of it: a tracked rest level stands still until the touch ends."""
+    """The first touch of every recording that has one. Rest level and gate alone decide them, as long as the
+    touch is no shorter than those that ``cut_windows`` makes of it: a tracked rest level stands still until
+    the touch ends."""
     rows: list[tuple[int, int]] = []
     parts: list[np.ndarray] = []
     lengths = recordings.lengths
     for first, last in _batches(lengths, config.sensor.taxels, GATE_BATCH):
-        samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, config.sensor.taxels), dtype=np.int32)
+        samples = np.zeros(
+            (int(lengths[first:last].max(initial=0)), last - first, config.sensor.taxels), dtype=np.int32
+        )
         for index in range(first, last):
             samples[: lengths[index], index - first] = recordings.recording(index)
         deviations, onsets, _ = _scan(config, samples, lengths[first:last])
@@ -648,27 +723,40 @@ def first_touches(config: AcceleratorConfig, recordings: Recordings) -> FirstTou
                 parts.append(part.astype(np.int16 if small else np.int32).T)
     recording, onset_frame = np.array(rows, dtype=np.int64).reshape(-1, 2).T
     flat = np.concatenate(parts, axis=1) if parts else np.zeros((config.sensor.taxels, 0), dtype=np.int16)
-    return FirstTouches(len(lengths), recording, onset_frame, _offsets([part.shape[1] for part in parts]), flat, config.last_frame)
+    return FirstTouches(
+        len(lengths),
+        recording,
+        onset_frame,
+        _offsets([part.shape[1] for part in parts]),
+        flat,
+        config.last_frame,
+    )
 
 
 def cut_windows(config: AcceleratorConfig, touches: FirstTouches) -> Touches:
-    """What ``find_touches`` finds of the first touches, from ``first_touches`` of a configuration with the same rest level and gate whose
-    touch is at least as long. ``partial`` says whether a touch was cut short by what ``touches`` hold."""
-    lead = np.array([_start_frame(config, int(onset), 0) - 1 for onset in touches.onset_frame], dtype=np.int64)
+    """What ``find_touches`` finds of the first touches, from ``first_touches`` of a configuration with the
+    same rest level and gate whose touch is at least as long. ``partial`` says whether a touch was cut short
+    by what ``touches`` hold."""
+    lead = np.array(
+        [_start_frame(config, int(onset), 0) - 1 for onset in touches.onset_frame], dtype=np.int64
+    )
     held = np.minimum(touches.lengths - lead, config.last_frame)
     spans = np.array(config.window_spans, dtype=np.int64).reshape(-1, 2)
     done = spans[:, 1] <= held[:, None]  # (n, K)
     values = np.zeros((len(touches), len(spans), config.sensor.taxels, config.kinds), dtype=np.int64)
     if config.windows.window_mode == "free":
         touch, window = np.nonzero(done)
-        before, last = lead[touch] + spans[window, 0] - 1, lead[touch] + spans[window, 1]  # frames up to it, from the recording's first
+        # frames up to it, from the recording's first
+        before, last = (lead[touch] + spans[window, 0] - 1, lead[touch] + spans[window, 1])
         at = touches.offsets[touch]
         for number, kind in enumerate(config.features.feature_kinds):
             if kind == "mean":
                 sums = touches.running[:, at + last] - touches.running[:, at + before]
             elif kind == "integral":
                 total = touches.running[:, at + last] - touches.running[:, at + lead[touch]]
-                sums = companded(total.astype(np.int64), config.features.integral_knee, config.features.integral_frac)
+                sums = companded(
+                    total.astype(np.int64), config.features.integral_knee, config.features.integral_frac
+                )
             else:  # hops are whole blocks, so a touch's blocks are those of its recording
                 first, amounts = touches.blocks(config.features.activity_rule, config.features.activity_block)
                 block = config.features.activity_block
@@ -677,7 +765,9 @@ def cut_windows(config: AcceleratorConfig, touches: FirstTouches) -> Touches:
     else:
         for index in range(len(touches)):
             part = touches.of_touch(index)[: lead[index] + held[index]]
-            values[index] = window_values(config, part, int(lead[index]) + 1, config.window_spans)[0].reshape(values[index].shape)
+            values[index] = window_values(config, part, int(lead[index]) + 1, config.window_spans)[0].reshape(
+                values[index].shape
+            )
     return Touches(
         touches.recordings,
         touches.recording,

@@ -1,4 +1,5 @@
-"""Float against integer, stage by stage: how far they are apart, what saturates, how much of its format each stage uses."""
+"""Float against integer, stage by stage: how far they are apart, what saturates, how much of its format each
+stage uses."""
 
 from __future__ import annotations
 
@@ -32,9 +33,10 @@ STAGES = {
 class StageError:
     """One stage of an integer model beside the same stage of the float one, over completed steps of touches.
 
-    mean, max: absolute difference, real values (all stages before it included). saturated: share of values at an end of the stage's
-    format, of pre-activations beyond their table, of weights at an end. used: largest absolute code over the format's largest.
-    logit_mean, logit_max: the logit error that this stage alone brings about, every other one in float.
+    mean, max: absolute difference, real values (all stages before it included). saturated: share of values at
+    an end of the stage's format, of pre-activations beyond their table, of weights at an end. used: largest
+    absolute code over the format's largest. logit_mean, logit_max: the logit error that this stage alone
+    brings about, every other one in float.
     """
 
     stage: str
@@ -47,14 +49,14 @@ class StageError:
 
 
 def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> list[StageError]:
-    """An integer model beside its float one, for every stage of STAGES that its cell has, on all completed steps of ``touches``; empty
-    without one. A linear cell has neither gates nor states.
+    """An integer model beside its float one, for every stage of STAGES that its cell has, on all completed
+    steps of ``touches``; empty without one. A linear cell has neither gates nor states.
 
     Parameters
     ----------
     real, integer:
-        A network and its integers. Real values of codes are compared: a code over 2**frac, an accumulator over 2**product_frac, a
-        feature of the integer normaliser with a float one.
+        A network and its integers. Real values of codes are compared: a code over 2**frac, an accumulator
+        over 2**product_frac, a feature of the integer normaliser with a float one.
     touches:
         As ``find_touches`` gives them.
     """
@@ -63,7 +65,10 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
     if not done.any():
         return []
     formats, mask = config.formats, done
-    ideal, codes = float_features(real, touches)[:, : config.windows.steps], feature_codes(integer, touches)[:, : config.windows.steps]
+    ideal, codes = (
+        float_features(real, touches)[:, : config.windows.steps],
+        feature_codes(integer, touches)[:, : config.windows.steps],
+    )
     weights = {name: fmt.to_real(integer.arrays[name]) for name, fmt in network_formats(config).items()}
 
     float_notes, integer_notes = _NotedFloat(config), _NotedFixed(config)
@@ -88,12 +93,16 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
     sizes = [integer.arrays[name].size for name in weights]
     reach = integer_notes.reach(mask)
     product_frac = config.product_frac if config.recurrent else config.dense_product_frac
-    top = float(np.abs(pairs["accumulators"][1]).max() * 2.0**product_frac / 2.0 ** (config.accumulator_bits - 1))
+    top = float(
+        np.abs(pairs["accumulators"][1]).max() * 2.0**product_frac / 2.0 ** (config.accumulator_bits - 1)
+    )
     shares = {
         "features": _shares(codes[done], formats.feature_format),
         "accumulators": (float(np.average(constants, weights=sizes)), top),
         "gates": (float((reach > 1).mean()), min(1.0, float(reach.max()))),
-        "hidden state": _shares(pairs["hidden state"][1] * 2.0**formats.state_format.frac_bits, formats.state_format),
+        "hidden state": _shares(
+            pairs["hidden state"][1] * 2.0**formats.state_format.frac_bits, formats.state_format
+        ),
         "logits": _shares(pairs["logits"][1] * 2.0**formats.logit_format.frac_bits, formats.logit_format),
     }
     errors = []
@@ -101,7 +110,9 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
         if not config.recurrent and stage in ("gates", "hidden state"):
             continue
         error = np.abs(integer_values - float_values)
-        errors.append(StageError(stage, float(error.mean()), float(error.max()), *shares[stage], *alone(stage)))
+        errors.append(
+            StageError(stage, float(error.mean()), float(error.max()), *shares[stage], *alone(stage))
+        )
     return errors
 
 
@@ -113,10 +124,11 @@ QUANTILES = (0.0, 0.05, 0.25, 0.5, 0.75, 0.95, 1.0)
 class SignalProfile:
     """One signal of the float network against the format that the integer network gives it; real values.
 
-    signal: an array (``W_z``) or a stage. kind: ``weights`` or ``activations``. format: printed. step, limit: the format's step and
-    largest value. quantiles: of the absolute values that are not 0, at QUANTILES; empty where there are none. values: how many there are.
-    zero: share that is not 0 and that the format rounds to 0. beyond: share beyond its ends. error_mean, error_max: absolute difference
-    of the integer network's values. used: largest absolute value over the limit.
+    signal: an array (``W_z``) or a stage. kind: ``weights`` or ``activations``. format: printed. step, limit:
+    the format's step and largest value. quantiles: of the absolute values that are not 0, at QUANTILES; empty
+    where there are none. values: how many there are. zero: share that is not 0 and that the format rounds to
+    0. beyond: share beyond its ends. error_mean, error_max: absolute difference of the integer network's
+    values. used: largest absolute value over the limit.
     """
 
     signal: str
@@ -134,7 +146,8 @@ class SignalProfile:
 
 
 def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -> list[SignalProfile]:
-    """Every array of weights, and every stage over the completed steps of ``touches``, against its format: what hls4ml calls profiling.
+    """Every array of weights, and every stage over the completed steps of ``touches``, against its format:
+    what hls4ml calls profiling.
 
     Parameters
     ----------
@@ -145,8 +158,12 @@ def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -
     profiles = []
     for name, fmt in network_formats(config).items():
         # the second bias of a float reset-after gate is one with the first
-        second = real.arrays.get(name.replace("b_", "bh_", 1)) if name.startswith("b_") and name != "b_y" else None
-        ideal_values = real.arrays[name] + (second if second is not None and name.replace("b_", "bh_", 1) not in integer.arrays else 0)
+        second = (
+            real.arrays.get(name.replace("b_", "bh_", 1)) if name.startswith("b_") and name != "b_y" else None
+        )
+        ideal_values = real.arrays[name] + (
+            second if second is not None and name.replace("b_", "bh_", 1) not in integer.arrays else 0
+        )
         profiles.append(profile_of(name, "weights", fmt, ideal_values, fmt.to_real(integer.arrays[name])))
     steps = config.windows.steps
     mask = np.arange(steps) < touches.completed[:, None]
@@ -170,7 +187,9 @@ def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -
     return profiles + [profile_of(stage, "activations", fmt, a, b) for stage, fmt, a, b in stages]
 
 
-def profile_of(signal: str, kind: str, fmt: QFormat, float_values: np.ndarray, integer_values: np.ndarray) -> SignalProfile:
+def profile_of(
+    signal: str, kind: str, fmt: QFormat, float_values: np.ndarray, integer_values: np.ndarray
+) -> SignalProfile:
     """The profile of one signal. kind: ``weights`` or ``activations``.
 
     The values are real ones, of the float and of the integer model.
@@ -196,11 +215,16 @@ def profile_of(signal: str, kind: str, fmt: QFormat, float_values: np.ndarray, i
 
 
 def logit_error(stages: Sequence[StageError]) -> dict[str, Any]:
-    """{mean, max, stage} of ``stage_errors``: the logits' error, and the stage that alone brings about the largest; None without steps."""
+    """{mean, max, stage} of ``stage_errors``: the logits' error, and the stage that alone brings about the
+    largest; None without steps."""
     if not stages:
         return {"mean": None, "max": None, "stage": None}
     logits = stages[-1]
-    return {"mean": logits.mean, "max": logits.max, "stage": max(stages, key=lambda stage: stage.logit_max).stage}
+    return {
+        "mean": logits.mean,
+        "max": logits.max,
+        "stage": max(stages, key=lambda stage: stage.logit_max).stage,
+    }
 
 
 def records(stages: Sequence[StageError | SignalProfile]) -> list[dict[str, Any]]:
@@ -216,7 +240,12 @@ def _shares(codes: np.ndarray, fmt: QFormat) -> tuple[float, float]:
     return _at_ends(codes, fmt), float(np.abs(codes).max() / fmt.magnitude)
 
 
-def _logits(arithmetic: Float | Fixed, config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], features: np.ndarray) -> np.ndarray:
+def _logits(
+    arithmetic: Float | Fixed,
+    config: AcceleratorConfig,
+    arrays: Mapping[str, np.ndarray],
+    features: np.ndarray,
+) -> np.ndarray:
     parameters = {name: np.asarray(array, dtype=np.float64) for name, array in arrays.items()}
     return run_cell(arithmetic, config, parameters, np.asarray(features, dtype=np.float64))[1]
 
@@ -235,21 +264,40 @@ class _Only(Float):
         return self._fixed.sigmoid(acc * 2.0**self._config.product_frac) / self._fixed.one
 
     def tanh(self, acc):
-        return self._fixed.tanh(acc * 2.0**self._config.product_frac) / self._state if self._stage == "gates" else super().tanh(acc)
+        return (
+            self._fixed.tanh(acc * 2.0**self._config.product_frac) / self._state
+            if self._stage == "gates"
+            else super().tanh(acc)
+        )
 
     def tanh_of_state(self, value):
-        return self._fixed.tanh_of_state(value * self._state) / self._state if self._stage == "gates" else super().tanh_of_state(value)
+        return (
+            self._fixed.tanh_of_state(value * self._state) / self._state
+            if self._stage == "gates"
+            else super().tanh_of_state(value)
+        )
 
     def value(self, acc):
-        return self._fixed.value(acc * 2.0**self._config.product_frac) / self._state if self._stage == "hidden state" else acc
+        return (
+            self._fixed.value(acc * 2.0**self._config.product_frac) / self._state
+            if self._stage == "hidden state"
+            else acc
+        )
 
     def state(self, products):
-        return self._fixed.state(products * self._fixed.one * self._state) / self._state if self._stage == "hidden state" else products
+        return (
+            self._fixed.state(products * self._fixed.one * self._state) / self._state
+            if self._stage == "hidden state"
+            else products
+        )
 
     def logit(self, acc):
         if self._stage != "logits":
             return acc
-        return self._fixed.logit(acc * 2.0**self._config.dense_product_frac) / 2.0**self._config.formats.logit_format.frac_bits
+        return (
+            self._fixed.logit(acc * 2.0**self._config.dense_product_frac)
+            / 2.0**self._config.formats.logit_format.frac_bits
+        )
 
 
 class _Notes:
@@ -265,7 +313,9 @@ class _Notes:
 
     def add_dense(self, stage: str, value: np.ndarray) -> None:
         """``value``: (touches x steps, C), or of a linear cell (steps, touches, C)."""
-        self._dense[stage] = value.swapaxes(0, 1) if value.ndim == 3 else value.reshape(-1, self._steps, value.shape[-1])
+        self._dense[stage] = (
+            value.swapaxes(0, 1) if value.ndim == 3 else value.reshape(-1, self._steps, value.shape[-1])
+        )
 
     def of(self, stage: str, done: np.ndarray) -> np.ndarray:
         """All values of completed steps, flat."""
@@ -278,7 +328,8 @@ class _Notes:
 
 
 def _noted(arithmetic: type[Float] | type[Fixed]) -> type:
-    """``arithmetic`` that notes accumulators, gates and states as real values, and how far into their table pre-activations reach."""
+    """``arithmetic`` that notes accumulators, gates and states as real values, and how far into their table
+    pre-activations reach."""
 
     class Noted(arithmetic):  # type: ignore[misc, valid-type]
         def __init__(self, config: AcceleratorConfig) -> None:

@@ -7,7 +7,8 @@ from torch import Tensor
 
 
 class _Through(torch.autograd.Function):
-    """Forward: ``exact``, bit for bit. Backward: the gradient of ``smooth`` (straight through the rounding)."""
+    """Forward: ``exact``, bit for bit. Backward: the gradient of ``smooth`` (straight through the
+    rounding)."""
 
     @staticmethod
     def forward(ctx, exact: Tensor, smooth: Tensor) -> Tensor:

@@ -1,7 +1,9 @@
-"""A model that takes frames one by one and decides as the hardware does, at the frame at which the hardware has what it needs.
+"""A model that takes frames one by one and decides as the hardware does, at the frame at which the hardware
+has what it needs.
 
-docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of ``eskin.golden.model.pipeline``; no more
-than a few touches of frames are kept, so that a stream may last for ever.
+docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of
+``eskin.golden.model.pipeline``; no more than a few touches of frames are kept, so that a stream may last for
+ever.
 """
 
 from __future__ import annotations
@@ -23,12 +25,14 @@ from eskin.golden.model.preprocess import Touches, TouchFinder, window_values
 class Decision:
     """One decision, as it comes out of the classifier.
 
-    frame: the frame, 1-based since ``arm``, with which it can be given; of a global decision that the end of the recording brought, the
-    last frame. touch: its number since ``arm``, from 0. step: from 0. is_global: of the touch, not of the step alone. label: class index.
-    margin: largest minus second largest logit (or votes), codes of the logit format, real in a float model. partial: the recording ended
-    first. unsure: a global decision of a margin below ``margin_threshold``. onset_frame, start_frame: the frame in which the touch was
-    found (0: the gate opens at once), and the first of its first window. stages (local decisions): ``sum`` (D), ``fault`` (D) with a fault
-    detector, ``feature`` (D), ``state`` (H) and ``logit`` (C) of this step, codes or real.
+    frame: the frame, 1-based since ``arm``, with which it can be given; of a global decision that the end of
+    the recording brought, the last frame. touch: its number since ``arm``, from 0. step: from 0. is_global:
+    of the touch, not of the step alone. label: class index. margin: largest minus second largest logit (or
+    votes), codes of the logit format, real in a float model. partial: the recording ended first. unsure: a
+    global decision of a margin below ``margin_threshold``. onset_frame, start_frame: the frame in which the
+    touch was found (0: the gate opens at once), and the first of its first window. stages (local decisions):
+    ``sum`` (D), ``fault`` (D) with a fault detector, ``feature`` (D), ``state`` (H) and ``logit`` (C) of this
+    step, codes or real.
     """
 
     frame: int
@@ -45,7 +49,14 @@ class Decision:
 
     def row(self) -> tuple[int, ...]:
         """The columns ``eskin.golden.model.pipeline.DECISION_FIELDS`` of an integer model's decision."""
-        return int(self.is_global), self.step, self.label, int(self.margin), int(self.partial), int(self.unsure)
+        return (
+            int(self.is_global),
+            self.step,
+            self.label,
+            int(self.margin),
+            int(self.partial),
+            int(self.unsure),
+        )
 
 
 @dataclass
@@ -86,9 +97,11 @@ class Stream:
         self._spans = config.window_spans
         block = config.features.activity_block if "activity" in config.features.feature_kinds else 0
         self._before = max(config.windows.pretrigger_frames, 2 * config.windows.hop) + block
-        """Frames before an onset that its touch may need: of the pre-trigger ring, or of hops, and the block of an activity before them."""
+        """Frames before an onset that its touch may need: of the pre-trigger ring, or of hops, and the block
+        of an activity before them."""
         self._piece = config.last_frame
-        """Frames looked at together: onsets lie further apart, because rearming takes longer than the pre-trigger ring reaches back."""
+        """Frames looked at together: onsets lie further apart, because rearming takes longer than the
+        pre-trigger ring reaches back."""
         self.arm()
 
     @property
@@ -100,7 +113,8 @@ class Stream:
         """Begin a new recording: its next frame is frame 1, and no touch is under way."""
         config = self.config
         self._front = TouchFinder(config)
-        self._kept = np.zeros((self._before + 4 * self._piece, config.sensor.taxels), dtype=np.int32)  # deviations of frames base + 1 ...
+        # deviations of frames base + 1 ...
+        self._kept = np.zeros((self._before + 4 * self._piece, config.sensor.taxels), dtype=np.int32)
         self._base = 0
         self._touch: _Touch | None = None
         self._touches = 0
@@ -114,7 +128,8 @@ class Stream:
 
     @property
     def state(self) -> str:
-        """The detector's: ``settling`` (the rest level is being measured), ``armed``, ``touch``, or ``rearm`` until a touch may begin."""
+        """The detector's: ``settling`` (the rest level is being measured), ``armed``, ``touch``, or ``rearm``
+        until a touch may begin."""
         if self.frame < self.config.rest_level.rest_frames:
             return "settling"
         if self._front.armed[0]:
@@ -128,12 +143,14 @@ class Stream:
 
     @property
     def onset_frame(self) -> int | None:
-        """The frame in which the touch under way was found (0: the gate opens at once), None between touches."""
+        """The frame in which the touch under way was found (0: the gate opens at once), None between
+        touches."""
         return self._touch.onset_frame if self._touch else None
 
     @property
     def start_frame(self) -> int | None:
-        """The first frame of the touch under way, before its onset where frames before it count; None between touches."""
+        """The first frame of the touch under way, before its onset where frames before it count; None between
+        touches."""
         return self._touch.start_frame if self._touch else None
 
     @property
@@ -142,8 +159,9 @@ class Stream:
         return np.flatnonzero(self._front.flagged[0])
 
     def push(self, frames: Any) -> list[Decision]:
-        """Take one frame (taxels) or several (frames, taxels): codes, or real samples where the configuration says what a code is worth
-        (``volt_per_code``). The decisions that they bring, in the order of the hardware.
+        """Take one frame (taxels) or several (frames, taxels): codes, or real samples where the configuration
+        says what a code is worth (``volt_per_code``). The decisions that they bring, in the order of the
+        hardware.
 
         Raises
         ------
@@ -155,7 +173,8 @@ class Stream:
         return [decision for piece in pieces for decision in self._take(piece)]
 
     def finish(self) -> list[Decision]:
-        """The end of the recording: the global decision of a touch that it cuts short after one step or more."""
+        """The end of the recording: the global decision of a touch that it cuts short after one step or
+        more."""
         touch, self._touch = self._touch, None
         if touch is None or not touch.completed or touch.decided:
             return []
@@ -168,16 +187,22 @@ class Stream:
         taxels, fmt = self.config.sensor.taxels, self.config.sample_format
         if samples.ndim != 2 or samples.shape[1] != taxels:
             raise InputError(
-                f"frames: have shape {np.shape(frames)}; the model takes ({taxels},) for one frame, (frames, {taxels}) for many"
+                f"frames: have shape {np.shape(frames)}; the model takes ({taxels},) for one frame, "
+                f"(frames, {taxels}) for many"
             )
         worth = self.config.sensor.volt_per_code
         if samples.dtype.kind == "f" and worth and np.isfinite(samples).all():
             samples = np.clip(np.rint(samples / worth), fmt.min_code, fmt.max_code).astype(np.int32)
         if samples.dtype.kind not in "iu":
-            raise InputError(f"frames: hold {samples.dtype}, not integers; give the A/D codes that the model was trained on")
+            raise InputError(
+                f"frames: hold {samples.dtype}, not integers; give the A/D codes that the model was trained "
+                "on"
+            )
         if len(samples) and (samples.min() < fmt.min_code or samples.max() > fmt.max_code):
             span = f"{fmt.min_code}..{fmt.max_code}"
-            raise InputError(f"frames: run from {samples.min()} to {samples.max()}; the model's converter gives {span}")
+            raise InputError(
+                f"frames: run from {samples.min()} to {samples.max()}; the model's converter gives {span}"
+            )
         return samples.astype(np.int32)
 
     def _take(self, samples: np.ndarray) -> list[Decision]:
@@ -186,17 +211,24 @@ class Stream:
         decisions = self._go_on()
         for _, onset, start in begun:
             shape = (self.config.windows.steps, self.config.inputs)
-            self._touch = _Touch(self._touches, onset, start, np.zeros(shape, np.int64), np.zeros(shape, dtype=bool))
+            self._touch = _Touch(
+                self._touches, onset, start, np.zeros(shape, np.int64), np.zeros(shape, dtype=bool)
+            )
             self._touches += 1
             decisions += self._go_on()
         return decisions
 
     def _keep(self, deviations: np.ndarray) -> None:
-        """Add to the deviations that are kept, and forget what no touch can need any more when there is no room."""
+        """Add to the deviations that are kept, and forget what no touch can need any more when there is no
+        room."""
         stop = self.frame - self._base
         if stop > len(self._kept):
             before = self.frame - len(deviations)
-            needed = min(before, self._touch.start_frame - 1 if self._touch else before) - self._before - self._base
+            needed = (
+                min(before, self._touch.start_frame - 1 if self._touch else before)
+                - self._before
+                - self._base
+            )
             held = before - self._base - needed
             self._kept[:held] = self._kept[needed : needed + held].copy()
             self._base += needed
@@ -218,7 +250,9 @@ class Stream:
     def _step(self, touch: _Touch, last: int) -> list[Decision]:
         """The decisions of the touch's next window, whose last frame is ``last``."""
         config, k, start = self.config, touch.completed, touch.start_frame - self._base
-        touch.sums[k] = window_values(config, self._kept[: last - self._base], start, self._spans[: k + 1])[0][k]
+        touch.sums[k] = window_values(config, self._kept[: last - self._base], start, self._spans[: k + 1])[
+            0
+        ][k]
         flagged = self._front.flagged[0]
         touch.faults[k] = np.repeat((flagged > 0) & (flagged <= last), config.kinds)
         touch.completed = k + 1
@@ -234,7 +268,18 @@ class Stream:
         frame = max(last, touch.onset_frame)  # a window of replayed frames alone is complete with the onset
         begun = touch.onset_frame, touch.start_frame
         decisions = [
-            Decision(frame, touch.number, k, False, int(decided.local[0, k]), decided.margin[0, k].item(), False, False, *begun, stages)
+            Decision(
+                frame,
+                touch.number,
+                k,
+                False,
+                int(decided.local[0, k]),
+                decided.margin[0, k].item(),
+                False,
+                False,
+                *begun,
+                stages,
+            )
         ]
         early = early_steps(config, decided.local, decided.margin, np.array([k + 1]))[1][0]
         if not touch.decided and (early or touch.completed == len(self._spans)):
@@ -243,7 +288,8 @@ class Stream:
 
     def _decided(self, touch: _Touch) -> Decided:
         """What the model makes of the windows that are complete."""
-        steps = touch.completed if self.config.recurrent else self.config.windows.steps  # a linear cell has weights for each step
+        # a linear cell has weights for each step
+        steps = touch.completed if self.config.recurrent else self.config.windows.steps
         alone = Touches(
             recordings=1,
             recording=np.zeros(1, dtype=np.int64),
@@ -263,4 +309,6 @@ class Stream:
             self.decision = label
         unsure = margin < self.config.network.margin_threshold
         begun = touch.onset_frame, touch.start_frame
-        return Decision(frame, touch.number, int(decided.step[0]), True, label, margin, partial, unsure, *begun)
+        return Decision(
+            frame, touch.number, int(decided.step[0]), True, label, margin, partial, unsure, *begun
+        )

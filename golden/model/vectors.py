@@ -1,4 +1,5 @@
-"""Test vectors: what goes into the accelerator and what must come out, in one file that needs no torch to read.
+"""Test vectors: what goes into the accelerator and what must come out, in one file that needs no torch to
+read.
 
 The file is what crosses from the golden model to co-simulation and to the generated testbench.
 """
@@ -36,16 +37,18 @@ def write_vectors(
     trace:
         The integer run over exactly these recordings.
     numbers:
-        The number by which each recording is called in messages (its index in the whole data set); default 0, 1, ...
+        The number by which each recording is called in messages (its index in the whole data set); default 0,
+        1, ...
     codes:
         With a converter: what it gives, codes (frames, taxels), of which the recordings' samples are made.
 
     The arrays
     ----------
-    samples (frames, taxels) uint16: A/D codes, two's complement. offsets (R + 1). numbers (R). For each flat stage s: ``s`` int64 and
-    ``s_offsets`` (R + 1); ``decision`` (rows, 6) and ``decision_offsets``, columns as pipeline.DECISION_FIELDS. decision_frame (rows): the
-    live frame, 1-based, that completes the decision's last window, 0 where the end of the recording brings the decision. touches (R):
-    touches begun. flags (R, taxels), bool: fault flags at the recording's end. codes (frames, taxels) uint32, where they were given.
+    samples (frames, taxels) uint16: A/D codes, two's complement. offsets (R + 1). numbers (R). For each flat
+    stage s: ``s`` int64 and ``s_offsets`` (R + 1); ``decision`` (rows, 6) and ``decision_offsets``, columns
+    as pipeline.DECISION_FIELDS. decision_frame (rows): the live frame, 1-based, that completes the decision's
+    last window, 0 where the end of the recording brings the decision. touches (R): touches begun. flags (R,
+    taxels), bool: fault flags at the recording's end. codes (frames, taxels) uint32, where they were given.
     """
     path = Path(path)
     arrays: dict[str, np.ndarray] = {
@@ -53,7 +56,9 @@ def write_vectors(
         "offsets": np.asarray(recordings.offsets, dtype=np.int64),
         "numbers": np.arange(len(recordings)) if numbers is None else np.asarray(numbers, dtype=np.int64),
         "decision_frame": completing_frames(trace),
-        "flags": np.zeros((len(recordings), recordings.taxels), dtype=bool) if trace.touches.flagged is None else trace.touches.flagged > 0,
+        "flags": np.zeros((len(recordings), recordings.taxels), dtype=bool)
+        if trace.touches.flagged is None
+        else trace.touches.flagged > 0,
         "touches": np.bincount(trace.touches.recording, minlength=len(recordings)).astype(np.int64),
     }
     if codes is not None:
@@ -84,8 +89,8 @@ def write_image_vectors(
 
     The arrays
     ----------
-    samples, offsets, numbers, decision, decision_offsets, decision_frame, touches: as of `write_vectors`; logit, logit_offsets; map,
-    map_offsets: the values of all maps of an image, one map after the other.
+    samples, offsets, numbers, decision, decision_offsets, decision_frame, touches: as of `write_vectors`;
+    logit, logit_offsets; map, map_offsets: the values of all maps of an image, one map after the other.
     """
     count, height, width = images.shape
     maps = [streams[name] for name in streams if name.startswith("map_")]
@@ -112,22 +117,29 @@ def write_image_vectors(
 
 
 def completing_frames(trace: Trace) -> np.ndarray:
-    """Row by row of stage ``decision``: the live frame (1-based in its recording) that completes the window decided on; 0 = the end.
+    """Row by row of stage ``decision``: the live frame (1-based in its recording) that completes the window
+    decided on; 0 = the end.
 
-    Frames replayed from the pre-trigger ring were live before the onset: a window of such frames alone is completed by the onset's frame.
+    Frames replayed from the pre-trigger ring were live before the onset: a window of such frames alone is
+    completed by the onset's frame.
     """
     touches = trace.touches
     last = np.array([span[1] for span in trace.config.window_spans], dtype=np.int64)
     frames = np.maximum(touches.start_frame[:, None] - 1 + last, touches.onset_frame[:, None])
-    closing = np.where(trace.global_partial, 0, np.take_along_axis(frames, np.maximum(trace.global_step, 0)[:, None], axis=1)[:, 0])
+    closing = np.where(
+        trace.global_partial,
+        0,
+        np.take_along_axis(frames, np.maximum(trace.global_step, 0)[:, None], axis=1)[:, 0],
+    )
     order = trace.decision_order()
     everything = np.take_along_axis(np.concatenate([frames, closing[:, None]], axis=1), order, axis=1)
     return everything[np.take_along_axis(trace.offered(), order, axis=1)]
 
 
 def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: int) -> Recordings:
-    """Recordings that exercise a configuration rather than resemble an array: rest, touches now and then, some at full scale; with a fault
-    detector a taxel of most recordings fails at some time, where it is or at an end of the range.
+    """Recordings that exercise a configuration rather than resemble an array: rest, touches now and then,
+    some at full scale; with a fault detector a taxel of most recordings fails at some time, where it is or at
+    an end of the range.
 
     Parameters
     ----------
@@ -142,7 +154,11 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
         swing = config.onset_rule.band_high - config.onset_rule.band_low
         rest, noise = (config.onset_rule.band_low + config.onset_rule.band_high) / 2, swing / 16
     else:
-        rest, noise, swing = (fmt.min_code + fmt.max_code) / 2, config.onset_rule.onset_threshold / 8, 6 * config.onset_rule.onset_threshold
+        rest, noise, swing = (
+            (fmt.min_code + fmt.max_code) / 2,
+            config.onset_rule.onset_threshold / 8,
+            6 * config.onset_rule.onset_threshold,
+        )
     samples = []
     for length in lengths:
         signal = np.clip(rng.normal(0, noise, (length, config.sensor.taxels)), -3 * noise, 3 * noise)

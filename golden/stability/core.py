@@ -1,9 +1,12 @@
-"""Where the method fails, `eskin stability`: each failure mode a named experiment with a figure, a bound with its reason, and a curve.
+"""Where the method fails, `eskin stability`: each failure mode a named experiment with a figure, a bound with
+its reason, and a curve.
 
-An experiment is a function of a ``Bench`` (a model, recordings, and the parts of the golden model under test): one of the shapes that most
-modes have (``eskin.golden.stability.shapes``) around a disturbance, or a function of its own. ``eskin.golden.stability.table`` has a row
-for each. A broken variant changes the bench: the same experiment must then report a failure. The tests see to it for every mode
-(tests/support/broken_variants.py). What no weight and no recording can change, a width or a table's entry, is no mode but a test.
+An experiment is a function of a ``Bench`` (a model, recordings, and the parts of the golden model under
+test): one of the shapes that most modes have (``eskin.golden.stability.shapes``) around a disturbance, or a
+function of its own. ``eskin.golden.stability.table`` has a row for each. A broken variant changes the bench:
+the same experiment must then report a failure. The tests see to it for every mode
+(tests/support/broken_variants.py). What no weight and no recording can change, a width or a table's entry, is
+no mode but a test.
 """
 
 from __future__ import annotations
@@ -29,7 +32,8 @@ GROUPS = ("numeric", "stream", "sensor", "memory")
 HARMLESS = 0.01
 """Accuracy that a disturbance within the tolerance of a sensor in use may cost."""
 ONE_TAXEL_MEAN, ONE_TAXEL_WORST = 0.985, 0.94
-"""Share of the undisturbed accuracy that must be left when one taxel is gone: mean over the taxels, and the worst one."""
+"""Share of the undisturbed accuracy that must be left when one taxel is gone: mean over the taxels, and the
+worst one."""
 
 
 # ---------------------------------------------------------------------- what an experiment works on
@@ -51,9 +55,10 @@ class Parts:
 class Bench:
     """A quantised model, its float network, recordings to disturb.
 
-    few: recordings (spread evenly) that the points of a curve take; the figure itself takes all. points: of a curve at most; 0 = all. long:
-    steps of the longest run without a reset. flips: bit flips tried in each memory at most. origin: the bench that a changed one came from;
-    it says where the touches are, so that a broken variant meets the same disturbances.
+    few: recordings (spread evenly) that the points of a curve take; the figure itself takes all. points: of a
+    curve at most; 0 = all. long: steps of the longest run without a reset. flips: bit flips tried in each
+    memory at most. origin: the bench that a changed one came from; it says where the touches are, so that a
+    broken variant meets the same disturbances.
     """
 
     model: IntegerModel
@@ -77,10 +82,24 @@ class Bench:
         """The configuration under test."""
         return self.model.config
 
-    def changed(self, config: Mapping[str, Any] | None = None, *, arrays: Mapping[str, np.ndarray] | None = None, **parts: Any) -> Bench:
+    def changed(
+        self,
+        config: Mapping[str, Any] | None = None,
+        *,
+        arrays: Mapping[str, np.ndarray] | None = None,
+        **parts: Any,
+    ) -> Bench:
         """A bench with fields of the configuration, arrays of the integer model, or parts replaced."""
-        model = IntegerModel(self.config.replace(**(config or {})), {**self.model.arrays, **(arrays or {})}, self.model.source)
-        return dataclasses.replace(self, model=model, parts=dataclasses.replace(self.parts, **parts), origin=self.origin or self, memo={})
+        model = IntegerModel(
+            self.config.replace(**(config or {})), {**self.model.arrays, **(arrays or {})}, self.model.source
+        )
+        return dataclasses.replace(
+            self,
+            model=model,
+            parts=dataclasses.replace(self.parts, **parts),
+            origin=self.origin or self,
+            memo={},
+        )
 
     def with_recordings(self, recordings: Recordings) -> Bench:
         """A bench on other recordings."""
@@ -97,13 +116,21 @@ class Bench:
     # -- the clean run, made once
     @cached_property
     def clean(self) -> Recordings:
-        """The recordings up to the end of their first touch and a hop: what follows cannot change its decision. All, without an onset."""
+        """The recordings up to the end of their first touch and a hop: what follows cannot change its
+        decision. All, without an onset."""
         if self.origin:
             return self.origin.clean
         touches = preprocess.find_touches(self.config, self.recordings)
         first, lengths = touches.first_touch(), self.recordings.lengths
-        ends = np.where(first >= 0, touches.start_frame[first] - 1 + self.config.last_frame + self.config.windows.hop, lengths)
-        return rebuilt(self.recordings, [self.recordings.recording(i)[: min(end, lengths[i])] for i, end in enumerate(ends)])
+        ends = np.where(
+            first >= 0,
+            touches.start_frame[first] - 1 + self.config.last_frame + self.config.windows.hop,
+            lengths,
+        )
+        return rebuilt(
+            self.recordings,
+            [self.recordings.recording(i)[: min(end, lengths[i])] for i, end in enumerate(ends)],
+        )
 
     @cached_property
     def sample(self) -> Bench:
@@ -121,12 +148,16 @@ class Bench:
         rows = rows[rows >= 0]
         rows = rows[found.completed[rows] > 0]
         if not len(rows):
-            raise InputError(f"stability: no touch was found in {self.recordings.source}; check the onset rule with 'eskin inspect'")
+            raise InputError(
+                f"stability: no touch was found in {self.recordings.source}; check the onset rule with "
+                "'eskin inspect'"
+            )
         return found.take(rows)
 
     @cached_property
     def onsets(self) -> np.ndarray:
-        """Onset frame (from 1) of the first touch of each clean recording; 1 where the gate opens at once or no onset is found."""
+        """Onset frame (from 1) of the first touch of each clean recording; 1 where the gate opens at once or
+        no onset is found."""
         if self.origin:
             return self.origin.onsets
         return np.maximum(preprocess.find_onsets(self.config, self.clean), 1)
@@ -147,14 +178,21 @@ class Bench:
         if self.config.constants == 1 and self.config.features.feature_kinds == ("mean",):
             return float(self.real.arrays["sigma"])
         plain = sums_alone(self.config)
-        return float(preprocess.real_features(plain, preprocess.find_touches(plain, self.recordings).sums)[..., self.live].std())
+        return float(
+            preprocess.real_features(plain, preprocess.find_touches(plain, self.recordings).sums)[
+                ..., self.live
+            ].std()
+        )
 
     @cached_property
     def rest_noise(self) -> float:
-        """Standard deviation of a taxel at rest, codes: the median over taxels and recordings, from frame to frame."""
+        """Standard deviation of a taxel at rest, codes: the median over taxels and recordings, from frame to
+        frame."""
         quiet = [
             stream[: max(int(onset) - 1, 16)]
-            for stream, onset in ((self.clean.recording(i).astype(np.float64), self.onsets[i]) for i in range(len(self.clean)))
+            for stream, onset in (
+                (self.clean.recording(i).astype(np.float64), self.onsets[i]) for i in range(len(self.clean))
+            )
         ]
         # the difference of two frames has twice the variance of one; slow drift does not count
         return float(np.median([np.diff(stream, axis=0).std(axis=0) for stream in quiet]) / np.sqrt(2))
@@ -162,7 +200,11 @@ class Bench:
     @property
     def live(self) -> list[int]:
         """Taxels that are not masked."""
-        return [taxel for taxel in range(self.config.sensor.taxels) if taxel not in self.config.sensor.masked_taxels]
+        return [
+            taxel
+            for taxel in range(self.config.sensor.taxels)
+            if taxel not in self.config.sensor.masked_taxels
+        ]
 
     # -- running the parts
     def features(self, touches: Touches) -> np.ndarray:
@@ -177,8 +219,14 @@ class Bench:
         """(touches, local decisions (n, K), global decision (n)) of every touch of recordings."""
         touches = self.parts.find_touches(self.config, recordings)
         if not len(touches):
-            return touches, np.zeros((0, self.config.windows.steps), dtype=np.int64), np.zeros(0, dtype=np.int64)
-        local, _, decision, _ = self.parts.decide(self.config, self.forward(self.features(touches))[1], touches.completed)
+            return (
+                touches,
+                np.zeros((0, self.config.windows.steps), dtype=np.int64),
+                np.zeros(0, dtype=np.int64),
+            )
+        local, _, decision, _ = self.parts.decide(
+            self.config, self.forward(self.features(touches))[1], touches.completed
+        )
         return touches, local, decision
 
     def decisions(self, recordings: Recordings) -> np.ndarray:
@@ -201,14 +249,19 @@ class Bench:
         return self.memo[key]
 
 
-def rebuilt(recordings: Recordings, streams: Sequence[np.ndarray], which: Sequence[int] | np.ndarray | None = None) -> Recordings:
-    """``streams`` (frames, taxels) in place of the samples; stream i has the label of recording i, or of recording ``which[i]``.
+def rebuilt(
+    recordings: Recordings, streams: Sequence[np.ndarray], which: Sequence[int] | np.ndarray | None = None
+) -> Recordings:
+    """``streams`` (frames, taxels) in place of the samples; stream i has the label of recording i, or of
+    recording ``which[i]``.
 
     Samples are rounded and held within the code range, as a converter does.
     """
     which = np.arange(len(recordings)) if which is None else np.asarray(which)
     low, high = recordings.sample_format.min_code, recordings.sample_format.max_code
-    samples = np.concatenate([np.clip(np.rint(s), low, high) if s.dtype.kind == "f" else np.clip(s, low, high) for s in streams])
+    samples = np.concatenate(
+        [np.clip(np.rint(s), low, high) if s.dtype.kind == "f" else np.clip(s, low, high) for s in streams]
+    )
     return dataclasses.replace(
         recordings,
         samples=samples.astype(np.int32),
@@ -223,17 +276,21 @@ Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
 
 
 def disturbed(bench: Bench, change: Change) -> Recordings:
-    """The clean recordings of a bench, each through ``change``; random numbers depend on the recording's place alone."""
+    """The clean recordings of a bench, each through ``change``; random numbers depend on the recording's
+    place alone."""
     clean, onsets = bench.clean, bench.onsets
-    streams = [change(clean.recording(i).astype(np.float32), int(onsets[i]), bench.rng(3, i)) for i in range(len(clean))]
+    streams = [
+        change(clean.recording(i).astype(np.float32), int(onsets[i]), bench.rng(3, i))
+        for i in range(len(clean))
+    ]
     return rebuilt(clean, streams)
 
 
 # ---------------------------------------------------------------------- what an experiment says
 @dataclass(frozen=True)
 class Curve:
-    """Where it starts to fail: ``lines`` (name -> y at each x, in order of severity). The bound holds for the first line; log: the
-    x axis is."""
+    """Where it starts to fail: ``lines`` (name -> y at each x, in order of severity). The bound holds for the
+    first line; log: the x axis is."""
 
     xlabel: str
     ylabel: str
@@ -244,7 +301,8 @@ class Curve:
 
 @dataclass(frozen=True)
 class Case:
-    """A golden case for the hardware to confirm: recordings, and the model where it is not the one under test."""
+    """A golden case for the hardware to confirm: recordings, and the model where it is not the one under
+    test."""
 
     recordings: Recordings
     model: IntegerModel | None = None
@@ -252,8 +310,8 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an experiment found. worst_case: in words. case: for the hardware, where one can be played. rtl: what a co-simulation
-    compared, where one was played. detail: counts behind the figure."""
+    """What an experiment found. worst_case: in words. case: for the hardware, where one can be played. rtl:
+    what a co-simulation compared, where one was played. detail: counts behind the figure."""
 
     value: float
     worst_case: str
@@ -270,9 +328,10 @@ Bound = float | Callable[[Any], float]
 class Mode:
     """A failure mode: how it is measured on a bench (`Bench`, or that of images), its bound and why.
 
-    run: the experiment; a word is the key of one that only the hardware can show (eskin/verbs/stability_job.py). at_most, at_least:
-    the bound, one of the two: a number (of an accuracy: times the accuracy on undisturbed recordings), or a function of the bench.
-    measures: what is measured, where ``run`` is a shape and does not say it. needs: what a configuration must have, words of
+    run: the experiment; a word is the key of one that only the hardware can show
+    (eskin/verbs/stability_job.py). at_most, at_least: the bound, one of the two: a number (of an accuracy:
+    times the accuracy on undisturbed recordings), or a function of the bench. measures: what is measured,
+    where ``run`` is a shape and does not say it. needs: what a configuration must have, words of
     `eskin.golden.stability.suite.NEEDS`.
     """
 
@@ -293,7 +352,8 @@ class Mode:
 
     @property
     def description(self) -> str:
-        """What is measured: the first sentence of the function's docstring where the table does not say it."""
+        """What is measured: the first sentence of the function's docstring where the table does not say
+        it."""
         if isinstance(self.run, str):
             return "Measured in co-simulation."
         return self.measures or (self.run.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")

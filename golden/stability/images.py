@@ -1,8 +1,9 @@
-"""Where a network for images fails, `eskin stability` on images: objects moved, turned, pressed otherwise; rows and taxels lost; noise; an
-empty array; single bits of weights and maps. Experiments on a bench of images, and their table.
+"""Where a network for images fails, `eskin stability` on images: objects moved, turned, pressed otherwise;
+rows and taxels lost; noise; an empty array; single bits of weights and maps. Experiments on a bench of
+images, and their table.
 
-An image is an array (height, width) of codes 0..255. A figure takes all images, a curve ``few``; bounds are shares of the accuracy on the
-undisturbed images.
+An image is an array (height, width) of codes 0..255. A figure takes all images, a curve ``few``; bounds are
+shares of the accuracy on the undisturbed images.
 """
 
 from __future__ import annotations
@@ -18,7 +19,15 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import QFormat, narrow
 from eskin.golden.core.images import BIAS_BITS, Pool
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import ImageTrace, accumulators, image_recordings, images_of, layer_formats, pooled, run_images
+from eskin.golden.model.image_network import (
+    ImageTrace,
+    accumulators,
+    image_recordings,
+    images_of,
+    layer_formats,
+    pooled,
+    run_images,
+)
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.stability.core import Case, Curve, Mode, Outcome
 from eskin.golden.stability.memory import Site, by_bit, upset
@@ -45,8 +54,9 @@ def plain_run(model: IntegerModel, images: np.ndarray) -> ImageTrace:
 class ImageBench:
     """A quantised network for images, and images to disturb.
 
-    few: images (spread evenly over the classes) that the points of a curve take. flips: bits inverted at most, of weights and of maps. run:
-    the part under test, which a broken variant replaces. origin: the bench that a broken one came from, whose accuracy bounds refer to.
+    few: images (spread evenly over the classes) that the points of a curve take. flips: bits inverted at
+    most, of weights and of maps. run: the part under test, which a broken variant replaces. origin: the bench
+    that a broken one came from, whose accuracy bounds refer to.
     """
 
     model: IntegerModel
@@ -142,9 +152,11 @@ def stuck_taxels(bench: ImageBench, images: np.ndarray, level: float) -> list[np
     return [found.reshape(images.shape)]
 
 
-def curve_of(change: Change, levels: Sequence[float], nominal: float, xlabel: str) -> Callable[[ImageBench], Outcome]:
-    """The experiment of a disturbance with a level: accuracy at ``nominal`` on all images, at ``levels`` on few; of several ways the
-    worst."""
+def curve_of(
+    change: Change, levels: Sequence[float], nominal: float, xlabel: str
+) -> Callable[[ImageBench], Outcome]:
+    """The experiment of a disturbance with a level: accuracy at ``nominal`` on all images, at ``levels`` on
+    few; of several ways the worst."""
 
     def run(bench: ImageBench) -> Outcome:
         images, labels = bench.sample
@@ -153,13 +165,16 @@ def curve_of(change: Change, levels: Sequence[float], nominal: float, xlabel: st
         found = [bench.accuracy(one, bench.recordings.labels) for one in ways]
         worst = int(np.argmin(found))
         what = f"{xlabel}: {nominal:g}" + (f", way {worst + 1} of {len(ways)}" if len(ways) > 1 else "")
-        return Outcome(found[worst], what, Curve(xlabel, "accuracy", levels, {"accuracy": line}), bench.case(ways[worst]))
+        return Outcome(
+            found[worst], what, Curve(xlabel, "accuracy", levels, {"accuracy": line}), bench.case(ways[worst])
+        )
 
     return run
 
 
 def each_line(axis: int, word: str) -> Callable[[ImageBench], Outcome]:
-    """The experiment in which each row (axis 1) or column (2) in turn reads 0: the mean over them; on few images."""
+    """The experiment in which each row (axis 1) or column (2) in turn reads 0: the mean over them; on few
+    images."""
 
     def run(bench: ImageBench) -> Outcome:
         images, labels = bench.sample
@@ -170,8 +185,15 @@ def each_line(axis: int, word: str) -> Callable[[ImageBench], Outcome]:
             cases.append(without)
             line.append(bench.accuracy(without, labels))
         worst = int(np.argmin(line))
-        curve = Curve(f"the {word} that is lost (0 = first)", "accuracy", range(len(line)), {"accuracy": line})
-        return Outcome(float(np.mean(line)), f"{word} {worst}: {100 * line[worst]:.1f} %", curve, bench.case(cases[worst]))
+        curve = Curve(
+            f"the {word} that is lost (0 = first)", "accuracy", range(len(line)), {"accuracy": line}
+        )
+        return Outcome(
+            float(np.mean(line)),
+            f"{word} {worst}: {100 * line[worst]:.1f} %",
+            curve,
+            bench.case(cases[worst]),
+        )
 
     return run
 
@@ -190,7 +212,8 @@ def empty_images(bench: ImageBench, noise: float, count: int = 8) -> np.ndarray:
 
 
 def nothing(bench: ImageBench) -> Outcome:
-    """Share of real images that a margin leaves confident when it is so high that an empty array, with some noise, is never confident."""
+    """Share of real images that a margin leaves confident when it is so high that an empty array, with some
+    noise, is never confident."""
     trace, levels = bench.run(bench.model, bench.images), (*NOTHING_NOISE, 4.0, 8.0)
     empty = [int(bench.run(bench.model, empty_images(bench, noise)).margin.max()) for noise in levels]
     threshold = max(empty[: len(NOTHING_NOISE)]) + 1
@@ -199,7 +222,9 @@ def nothing(bench: ImageBench) -> Outcome:
     right, value = (trace.decision == bench.recordings.labels)[sure], float(np.mean(sure))
     share = 100 * float(np.mean(right)) if len(right) else 0.0
     what = f"margin_threshold {threshold}: {100 * value:.1f} % of the images stay confident, {share:.1f} % of these are right"
-    curve = Curve("noise of the empty array (codes)", "images still confident", levels, {"images still confident": kept})
+    curve = Curve(
+        "noise of the empty array (codes)", "images still confident", levels, {"images still confident": kept}
+    )
     return Outcome(value, what, curve, bench.case(empty_images(bench, NOTHING_NOISE[-1])))
 
 
@@ -213,13 +238,16 @@ def continued(model: IntegerModel, number: int, values: np.ndarray) -> np.ndarra
         if isinstance(stage.layer, Pool):
             values = pooled(values)
         else:
-            sums = accumulators(stage, values, model.arrays[f"W_{stage.number}"], model.arrays[f"b_{stage.number}"])
+            sums = accumulators(
+                stage, values, model.arrays[f"W_{stage.number}"], model.arrays[f"b_{stage.number}"]
+            )
             values = narrow(sums.astype(np.int64), shifts[stage.number], formats[stage.number])
     return np.argmax(values.reshape(len(values), -1), axis=1)
 
 
 def kept_maps(bench: ImageBench, images: np.ndarray) -> dict[int, np.ndarray]:
-    """Number of the layer that reads it -> the map that stands in memory, of each image: the image itself, then what each layer gave."""
+    """Number of the layer that reads it -> the map that stands in memory, of each image: the image itself,
+    then what each layer gave."""
     maps = run_images(bench.model, images).maps
     found = {0: images[..., None].astype(np.int64)}
     for stage in bench.config.stages[1:]:
@@ -237,7 +265,8 @@ def _flips(
     decide: Callable[[Any, int, int], np.ndarray],
     images: np.ndarray,
 ) -> tuple[list[Site], list[float], str]:
-    """``count`` bits hit at random, the share of decisions on ``images`` that each changes, and how many change nothing, in words.
+    """``count`` bits hit at random, the share of decisions on ``images`` that each changes, and how many
+    change nothing, in words.
 
     sizes, bits: values of what can be hit, and bits of each. decide: the decisions with one bit inverted.
     """
@@ -252,8 +281,8 @@ def _flips(
 
 
 def map_flips(bench: ImageBench) -> Outcome:
-    """Single bits of stored maps, the image among them, inverted while an image is under way, at random places: mean share of decisions
-    changed."""
+    """Single bits of stored maps, the image among them, inverted while an image is under way, at random
+    places: mean share of decisions changed."""
     images = bench.images[bench.recordings.evenly(FLIPPED_ON)]
     maps = kept_maps(bench, images)
 
@@ -284,8 +313,13 @@ def weight_flips(bench: ImageBench) -> Outcome:
         upset_arrays = {**arrays, name: upset(arrays[name], place, bit, formats[name])}
         return IntegerModel(bench.config, upset_arrays, bench.model.source)
 
-    sizes, bits = {name: arrays[name].size for name in formats}, {name: fmt.width for name, fmt in formats.items()}
-    sites, changed, harmless = _flips(bench, 6, bench.flips, sizes, bits, lambda *site: bench.run(hit(*site), images).decision, images)
+    sizes, bits = (
+        {name: arrays[name].size for name in formats},
+        {name: fmt.width for name, fmt in formats.items()},
+    )
+    sites, changed, harmless = _flips(
+        bench, 6, bench.flips, sizes, bits, lambda *site: bench.run(hit(*site), images).decision, images
+    )
     worst = sites[int(np.argmax(changed))]
     shown = [k for k, (name, *_) in enumerate(sites) if name.startswith("W")]
     curve = by_bit([sites[k] for k in shown], [changed[k] for k in shown], "bit of a weight (0 = lowest)")
@@ -298,7 +332,8 @@ def weight_flips(bench: ImageBench) -> Outcome:
 # fmt: off
 IMAGE_MODES: dict[str, Mode] = {mode.name: mode for mode in (
     Mode("stream", "object moved",
-        curve_of(shifted, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), 0.05, "moved by (share of the side)"), "accuracy",
+        curve_of(shifted, (0.0, 0.04, 0.08, 0.12, 0.16, 0.2), 0.05, "moved by (share of the "
+                                                                    "side)"), "accuracy",
         "nobody puts an object down twice at the same place",
         "Accuracy with every image moved by a twentieth of each side, the worst of four directions.",
         at_least=0.95),
@@ -307,13 +342,15 @@ IMAGE_MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "training turns images by up to 30 degrees",
         "Accuracy with every image turned by 15 degrees, the worse of both ways.", at_least=0.95),
     Mode("stream", "pressed less, pressed more",
-        curve_of(fainter, (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.2, "pressed less or more by (share)"), "accuracy",
+        curve_of(fainter, (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 0.2, "pressed less or more by "
+                                                                    "(share)"), "accuracy",
         "a hand does not press with the same force each time",
         "Accuracy with every pixel times 0.8, and times 1.2 and held at 255; the worse of both.",
         at_least=0.95),
     Mode("stream", "empty array", nothing, "share of images",
         "a class 'nothing' by margin is worth having if most objects are still named",
-        "Share of real images that stay confident with a margin at which an empty array (noise of up to 2 codes) never is.",
+        "Share of real images that stay confident with a margin at which an empty array (noise of up to 2 "
+        "codes) never is.",
         at_least=0.75),
     Mode("sensor", "noise on every taxel",
         curve_of(noisy, (0, 1, 2, 4, 8, 16, 32), 2, "noise (codes, standard deviation)"), "accuracy",

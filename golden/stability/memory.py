@@ -1,4 +1,5 @@
-"""Failure modes of the memories, in the golden model: single bit flips in weights, tables, constants, configuration and state."""
+"""Failure modes of the memories, in the golden model: single bit flips in weights, tables, constants,
+configuration and state."""
 
 from __future__ import annotations
 
@@ -34,13 +35,18 @@ def upset(array: np.ndarray, place: int, bit: int, fmt: QFormat) -> np.ndarray:
     return array
 
 
-def by_bit(sites: Iterable[Sequence[Any]], changed: Iterable[float], xlabel: str = "bit (0 = lowest)") -> Curve:
+def by_bit(
+    sites: Iterable[Sequence[Any]], changed: Iterable[float], xlabel: str = "bit (0 = lowest)"
+) -> Curve:
     """The share of decisions that flips change against the bit that was inverted, the last of each site."""
     shares: dict[int, list[float]] = {}
     for site, share in zip(sites, changed, strict=True):
         shares.setdefault(site[-1], []).append(float(share))
     bits = sorted(shares)
-    lines = {"mean of the flips": [float(np.mean(shares[bit])) for bit in bits], "worst flip": [max(shares[bit]) for bit in bits]}
+    lines = {
+        "mean of the flips": [float(np.mean(shares[bit])) for bit in bits],
+        "worst flip": [max(shares[bit]) for bit in bits],
+    }
     return Curve(xlabel, "share of decisions changed", bits, lines)
 
 
@@ -60,25 +66,43 @@ def _changed(bench: Bench, logits: np.ndarray) -> float:
 def _weight_flips(bench: Bench) -> tuple[list[Site], np.ndarray, str, Case]:
     """Every flip tried, the share of decisions it changes, the worst in words and for the hardware."""
     formats, arrays, few = network_formats(bench.config), bench.model.arrays, bench.sample
-    sites = [(name, place, bit) for name, fmt in formats.items() for place in range(arrays[name].size) for bit in range(fmt.width)]
+    sites = [
+        (name, place, bit)
+        for name, fmt in formats.items()
+        for place in range(arrays[name].size)
+        for bit in range(fmt.width)
+    ]
     if len(sites) > bench.flips:
         sites = [sites[i] for i in np.sort(bench.rng(9).permutation(len(sites))[: bench.flips])]
     changed: list[float] = []
     for start in range(0, len(sites), BATCH):
         batch = sites[start : start + BATCH]
         variants = {
-            name: np.stack([upset(arrays[name], place, bit, formats[name]) if hit == name else arrays[name] for hit, place, bit in batch])
+            name: np.stack(
+                [
+                    upset(arrays[name], place, bit, formats[name]) if hit == name else arrays[name]
+                    for hit, place, bit in batch
+                ]
+            )
             for name in dict.fromkeys(hit for hit, *_ in batch)
         }
         changed += [_changed(bench, logits) for logits in bench.model.logits_of(variants, few.codes)]
     name, place, bit = sites[int(np.argmax(changed))]
-    model = IntegerModel(bench.config, {**arrays, name: upset(arrays[name], place, bit, formats[name])}, bench.model.source)
+    model = IntegerModel(
+        bench.config, {**arrays, name: upset(arrays[name], place, bit, formats[name])}, bench.model.source
+    )
     where = [int(index) for index in np.unravel_index(place, arrays[name].shape)]
-    return sites, np.array(changed), f"{name}{where} bit {bit}", Case(few.clean.subset(range(min(3, len(few.clean)))), model)
+    return (
+        sites,
+        np.array(changed),
+        f"{name}{where} bit {bit}",
+        Case(few.clean.subset(range(min(3, len(few.clean)))), model),
+    )
 
 
 def weight_flips(bench: Bench) -> Outcome:
-    """Every bit of every weight and bias inverted, one at a time (at random where there are too many): mean share of decisions changed."""
+    """Every bit of every weight and bias inverted, one at a time (at random where there are too many): mean
+    share of decisions changed."""
     sites, changed, worst, case = bench.remember("weight flips", lambda: _weight_flips(bench))
     what = f"{worst}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change nothing"
     return Outcome(float(changed.mean()), what, by_bit(sites, changed), case)
@@ -96,12 +120,15 @@ def worst_flip(bench: Bench) -> Outcome:
 
 
 def table_flips(bench: Bench) -> Outcome:
-    """Bits of entries of both activation tables inverted, one at a time, at random: mean share of decisions changed."""
+    """Bits of entries of both activation tables inverted, one at a time, at random: mean share of decisions
+    changed."""
     formats, few = bench.config.formats, bench.sample
     words = {"_sigmoid": QFormat(formats.gate_frac + 2, 0), "_tanh": formats.state_format}
     widths = {"_sigmoid": formats.gate_frac + 1, "_tanh": formats.state_format.width}
     entries = formats.table_entries
-    sites = [(table, entry, bit) for table in words for entry in range(entries) for bit in range(widths[table])]
+    sites = [
+        (table, entry, bit) for table in words for entry in range(entries) for bit in range(widths[table])
+    ]
     order = bench.rng(10).permutation(len(sites))[: max(min(bench.flips // 8, len(sites)), 16)]
     sites, changed = [sites[i] for i in np.sort(order)], []
     for table, entry, bit in sites:
@@ -117,7 +144,12 @@ def constant_flips(bench: Bench) -> Outcome:
     """Every bit of the normaliser's mean and scale inverted, one at a time: share of decisions changed."""
     few, arrays = bench.sample, bench.model.arrays
     formats = {"mean": QFormat(bench.config.sum_bits, 0), "scale": bench.config.scale_format}
-    sites = [(name, place, bit) for name, fmt in formats.items() for place in range(arrays[name].size) for bit in range(fmt.width)]
+    sites = [
+        (name, place, bit)
+        for name, fmt in formats.items()
+        for place in range(arrays[name].size)
+        for bit in range(fmt.width)
+    ]
     changed = []
     for name, place, bit in sites:
         constants = {**arrays, name: upset(arrays[name], place, bit, formats[name])}
@@ -125,11 +157,14 @@ def constant_flips(bench: Bench) -> Outcome:
         changed.append(_changed(bench, few.forward(codes)[1]))
     name, place, bit = sites[int(np.argmax(changed))]
     lower = max(share for (*_, bit), share in zip(sites, changed, strict=True) if bit < 12)
-    return Outcome(lower, f"over all bits {name}[{place}] bit {bit}: {max(changed):.3f}", by_bit(sites, changed))
+    return Outcome(
+        lower, f"over all bits {name}[{place}] bit {bit}: {max(changed):.3f}", by_bit(sites, changed)
+    )
 
 
 def register_flips(bench: Bench) -> Outcome:
-    """Every bit of onset threshold, band, clip, rearm count and mask inverted, one at a time, on the whole front end: decisions changed."""
+    """Every bit of onset threshold, band, clip, rearm count and mask inverted, one at a time, on the whole
+    front end: decisions changed."""
     config = bench.config
     few = bench.with_recordings(bench.clean.subset(bench.clean.evenly(max(bench.few // 4, 8))))
     clean = few.decisions(few.clean)
@@ -152,7 +187,9 @@ def register_flips(bench: Bench) -> Outcome:
     for taxel in range(config.sensor.taxels):
         masks = set(config.sensor.masked_taxels) ^ {taxel}
         sites.append(("mask", taxel))
-        shares.append(float(np.mean(few.changed({"masked_taxels": tuple(sorted(masks))}).decisions(few.clean) != clean)))
+        shares.append(
+            float(np.mean(few.changed({"masked_taxels": tuple(sorted(masks))}).decisions(few.clean) != clean))
+        )
     changed = np.array(shares)
     name, bit = sites[int(changed.argmax())]
     what = f"{name} bit {bit}: {changed.max():.3f}; {len(sites)} flips of {', '.join(fields)} and mask"
@@ -180,9 +217,11 @@ class Upset(Fixed):
 
 
 def state_flips(bench: Bench) -> Outcome:
-    """One bit of one unit's state inverted after a random step of each touch: share of global decisions changed. Curve: which step."""
+    """One bit of one unit's state inverted after a random step of each touch: share of global decisions
+    changed. Curve: which step."""
     few, config = bench.sample, bench.config
-    tries = max(1, bench.flips // (4 * len(few.codes)))  # times the sample's touches, each with an upset of its own
+    # times the sample's touches, each with an upset of its own
+    tries = max(1, bench.flips // (4 * len(few.codes)))
     codes, rng = np.concatenate([few.codes] * tries), bench.rng(11)
     limits = (config.windows.steps, config.network.hidden, config.formats.state_format.width)
     step, unit, bit = (rng.integers(0, limit, len(codes)) for limit in limits)

@@ -1,4 +1,5 @@
-"""Disturbances of the sensor: taxels dead, stuck, noisy, off in gain or offset, exchanged; and how the fault detector sees them."""
+"""Disturbances of the sensor: taxels dead, stuck, noisy, off in gain or offset, exchanged; and how the fault
+detector sees them."""
 
 from __future__ import annotations
 
@@ -24,21 +25,24 @@ def rest_of(stream: np.ndarray, bench: Bench) -> np.ndarray:
 
 
 def held(bench: Bench, taxels: Sequence[int], level: str, since: float | None) -> Change:
-    """Taxels held at ``rest``, ``high`` or ``low`` (ends of the code range): from the first frame (None), or from so many touch lengths
-    after the onset on."""
+    """Taxels held at ``rest``, ``high`` or ``low`` (ends of the code range): from the first frame (None), or
+    from so many touch lengths after the onset on."""
     fmt = bench.config.sample_format
 
     def change(stream: np.ndarray, onset: int, rng: np.random.Generator) -> np.ndarray:
         begin = 0 if since is None else max(0, onset - 1 + round(since * bench.config.last_frame))
         columns = list(taxels)
-        stream[begin:, columns] = {"high": fmt.max_code, "low": fmt.min_code}.get(level, rest_of(stream, bench)[columns])
+        stream[begin:, columns] = {"high": fmt.max_code, "low": fmt.min_code}.get(
+            level, rest_of(stream, bench)[columns]
+        )
         return stream
 
     return change
 
 
 def stuck(level: str) -> TaxelChange:
-    """A taxel at an end of its range, or without a sound at its rest level, from so many touch lengths after the onset on."""
+    """A taxel at an end of its range, or without a sound at its rest level, from so many touch lengths after
+    the onset on."""
     return lambda where, taxel, since: (where, held(where, [taxel], level, since))
 
 
@@ -58,7 +62,9 @@ def noisy(where: Bench, taxel: int, level: float) -> tuple[Bench, Change]:
 
     def change(stream, onset, rng):
         quiet = stream[: max(onset - where.config.onset_rule.onset_mean_frames, 32)]
-        stream[:, taxel] += level * quiet[:, taxel].std() * rng.standard_normal(len(stream)).astype(np.float32)
+        stream[:, taxel] += (
+            level * quiet[:, taxel].std() * rng.standard_normal(len(stream)).astype(np.float32)
+        )
         return stream
 
     return where, change
@@ -99,7 +105,9 @@ def gains(bench: Bench, level: float) -> Change:
 
     def scale(stream, onset, rng):
         level_of = rest_of(stream, bench)
-        return level_of + (1 + level * rng.uniform(-1, 1, stream.shape[1])).astype(np.float32) * (stream - level_of)
+        return level_of + (1 + level * rng.uniform(-1, 1, stream.shape[1])).astype(np.float32) * (
+            stream - level_of
+        )
 
     return scale
 
@@ -137,8 +145,8 @@ def spikes(bench: Bench, level: float) -> Change:
 
 # ---------------------------------------------------------------------- the detector
 def _missed(bench: Bench, level: str, within: int) -> float:
-    """Largest share of recordings, over the taxels, in which one that fails a quarter into the touch is not flagged within so many frames,
-    or another one is."""
+    """Largest share of recordings, over the taxels, in which one that fails a quarter into the touch is not
+    flagged within so many frames, or another one is."""
     shares = [0.0]
     begin = np.maximum(0, bench.onsets - 1 + round(0.25 * bench.config.last_frame))
     for taxel in bench.live:
@@ -154,8 +162,9 @@ def _missed(bench: Bench, level: str, within: int) -> float:
 
 
 def missed(bench: Bench) -> Outcome:
-    """Each taxel in turn sticks at an end of its range or at its rest level, a quarter into the touch: flags not raised within two blocks
-    of the detector, or raised for another taxel; the worst taxel and level. Curve: within how many frames."""
+    """Each taxel in turn sticks at an end of its range or at its rest level, a quarter into the touch: flags
+    not raised within two blocks of the detector, or raised for another taxel; the worst taxel and level.
+    Curve: within how many frames."""
     few, fault_frames = bench.sample, bench.config.faults.fault_frames
     block = fault_frames or 64
     shares = {level: _missed(few, level, 2 * block) for level in ("high", "low", "rest")}
@@ -163,11 +172,14 @@ def missed(bench: Bench) -> Outcome:
     line = [max(_missed(few, level, int(frame)) for level in ("high", "rest")) for frame in frames]
     worst = max(shares, key=shares.__getitem__)
     what = f"stuck {worst}: {shares[worst]:.4f}; {f'{fault_frames} frames' if fault_frames else 'no detector'} a block"
-    return Outcome(shares[worst], what, Curve("frames after the failure", "share missed", frames, {"missed": line}))
+    return Outcome(
+        shares[worst], what, Curve("frames after the failure", "share missed", frames, {"missed": line})
+    )
 
 
 def false_alarms(bench: Bench) -> Outcome:
-    """Undisturbed recordings, to their very end, in which a fault flag is raised. Curve: rest noise and signal reduced by a factor."""
+    """Undisturbed recordings, to their very end, in which a fault flag is raised. Curve: rest noise and
+    signal reduced by a factor."""
 
     def share(where: Bench, recordings: Recordings) -> float:
         flagged = where.parts.find_touches(where.config, recordings, steps=0).flagged
@@ -177,7 +189,10 @@ def false_alarms(bench: Bench) -> Outcome:
         return rest_of(stream, bench) + gain * (stream - rest_of(stream, bench))
 
     few, amplitudes = bench.sample, bench.thin([1.0, 0.7, 0.5, 0.35, 0.25, 0.15])
-    line = [share(few, few.clean if gain == 1 else disturbed(few, partial(faint, gain=gain))) for gain in amplitudes]
+    line = [
+        share(few, few.clean if gain == 1 else disturbed(few, partial(faint, gain=gain)))
+        for gain in amplitudes
+    ]
     first = next((gain for gain, flagged in zip(amplitudes, line, strict=True) if flagged > 0), None)
     what = f"none until noise and signal fall to {first:g}" if first else "none on the whole curve"
     curve = Curve("amplitude / recorded", "share with a flag", amplitudes, {"flagged": line})

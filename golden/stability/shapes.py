@@ -1,6 +1,8 @@
-"""The shapes that most failure modes have: one disturbance, over taxels or recordings, at a nominal level and along a curve of levels.
+"""The shapes that most failure modes have: one disturbance, over taxels or recordings, at a nominal level and
+along a curve of levels.
 
-A shape is a value with the disturbance in it, called with a bench; ``eskin.golden.stability.table`` has one a row.
+A shape is a value with the disturbance in it, called with a bench; ``eskin.golden.stability.table`` has one a
+row.
 """
 
 from __future__ import annotations
@@ -41,7 +43,8 @@ def changed_recordings(bench: Bench, change: Change | Recordings) -> Recordings:
 
 @dataclass(frozen=True)
 class Whole:
-    """Accuracy of all recordings at the nominal level, the curve from the few; three wrongly decided recordings are the case.
+    """Accuracy of all recordings at the nominal level, the curve from the few; three wrongly decided
+    recordings are the case.
 
     Parameters
     ----------
@@ -65,7 +68,12 @@ class Whole:
         line = [few.accuracy(changed_recordings(few, self.change(few, level))) for level in levels]
         curve = Curve(self.xlabel, "accuracy", levels, {"accuracy": line}, self.log)
         accuracy = float(np.mean(decisions == made.labels))
-        return Outcome(accuracy, f"{what}; clean {bench.clean_accuracy:.4f}", curve, worst_recordings(bench, made, decisions))
+        return Outcome(
+            accuracy,
+            f"{what}; clean {bench.clean_accuracy:.4f}",
+            curve,
+            worst_recordings(bench, made, decisions),
+        )
 
 
 def _shares(bench: Bench, changes: dict[str, tuple[Bench, Change]]) -> dict[str, tuple[float, Case]]:
@@ -105,7 +113,9 @@ class EachTaxel:
         worst = min(shares, key=lambda name: shares[name][0])
         average = float(np.mean([share for share, _ in shares.values()]))
         order = ("mean", "worst taxel") if self.mean else ("worst taxel", "mean")
-        curve = Curve(self.xlabel, "accuracy", bench.thin(self.levels), {name: lines[name] for name in order}, self.log)
+        curve = Curve(
+            self.xlabel, "accuracy", bench.thin(self.levels), {name: lines[name] for name in order}, self.log
+        )
         what = f"taxel {worst}: {shares[worst][0]:.4f}; mean {average:.4f}, clean {bench.clean_accuracy:.4f}"
         return Outcome(average if self.mean else shares[worst][0], what, curve, shares[worst][1])
 
@@ -114,7 +124,12 @@ class EachTaxel:
         lines: dict[str, list[float]] = {"mean": [], "worst taxel": []}
         for level in bench.thin(self.levels):
             few = bench.sample
-            shares = [share for share, _ in _shares(few, {str(taxel): self.change(few, taxel, level) for taxel in bench.live}).values()]
+            shares = [
+                share
+                for share, _ in _shares(
+                    few, {str(taxel): self.change(few, taxel, level) for taxel in bench.live}
+                ).values()
+            ]
             lines["mean"].append(float(np.mean(shares)))
             lines["worst taxel"].append(min(shares))
         return all_of, lines
@@ -147,11 +162,25 @@ class TaxelPairs:
         worst = min(shares, key=lambda name: shares[name][0])
         counts, line = bench.thin(range(0, len(bench.live) + 1 - self.spared, self.step)), []
         for count in counts:
-            some = [bench.rng(self.draws[1], int(count), k).permutation(bench.live)[: int(count)].tolist() for k in range(DRAWS)]
-            line.append(float(np.mean([bench.sample.accuracy(disturbed(bench.sample, self.change(bench, taxels))) for taxels in some])))
+            some = [
+                bench.rng(self.draws[1], int(count), k).permutation(bench.live)[: int(count)].tolist()
+                for k in range(DRAWS)
+            ]
+            line.append(
+                float(
+                    np.mean(
+                        [
+                            bench.sample.accuracy(disturbed(bench.sample, self.change(bench, taxels)))
+                            for taxels in some
+                        ]
+                    )
+                )
+            )
         average = float(np.mean([share for share, _ in shares.values()]))
         what = f"taxels {worst}: {shares[worst][0]:.4f}; mean of {len(pairs)} pairs {average:.4f}"
-        return Outcome(average, what, Curve(self.xlabel, "accuracy", counts, {"mean": line}), shares[worst][1])
+        return Outcome(
+            average, what, Curve(self.xlabel, "accuracy", counts, {"mean": line}), shares[worst][1]
+        )
 
 
 # ---------------------------------------------------------------------- quiet stretches
@@ -164,7 +193,10 @@ def lead_ins(bench: Bench) -> tuple[list[np.ndarray], list[int]]:
             streams.append(bench.clean.recording(i)[:end])
             which.append(i)
     if not streams:  # recordings that begin in contact: the rest level with its noise, as far as there is any
-        streams, which = [np.repeat(bench.clean.recording(0)[:1], config.rest_level.rest_frames + 512, axis=0)], [0]
+        streams, which = (
+            [np.repeat(bench.clean.recording(0)[:1], config.rest_level.rest_frames + 512, axis=0)],
+            [0],
+        )
     return streams, which
 
 
@@ -196,14 +228,18 @@ class QuietStretches:
             streams, which = streams[: bench.few], which[: bench.few]
 
         def found(level: float) -> tuple[float, Recordings]:
-            recordings = rebuilt(bench.clean, [self.change(bench, stream, i, level) for i, stream in enumerate(streams)], which)
+            recordings = rebuilt(
+                bench.clean, [self.change(bench, stream, i, level) for i, stream in enumerate(streams)], which
+            )
             touches = bench.parts.find_touches(bench.config, recordings, steps=0)
             return len(np.unique(touches.recording)) / len(streams), recordings
 
         share, recordings = found(self.nominal)
         lines = {"false onsets": [found(level)[0] for level in self.levels]}
         curve = Curve(self.xlabel, "share with a false onset", self.levels, lines, self.log)
-        return Outcome(share, self.what(bench, streams), curve, Case(recordings.subset(range(min(3, len(streams))))))
+        return Outcome(
+            share, self.what(bench, streams), curve, Case(recordings.subset(range(min(3, len(streams)))))
+        )
 
 
 def float_decisions(bench: Bench, touches: Any) -> np.ndarray:
@@ -214,7 +250,8 @@ def float_decisions(bench: Bench, touches: Any) -> np.ndarray:
 
 @dataclass(frozen=True)
 class AsInFloat:
-    """Share of the integer network's local decisions that are the float network's; the curve: other widths of one kind of number.
+    """Share of the integer network's local decisions that are the float network's; the curve: other widths of
+    one kind of number.
 
     Parameters
     ----------
@@ -233,7 +270,10 @@ class AsInFloat:
         ideal = float_decisions(bench, bench.touches)
         line = self._agreements(bench, ideal)
         own = float(np.mean(bench.local(bench.codes) == ideal))
-        few = min((count for count, share in zip(self.counts, line, strict=True) if share >= AGREED), default=self.counts[-1])
+        few = min(
+            (count for count, share in zip(self.counts, line, strict=True) if share >= AGREED),
+            default=self.counts[-1],
+        )
         curve = Curve(self.xlabel, "share of local decisions as in float", self.counts, {"agreement": line})
         return Outcome(own, f"now {self.now(bench.config)}; {few} would do on these recordings", curve)
 
@@ -248,5 +288,7 @@ class AsInFloat:
                 continue
             codes = pipeline.feature_codes(model, bench.touches, bench.parts.normalise)
             logits = model.run(bench.parts.arithmetic(model.config), codes)[1]
-            line.append(float(np.mean(bench.parts.decide(model.config, logits, bench.touches.completed)[0] == ideal)))
+            line.append(
+                float(np.mean(bench.parts.decide(model.config, logits, bench.touches.completed)[0] == ideal))
+            )
         return line

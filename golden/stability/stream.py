@@ -1,4 +1,5 @@
-"""Failure modes of the stream: touches that come late, twice or not at all, glitches, drift, frames lost, clocks."""
+"""Failure modes of the stream: touches that come late, twice or not at all, glitches, drift, frames lost,
+clocks."""
 
 from __future__ import annotations
 
@@ -19,7 +20,12 @@ def drift(bench: Bench, level: float) -> Change:
     """All taxels ramp by so many standard deviations of the features in a touch."""
 
     def ramp(stream, onset, rng):
-        return stream + (level * bench.sigma / bench.config.last_frame * np.arange(len(stream), dtype=np.float32))[:, None]
+        return (
+            stream
+            + (level * bench.sigma / bench.config.last_frame * np.arange(len(stream), dtype=np.float32))[
+                :, None
+            ]
+        )
 
     return ramp
 
@@ -28,7 +34,9 @@ def hum(bench: Bench, level: float) -> Change:
     """50 Hz on all taxels, with so many times the amplitude of the noise at rest."""
 
     def add(stream, onset, rng):
-        phase = 2 * np.pi * 50 / bench.config.sensor.sample_rate_hz * np.arange(len(stream)) + rng.uniform(0, 2 * np.pi)
+        phase = 2 * np.pi * 50 / bench.config.sensor.sample_rate_hz * np.arange(len(stream)) + rng.uniform(
+            0, 2 * np.pi
+        )
         return stream + (level * bench.rest_noise * np.sin(phase)).astype(np.float32)[:, None]
 
     return add
@@ -142,7 +150,8 @@ def ramp_in_codes(bench: Bench, streams: Sequence[np.ndarray]) -> str:
 
 # ---------------------------------------------------------------------- touches in time
 def motor_burst(bench: Bench) -> Outcome:
-    """Everything before the touch, bursts of the axis's motor included, times 1.5: onsets more than a window earlier than recorded."""
+    """Everything before the touch, bursts of the axis's motor included, times 1.5: onsets more than a window
+    earlier than recorded."""
     clean = bench.onsets
 
     def early(where: Bench, gain: float) -> tuple[float, Recordings]:
@@ -160,24 +169,43 @@ def motor_burst(bench: Bench) -> Outcome:
 
     share, made = early(bench, 1.5)
     gains = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0]
-    curve = Curve("burst / recorded", "share with an early onset", gains, {"early": [early(bench.sample, gain)[0] for gain in gains]})
-    return Outcome(share, f"{round(share * len(clean))} of {len(clean)} recordings", curve, Case(made.subset(range(min(3, len(made))))))
+    curve = Curve(
+        "burst / recorded",
+        "share with an early onset",
+        gains,
+        {"early": [early(bench.sample, gain)[0] for gain in gains]},
+    )
+    return Outcome(
+        share,
+        f"{round(share * len(clean))} of {len(clean)} recordings",
+        curve,
+        Case(made.subset(range(min(3, len(made))))),
+    )
 
 
 def two_touches(bench: Bench) -> Outcome:
-    """Each recording's touch after that of another one, with its own lead-in in between: nine in ten local decisions those it had in its
-    own recording."""
+    """Each recording's touch after that of another one, with its own lead-in in between: nine in ten local
+    decisions those it had in its own recording."""
     clean, config = bench.sample.clean, bench.config
     count = len(clean)
-    shift = int(np.argmax([np.mean(clean.labels != np.roll(clean.labels, -k)) for k in range(1, count)])) + 1 if count > 1 else 0
+    shift = (
+        int(np.argmax([np.mean(clean.labels != np.roll(clean.labels, -k)) for k in range(1, count)])) + 1
+        if count > 1
+        else 0
+    )
     streams, starts = [], []
     for i in range(count):
         before, after = clean.recording(i), clean.recording((i + shift) % count)
-        before = before[: len(before) // config.windows.hop * config.windows.hop]  # the second one's hops fall as they did alone
+        # the second one's hops fall as they did alone
+        before = before[: len(before) // config.windows.hop * config.windows.hop]
         settle = max(config.rest_level.rest_frames, 1)
         # the second starts from the first one's rest level, as it would on one array
-        after = after + np.rint(before[:settle].mean(axis=0) - after[:settle].mean(axis=0)).astype(after.dtype)
-        quiet = after[: max(int(bench.sample.onsets[(i + shift) % count]) - config.onset_rule.onset_mean_frames, 1)]
+        after = after + np.rint(before[:settle].mean(axis=0) - after[:settle].mean(axis=0)).astype(
+            after.dtype
+        )
+        quiet = after[
+            : max(int(bench.sample.onsets[(i + shift) % count]) - config.onset_rule.onset_mean_frames, 1)
+        ]
         frames = -(-3 * config.onset_rule.rearm_frames // config.windows.hop) * config.windows.hop
         between = np.resize(quiet, (frames, config.sensor.taxels)) if len(quiet) >= frames else quiet[:frames]
         streams.append(np.concatenate([before, between, after]))
@@ -196,13 +224,21 @@ def two_touches(bench: Bench) -> Outcome:
     failed = range(len(differing) + 1)
     curve = Curve("recording", "touches that differ", [k + 1 for k in failed], {"sum": failed})
     what = f"{len(differing)} of {compared} second touches differ in a tenth of their steps"
-    return Outcome((compared - len(differing)) / max(compared, 1), what, curve, Case(both.subset(differing[:2] or [0])))
+    return Outcome(
+        (compared - len(differing)) / max(compared, 1), what, curve, Case(both.subset(differing[:2] or [0]))
+    )
 
 
 def wrong_rate(bench: Bench) -> Outcome:
     """The stream is sampled 5 % too fast and 5 % too slow: the worse accuracy."""
     ways = {
-        name: Whole(rate_off, sign * 0.05, [sign * level for level in RATE_ERRORS], "error of the rate", f"5 % {name.split()[0]}")
+        name: Whole(
+            rate_off,
+            sign * 0.05,
+            [sign * level for level in RATE_ERRORS],
+            "error of the rate",
+            f"5 % {name.split()[0]}",
+        )
         for name, sign in (("slow sampling", 1), ("fast sampling", -1))
     }
     outcomes = {name: way(bench) for name, way in ways.items()}

@@ -15,7 +15,10 @@ from eskin.golden.stability.table import MODES
 
 NEEDS: dict[str, tuple[Callable[[AcceleratorConfig], Any], str]] = {
     "onset": (lambda config: not config.opens_at_once, "the gate opens at once: no onset is looked for"),
-    "detector": (lambda config: config.faults.fault_frames, "the fault detector is off; fault_frames of the configuration switches it on"),
+    "detector": (
+        lambda config: config.faults.fault_frames,
+        "the fault detector is off; fault_frames of the configuration switches it on",
+    ),
     "state": (lambda config: config.recurrent, "a linear cell has no state, no gates and no tables"),
     "loadable": (lambda config: config.hardware.loadable, "weights are in ROM: there is nothing to write"),
 }
@@ -27,8 +30,11 @@ def modes_of(bench: Bench | ImageBench) -> Mapping[str, Mode]:
     return IMAGE_MODES if isinstance(bench, ImageBench) else MODES
 
 
-def judge(mode: Mode, bench: Any, simulate: Callable[[str], Outcome] | None = None) -> tuple[dict[str, Any], Case | None]:
-    """The record of a mode, as in stability.json, and its case for the hardware; ``simulate`` measures what has a key for it."""
+def judge(
+    mode: Mode, bench: Any, simulate: Callable[[str], Outcome] | None = None
+) -> tuple[dict[str, Any], Case | None]:
+    """The record of a mode, as in stability.json, and its case for the hardware; ``simulate`` measures what
+    has a key for it."""
     begin = time.perf_counter()
     bound = mode.bound(bench)
     if isinstance(mode.run, str):
@@ -92,7 +98,8 @@ def run_modes(
 
     Returns
     -------
-    {modes: [{name, group, value, bound, unit, passed, worst_case, ...}], not_run: [{name, group, why}], weakest: names}.
+    {modes: [{name, group, value, bound, unit, passed, worst_case, ...}], not_run: [{name, group, why}],
+    weakest: names}.
 
     Raises
     ------
@@ -102,7 +109,9 @@ def run_modes(
     modes, images = modes_of(bench), " for images" if bench.config.is_image else ""
     for name in names or ():
         if name not in modes:
-            raise InputError(f"stability, mode '{name}': is unknown{images}; the modes are {', '.join(modes)}")
+            raise InputError(
+                f"stability, mode '{name}': is unknown{images}; the modes are {', '.join(modes)}"
+            )
     requested = [modes[name] for name in (modes if names is None else names)]
 
     def absent(mode: Mode) -> str:
@@ -124,5 +133,9 @@ def run_modes(
             left -= 1
             if progress:
                 progress("failure modes", len(requested) - left, len(requested))
-    not_run = [{"name": mode.name, "group": mode.group, "why": why} for mode in requested if (why := reasons[mode.name])]
+    not_run = [
+        {"name": mode.name, "group": mode.group, "why": why}
+        for mode in requested
+        if (why := reasons[mode.name])
+    ]
     return {"modes": records, "not_run": not_run, "weakest": [record["name"] for record in weakest(records)]}

@@ -7,10 +7,12 @@ from eskin.golden.stability.core import ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Bench, 
 from eskin.golden.stability.shapes import AGREED, AsInFloat, EachTaxel, QuietStretches, TaxelPairs, Whole
 
 TWO_TAXELS_MEAN = 0.90
-"""Share of the undisturbed accuracy that must be left without two taxels, mean over the pairs: less sharp, not broken."""
+"""Share of the undisturbed accuracy that must be left without two taxels, mean over the pairs: less sharp,
+not broken."""
 EXCHANGED_MEAN = 0.5
 MEAN_CHANGED = 0.02
-"""Share of decisions that a bit flip, any one, may change on average: what a fault is worth until the checksum is read."""
+"""Share of decisions that a bit flip, any one, may change on average: what a fault is worth until the
+checksum is read."""
 BEGINS = (0.9, 0.75, 0.5, 0.25, 0.1, 0.0, -0.1)
 """Where in the touch a taxel fails, in touch lengths after the onset; later is milder."""
 
@@ -21,7 +23,9 @@ OFFSET = "offset (standard deviations of the features)"
 AS_EVALUATE = "the level below which `eskin evaluate` refuses a quantised model"
 DETECTOR_IN_TIME = "the detector must find and mask it while the vote can still be saved"
 LIKE_A_DEAD_ONE = "once masked a stuck taxel is a dead one"
-NOT_FROM_A_TOUCH = "an offset that comes with the touch cannot be told from it: it may not cost more than the taxel itself"
+NOT_FROM_A_TOUCH = (
+    "an offset that comes with the touch cannot be told from it: it may not cost more than the taxel itself"
+)
 
 DEAD = EachTaxel(sensor.stuck("rest"), -0.1, BEGINS, TO_FAILURE)
 MASKED = EachTaxel(sensor.stuck_and_masked, -0.1, BEGINS, TO_FAILURE)
@@ -77,25 +81,31 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "a burst taken for the onset makes the touch fall out of its windows; half as much again is a "
         "motor's ageing", at_most=0.01, needs=("onset",)),
     Mode("stream", "touch near the end of the stream",
-        Whole(stream.cut_short, 0.5, (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05), "share of the steps there are",
+        Whole(stream.cut_short, 0.5, (1.0, 0.75, 0.5, 0.35, 0.25, 0.15, 0.1, 0.05), "share of the steps "
+                                                                                    "there are",
             "half of the steps"), ACCURACY,
         "half of the steps must do: a cut touch is decided by the steps it has, and flagged partial",
-        "Streams that end in the middle of the touch: the decision of the completed steps. Curve: other shares of "
+        "Streams that end in the middle of the touch: the decision of the completed steps. Curve: other "
+        "shares of "
         "the steps.", at_least=ONE_TAXEL_WORST),
     Mode("stream", "touch at frame 1",
         Whole(stream.without_lead, 0, (400, 200, 128, 96, 64, 32, 0), "quiet frames before the onset",
             stream.undecided), ACCURACY,
         "an array that is switched on while held must not be worse off than one with a dead taxel",
-        "Streams that begin at the onset: the rest level settles within the touch. Curve: quiet frames before the "
+        "Streams that begin at the onset: the rest level settles within the touch. Curve: quiet frames "
+        "before the "
         "onset.", at_least=ONE_TAXEL_WORST, needs=("onset",)),
     Mode("stream", "two touches", stream.two_touches, "share of second touches decided as alone",
         "a touch must not know what came before it: state and sums are cleared", at_least=0.98,
         needs=("onset",)),
     Mode("stream", "a touch while one is decided",
-        Whole(stream.overlapped, 0.75, (0.9, 0.75, 0.6, 0.5, 0.4, 0.25), "where in the touch the second begins",
+        Whole(stream.overlapped, 0.75, (0.9, 0.75, 0.6, 0.5, 0.4, 0.25), "where in the touch the second "
+                                                                         "begins",
             "the last quarter"), ACCURACY,
-        "the vote of the first three quarters stands: what comes then must not change the decision of the touch "
-        "before", "The movement of a recording of another class is added to the last quarter of the touch: the "
+        "the vote of the first three quarters stands: what comes then must not change the decision of the "
+        "touch "
+        "before", "The movement of a recording of another class is added to the last quarter of the touch: "
+                  "the "
         "first touch's decision.", at_least=harmless),
     Mode("stream", "one-sample glitch before the touch",
         QuietStretches(stream.glitch, sensor.SPIKE_CODES, (30, 100, 300, 1000, sensor.SPIKE_CODES, 10000,

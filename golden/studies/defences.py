@@ -1,7 +1,9 @@
-"""Defences against a sensor that goes wrong: what they save and what they cost, cross-validated; and the margin of a confident decision.
+"""Defences against a sensor that goes wrong: what they save and what they cost, cross-validated; and the
+margin of a confident decision.
 
-The defences: the fault detector and M-of-K onset of docs/specification.md, a mask bit, training with failing taxels (``robust``), a margin
-below which a decision is not confident. All is judged on recordings that a network has not seen, through the whole integer front end.
+The defences: the fault detector and M-of-K onset of docs/specification.md, a mask bit, training with failing
+taxels (``robust``), a margin below which a decision is not confident. All is judged on recordings that a
+network has not seen, through the whole integer front end.
 """
 
 from __future__ import annotations
@@ -24,13 +26,16 @@ from eskin.golden.training.recipe import Recipe, choose_recipe
 FAULT_FRAMES = 64
 """Block of the recommended fault detector, frames; raised to onset_check_frames where that is longer."""
 QUIET_SHARE = 4
-"""The recommended activity limit is the smallest block activity of a sound taxel in the training recordings over this."""
+"""The recommended activity limit is the smallest block activity of a sound taxel in the training recordings
+over this."""
 ROBUST_HIDDEN = 16
-"""Hidden units of the recommended defended network: what a missing taxel asks for on top of the default 12."""
+"""Hidden units of the recommended defended network: what a missing taxel asks for on top of the default
+12."""
 COVERAGE = 0.95
 """Share of the training decisions that stay confident."""
 THRESHOLD_SHARE = 2 / 3
-"""The recommended onset threshold over the configured one: without the taxel that is pressed first the others must find the touch."""
+"""The recommended onset threshold over the configured one: without the taxel that is pressed first the others
+must find the touch."""
 ONSET_HITS, ONSET_SPAN = 3, 4
 """With that lower threshold the rule must hold in 3 of 4 judged frames, or a noisy taxel opens the gate."""
 STUCK_AFTER = 0.25
@@ -49,7 +54,8 @@ class Variant:
 
 
 def smallest_activity(recordings: Recordings, config: AcceleratorConfig, block: int) -> int:
-    """Smallest activity (docs/specification.md, section 10) of a whole block after settling, any recording, any live taxel, codes."""
+    """Smallest activity (docs/specification.md, section 10) of a whole block after settling, any recording,
+    any live taxel, codes."""
     live = [taxel for taxel in range(config.sensor.taxels) if taxel not in config.sensor.masked_taxels]
     least = []
     for index in range(len(recordings)):
@@ -57,14 +63,24 @@ def smallest_activity(recordings: Recordings, config: AcceleratorConfig, block: 
         first = -(-config.rest_level.rest_frames // block) * block
         blocks = (len(stream) - first) // block
         if blocks > 0:
-            least.append(int(activity(config, stream[first : first + blocks * block].reshape(blocks, block, -1).swapaxes(0, 1)).min()))
+            least.append(
+                int(
+                    activity(
+                        config,
+                        stream[first : first + blocks * block].reshape(blocks, block, -1).swapaxes(0, 1),
+                    ).min()
+                )
+            )
     return min(least, default=0)
 
 
 def recommended(recordings: Recordings, config: AcceleratorConfig) -> AcceleratorConfig:
-    """``config`` with the recommended defences: the fault detector with its limit from the training recordings, a lower onset threshold
-    that must be met ONSET_HITS times in ONSET_SPAN (where the rule is judged on a rest level), and ROBUST_HIDDEN units."""
-    block = max(FAULT_FRAMES, config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 2)
+    """``config`` with the recommended defences: the fault detector with its limit from the training
+    recordings, a lower onset threshold that must be met ONSET_HITS times in ONSET_SPAN (where the rule is
+    judged on a rest level), and ROBUST_HIDDEN units."""
+    block = max(
+        FAULT_FRAMES, config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 2
+    )
     activity = min(smallest_activity(recordings, config, block) // QUIET_SHARE, 65535)
     onset: dict[str, int] = {}
     if config.onset_rule.onset == "baseline":
@@ -73,7 +89,9 @@ def recommended(recordings: Recordings, config: AcceleratorConfig) -> Accelerato
             "onset_hits": ONSET_HITS,
             "onset_span": ONSET_SPAN,
         }
-    return config.replace(fault_frames=block, fault_activity=activity, hidden=max(config.network.hidden, ROBUST_HIDDEN), **onset)
+    return config.replace(
+        fault_frames=block, fault_activity=activity, hidden=max(config.network.hidden, ROBUST_HIDDEN), **onset
+    )
 
 
 def variants(recordings: Recordings, config: AcceleratorConfig) -> list[Variant]:
@@ -87,7 +105,11 @@ def variants(recordings: Recordings, config: AcceleratorConfig) -> list[Variant]
         Variant(f"none, {config.network.hidden} units", plain, default),
         Variant("fault detector", detector, default),
         Variant("fault detector, training with failing taxels", detector, robust),
-        Variant(f"the same{onset}, {config.network.hidden} units", full.replace(hidden=config.network.hidden), robust),
+        Variant(
+            f"the same{onset}, {config.network.hidden} units",
+            full.replace(hidden=config.network.hidden),
+            robust,
+        ),
         Variant(f"recommended: the same{onset}, {full.network.hidden} units", full, robust),
     ]
 
@@ -98,11 +120,13 @@ def _streams(recordings: Recordings, onsets: np.ndarray, change: Change) -> Reco
     return dataclasses.replace(recordings, samples=np.concatenate(samples))
 
 
-def failures(recordings: Recordings, config: AcceleratorConfig, taxel: int) -> dict[str, tuple[AcceleratorConfig, Recordings]]:
+def failures(
+    recordings: Recordings, config: AcceleratorConfig, taxel: int
+) -> dict[str, tuple[AcceleratorConfig, Recordings]]:
     """What happens to one taxel: name -> (configuration, recordings).
 
-    dead: at its rest level from the first frame on. stuck: at the highest code from STUCK_AFTER of the touch on. stuck, masked: the
-    same with the mask bit set.
+    dead: at its rest level from the first frame on. stuck: at the highest code from STUCK_AFTER of the touch
+    on. stuck, masked: the same with the mask bit set.
     """
     top = config.sample_format.max_code
     onsets = find_onsets(config, recordings)
@@ -117,15 +141,21 @@ def failures(recordings: Recordings, config: AcceleratorConfig, taxel: int) -> d
 
     stuck = _streams(recordings, onsets, stick)
     masked = config.replace(masked_taxels=tuple(sorted({*config.sensor.masked_taxels, taxel})))
-    return {"dead": (config, _streams(recordings, onsets, die)), "stuck": (config, stuck), "stuck, masked": (masked, stuck)}
+    return {
+        "dead": (config, _streams(recordings, onsets, die)),
+        "stuck": (config, stuck),
+        "stuck, masked": (masked, stuck),
+    }
 
 
 FrontEnd = dict[str, tuple[AcceleratorConfig, np.ndarray, Touches]]
-"""What happened -> (configuration, row of each recording's first touch or -1, touches). ``clean``, and ``NAME TAXEL`` of ``failures``."""
+"""What happened -> (configuration, row of each recording's first touch or -1, touches). ``clean``, and ``NAME
+TAXEL`` of ``failures``."""
 
 
 def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
-    """The touches of sound recordings, and of those in which one taxel fails, for every failure and live taxel."""
+    """The touches of sound recordings, and of those in which one taxel fails, for every failure and live
+    taxel."""
     clean = find_touches(config, recordings)
     rows = clean.first_touch()
     found = {"clean": (config, rows, clean)}
@@ -133,7 +163,9 @@ def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
     ends = np.where(rows >= 0, clean.start_frame[rows] - 1 + config.last_frame * 3 // 2, recordings.lengths)
     ends = np.minimum(ends, recordings.lengths)
     short = dataclasses.replace(
-        recordings, samples=np.concatenate([recordings.recording(i)[:end] for i, end in enumerate(ends)]), offsets=np.cumsum([0, *ends])
+        recordings,
+        samples=np.concatenate([recordings.recording(i)[:end] for i, end in enumerate(ends)]),
+        offsets=np.cumsum([0, *ends]),
     )
     for taxel in (taxel for taxel in range(config.sensor.taxels) if taxel not in config.sensor.masked_taxels):
         for name, (changed, spoiled) in failures(short, config, taxel).items():
@@ -142,8 +174,11 @@ def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
     return found
 
 
-def _decisions(model: IntegerModel, config: AcceleratorConfig, rows: np.ndarray, touches: Touches) -> tuple[np.ndarray, np.ndarray]:
-    """(decision, margin) for each row of touches; -1 and 0 for a row of -1. ``config``: masks and decision rule."""
+def _decisions(
+    model: IntegerModel, config: AcceleratorConfig, rows: np.ndarray, touches: Touches
+) -> tuple[np.ndarray, np.ndarray]:
+    """(decision, margin) for each row of touches; -1 and 0 for a row of -1. ``config``: masks and decision
+    rule."""
     if not (rows >= 0).any():
         return np.full(len(rows), -1, dtype=np.int64), np.zeros(len(rows), dtype=np.int64)
     own = dataclasses.replace(model, config=model.config.replace(masked_taxels=config.sensor.masked_taxels))
@@ -164,7 +199,8 @@ def compare_defences(
     front_ends: dict[str, FrontEnd] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> list[dict[str, Any]]:
-    """What each set of defences saves and costs, on recordings that a network has not seen, in integers, through the whole front end.
+    """What each set of defences saves and costs, on recordings that a network has not seen, in integers,
+    through the whole front end.
 
     Parameters
     ----------
@@ -177,8 +213,9 @@ def compare_defences(
 
     Returns
     -------
-    A record for each variant: name, hidden, recipe, fault_frames, fault_activity, clean ([{groups, accuracy, spread}] for each split),
-    and for dead, stuck, ``stuck, masked``: {mean, worst, worst_taxel}; margin: the figures of ``margin_record`` for each split.
+    A record for each variant: name, hidden, recipe, fault_frames, fault_activity, clean ([{groups, accuracy,
+    spread}] for each split), and for dead, stuck, ``stuck, masked``: {mean, worst, worst_taxel}; margin: the
+    figures of ``margin_record`` for each split.
     """
     records = []
     front_ends = {} if front_ends is None else front_ends
@@ -186,19 +223,31 @@ def compare_defences(
         key = variant.config.replace(hidden=4).to_json()  # the front end does not know the network
         if key not in front_ends:
             front_ends[key] = front_end(recordings, variant.config)
-        records.append(_judged(recordings, variant, front_ends[key], splits, seeds, folds, dict(widths or {})))
+        records.append(
+            _judged(recordings, variant, front_ends[key], splits, seeds, folds, dict(widths or {}))
+        )
         if progress:
             progress("defences", number + 1, len(rows))
     return records
 
 
-def _judged(recordings: Recordings, variant: Variant, found: FrontEnd, splits, seeds, folds: int, widths: dict[str, Any]) -> dict[str, Any]:
+def _judged(
+    recordings: Recordings,
+    variant: Variant,
+    found: FrontEnd,
+    splits,
+    seeds,
+    folds: int,
+    widths: dict[str, Any],
+) -> dict[str, Any]:
     config = variant.config
     work = Folds(recordings, config, variant.recipe, splits, seeds, folds)
     models = work.quantise(work.fit(None), widths)
     numbers = work.split_numbers
     _, clean_rows, clean = found["clean"]
-    outcome: list[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []  # split, test, decisions, margins; training margins
+    outcome: list[
+        tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    ] = []  # split, test, decisions, margins; training margins
     for model, number, test, training in zip(models, numbers, work.tests, work.trainings, strict=True):
         decisions, margins = _decisions(model, config, clean_rows[test], clean)
         training_margins = _decisions(model, config, clean_rows[training], clean)[1]
@@ -217,7 +266,9 @@ def _judged(recordings: Recordings, variant: Variant, found: FrontEnd, splits, s
         by_fold = [float(np.mean(decisions == recordings.labels[test])) for _, test, decisions, _, _ in mine]
         total = sum(float(np.sum(decisions == recordings.labels[test])) for _, test, decisions, _, _ in mine)
         accuracy = total / sum(len(test) for _, test, *_ in mine)
-        record["clean"].append({"groups": list(groups), "accuracy": accuracy, "spread": float(np.std(by_fold))})
+        record["clean"].append(
+            {"groups": list(groups), "accuracy": accuracy, "spread": float(np.std(by_fold))}
+        )
         record["margin"].append(margin_record(list(groups), recordings.labels, mine, COVERAGE))
     live = [taxel for taxel in range(config.sensor.taxels) if taxel not in config.sensor.masked_taxels]
     right: dict[str, dict[int, float]] = {}
@@ -233,7 +284,11 @@ def _judged(recordings: Recordings, variant: Variant, found: FrontEnd, splits, s
             right.setdefault(name, {})[taxel] = 1 - wrong / count
     for name, by_taxel in right.items():
         worst = min(by_taxel, key=by_taxel.__getitem__)
-        record[name] = {"mean": float(np.mean(list(by_taxel.values()))), "worst": by_taxel[worst], "worst_taxel": worst}
+        record[name] = {
+            "mean": float(np.mean(list(by_taxel.values()))),
+            "worst": by_taxel[worst],
+            "worst_taxel": worst,
+        }
     return record
 
 
@@ -249,8 +304,9 @@ def margin_record(groups: list[str], labels: np.ndarray, outcome, coverage: floa
 
     Returns
     -------
-    groups, threshold (median over the networks), coverage and accuracy (share of unseen decisions that are confident, and right among them,
-    each network with its own threshold), without (accuracy of all), curve: [{threshold, coverage, accuracy}] of the unseen recordings.
+    groups, threshold (median over the networks), coverage and accuracy (share of unseen decisions that are
+    confident, and right among them, each network with its own threshold), without (accuracy of all), curve:
+    [{threshold, coverage, accuracy}] of the unseen recordings.
     """
     thresholds, confident, right_confident, right, count = [], 0, 0, 0, 0
     margins_of, correct_of = [], []
@@ -265,7 +321,11 @@ def margin_record(groups: list[str], labels: np.ndarray, outcome, coverage: floa
     margins, correct = np.concatenate(margins_of), np.concatenate(correct_of)
     levels = np.unique(np.quantile(margins, np.linspace(0, 0.95, 20)).astype(np.int64))
     curve = [
-        {"threshold": int(level), "coverage": float(np.mean(margins >= level)), "accuracy": float(np.mean(correct[margins >= level]))}
+        {
+            "threshold": int(level),
+            "coverage": float(np.mean(margins >= level)),
+            "accuracy": float(np.mean(correct[margins >= level])),
+        }
         for level in levels
     ]
     return {

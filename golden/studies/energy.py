@@ -1,4 +1,5 @@
-"""Energy of a touch and power of the waiting array: an estimate from counted activity and published measurements, with its band.
+"""Energy of a touch and power of the waiting array: an estimate from counted activity and published
+measurements, with its band.
 
     E(step)        = cycles * e_clock + register-bit toggles * e_toggle + multiply cycles * e_multiply
     E(touch)       = steps * E(step)                                   (the recurrent cell, its normaliser and the decision)
@@ -9,9 +10,10 @@
     E(touch, waiting included) = P(idle) * seconds of the touch + what the steps add
     touches        = 18 000 J / E(touch, waiting included)             (equation 5.2)
 
-Activity is counted in co-simulated netlists (cosim/activity.py) or, for a build without recordings, taken from the cycles of the schedule
-(`scheduled_activity`). No board was measured: one published source, one board, small designs with little fan-out, no block RAM. A figure is
-therefore good to a factor, `Part.band`, and is never called a measurement.
+Activity is counted in co-simulated netlists (cosim/activity.py) or, for a build without recordings, taken
+from the cycles of the schedule (`scheduled_activity`). No board was measured: one published source, one
+board, small designs with little fan-out, no block RAM. A figure is therefore good to a factor, `Part.band`,
+and is never called a measurement.
 """
 
 from __future__ import annotations
@@ -27,19 +29,23 @@ BATTERY_J = 1000e-3 * 5.0 * 3600
 """The thesis's 1000 mAh, 5 V battery (equation 5.1)."""
 TOUCHES_PER_S = 1.0
 FLOOR_FACTOR_MAX, TOUCH_J_MAX, IMAGE_J_MAX = 1.5, 1.0e-6, 100e-6
-"""What is aimed at on the UP5K: average power over the measured floor, joule of compute a touch, and an image."""
+"""What is aimed at on the UP5K: average power over the measured floor, joule of compute a touch, and an
+image."""
 RAM_READ_ASSUMED_J = 4.4e-12
-"""A block RAM read. Not measured and in no total: a 256 x 16 macro of a 130 nm process (14.2 pJ), scaled by 40 / 130."""
+"""A block RAM read. Not measured and in no total: a 256 x 16 macro of a 130 nm process (14.2 pJ), scaled by
+40 / 130."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
     """What is known of a part.
 
-    static_w: configured, clock at a stop or nearly so, all supplies. clock_j: joule a clock cycle, clock network and a little logic.
-    toggle_j: a register bit that changes, with its carry, look-up table and wires. multiply_j: a multiplier whose operands changed.
-    oscillator_w: for each clock of the part's own oscillator, Hz, the power of all supplies with a small counter. clock_stops: an outside
-    clock may stop between samples. band: factor either way. rests_on: where the figures come from. measured: on this very part.
+    static_w: configured, clock at a stop or nearly so, all supplies. clock_j: joule a clock cycle, clock
+    network and a little logic. toggle_j: a register bit that changes, with its carry, look-up table and
+    wires. multiply_j: a multiplier whose operands changed. oscillator_w: for each clock of the part's own
+    oscillator, Hz, the power of all supplies with a small counter. clock_stops: an outside clock may stop
+    between samples. band: factor either way. rests_on: where the figures come from. measured: on this very
+    part.
     """
 
     name: str
@@ -59,7 +65,8 @@ _RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
 _OSCILLATOR_A = {6e6: 388.4e-6, 12e6: 645e-6, 24e6: 1162e-6, 48e6: 2184e-6}
 
 _SMALL_PART = (
-    "no measured source: cycle and toggle as for the iCE40UP5K (same 40 nm family and core voltage), static from the data sheet's typical "
+    "no measured source: cycle and toggle as for the iCE40UP5K (same 40 nm family and core voltage), static "
+    "from the data sheet's typical "
     "core current, {} uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3."
 )
 
@@ -72,8 +79,10 @@ PARTS = {
             multiply_j=24e-12,
             oscillator_w={hertz: amp * 1.219 + _RAILS_W for hertz, amp in _OSCILLATOR_A.items()},
             band=2.0,
-            rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: one board, all supplies, core "
-            "at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; 0.2 pJ a register bit that changes; at most "
+            rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: "
+            "one board, all supplies, core "
+            "at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; 0.2 pJ a register "
+            "bit that changes; at most "
             "24 pJ a multiply. The source has no figure for block RAM.",
             measured=True,
         ),
@@ -84,8 +93,10 @@ PARTS = {
             static_w=50e-3,
             multiply_j=24e-12,
             band=4.0,
-            rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), though this part's clock network "
-            "is larger; static power of some tens of milliwatt from memory, taken as 50 mW. Orders of magnitude, hence a band of 4.",
+            rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), "
+            "though this part's clock network "
+            "is larger; static power of some tens of milliwatt from memory, taken as 50 mW. Orders of "
+            "magnitude, hence a band of 4.",
         ),
     )
 }
@@ -103,7 +114,14 @@ PUBLISHED = tuple(
             "touch modality, whole classification; power is energy over latency; thesis [106]",
         ),
         ("SVM, two classes", "custom hardware", 81e-3, 3.3, 24.5e-3, "whole classification; thesis [32]"),
-        ("Inception-ResNet", "GPU", 55.5e-3, 75e-3, 0.74, "touch modality, dynamic power only; thesis chapter 2"),
+        (
+            "Inception-ResNet",
+            "GPU",
+            55.5e-3,
+            75e-3,
+            0.74,
+            "touch modality, dynamic power only; thesis chapter 2",
+        ),
         (
             "TactNet, 22 objects",
             "Jetson TX2 / RPi 4 / NCS2",
@@ -112,7 +130,14 @@ PUBLISHED = tuple(
             153e-3,
             "dynamic only, best of three (0.81 to 1.5 mJ); thesis table 4.5",
         ),
-        ("LSTM, 8 bit", "XC7S15", 3.8e-6, 57e-6, 67e-3, "traffic speed, one inference, no sensor interface; arXiv 2310.16842"),
+        (
+            "LSTM, 8 bit",
+            "XC7S15",
+            3.8e-6,
+            57e-6,
+            67e-3,
+            "traffic speed, one inference, no sensor interface; arXiv 2310.16842",
+        ),
         (
             "MLP 5 x 30, 8 bit",
             "iCE40UP5K",
@@ -121,7 +146,14 @@ PUBLISHED = tuple(
             2.06e-3,
             "fluid flow, one inference, no recurrence, no sensor interface; Sensors 25, 83",
         ),
-        ("DeltaKWS", "65 nm chip", 36e-9, None, None, "key words, one decision, a chip of its own; arXiv 2405.03905"),
+        (
+            "DeltaKWS",
+            "65 nm chip",
+            36e-9,
+            None,
+            None,
+            "key words, one decision, a chip of its own; arXiv 2405.03905",
+        ),
     )
 )
 """Published figures for one decision, with what they include. None of them includes waiting for the touch."""
@@ -131,9 +163,10 @@ PUBLISHED = tuple(
 class Activity:
     """What the hardware does, averages of co-simulated recordings.
 
-    step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles, frame_toggles: of a frame, in the
-    rest. idle_toggles: a cycle without work. ram_reads, large_uses: a cycle, of block memories and of the large ones of one port. source:
-    how it was found. recordings: how many were counted.
+    step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles,
+    frame_toggles: of a frame, in the rest. idle_toggles: a cycle without work. ram_reads, large_uses: a
+    cycle, of block memories and of the large ones of one port. source: how it was found. recordings: how many
+    were counted.
     """
 
     step_cycles: float
@@ -150,7 +183,8 @@ class Activity:
 
 COMPUTE_BLOCKS = ("cell", "classifier")
 REGISTER_SHARE, IDLE_TOGGLES = 0.125, 4.0
-"""For an uncounted design: share of its register bits that change in a busy cycle, register bits that change in an idle one."""
+"""For an uncounted design: share of its register bits that change in a busy cycle, register bits that change
+in an idle one."""
 
 
 def counted_activity(
@@ -164,18 +198,23 @@ def counted_activity(
     frame_cycles: int,
     recordings: int,
 ) -> Activity:
-    """Activity from two runs over the same recordings, at full pace and slower, which differ in idle cycles alone.
+    """Activity from two runs over the same recordings, at full pace and slower, which differ in idle cycles
+    alone.
 
     Parameters
     ----------
     full, slow:
-        cycles, toggles (by block), multiplies, ram_reads, large_uses of each run (eskin.cosim.activity.Count as a mapping).
+        cycles, toggles (by block), multiplies, ram_reads, large_uses of each run (eskin.cosim.activity.Count
+        as a mapping).
     frames, steps:
         In all, of one run.
     step_cycles, frame_cycles:
         Most cycles of a step; cycles of a frame of a touch.
     """
-    idle = max(0.0, (sum(slow["toggles"].values()) - sum(full["toggles"].values())) / (slow["cycles"] - full["cycles"]))
+    idle = max(
+        0.0,
+        (sum(slow["toggles"].values()) - sum(full["toggles"].values())) / (slow["cycles"] - full["cycles"]),
+    )
     compute = sum(full["toggles"].get(block, 0) for block in COMPUTE_BLOCKS)
     return Activity(
         step_cycles=step_cycles,
@@ -191,14 +230,17 @@ def counted_activity(
     )
 
 
-def scheduled_activity(config: AcceleratorConfig, step_cycles: int, frame_cycles: int, registers: int, multipliers: int) -> Activity:
-    """Activity for a build without recordings: cycles of the schedule, every multiplier busy as often as there are products, an eighth of
-    the register bits changing in a busy cycle.
+def scheduled_activity(
+    config: AcceleratorConfig, step_cycles: int, frame_cycles: int, registers: int, multipliers: int
+) -> Activity:
+    """Activity for a build without recordings: cycles of the schedule, every multiplier busy as often as
+    there are products, an eighth of the register bits changing in a busy cycle.
 
     Parameters
     ----------
     step_cycles, frame_cycles:
-        Of the schedule. registers, multipliers: cells of the netlist (a design without multipliers multiplies in its logic).
+        Of the schedule. registers, multipliers: cells of the netlist (a design without multipliers multiplies
+        in its logic).
     """
     return Activity(
         step_cycles=step_cycles,
@@ -208,11 +250,14 @@ def scheduled_activity(config: AcceleratorConfig, step_cycles: int, frame_cycles
         frame_toggles=REGISTER_SHARE * registers * frame_cycles,
         idle_toggles=IDLE_TOGGLES,
         ram_reads=0.0,
-        source=f"cycles of the schedule; {REGISTER_SHARE:g} of the register bits taken to change in a busy cycle",
+        source=f"cycles of the schedule; {REGISTER_SHARE:g} of the register bits taken to change in a busy "
+        "cycle",
     )
 
 
-def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float) -> dict[str, Any]:
+def estimate(
+    config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float
+) -> dict[str, Any]:
     """The energy of one configuration on one part.
 
     Parameters
@@ -225,12 +270,14 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     Returns
     -------
     dict
-        method, band, rests_on, measured_part, part, activity, clock_hz; per_step_j, per_touch_j, per_touch_parts_j {clock, toggles,
-        multiplies}, preprocessing_per_touch_j, static_w, idle_w (outside clock, always on), ram_reads_per_cycle, ram_read_assumed_j,
-        ram_reads_per_touch_j (in no total); choices: list of {name, clock_hz, idle_w, average_w, hours, touch_j, touches} - an
-        outside clock that always runs, one that stops between samples where the part allows it, the part's own oscillator at each of its
-        clocks that is fast enough. touch_j: of a touch with its touch_s of waiting. ``touches``: how many 1000 mAh at 5 V give. The outside
-        clock's own power is excluded. interface: of `eskin.golden.studies.converter_power`, in no sum.
+        method, band, rests_on, measured_part, part, activity, clock_hz; per_step_j, per_touch_j,
+        per_touch_parts_j {clock, toggles, multiplies}, preprocessing_per_touch_j, static_w, idle_w (outside
+        clock, always on), ram_reads_per_cycle, ram_read_assumed_j, ram_reads_per_touch_j (in no total);
+        choices: list of {name, clock_hz, idle_w, average_w, hours, touch_j, touches} - an outside clock that
+        always runs, one that stops between samples where the part allows it, the part's own oscillator at
+        each of its clocks that is fast enough. touch_j: of a touch with its touch_s of waiting. ``touches``:
+        how many 1000 mAh at 5 V give. The outside clock's own power is excluded. interface: of
+        `eskin.golden.studies.converter_power`, in no sum.
     """
     part = PARTS[part] if isinstance(part, str) else part
     clock = activity.step_cycles * part.clock_j
@@ -247,11 +294,24 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
     rows = [("outside clock, always on", clock_hz, on, config.windows.steps * (toggles + multiplies))]
     if part.clock_stops:
         stopped = part.static_w + config.sensor.sample_rate_hz * frame
-        rows.append(("outside clock, stops between samples", clock_hz, stopped, config.windows.steps * per_step))
+        rows.append(
+            ("outside clock, stops between samples", clock_hz, stopped, config.windows.steps * per_step)
+        )
     for hertz, watt in sorted(part.oscillator_w.items()):
         if hertz >= clock_hz:
-            idle = watt + hertz * activity.idle_toggles * part.toggle_j + config.sensor.sample_rate_hz * switching
-            rows.append((f"own oscillator, {hertz / 1e6:g} MHz", hertz, idle, config.windows.steps * (toggles + multiplies)))
+            idle = (
+                watt
+                + hertz * activity.idle_toggles * part.toggle_j
+                + config.sensor.sample_rate_hz * switching
+            )
+            rows.append(
+                (
+                    f"own oscillator, {hertz / 1e6:g} MHz",
+                    hertz,
+                    idle,
+                    config.windows.steps * (toggles + multiplies),
+                )
+            )
     choices = []
     for name, hertz, idle, added in rows:
         average, touch_j = idle + TOUCHES_PER_S * added, idle * touch_s + added
@@ -287,7 +347,10 @@ def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, cl
         "idle_w": on,
         "ram_reads_per_cycle": activity.ram_reads,
         "ram_read_assumed_j": RAM_READ_ASSUMED_J,
-        "ram_reads_per_touch_j": config.windows.steps * activity.step_cycles * activity.ram_reads * RAM_READ_ASSUMED_J,
+        "ram_reads_per_touch_j": config.windows.steps
+        * activity.step_cycles
+        * activity.ram_reads
+        * RAM_READ_ASSUMED_J,
         "choices": choices,
         "interface": converter_power(config),
     }
@@ -298,13 +361,14 @@ CHECK = ("name", "configuration", "value", "limit", "unit")
 
 
 def compare(rows: list[dict[str, Any]], *, what: str = "touch") -> dict[str, Any]:
-    """Configurations side by side: the one with the least energy a touch, the one with the least average power, what was aimed at.
+    """Configurations side by side: the one with the least energy a touch, the one with the least average
+    power, what was aimed at.
 
     Parameters
     ----------
     rows:
-        Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one on a part without
-        measured figures while there is another.
+        Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one
+        on a part without measured figures while there is another.
     what:
         ``touch``, or ``image``: a touch of one step, which has an aim of its own.
     """
@@ -317,16 +381,21 @@ def compare(rows: list[dict[str, Any]], *, what: str = "touch") -> dict[str, Any
     if measured := [row for row in exact if row["part"] == "iCE40UP5K"]:
         cheapest = min(measured, key=lambda row: row["per_touch_j"])
         name, limit = ("an image", IMAGE_J_MAX) if what == "image" else ("a touch", TOUCH_J_MAX)
-        checks.append((f"compute of {name} on the iCE40UP5K", cheapest["name"], cheapest["per_touch_j"], limit, "J"))
+        checks.append(
+            (f"compute of {name} on the iCE40UP5K", cheapest["name"], cheapest["per_touch_j"], limit, "J")
+        )
     if measured and what != "image":
         best = min(measured, key=lambda row: row["choices"][0]["average_w"])
         name = "average power at one touch a second over the measured floor, outside clock at its lowest, always on"
-        checks.append((name, best["name"], best["choices"][0]["average_w"] / best["static_w"], FLOOR_FACTOR_MAX, ""))
+        checks.append(
+            (name, best["name"], best["choices"][0]["average_w"] / best["static_w"], FLOOR_FACTOR_MAX, "")
+        )
     return {
         "what": what,
         "configurations": rows,
         "least_touch": least_touch and least_touch["name"],
-        "least_average": least_average and {"name": least_average[1], "choice": least_average[2]["name"], "average_w": least_average[0]},
+        "least_average": least_average
+        and {"name": least_average[1], "choice": least_average[2]["name"], "average_w": least_average[0]},
         "checks": [dict(zip(CHECK, check, strict=True), met=check[2] <= check[3]) for check in checks],
         "published": [dict(row) for row in PUBLISHED],
         "battery_j": BATTERY_J,

@@ -1,8 +1,10 @@
-"""Networks for images side by side: input sizes, layers, bits of a weight; accuracy against latency, energy and memory.
+"""Networks for images side by side: input sizes, layers, bits of a weight; accuracy against latency, energy
+and memory.
 
-A *point* is a network for images of one size with its bits and its lanes. One training of a fold serves all bits and lanes: weights of 8
-bits are rounded after it, those of 4 bits are trained on (`eskin.golden.training.train_images.judge`). Images of other sizes are made of
-the archive's by the means of areas. What was trained by `eskin train` on the same images, folds and recipe is not trained again.
+A *point* is a network for images of one size with its bits and its lanes. One training of a fold serves all
+bits and lanes: weights of 8 bits are rounded after it, those of 4 bits are trained on
+(`eskin.golden.training.train_images.judge`). Images of other sizes are made of the archive's by the means of
+areas. What was trained by `eskin train` on the same images, folds and recipe is not trained again.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ FIELDS = ("size", "layers", "weight_bits", "lanes", "clock_hz")
 """What a grid may vary."""
 
 CLOCK_HZ = 36e6
-"""Clock without a wish: what `eskin build` reaches with TactNet4 on 8 lanes of an iCE40UP5K, and some reserve."""
+"""Clock without a wish: what `eskin build` reaches with TactNet4 on 8 lanes of an iCE40UP5K, and some
+reserve."""
 
 LANES = 8
 
@@ -43,8 +46,8 @@ NARROW: dict[str, list[str]] = {
 
 
 def default_grid(height: int, width: int) -> list[dict[str, Any]]:
-    """14 networks with weights of 8 and of 4 bits: TactNet4 at the five sizes it was published for, as shares of ``height`` and ``width``;
-    smaller networks at the whole size and at the smallest."""
+    """14 networks with weights of 8 and of 4 bits: TactNet4 at the five sizes it was published for, as shares
+    of ``height`` and ``width``; smaller networks at the whole size and at the smallest."""
     sizes = list(dict.fromkeys(f"{_share(height, h, 28)}x{_share(width, w, 50)}" for h, w in SIZES))
     bits = {"weight_bits": [8, 4]}
     return [
@@ -64,8 +67,8 @@ def _share(extent: int, part: int, whole: int) -> int:
 class ImagePoint:
     """One network on one set of lanes.
 
-    network: its layers in words. trained: the configuration as `eskin train` has it, whose cross-validation this is. config: on its lanes,
-    with formats of the right widths, so that cycles can be counted.
+    network: its layers in words. trained: the configuration as `eskin train` has it, whose cross-validation
+    this is. config: on its lanes, with formats of the right widths, so that cycles can be counted.
     """
 
     network: str
@@ -114,8 +117,8 @@ class ImagePoint:
         }
 
     def cost(self) -> dict[str, int]:
-        """Parameters, multiplies of an image, bits of all weights; memory_bytes: weights, biases, and the largest map before and behind a
-        layer, which stand in memory together."""
+        """Parameters, multiplies of an image, bits of all weights; memory_bytes: weights, biases, and the
+        largest map before and behind a layer, which stand in memory together."""
         config = self.config
         weights = sum(stage.weights for stage in config.weighted_stages) * config.weight_bits
         biases = sum(stage.outputs for stage in config.weighted_stages) * BIAS_BITS
@@ -129,7 +132,8 @@ class ImagePoint:
 
 
 def map_values(config: AcceleratorConfig) -> tuple[int, int]:
-    """Values of the two memories of maps: the image and every second map that is kept, and the others (the logits are in none)."""
+    """Values of the two memories of maps: the image and every second map that is kept, and the others (the
+    logits are in none)."""
     stages = config.stages
     maps = [stages[0].source] + [
         stage.result for stage, behind in itertools.pairwise(stages) if not isinstance(behind.layer, Pool)
@@ -139,7 +143,8 @@ def map_values(config: AcceleratorConfig) -> tuple[int, int]:
 
 
 def network_name(layers: Sequence[str]) -> str:
-    """A name for layers without the dense one at the end: that of NETWORKS or NARROW, else kernels and channels."""
+    """A name for layers without the dense one at the end: that of NETWORKS or NARROW, else kernels and
+    channels."""
     for name, stages in (NETWORKS | {name: tuple(layer) for name, layer in NARROW.items()}).items():
         if tuple(layers) == tuple(stages):
             return name
@@ -148,11 +153,14 @@ def network_name(layers: Sequence[str]) -> str:
     return ", ".join(words + [f"dense {layer.outputs}" for layer in parsed if isinstance(layer, Dense)])
 
 
-def make_image_points(recordings: Recordings, grids: Sequence[Mapping[str, Any]], source: str = "grid") -> list[ImagePoint]:
+def make_image_points(
+    recordings: Recordings, grids: Sequence[Mapping[str, Any]], source: str = "grid"
+) -> list[ImagePoint]:
     """Every point of the grids, each once, in order.
 
-    grids: field of FIELDS -> value or list of values, all combinations. ``size`` is as in ``28x50`` (default: the archive's); ``layers`` a
-    name of NETWORKS or a list of layers without the dense one at the end (default: tactnet), and so a list of these to vary it.
+    grids: field of FIELDS -> value or list of values, all combinations. ``size`` is as in ``28x50`` (default:
+    the archive's); ``layers`` a name of NETWORKS or a list of layers without the dense one at the end
+    (default: tactnet), and so a list of these to vary it.
 
     Raises
     ------
@@ -170,7 +178,11 @@ def make_image_points(recordings: Recordings, grids: Sequence[Mapping[str, Any]]
     whole = [defaults | dict(grid) for grid in grids]
     for grid in whole:
         layers = grid["layers"]
-        if isinstance(layers, list) and layers and all(isinstance(layer, str) and layer not in NETWORKS for layer in layers):
+        if (
+            isinstance(layers, list)
+            and layers
+            and all(isinstance(layer, str) and layer not in NETWORKS for layer in layers)
+        ):
             grid["layers"] = [layers]  # one network, layer by layer
     return expand(whole, source, FIELDS, "a grid for images", lambda fields: _point(recordings, fields))
 
@@ -186,8 +198,13 @@ def _point(recordings: Recordings, wanted: Mapping[str, Any]) -> ImagePoint:
     if not isinstance(clock, (int, float)) or isinstance(clock, bool) or not 0 < clock < 1e10:
         raise InputError(f"field clock_hz: is {clock!r}; give a clock in Hz, as in 36e6")
     if isinstance(layers, str) and layers not in NETWORKS:
-        raise InputError(f"field layers: is {layers!r}; give {', '.join(NETWORKS)}, or a list of layers such as ['conv 3 8', 'pool']")
-    if not isinstance(layers, str) and not (isinstance(layers, list) and all(isinstance(layer, str) for layer in layers)):
+        raise InputError(
+            f"field layers: is {layers!r}; give {', '.join(NETWORKS)}, or a list of layers such as ['conv 3 "
+            "8', 'pool']"
+        )
+    if not isinstance(layers, str) and not (
+        isinstance(layers, list) and all(isinstance(layer, str) for layer in layers)
+    ):
         raise InputError(f"field layers: is {layers!r}; give a list of layers such as ['conv 3 8', 'pool']")
     texts = list(NETWORKS[layers]) if isinstance(layers, str) else [str(parse_layer(text)) for text in layers]
     height, width = image_size(size)
@@ -196,7 +213,8 @@ def _point(recordings: Recordings, wanted: Mapping[str, Any]) -> ImagePoint:
         trained = image_config(_of_size(recordings, height, width), name)
     else:
         whole = [*texts, f"dense {len(recordings.class_names)}"]
-        fields = {"name": name.replace("/", "-"), "sample_rate_hz": recordings.sample_rate_hz}  # a name of a file, too
+        # a name of a file, too
+        fields = {"name": name.replace("/", "-"), "sample_rate_hz": recordings.sample_rate_hz}
         trained = AcceleratorConfig.of_image(height, width, whole, recordings.class_names, **fields)
     weights = len(trained.weighted_stages)
     formats = {
@@ -204,7 +222,9 @@ def _point(recordings: Recordings, wanted: Mapping[str, Any]) -> ImagePoint:
         "map_formats": (QFormat(3, 5, signed=False),) * (weights - 1),
         "logit_format": QFormat(8, 8),
     }  # widths count cycles and memories; where the points stand is only known after training
-    return ImagePoint(name, trained, trained.replace(**formats, clock_hz=float(clock)).with_lanes(lanes, "plain"))
+    return ImagePoint(
+        name, trained, trained.replace(**formats, clock_hz=float(clock)).with_lanes(lanes, "plain")
+    )
 
 
 def _of_size(recordings: Recordings, height: int, width: int) -> Recordings:
@@ -216,8 +236,8 @@ def _of_size(recordings: Recordings, height: int, width: int) -> Recordings:
 class ImageSweepRequest(Request):
     """A sweep over networks for images.
 
-    group: of the one split; none: random folds, new ones for every seed. parts: how many of the folds are judged, from the first; None:
-    all.
+    group: of the one split; none: random folds, new ones for every seed. parts: how many of the folds are
+    judged, from the first; None: all.
     """
 
     group: Sequence[str] = ()
@@ -230,20 +250,28 @@ class ImageSweepRequest(Request):
     def judged(
         self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
     ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-        """The outcome of each point, in the keys of `eskin.golden.studies.sweep.judge`, and what sweep.json holds of images alone: parts,
-        judged_images (of a seed), judged_split, baselines (none). What is kept is named by its images and code, not by ``version``."""
+        """The outcome of each point, in the keys of `eskin.golden.studies.sweep.judge`, and what sweep.json
+        holds of images alone: parts, judged_images (of a seed), judged_split, baselines (none). What is kept
+        is named by its images and code, not by ``version``."""
         group, seeds = list(self.group), list(map(int, self.seeds))
         tuned = {point.trained for point in self.points if point.aware}
         pieces = {
             config: [
                 of_seed[: self.parts]
-                for of_seed in pieces_of(recordings, config, group, self.folds, seeds, self.recipe, 4 if config in tuned else 0)
+                for of_seed in pieces_of(
+                    recordings, config, group, self.folds, seeds, self.recipe, 4 if config in tuned else 0
+                )
             ]
             for config in dict.fromkeys(point.trained for point in self.points)
         }
-        images = {size_of(config): images_of(_of_size(recordings, *image_size(size_of(config)))) for config in pieces}
+        images = {
+            size_of(config): images_of(_of_size(recordings, *image_size(size_of(config))))
+            for config in pieces
+        }
         task = "trained and judged"
-        results = judged_pieces(images, recordings.labels, list(pieces.values()), jobs, keep, task, judging or judge)
+        results = judged_pieces(
+            images, recordings.labels, list(pieces.values()), jobs, keep, task, judging or judge
+        )
         judged = dict(zip(pieces, results, strict=True))
         outcomes = []
         for point in self.points:
@@ -254,5 +282,10 @@ class ImageSweepRequest(Request):
             split["decision_time_s"] = step["time_s"]
             outcomes.append({"splits": [split]})
         judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
-        header = {"baselines": [], "judged_split": group, "parts": self.parts or self.folds, "judged_images": judged_images}
+        header = {
+            "baselines": [],
+            "judged_split": group,
+            "parts": self.parts or self.folds,
+            "judged_images": judged_images,
+        }
         return outcomes, header | {"images": True, "classes": len(recordings.class_names)}

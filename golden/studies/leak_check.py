@@ -27,7 +27,9 @@ MARGIN = 0.10
 """Accuracy above chance that is still no leak."""
 
 
-def without_touches(recordings: Recordings, config: AcceleratorConfig, onsets: np.ndarray, left_in: int = 0) -> Recordings:
+def without_touches(
+    recordings: Recordings, config: AcceleratorConfig, onsets: np.ndarray, left_in: int = 0
+) -> Recordings:
     """Every recording with what follows its quiet lead-in replaced by that lead-in, repeated.
 
     The lead-in ends before the first frame that the onset's verdict saw: the touch may have begun there. A
@@ -72,7 +74,8 @@ def leak_check(
     recipe: recipes.Recipe | None = None,
     progress: crossval.Progress | None = None,
 ) -> list[dict[str, Any]]:
-    """Accuracy of cross-validated integer networks on unseen recordings, as recorded and without their touches.
+    """Accuracy of cross-validated integer networks on unseen recordings, as recorded and without their
+    touches.
 
     Recordings without an onset or without a quiet lead-in (``quiet_enough``) are left out of all of it.
 
@@ -85,8 +88,9 @@ def leak_check(
 
     Returns
     -------
-    A row for each split: groups, recordings, no_lead_in (recordings left out), accuracy (as recorded), without_touch (accuracy),
-    by_seed (of without_touch), chance (share of the largest class), limit (chance + MARGIN), passed (without_touch within the limit).
+    A row for each split: groups, recordings, no_lead_in (recordings left out), accuracy (as recorded),
+    without_touch (accuracy), by_seed (of without_touch), chance (share of the largest class), limit (chance +
+    MARGIN), passed (without_touch within the limit).
 
     Raises
     ------
@@ -95,13 +99,17 @@ def leak_check(
     """
     if config.opens_at_once:
         raise InputError(
-            f"leak check: the gate of configuration '{config.name}', field onset, is open from the first frame, so no recording has a "
+            f"leak check: the gate of configuration '{config.name}', field onset, is open from the first "
+            "frame, so no recording has a "
             "quiet lead-in to put in place of the touch; use recordings that begin before the touch"
         )
     onsets = find_onsets(config, recordings)
     quiet = np.flatnonzero(quiet_enough(config, onsets))
     if not len(quiet):
-        raise InputError(f"{recordings.source}: no recording has a quiet lead-in before its onset; look with 'eskin inspect'")
+        raise InputError(
+            f"{recordings.source}: no recording has a quiet lead-in before its onset; look with 'eskin "
+            "inspect'"
+        )
     whole, onsets = recordings.subset(quiet), onsets[quiet]
     work = crossval.Folds(whole, config, recipe or recipes.choose_recipe(config), splits, seeds, folds)
     models = work.fit(progress)

@@ -1,8 +1,10 @@
-"""Speed against accuracy: a grid of networks trained, quantised and judged on unseen groups; the front; the smallest one that is enough.
+"""Speed against accuracy: a grid of networks trained, quantised and judged on unseen groups; the front; the
+smallest one that is enough.
 
-A *point* is a network with its bits and its lanes. Its accuracy is cross-validated, in integers; its cost is counted from the configuration
-and, through ``cost_of``, from the program of the hardware. What is trained is kept by content: points that differ in lanes alone share
-one training, an interrupted sweep goes on where it stopped, and a repeated one trains nothing.
+A *point* is a network with its bits and its lanes. Its accuracy is cross-validated, in integers; its cost is
+counted from the configuration and, through ``cost_of``, from the program of the hardware. What is trained is
+kept by content: points that differ in lanes alone share one training, an interrupted sweep goes on where it
+stopped, and a repeated one trains nothing.
 """
 
 from __future__ import annotations
@@ -42,14 +44,19 @@ _CELLS: tuple[dict[str, list[Any]], ...] = (
     {"cell": ["lstm"], "hidden": [4, 6, 8, 12]},
 )
 DEFAULT_GRID: list[dict[str, list[Any]]] = [
-    {**cell, **bits, "lanes": [1, 4]} for cell in _CELLS for bits in ({"weight_bits": [6, 8]}, {"weight_bits": [4], "state_bits": [12]})
+    {**cell, **bits, "lanes": [1, 4]}
+    for cell in _CELLS
+    for bits in ({"weight_bits": [6, 8]}, {"weight_bits": [4], "state_bits": [12]})
 ]
-"""84 points. Coarse weights need a coarser state: products of features and of states share one scale on 16-bit operands."""
+"""84 points. Coarse weights need a coarser state: products of features and of states share one scale on
+16-bit operands."""
 BITS_GRID: list[dict[str, list[Any]]] = [
-    {"cell": [cell], "hidden": [hidden], "weight_bits": [8, 6, 4], AWARE: [False, True]} for cell, hidden in (("gru", 12), ("lstm", 10))
+    {"cell": [cell], "hidden": [hidden], "weight_bits": [8, 6, 4], AWARE: [False, True]}
+    for cell, hidden in (("gru", 12), ("lstm", 10))
 ]
 GRIDS = {"default": DEFAULT_GRID, "bits": BITS_GRID}
-"""Grids that have a name. ``bits``: what fewer bits of a weight cost, quantised after training and trained in integers, GRU and LSTM."""
+"""Grids that have a name. ``bits``: what fewer bits of a weight cost, quantised after training and trained in
+integers, GRU and LSTM."""
 
 NOT_BUILT = ("lut", "dsp", "bram")
 """Keys of a point that only a build fills."""
@@ -69,7 +76,8 @@ _TYPICAL_RANGES = {
     "logit": (-12.0, 12.0),
     **dict.fromkeys(("weight", "recurrent", "dense", "bias", "dense bias"), (-1.98, 1.98)),
 }
-"""Formats of these ranges show, before any training, whether the widths of a point can work, and give the hardware its widths."""
+"""Formats of these ranges show, before any training, whether the widths of a point can work, and give the
+hardware its widths."""
 
 
 # ---------------------------------------------------------------------- points
@@ -77,8 +85,8 @@ _TYPICAL_RANGES = {
 class Point:
     """One network on one set of lanes.
 
-    config: with formats of the right widths, so that the program of the hardware can be counted. widths: what was asked of
-    ``WIDTHS``. aware: trained on in integer arithmetic, not only quantised after training.
+    config: with formats of the right widths, so that the program of the hardware can be counted. widths: what
+    was asked of ``WIDTHS``. aware: trained on in integer arithmetic, not only quantised after training.
     """
 
     config: AcceleratorConfig
@@ -113,7 +121,11 @@ class Point:
         """The point in a few words: ``GRU 12, 8 bit, 4 lanes``."""
         trained = " quantisation-aware" if self.aware else ""
         kind = network_name(self.to_dict())
-        kind += f" companded at 2^{self.config.features.compand_knee}" if self.config.features.compand == "log" else ""
+        kind += (
+            f" companded at 2^{self.config.features.compand_knee}"
+            if self.config.features.compand == "log"
+            else ""
+        )
         kind += (
             f" early {self.config.network.early_margin} x {self.config.network.early_steps}"
             if self.config.network.decision == "early"
@@ -122,10 +134,12 @@ class Point:
         return f"{kind}, {self.config.weight_bits} bit{trained}, {lanes_name(self.to_dict())}"
 
     def cost(self) -> dict[str, int]:
-        """Parameters; multiplies a step (``AcceleratorConfig.multiplies``) and a whole decision (all steps); bits of all weights."""
+        """Parameters; multiplies a step (``AcceleratorConfig.multiplies``) and a whole decision (all steps);
+        bits of all weights."""
         config = self.config
         weights = (
-            len(config.gates) * config.network.hidden * (config.inputs + config.network.hidden) + config.classes * config.network.hidden
+            len(config.gates) * config.network.hidden * (config.inputs + config.network.hidden)
+            + config.classes * config.network.hidden
         )
         if not config.recurrent:
             weights = config.sets * config.classes * config.inputs
@@ -141,7 +155,9 @@ def cell_name(config: Mapping[str, Any]) -> str:
     """``GRU``, ``GRU reset after``, ``LSTM`` or ``linear``."""
     if config["cell"] == "linear":
         return "linear"
-    return config["cell"].upper() + (" reset after" if config["cell"] == "gru" and config["reset"] == "after" else "")
+    return config["cell"].upper() + (
+        " reset after" if config["cell"] == "gru" and config["reset"] == "after" else ""
+    )
 
 
 def network_name(config: Mapping[str, Any]) -> str:
@@ -156,7 +172,8 @@ def lanes_name(config: Mapping[str, Any]) -> str:
 
 
 def read_grid(path: str | Path) -> list[dict[str, Any]]:
-    """Grids from a JSON file: an object or a list of objects, field -> value or list of values (all combinations).
+    """Grids from a JSON file: an object or a list of objects, field -> value or list of values (all
+    combinations).
 
     Raises
     ------
@@ -168,14 +185,20 @@ def read_grid(path: str | Path) -> list[dict[str, Any]]:
     except OSError as error:
         raise InputError(f"grid '{path}': {error.strerror}; give a JSON file") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"grid '{path}': is not JSON ({error}); give an object of fields, or a list of them") from None
+        raise InputError(
+            f"grid '{path}': is not JSON ({error}); give an object of fields, or a list of them"
+        ) from None
     grids = grid if isinstance(grid, list) else [grid]
     if not grids or not all(isinstance(each, dict) for each in grids):
-        raise InputError(f"grid '{path}': must be an object of fields, or a list of them; fields are {', '.join(FIELDS)}")
+        raise InputError(
+            f"grid '{path}': must be an object of fields, or a list of them; fields are {', '.join(FIELDS)}"
+        )
     return grids
 
 
-def make_points(base: AcceleratorConfig, grids: Sequence[Mapping[str, Any]], source: str = "grid") -> list[Point]:
+def make_points(
+    base: AcceleratorConfig, grids: Sequence[Mapping[str, Any]], source: str = "grid"
+) -> list[Point]:
     """Every point of the grids, each once, in order; fields that a grid leaves out are those of ``base``.
 
     Raises
@@ -187,7 +210,11 @@ def make_points(base: AcceleratorConfig, grids: Sequence[Mapping[str, Any]], sou
 
 
 def expand(
-    grids: Sequence[Mapping[str, Any]], source: str, fields: Sequence[str], what: str, point_of: Callable[[dict[str, Any]], Any]
+    grids: Sequence[Mapping[str, Any]],
+    source: str,
+    fields: Sequence[str],
+    what: str,
+    point_of: Callable[[dict[str, Any]], Any],
 ) -> list[Any]:
     """Every combination of each grid's values as ``point_of`` makes it, each once.
 
@@ -229,7 +256,10 @@ def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
     if cell == "linear":  # nor has a linear cell, which has no hidden units either
         config = config.replace(reset="before", hidden=Network.hidden)
     if "hop" in changes:
-        changes |= {"window": 2 * changes["hop"] + config.windows.window - 2 * config.windows.hop, "feature_shift": ()}
+        changes |= {
+            "window": 2 * changes["hop"] + config.windows.window - 2 * config.windows.hop,
+            "feature_shift": (),
+        }
     config = config.replace(**changes)
     widths = {name: wanted[name] for name in WIDTHS if name in wanted}
     return Point(choose_formats(config, _TYPICAL_RANGES, **widths), widths, wanted.get(AWARE, False))
@@ -254,8 +284,8 @@ class Job:
 
 
 def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
-    """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), with parameters and multiplies for a baseline; or
-    ``{"refused": why}`` when the trained network has no formats of these widths."""
+    """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), with parameters and multiplies for a
+    baseline; or ``{"refused": why}`` when the trained network has no formats of these widths."""
     if job.baseline:
         outcome = judge_baseline(job.baseline, recordings, job.config, job.splits, job.seeds, job.folds)
         splits = [split | spread_of(split["by_seed"], len(recordings)) for split in outcome["splits"]]
@@ -276,9 +306,10 @@ def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
 
 
 def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
-    """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and standard_error (over seeds, of the
-    accuracy over all folds), by_seed, float_accuracy, float_by_seed, agreement, decision_time_s, per_step (step, time_s since the onset,
-    accuracy), per_fold (held_out, accuracy, by_seed)."""
+    """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and
+    standard_error (over seeds, of the accuracy over all folds), by_seed, float_accuracy, float_by_seed,
+    agreement, decision_time_s, per_step (step, time_s since the onset, accuracy), per_fold (held_out,
+    accuracy, by_seed)."""
     return {
         "groups": list(record["groups"]),
         "accuracy": record["integer_accuracy"],
@@ -287,30 +318,45 @@ def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
         "float_by_seed": record["float_by_seed"],
         "agreement": record["agreement"],
         "decision_time_s": record["decision_time_s"],
-        "per_step": [{"step": row["step"], "time_s": row["time_s"], "accuracy": row["integer_accuracy"]} for row in record["per_step"]],
+        "per_step": [
+            {"step": row["step"], "time_s": row["time_s"], "accuracy": row["integer_accuracy"]}
+            for row in record["per_step"]
+        ],
         "per_fold": [
-            {"held_out": fold["held_out"], "accuracy": fold["integer_accuracy"], "by_seed": fold["by_seed"]["integer_accuracy"]}
+            {
+                "held_out": fold["held_out"],
+                "accuracy": fold["integer_accuracy"],
+                "by_seed": fold["by_seed"]["integer_accuracy"],
+            }
             for fold in record["per_fold"]
         ],
     }
 
 
 def spread_of(by_seed: Sequence[float], recordings: int) -> dict[str, Any]:
-    """spread: standard deviation over seeds; standard_error: of their mean. One seed says nothing of either: then the spread is None
-    and the standard error that of a share of so many recordings."""
+    """spread: standard deviation over seeds; standard_error: of their mean. One seed says nothing of either:
+    then the spread is None and the standard error that of a share of so many recordings."""
     values = np.asarray(by_seed, dtype=np.float64)
     if len(values) > 1:
         spread = float(values.std(ddof=1))
-        return {"spread": spread, "standard_error": spread / math.sqrt(len(values)), "by_seed": values.tolist()}
+        return {
+            "spread": spread,
+            "standard_error": spread / math.sqrt(len(values)),
+            "by_seed": values.tolist(),
+        }
     mean = float(values.mean())
-    return {"spread": None, "standard_error": math.sqrt(mean * (1 - mean) / recordings), "by_seed": values.tolist()}
+    return {
+        "spread": None,
+        "standard_error": math.sqrt(mean * (1 - mean) / recordings),
+        "by_seed": values.tolist(),
+    }
 
 
 # ---------------------------------------------------------------------- the sweep
 @dataclass(frozen=True, kw_only=True)
 class Bounds:
-    """What the recommended point has to meet: accuracy_floor, a share; latency_budget, seconds; energy_budget, joule of energy_j. None: no
-    bound."""
+    """What the recommended point has to meet: accuracy_floor, a share; latency_budget, seconds;
+    energy_budget, joule of energy_j. None: no bound."""
 
     accuracy_floor: float | None = None
     latency_budget: float | None = None
@@ -346,7 +392,8 @@ class SweepRequest(Request):
     base:
         The configuration whose sensor, windows and clock the points share; the baselines see its windows.
     splits:
-        Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its ``splits``.
+        Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its
+        ``splits``.
     baselines:
         Names of baselines that are judged too.
     """
@@ -356,15 +403,24 @@ class SweepRequest(Request):
     baselines: Sequence[str] = ()
 
     def work(self) -> list[Job]:
-        """What has to be trained and judged: the baselines, which take longest, then the points, whose lanes do not matter here."""
-        common = (tuple(tuple(split) for split in self.splits), tuple(int(seed) for seed in self.seeds), self.folds)
+        """What has to be trained and judged: the baselines, which take longest, then the points, whose lanes
+        do not matter here."""
+        common = (
+            tuple(tuple(split) for split in self.splits),
+            tuple(int(seed) for seed in self.seeds),
+            self.folds,
+        )
         baselines = [Job(self.base, {}, *common, baseline) for baseline in self.baselines]
-        return baselines + [Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware) for point in self.points]
+        return baselines + [
+            Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware)
+            for point in self.points
+        ]
 
     def judged(
         self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
     ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-        """The outcome of each point (`judge`), and what sweep.json holds of this task alone: baselines, judged_split, base."""
+        """The outcome of each point (`judge`), and what sweep.json holds of this task alone: baselines,
+        judged_split, base."""
         asked = self.work()
         keys = [job.key(version) for job in asked]
         pieces = dict(zip(keys, asked, strict=True))
@@ -395,8 +451,9 @@ def sweep(
     request:
         A `SweepRequest`, or an `eskin.golden.studies.image_sweep.ImageSweepRequest`.
     cost_of:
-        Of a configuration cycles_step, cycles_decision (from the features, or the last pixel, to the decision), energy_j (of a touch,
-        waiting included, or of an image's computation) and compute_j (of the steps alone); energies are estimates.
+        Of a configuration cycles_step, cycles_decision (from the features, or the last pixel, to the
+        decision), energy_j (of a touch, waiting included, or of an image's computation) and compute_j (of the
+        steps alone); energies are estimates.
     jobs:
         Where points and baselines are trained and judged.
     keep, version:
@@ -406,8 +463,8 @@ def sweep(
 
     Returns
     -------
-    As in sweep.json: points, recommended, recommendation, smallest (floor -> index or None), refused, seeds, folds, and what
-    ``request.judged`` adds.
+    As in sweep.json: points, recommended, recommendation, smallest (floor -> index or None), refused, seeds,
+    folds, and what ``request.judged`` adds.
 
     Raises
     ------
@@ -422,7 +479,10 @@ def sweep(
         else:
             records.append(_record(point, outcome["splits"], cost_of(point.config)))
     if not records:
-        raise InputError(f"sweep: no point could be quantised to the widths it asks for; the first says: {refused[0]['reason']}")
+        raise InputError(
+            "sweep: no point could be quantised to the widths it asks for; the first says: "
+            f"{refused[0]['reason']}"
+        )
     front = {number for cost in request.costs for number in pareto(records, cost)}
     for number, record in enumerate(records):
         record["on_front"] = number in front
@@ -440,7 +500,8 @@ def sweep(
 
 
 def smallest_at(records: Sequence[Mapping[str, Any]], floor: float) -> int | None:
-    """The record with the fewest multiplies, then weight bits, then lanes, that is right on a share of ``floor``; None: none is."""
+    """The record with the fewest multiplies, then weight bits, then lanes, that is right on a share of
+    ``floor``; None: none is."""
     enough = [number for number, record in enumerate(records) if record["accuracy"] >= floor]
     return min(enough, key=lambda number: size(records[number])[:3], default=None)
 
@@ -462,36 +523,54 @@ def _record(point: Any, splits: list[dict[str, Any]], cost: Mapping[str, float])
     }
 
 
-def pareto(records: Sequence[Mapping[str, Any]], cost: str, accuracy: Callable[[Mapping[str, Any]], float] | None = None) -> list[int]:
-    """Indices of the records that none beats in one of ``cost`` (less) and accuracy (more) without losing in the other; by cost."""
+def pareto(
+    records: Sequence[Mapping[str, Any]],
+    cost: str,
+    accuracy: Callable[[Mapping[str, Any]], float] | None = None,
+) -> list[int]:
+    """Indices of the records that none beats in one of ``cost`` (less) and accuracy (more) without losing in
+    the other; by cost."""
     gain = accuracy or (lambda record: record["accuracy"])
     order = sorted(range(len(records)), key=lambda i: (records[i][cost], -gain(records[i])))
     front: list[int] = []
     for i in order:
         last = records[front[-1]] if front else None
-        if last is None or gain(records[i]) > gain(last) or (gain(records[i]), records[i][cost]) == (gain(last), last[cost]):
+        if (
+            last is None
+            or gain(records[i]) > gain(last)
+            or (gain(records[i]), records[i][cost]) == (gain(last), last[cost])
+        ):
             front.append(i)
     return front
 
 
 def size(record: Mapping[str, Any]) -> tuple:
-    """What makes a model small: multiplies of a decision, then bits of its weights, then lanes, then no options that take hardware beside
-    them; the rest only makes the order firm."""
+    """What makes a model small: multiplies of a decision, then bits of its weights, then lanes, then no
+    options that take hardware beside them; the rest only makes the order firm."""
     config = record["config"]
     options = (config.get("compand", "none") != "none") + (config.get("decision") == "early")
-    return record["multiplies_decision"], record["weight_memory_bits"], config["lanes"], options, json.dumps(config, sort_keys=True)
+    return (
+        record["multiplies_decision"],
+        record["weight_memory_bits"],
+        config["lanes"],
+        options,
+        json.dumps(config, sort_keys=True),
+    )
 
 
 def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None) -> dict[str, Any]:
-    """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how much it misses.
+    """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how
+    much it misses.
 
-    A bound binds when without it a smaller record would do. Without a floor the records within one standard error of the most accurate
-    one are taken as equal and the smallest is named. Where none meets the bounds the nearest is that with the smallest sum of misses, each
-    as a share of its bound; again the smallest of those within one standard error of it.
+    A bound binds when without it a smaller record would do. Without a floor the records within one standard
+    error of the most accurate one are taken as equal and the smallest is named. Where none meets the bounds
+    the nearest is that with the smallest sum of misses, each as a share of its bound; again the smallest of
+    those within one standard error of it.
 
     Returns
     -------
-    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share, seconds or joule), sentence.
+    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share, seconds or
+    joule), sentence.
     """
     bounds = asked.given() if asked else {}
 
@@ -519,7 +598,11 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
         for name in bounds:
             others = [other for other in bounds if other != name]
             free = [record for record in records if not miss(record, others)]
-            if name != "accuracy floor" and "accuracy floor" not in bounds and (least := smallest(others)) is not None:
+            if (
+                name != "accuracy floor"
+                and "accuracy floor" not in bounds
+                and (least := smallest(others)) is not None
+            ):
                 free = [records[least]]
             if min(map(size, free)) != size(records[chosen]):
                 binding.append(name)
@@ -538,18 +621,35 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
         return sum(over / bounds[name] for name, over in miss(record, bounds).items())
 
     nearest = min(records, key=distance)
-    slack = nearest["standard_error"] / bounds["accuracy floor"] if "accuracy floor" in miss(nearest, bounds) else 0.0
+    slack = (
+        nearest["standard_error"] / bounds["accuracy floor"]
+        if "accuracy floor" in miss(nearest, bounds)
+        else 0.0
+    )
     close = [i for i, record in enumerate(records) if distance(record) <= distance(nearest) + slack]
     chosen = min(close, key=lambda i: size(records[i]))
     record = records[chosen]
     misses = miss(record, bounds)
-    by = " and ".join(f"the {name} {_bound(name, bounds[name])} by {_bound(name, over)}" for name, over in misses.items())
+    by = " and ".join(
+        f"the {name} {_bound(name, bounds[name])} by {_bound(name, over)}" for name, over in misses.items()
+    )
     sentence = f"none meets the bounds; nearest is {_says(record)}: it misses {by}"
-    return {"point": chosen, "name": record["name"], "met": False, "binding": list(misses), "misses": misses, "sentence": sentence}
+    return {
+        "point": chosen,
+        "name": record["name"],
+        "met": False,
+        "binding": list(misses),
+        "misses": misses,
+        "sentence": sentence,
+    }
 
 
 def _bound(name: str, value: float) -> str:
-    units = {"accuracy floor": f"{100 * value:.3g} %", "latency budget": f"{1e6 * value:.4g} us", "energy budget": f"{1e6 * value:.4g} uJ"}
+    units = {
+        "accuracy floor": f"{100 * value:.3g} %",
+        "latency budget": f"{1e6 * value:.4g} us",
+        "energy budget": f"{1e6 * value:.4g} uJ",
+    }
     return units[name]
 
 
@@ -560,7 +660,8 @@ def _says(record: Mapping[str, Any]) -> str:
 
 
 def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Rows for sweep.csv: the point's configuration and figures, then accuracy, spread, float accuracy and agreement of every split."""
+    """Rows for sweep.csv: the point's configuration and figures, then accuracy, spread, float accuracy and
+    agreement of every split."""
     rows = []
     for number, record in enumerate(result["points"]):
         row = {"point": number, **record["config"]}

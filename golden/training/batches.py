@@ -11,10 +11,12 @@ from eskin.golden.training.datasets import Dataset, scaling
 from eskin.golden.training.recipe import Recipe
 
 FAULTY_WINDOWS = 3
-"""Windows that a taxel which sticks at its limit spoils before the fault detector masks it: two blocks reach into so many at most."""
+"""Windows that a taxel which sticks at its limit spoils before the fault detector masks it: two blocks reach
+into so many at most."""
 
 UNCLIPPED_LIMIT = 10.0
-"""Where deviations are not clipped, a stuck taxel reads so many standard deviations of the features in training."""
+"""Where deviations are not clipped, a stuck taxel reads so many standard deviations of the features in
+training."""
 
 
 class Batches:
@@ -41,22 +43,26 @@ class Batches:
             for rows, members in zip(parts, taken, strict=True)
         ]
         self._mu, self._sigma = (
-            torch.tensor(np.array([real_by_input(config, np.asarray(pair[i])) for pair in self.scales]), dtype=torch.float32).view(
-                len(parts), 1, 1, -1
-            )
+            torch.tensor(
+                np.array([real_by_input(config, np.asarray(pair[i])) for pair in self.scales]),
+                dtype=torch.float32,
+            ).view(len(parts), 1, 1, -1)
             for i in (0, 1)
         )
         self._means = torch.tensor(data.means, dtype=torch.float32)
         self._means[..., list(config.input_mask)] = 0.0
         self._faults = None if data.faults is None else torch.tensor(data.faults)
         self._live = (~torch.tensor(config.input_mask)).float()
-        self._integral = torch.tensor([config.features.feature_kinds[kind] == "integral" for kind in config.input_kinds])
+        self._integral = torch.tensor(
+            [config.features.feature_kinds[kind] == "integral" for kind in config.input_kinds]
+        )
         self._labels = torch.tensor(data.labels[data.touches.recording])
         self._ends = torch.tensor(data.ends)
         self._pool = pool or Pool(parts, generator)
 
     def draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Real features (parts, batch, steps, inputs), labels (parts, batch), and which steps the recording holds (parts, batch, steps)."""
+        """Real features (parts, batch, steps, inputs), labels (parts, batch), and which steps the recording
+        holds (parts, batch, steps)."""
         return self._augmented(self._pool.draw(self._recipe.batch, in_order=bool(self._recipe.epochs)))
 
     def recorded(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
@@ -65,7 +71,10 @@ class Batches:
 
     def _augmented(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         recipe, generator = self._recipe, self._generator
-        speed, amplitude = _log_uniform(recipe.warp, rows.shape, generator), _log_uniform(recipe.gain, rows.shape, generator)
+        speed, amplitude = (
+            _log_uniform(recipe.warp, rows.shape, generator),
+            _log_uniform(recipe.gain, rows.shape, generator),
+        )
         amplitude = amplitude * speed**recipe.speed_gain
         position = torch.arange(self._config.windows.steps) * speed[..., None]
         last = (self._ends[rows] - 1)[..., None]
@@ -84,27 +93,37 @@ class Batches:
             gain = gain * _log_uniform(recipe.taxel_gain, of_taxel, generator).repeat_interleave(kinds, -1)
         features = (self._amplified(means, gain) - self._mu) / self._sigma
         if recipe.taxel_offset:
-            features = features + recipe.taxel_offset * torch.randn((*rows.shape, 1, self._config.inputs), generator=generator)
+            features = features + recipe.taxel_offset * torch.randn(
+                (*rows.shape, 1, self._config.inputs), generator=generator
+            )
         if recipe.noise:
             features = features + recipe.noise * torch.randn(features.shape, generator=generator)
         if recipe.channel_dropout:
-            features = features * (torch.rand(of_taxel, generator=generator) >= recipe.channel_dropout).repeat_interleave(kinds, -1)
+            features = features * (
+                torch.rand(of_taxel, generator=generator) >= recipe.channel_dropout
+            ).repeat_interleave(kinds, -1)
         if recipe.taxel_failure:
             features = self._failing(features, of_taxel)
         if self._faults is not None:
-            masked = self._faults[rows[..., None], lower] | (self._faults[rows[..., None], upper] & (part > 0))
+            masked = self._faults[rows[..., None], lower] | (
+                self._faults[rows[..., None], upper] & (part > 0)
+            )
             features = features.masked_fill(masked, 0.0)
         return features * self._live, self._labels[rows], counts
 
     def _amplified(self, means: torch.Tensor, gain: torch.Tensor) -> torch.Tensor:
-        """Real features of touches whose deviations are ``gain`` times as large: of an integral the logarithm of the amplified sum."""
+        """Real features of touches whose deviations are ``gain`` times as large: of an integral the logarithm
+        of the amplified sum."""
         if not self._integral.any():
             return means * gain
         logarithms = torch.sign(means) * torch.log2(1 + gain * (torch.exp2(means.abs().clamp(max=60.0)) - 1))
         return torch.where(self._integral, logarithms, means * gain)
 
-    def _stuck(self, side: torch.Tensor, limit: torch.Tensor, since: torch.Tensor, share: torch.Tensor) -> torch.Tensor:
-        """Real features of a taxel that has stood ``side`` * ``limit`` codes from rest for ``since`` + ``share`` hops."""
+    def _stuck(
+        self, side: torch.Tensor, limit: torch.Tensor, since: torch.Tensor, share: torch.Tensor
+    ) -> torch.Tensor:
+        """Real features of a taxel that has stood ``side`` * ``limit`` codes from rest for ``since`` +
+        ``share`` hops."""
         config = self._config
         if config.features.feature_kinds == ("mean",):
             return share * side * limit
@@ -124,7 +143,8 @@ class Batches:
         return torch.stack(columns, -1).flatten(-2)
 
     def _failing(self, features: torch.Tensor, of_taxel: torch.Size) -> torch.Tensor:
-        """Some taxels at a limit from a random step on, masked FAULTY_WINDOWS later; the first window may hold only part of it."""
+        """Some taxels at a limit from a random step on, masked FAULTY_WINDOWS later; the first window may
+        hold only part of it."""
         recipe, generator, steps = self._recipe, self._generator, self._config.windows.steps
         kinds = self._config.kinds
 
@@ -138,16 +158,21 @@ class Batches:
         since = torch.arange(steps)[:, None] - first
         share = torch.where(since == 0, each(torch.rand(of_taxel, generator=generator)), torch.ones(()))
         stuck = (self._stuck(side, self._limit(), since, share) - self._mu) / self._sigma
-        return torch.where(fails & (since >= FAULTY_WINDOWS), 0.0, torch.where(fails & (since >= 0), stuck, features))
+        return torch.where(
+            fails & (since >= FAULTY_WINDOWS), 0.0, torch.where(fails & (since >= 0), stuck, features)
+        )
 
     def _limit(self) -> torch.Tensor:
-        """Codes from rest at which a taxel stands that is stuck: the clip, or far beyond what the first kind of feature spreads over."""
+        """Codes from rest at which a taxel stands that is stuck: the clip, or far beyond what the first kind
+        of feature spreads over."""
         config = self._config
         if config.rest_level.clip:
             return torch.full_like(self._sigma, float(config.rest_level.clip))
         kind = config.features.feature_kinds[0]
         if kind == "integral":
-            return UNCLIPPED_LIMIT * torch.full_like(self._sigma, 2.0**config.features.integral_knee / config.last_frame)
+            return UNCLIPPED_LIMIT * torch.full_like(
+                self._sigma, 2.0**config.features.integral_knee / config.last_frame
+            )
         first = self._sigma[..., :: config.kinds] if self._sigma.shape[-1] > 1 else self._sigma
         first = first / (config.features.activity_block if kind == "activity" else 1)
         return UNCLIPPED_LIMIT * (first.repeat_interleave(config.kinds, -1) if first.shape[-1] > 1 else first)
@@ -168,7 +193,9 @@ class Pool:
 
     def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
         """(parts, batch) rows."""
-        return torch.stack([self._next(m, batch) if in_order else self._any(m, batch) for m in range(len(self.parts))])
+        return torch.stack(
+            [self._next(m, batch) if in_order else self._any(m, batch) for m in range(len(self.parts))]
+        )
 
     def _any(self, m: int, batch: int) -> torch.Tensor:
         return self.parts[m][torch.randint(len(self.parts[m]), (batch,), generator=self._generator)]

@@ -1,4 +1,5 @@
-"""What was chosen, and from what, in words and rows: front ends and networks of a training record, for terminal and report."""
+"""What was chosen, and from what, in words and rows: front ends and networks of a training record, for
+terminal and report."""
 
 from __future__ import annotations
 
@@ -13,9 +14,15 @@ ROWS = 12
 
 def front_end_words(row: dict[str, Any]) -> str:
     """A row of the record in words."""
-    rest = {"none": "no rest level", "initial": "initial rest level", "tracked": "tracked rest level"}[row["rest"]]
-    gate = {"immediate": "open at once", "band": "onset by band"}.get(row["onset"], f"onset at {row.get('onset_threshold')} codes")
-    activity = f" (|{row['activity_rule']}| of {row['activity_block']} frames)" if "activity_rule" in row else ""
+    rest = {"none": "no rest level", "initial": "initial rest level", "tracked": "tracked rest level"}[
+        row["rest"]
+    ]
+    gate = {"immediate": "open at once", "band": "onset by band"}.get(
+        row["onset"], f"onset at {row.get('onset_threshold')} codes"
+    )
+    activity = (
+        f" (|{row['activity_rule']}| of {row['activity_block']} frames)" if "activity_rule" in row else ""
+    )
     preset = f"preset {row['name']}: " if row["name"] in PRESETS else ""
     scale = "one scale" if row["feature_scale"] == "array" else "a scale a taxel"
     windows = f"{row['steps']} windows of {row['window']} every {row['hop']}"
@@ -23,7 +30,8 @@ def front_end_words(row: dict[str, Any]) -> str:
 
 
 def front_end_table(record: dict[str, Any]) -> list[dict[str, Any]]:
-    """The rows to show, ROWS at most: the chosen one, the best, and the best of every gate, kind of feature, scale and set of windows."""
+    """The rows to show, ROWS at most: the chosen one, the best, and the best of every gate, kind of feature,
+    scale and set of windows."""
     chosen, rivals = record["chosen"], record["rivals"]
     shown = [chosen]
     for keys in (("rest", "onset"), ("feature_kinds",), ("feature_scale",), ("hop", "steps")):
@@ -54,5 +62,6 @@ def left_out(groups: Sequence[str]) -> str:
 
 
 def unseen(split: dict[str, Any]) -> dict[str, Any]:
-    """The figures of a split's folds that chose nothing: ``nested``, where front end or network were chosen on them (None: none)."""
+    """The figures of a split's folds that chose nothing: ``nested``, where front end or network were chosen
+    on them (None: none)."""
     return split.get("nested") or split

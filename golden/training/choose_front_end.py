@@ -1,23 +1,26 @@
 """The front end chosen by evidence: what ``train`` and ``run`` do without ``--config``.
 
-A *front end* is everything between the samples and the network: rest level, gate, windows, kinds of feature and their scale. Candidates
-come from the recordings (``eskin.golden.training.derive`` measures noise, signal and lengths) and from the presets of the same sensor.
-Each is judged by
-a linear classifier on the features that the INTEGER front end gives (``eskin.golden.model.preprocess``, normaliser included), on
-recordings that the
+A *front end* is everything between the samples and the network: rest level, gate, windows, kinds of feature
+and their scale. Candidates come from the recordings (``eskin.golden.training.derive`` measures noise, signal
+and lengths) and from the presets of the same sensor. Each is judged by a linear classifier on the features
+that the INTEGER front end gives (``eskin.golden.model.preprocess``, normaliser included), on recordings that
+the
 classifier has not seen:
 
-- *classifier*: kernel ridge regression of the classes' indicators on all windows of a touch at once. The penalty of a fold is the one of
-  PENALTIES that does best on the OTHER folds. The normaliser's mean and scale come from all recordings looked at; they know no label.
+- *classifier*: kernel ridge regression of the classes' indicators on all windows of a touch at once. The
+  penalty of a fold is the one of PENALTIES that does best on the OTHER folds. The normaliser's mean and scale
+  come from all recordings looked at; they know no label.
 - *missed touches*: a recording without an onset, or without a completed window, counts as wrong.
 - *folds*: groups stay together, as ``choose_split`` says.
 
-The search goes by coordinates: every gate with two sets of windows on means, those that are not far behind with all sets; kinds of feature
-and scales on the best SURVIVORS; then windows and thresholds again around the best. All are judged on the same recordings.
+The search goes by coordinates: every gate with two sets of windows on means, those that are not far behind
+with all sets; kinds of feature and scales on the best SURVIVORS; then windows and thresholds again around the
+best. All are judged on the same recordings.
 
-**The choice.** Level with the best are all candidates whose shortfall is below TIE standard errors of the paired difference over
-recordings, and of these the simplest is taken (``simplicity``). These accuracies belong to a selection among many, so they rank front
-ends and are no figure of unseen recordings; ``eskin.golden.training.nested`` gives one, from a `Field` of candidates that no label picked.
+**The choice.** Level with the best are all candidates whose shortfall is below TIE standard errors of the
+paired difference over recordings, and of these the simplest is taken (``simplicity``). These accuracies
+belong to a selection among many, so they rank front ends and are no figure of unseen recordings;
+``eskin.golden.training.nested`` gives one, from a `Field` of candidates that no label picked.
 """
 
 from __future__ import annotations
@@ -64,13 +67,15 @@ PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
 """Ridge penalties, as shares of the mean squared length of a touch's feature vector."""
 
 JUDGED_ON, JUDGED_SAMPLES = 800, 1 << 25
-"""Recordings judged on at most, and samples (frames x taxels) they hold at most: what fits into a minute on two cores."""
+"""Recordings judged on at most, and samples (frames x taxels) they hold at most: what fits into a minute on
+two cores."""
 
 MEASURED_ON = 64
 """Recordings from which noise, signal and clip are measured."""
 
 LEVEL_TELLS = 0.6
-"""Share of the way from chance to 1 from which the level of the first frames alone is said to tell the classes."""
+"""Share of the way from chance to 1 from which the level of the first frames alone is said to tell the
+classes."""
 
 RIVALS, HOPELESS = 2, 0.25
 """Rivals that a recurrent network is tried on, and how far they may be behind the chosen one."""
@@ -82,10 +87,12 @@ Progress = Callable[[str, int, int], None]
 # ---------------------------------------------------------------------- what is asked for
 @dataclass(frozen=True)
 class Plan:
-    """What a main job and a training plan first and hand on: the front end that was chosen or asked for, and the split to choose by.
+    """What a main job and a training plan first and hand on: the front end that was chosen or asked for, and
+    the split to choose by.
 
-    reasons: in words. record: of the choice (None: asked for). rivals: of other gates, that a recurrent network may do better on
-    (``rivals_of``). split, split_from: of ``choose_split``. field: candidates to choose from inside folds, where that was asked for.
+    reasons: in words. record: of the choice (None: asked for). rivals: of other gates, that a recurrent
+    network may do better on (``rivals_of``). split, split_from: of ``choose_split``. field: candidates to
+    choose from inside folds, where that was asked for.
     """
 
     config: AcceleratorConfig
@@ -104,7 +111,9 @@ class Plan:
         chosen = next(row for row in self.record["rivals"] if sought.items() <= row.items())
         rows = [self.record["chosen"], *(row for row in self.record["rivals"] if row is not chosen)]
         rivals = sorted(rows, key=lambda row: -row["accuracy"])
-        return dataclasses.replace(self, config=config, record=self.record | {"chosen": chosen, "rivals": rivals})
+        return dataclasses.replace(
+            self, config=config, record=self.record | {"chosen": chosen, "rivals": rivals}
+        )
 
 
 def configure(
@@ -116,11 +125,13 @@ def configure(
     nested: bool = False,
     progress: Progress | None = None,
 ) -> Plan:
-    """The configuration that was asked for, checked against the recordings, or without one the chosen one; and the reasons.
+    """The configuration that was asked for, checked against the recordings, or without one the chosen one;
+    and the reasons.
 
     nested: with a field, to choose from inside folds.
 
-    A preset describes a sensor, so it takes over the recordings' class names; a configuration of one's own must have them.
+    A preset describes a sensor, so it takes over the recordings' class names; a configuration of one's own
+    must have them.
 
     Raises
     ------
@@ -149,16 +160,19 @@ def configure(
 
 
 def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[list[str], str]:
-    """The groups that stay together while front end and network are chosen, and where they come from, in words.
+    """The groups that stay together while front end and network are chosen, and where they come from, in
+    words.
 
-    Those asked for; else the archive's first group array of which every class has two values at least and which is not one of a kind for
-    each recording; else none: single recordings.
+    Those asked for; else the archive's first group array of which every class has two values at least and
+    which is not one of a kind for each recording; else none: single recordings.
     """
     if groups is not None:
         return list(groups), "as asked for"
     for name, values in recordings.groups.items():
         count = len(np.unique(values))
-        seen_twice = all(len(np.unique(values[recordings.labels == label])) >= 2 for label in np.unique(recordings.labels))
+        seen_twice = all(
+            len(np.unique(values[recordings.labels == label])) >= 2 for label in np.unique(recordings.labels)
+        )
         if 2 <= count < len(recordings) and seen_twice:
             return [name], "the archive's first group"
     return [], "the archive has no group that can be left out, so single recordings are"
@@ -170,8 +184,11 @@ def gram_of(x: np.ndarray) -> np.ndarray:
     return x @ x.T + 9.0
 
 
-def ridge_decisions(gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int) -> np.ndarray:
-    """The class that ridge regression gives each row when the fold it lies in is left out, as the module describes it.
+def ridge_decisions(
+    gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int
+) -> np.ndarray:
+    """The class that ridge regression gives each row when the fold it lies in is left out, as the module
+    describes it.
 
     Parameters
     ----------
@@ -197,7 +214,9 @@ def ridge_decisions(gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.nda
         train_gram, test_gram = gram[np.ix_(rest, rest)], gram[np.ix_(fold, rest)]
         for row, penalty in enumerate(PENALTIES if len(rest) else ()):
             ridge = KernelRidge(alpha=penalty * unit, kernel="precomputed").fit(train_gram, targets[rest])
-            decided[row][:, fold] = ridge.predict(test_gram).reshape(len(fold), count, classes).argmax(axis=-1).T
+            decided[row][:, fold] = (
+                ridge.predict(test_gram).reshape(len(fold), count, classes).argmax(axis=-1).T
+            )
     right = decided == labels
     chosen = np.empty_like(labels)
     for fold in folds:
@@ -212,9 +231,13 @@ def blocked_ridge(x: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray]
 
 
 def rightly_decided(
-    rows: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], decide: Callable[[np.ndarray, list[np.ndarray]], np.ndarray]
+    rows: np.ndarray,
+    labels: np.ndarray,
+    folds: Sequence[np.ndarray],
+    decide: Callable[[np.ndarray, list[np.ndarray]], np.ndarray],
 ) -> np.ndarray:
-    """(labellings, n), bool: which of n recordings ``decide(labels of the rows, folds of the rows)`` gives their label.
+    """(labellings, n), bool: which of n recordings ``decide(labels of the rows, folds of the rows)`` gives
+    their label.
 
     rows (ascending) have a touch; the others count as wrong. folds: of the n recordings.
     """
@@ -228,9 +251,11 @@ def rightly_decided(
 
 
 def integer_features(config: AcceleratorConfig, touches) -> np.ndarray:
-    """Features (n, K x inputs), real values of the integer front end's codes: the normaliser's constants come from these touches.
+    """Features (n, K x inputs), real values of the integer front end's codes: the normaliser's constants come
+    from these touches.
 
-    As quantisation does, it takes fraction bits off the feature format where the normaliser's scale would not fit 16 bits.
+    As quantisation does, it takes fraction bits off the feature format where the normaliser's scale would not
+    fit 16 bits.
     """
     means = real_features(config, touches.sums)
     mu, sigma = scaling(config, means, touches.completed)
@@ -242,10 +267,13 @@ def integer_features(config: AcceleratorConfig, touches) -> np.ndarray:
             fmt = config.formats.feature_format
             if fmt.frac_bits < 2:
                 raise
-            # logits and biases of a linear cell are no finer than features times weights; features do not depend on them
+            # logits and biases of a linear cell are no finer than features times weights; features do not
+            # depend on them
             names = ("logit_format", "dense_bias_format")
             current = {name: getattr(config.formats, name) for name in names}
-            coarser = {name: QFormat(fmt_of.int_bits + 1, fmt_of.frac_bits - 1) for name, fmt_of in current.items()}
+            coarser = {
+                name: QFormat(fmt_of.int_bits + 1, fmt_of.frac_bits - 1) for name, fmt_of in current.items()
+            }
             config = config.replace(feature_format=QFormat(fmt.int_bits, fmt.frac_bits - 1), **coarser)
     codes = normalise(filled, touches.sums, touches.completed, mean, scale)
     return filled.formats.feature_format.to_real(codes).reshape(len(codes), -1)
@@ -257,7 +285,8 @@ KEPT_BYTES = 1 << 28
 
 @dataclass(frozen=True)
 class Judged:
-    """A candidate and whether each recording looked at was decided rightly; missed: recordings without a touch or a completed window."""
+    """A candidate and whether each recording looked at was decided rightly; missed: recordings without a
+    touch or a completed window."""
 
     config: AcceleratorConfig
     correct: np.ndarray
@@ -287,8 +316,9 @@ def is_level(best: Judged, rival: Judged) -> bool:
 
 
 def simplicity(config: AcceleratorConfig) -> tuple:
-    """Smaller is simpler, in this order: kinds of feature (and the mean before others), no rest level before an initial before a tracked
-    one, a gate that opens at once, fewer inputs in all windows, one scale for the array, a preset, a touch that ends sooner."""
+    """Smaller is simpler, in this order: kinds of feature (and the mean before others), no rest level before
+    an initial before a tracked one, a gate that opens at once, fewer inputs in all windows, one scale for the
+    array, a preset, a touch that ends sooner."""
     return (
         len(config.features.feature_kinds),
         config.features.feature_kinds != ("mean",),
@@ -317,7 +347,8 @@ def _common_length(recordings: Recordings, touches: FirstTouches) -> int:
 
 
 class Judge:
-    """Judges candidates on one set of recordings by ``decide``, of the form of ``blocked_ridge``; the touches of a gate are found once."""
+    """Judges candidates on one set of recordings by ``decide``, of the form of ``blocked_ridge``; the touches
+    of a gate are found once."""
 
     def __init__(
         self,
@@ -326,7 +357,12 @@ class Judge:
         progress: Callable[[int], None] = lambda count: None,
         decide: Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int], np.ndarray] | None = None,
     ) -> None:
-        self.recordings, self._folds, self._progress, self._decide = recordings, folds, progress, decide or blocked_ridge
+        self.recordings, self._folds, self._progress, self._decide = (
+            recordings,
+            folds,
+            progress,
+            decide or blocked_ridge,
+        )
         self._touches: dict[AcceleratorConfig, FirstTouches] = {}
         self.judged: dict[AcceleratorConfig, Judged] = {}
 
@@ -352,7 +388,10 @@ class Judge:
         for idle in self._touches.values():
             idle.forget()
         self._touches[plain] = touches  # the oldest goes first; it is found anew where it is asked for again
-        while len(self._touches) > 1 and sum(idle.deviations.nbytes for idle in self._touches.values()) > KEPT_BYTES:
+        while (
+            len(self._touches) > 1
+            and sum(idle.deviations.nbytes for idle in self._touches.values()) > KEPT_BYTES
+        ):
             del self._touches[next(iter(self._touches))]
         return touches
 
@@ -368,21 +407,27 @@ class Judge:
 
     def all(self, configs: Iterable[AcceleratorConfig]) -> list[Judged]:
         """Each judged, best first."""
-        return sorted((self(config) for config in configs), key=lambda candidate: (-candidate.accuracy, simplicity(candidate.config)))
+        return sorted(
+            (self(config) for config in configs),
+            key=lambda candidate: (-candidate.accuracy, simplicity(candidate.config)),
+        )
 
     def features(self, config: AcceleratorConfig) -> tuple[np.ndarray, np.ndarray]:
-        """(recordings with a completed window, their features); none where features hardly move: no normaliser makes anything of them."""
+        """(recordings with a completed window, their features); none where features hardly move: no
+        normaliser makes anything of them."""
         config = config.replace(feature_shift=(), aligned_means=False)  # what the network's arithmetic adds
         touches = cut_windows(config, self.touches(config))
         rows = np.flatnonzero(touches.completed > 0)
         try:
-            return touches.recording[rows], integer_features(config, touches)[rows] if len(rows) else np.zeros((0, 1))
+            return touches.recording[rows], integer_features(config, touches)[rows] if len(
+                rows
+            ) else np.zeros((0, 1))
         except InputError:
             return np.zeros(0, dtype=np.int64), np.zeros((0, 1))
 
     def _judge(self, config: AcceleratorConfig) -> Judged:
         rows, x = self.features(config)
-        decide = lambda labels, folds: self._decide(x, labels[0], folds, len(self.recordings.class_names))  # noqa: E731
+        decide = lambda labels, folds: self._decide(x, labels[0], folds, len(self.recordings.class_names))
         (correct,) = rightly_decided(rows, self.recordings.labels[None], self._folds, decide)
         return Judged(config, correct, len(correct) - len(rows))
 
@@ -397,10 +442,11 @@ NESTED_KINDS = (("mean",), ("mean", "integral"), ("mean", "activity", "integral"
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Front ends that no label picked, to be chosen from inside folds, and what the ridge regression needs of each.
+    """Front ends that no label picked, to be chosen from inside folds, and what the ridge regression needs of
+    each.
 
-    numbers: the recordings judged on, indices in the archive; recordings: those. seen: configuration, rows of them that have a touch, and
-    their ``gram_of``.
+    numbers: the recordings judged on, indices in the archive; recordings: those. seen: configuration, rows of
+    them that have a touch, and their ``gram_of``.
     """
 
     numbers: np.ndarray
@@ -420,9 +466,12 @@ class Field:
             held = np.isin(looked_at[rows], self.numbers)
             self.seen.append((config, np.searchsorted(self.numbers, looked_at[rows][held]), gram_of(x[held])))
 
-    def judged(self, part: np.ndarray, groups: Sequence[str], labels: np.ndarray | None = None) -> list[list[Judged]]:
-        """Of each labelling (default: the recordings' own) every candidate, judged by the rows ``part`` (ascending) alone: on folds of
-        them that leave out ``groups``, or single recordings where they have no two."""
+    def judged(
+        self, part: np.ndarray, groups: Sequence[str], labels: np.ndarray | None = None
+    ) -> list[list[Judged]]:
+        """Of each labelling (default: the recordings' own) every candidate, judged by the rows ``part``
+        (ascending) alone: on folds of them that leave out ``groups``, or single recordings where they have no
+        two."""
         labels = (self.recordings.labels[None] if labels is None else labels)[:, part]
         folds = inner_folds(self.recordings.subset(part), groups)
         place = np.full(len(self.numbers), -1)
@@ -431,7 +480,9 @@ class Field:
         for config, rows, gram in self.seen:
             held = place[rows] >= 0
             inside = gram[np.ix_(held, held)]
-            decide = lambda labels, folds, inside=inside: ridge_decisions(inside, labels, folds, len(self.recordings.class_names))  # noqa: E731
+            decide = lambda labels, folds, inside=inside: ridge_decisions(
+                inside, labels, folds, len(self.recordings.class_names)
+            )
             correct = rightly_decided(place[rows[held]], labels, folds, decide)
             for of_labelling, right in zip(by_labelling, correct, strict=True):
                 of_labelling.append(Judged(config, right, len(part) - int(held.sum())))
@@ -439,7 +490,8 @@ class Field:
 
 
 def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -> list[np.ndarray]:
-    """Folds inside a training part: by ``groups`` where they have two values there, else of single recordings."""
+    """Folds inside a training part: by ``groups`` where they have two values there, else of single
+    recordings."""
     for split, count in ((groups, folds), ((), min(folds, len(recordings)))):
         try:
             return split_folds(recordings, list(split), count, None)
@@ -450,23 +502,30 @@ def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -
 
 # ---------------------------------------------------------------------- candidates
 def gates(recordings: Recordings, base: dict[str, Any]) -> list[dict[str, Any]]:
-    """Rest level and gate of each candidate: open at once with and without the first frames' level taken off, onset rules on a tracked
-    level (half, once and twice the threshold between noise and signal) and on an initial one."""
+    """Rest level and gate of each candidate: open at once with and without the first frames' level taken off,
+    onset rules on a tracked level (half, once and twice the threshold between noise and signal) and on an
+    initial one."""
     settle = settling_frames(recordings.sample_rate_hz)
     at_once = dict(onset="immediate", clip=0)
-    candidates = [at_once | dict(rest="none", rest_frames=0), at_once | dict(rest="initial", rest_frames=settle)]
+    candidates = [
+        at_once | dict(rest="none", rest_frames=0),
+        at_once | dict(rest="initial", rest_frames=settle),
+    ]
     rule = measure_onset(recordings, settle, base["onset_mean_frames"])
     if rule is not None:
         common = dict(onset="baseline", rest_frames=settle, clip=rule.clip)
         thresholds = sorted({max(1, round(rule.threshold * factor)) for factor in (0.5, 1, 2)})
-        candidates += [common | dict(rest="tracked", onset_threshold=min(threshold, 65535)) for threshold in thresholds]
+        candidates += [
+            common | dict(rest="tracked", onset_threshold=min(threshold, 65535)) for threshold in thresholds
+        ]
         candidates.append(common | dict(rest="initial", onset_threshold=rule.threshold))
     return candidates
 
 
 def window_sets(available: int, rate: float, at_once: bool) -> list[dict[str, int]]:
-    """Hop, window and steps: 20 and 10 windows over all, half and a quarter of the ``available`` frames, and at the usual pace (48 ms after
-    an onset, 200 ms where the gate opens at once). The first two are the longest touch and the usual pace."""
+    """Hop, window and steps: 20 and 10 windows over all, half and a quarter of the ``available`` frames, and
+    at the usual pace (48 ms after an onset, 200 ms where the gate opens at once). The first two are the
+    longest touch and the usual pace."""
     pace = max(round((0.2 if at_once else 0.048) * rate), 4)
     hops = [(available // (STEPS + 1), STEPS), (min(pace, available // (STEPS + 1)), STEPS)]
     for steps in (STEPS, STEPS // 2):
@@ -493,13 +552,19 @@ def block_of(hop: int) -> int:
 def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
     """``config`` with every kind of feature and both scales, as far as the network's inputs go."""
     block = block_of(config.windows.hop)
-    small, large = dict(activity_rule="change", activity_block=1), dict(activity_rule="sum", activity_block=block)
+    small, large = (
+        dict(activity_rule="change", activity_block=1),
+        dict(activity_rule="sum", activity_block=block),
+    )
     middle = dict(activity_rule="change", activity_block=block)
     kinds: list[dict[str, Any]] = [dict(feature_kinds=("mean",))]
     if config.windows.window % 2 == 0 and config.windows.window_mode == "free":
         kinds += [dict(feature_kinds=("mean", "activity"), **rule) for rule in (small, large, middle)]
         kinds += [dict(feature_kinds=("activity",), **small)]
-        kinds += [dict(feature_kinds=("mean", "activity", "integral"), integral_knee=knee, **rule) for rule in (small, large)]
+        kinds += [
+            dict(feature_kinds=("mean", "activity", "integral"), integral_knee=knee, **rule)
+            for rule in (small, large)
+        ]
     kinds += [dict(feature_kinds=("mean", "integral"), integral_knee=knee)]
     plain = config.replace(activity_rule="sum", activity_block=1)
     candidates = []
@@ -507,12 +572,17 @@ def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
         for scale in ("array", "taxel"):
             candidate = _valid(plain, feature_scale=scale, **change)
             if candidate is not None:
-                candidates.append(candidate if candidate.replace(name="derived") != config.replace(name="derived") else config)
+                candidates.append(
+                    candidate
+                    if candidate.replace(name="derived") != config.replace(name="derived")
+                    else config
+                )
     return candidates
 
 
 def _valid(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig | None:
-    """``config`` with ``changes`` and the name derived; None where no accelerator has these sizes (too many inputs, say)."""
+    """``config`` with ``changes`` and the name derived; None where no accelerator has these sizes (too many
+    inputs, say)."""
     try:
         return config.replace(name="derived", **changes)
     except InputError:
@@ -520,7 +590,8 @@ def _valid(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig | Non
 
 
 def knee_of(touches: FirstTouches) -> int:
-    """Two to this power is an eighth of the median sum of a taxel's deviations over a touch, codes: below it the integral is linear."""
+    """Two to this power is an eighth of the median sum of a taxel's deviations over a touch, codes: below it
+    the integral is linear."""
     begin = touches.offsets[:-1] + np.maximum(touches.onset_frame - 1, 0)
     sums = np.abs((touches.running[:, touches.offsets[1:]] - touches.running[:, begin]).astype(np.int64))
     typical = float(np.median(sums)) if sums.size else 1.0
@@ -529,7 +600,12 @@ def knee_of(touches: FirstTouches) -> int:
 
 # ---------------------------------------------------------------------- the choice
 def choose_front_end(
-    recordings: Recordings, *, groups: Sequence[str] | None = None, folds: int = 5, nested: bool = False, progress: Progress | None = None
+    recordings: Recordings,
+    *,
+    groups: Sequence[str] | None = None,
+    folds: int = 5,
+    nested: bool = False,
+    progress: Progress | None = None,
 ) -> Plan:
     """Judge candidates as the module describes and choose one.
 
@@ -542,9 +618,10 @@ def choose_front_end(
 
     Returns
     -------
-    Plan with the record for training.json: chosen and rivals (best first), each as ``describe`` gives it; split, split_from, folds,
-    recordings_looked_at, recordings, judged_by, tie, wall_s. Where there are too few recordings to judge on, the configuration is the
-    first guess of ``eskin.golden.training.derive``, a reason says so, and the record is None.
+    Plan with the record for training.json: chosen and rivals (best first), each as ``describe`` gives it;
+    split, split_from, folds, recordings_looked_at, recordings, judged_by, tie, wall_s. Where there are too
+    few recordings to judge on, the configuration is the first guess of ``eskin.golden.training.derive``, a
+    reason says so, and the record is None.
 
     Raises
     ------
@@ -562,15 +639,27 @@ def choose_front_end(
     judged_on = recordings.subset(looked_at)
     try:
         parts = split_folds(judged_on, split, folds if folds >= 2 else 5, None)
-        enough = all(len(np.unique(judged_on.labels[np.setdiff1d(np.arange(len(judged_on)), part)])) >= 2 for part in parts)
+        enough = all(
+            len(np.unique(judged_on.labels[np.setdiff1d(np.arange(len(judged_on)), part)])) >= 2
+            for part in parts
+        )
     except InputError:
         enough = False
     if not enough:
         guess, why = derive_config(recordings)
-        return Plan(guess, [*why, "too few recordings to judge front ends on, so this is a guess by rules"], split, split_from)
+        return Plan(
+            guess,
+            [*why, "too few recordings to judge front ends on, so this is a guess by rules"],
+            split,
+            split_from,
+        )
 
     about = 70
-    judge = Judge(judged_on, parts, lambda count: progress("front ends judged", count, max(about, count)) if progress else None)
+    judge = Judge(
+        judged_on,
+        parts,
+        lambda count: progress("front ends judged", count, max(about, count)) if progress else None,
+    )
     field = Field.empty(recordings, looked_at) if nested else None
     with one_thread():
         chosen = _search(judge, recordings, _windows(judge, recordings, base, field, looked_at))
@@ -594,7 +683,9 @@ def field_of(recordings: Recordings) -> Field:
     looked_at = recordings.evenly(_how_many(recordings))
     field = Field.empty(recordings, looked_at)
     with one_thread():
-        _windows(Judge(recordings.subset(looked_at), []), recordings, sensor_sizes(recordings)[0], field, looked_at)
+        _windows(
+            Judge(recordings.subset(looked_at), []), recordings, sensor_sizes(recordings)[0], field, looked_at
+        )
     return field
 
 
@@ -607,9 +698,11 @@ def _how_many(recordings: Recordings) -> int:
 def _windows(
     judge: Judge, recordings: Recordings, base: dict[str, Any], field: Field | None, looked_at: np.ndarray
 ) -> list[list[AcceleratorConfig]]:
-    """Candidates with means alone, of each gate all windows, the longest touch and the usual pace first; then a preset each.
+    """Candidates with means alone, of each gate all windows, the longest touch and the usual pace first; then
+    a preset each.
 
-    What no label picks goes into ``field``: of each gate the first two and the last windows with NESTED_KINDS; one scale, of means both.
+    What no label picks goes into ``field``: of each gate the first two and the last windows with
+    NESTED_KINDS; one scale, of means both.
     """
     judged_on = judge.recordings
     of_gate: list[list[AcceleratorConfig]] = []
@@ -618,15 +711,27 @@ def _windows(
         touches = judge.touches(single)
         if len(touches) < 2:
             continue
-        sets = window_sets(_common_length(judged_on, touches), recordings.sample_rate_hz, gate["onset"] == "immediate")
+        sets = window_sets(
+            _common_length(judged_on, touches), recordings.sample_rate_hz, gate["onset"] == "immediate"
+        )
         of_gate.append([single.replace(**windows) for windows in sets])
         if field is not None:
             knee = knee_of(touches)
             first = dict.fromkeys([*of_gate[-1][:2], of_gate[-1][-1]])
             every = [config for windows in first for config in features(windows, knee)]
-            plain = [config for config in every if config.features.activity_block == 1 and config.features.feature_kinds in NESTED_KINDS]
-            field.add(judge, looked_at, [c for c in plain if c.features.feature_scale == "array" or c.kinds == 1])
-    presets = [for_recordings(PRESETS[name], recordings, name=name) for name in CONVERTERS if fits_sensor(PRESETS[name], recordings)]
+            plain = [
+                config
+                for config in every
+                if config.features.activity_block == 1 and config.features.feature_kinds in NESTED_KINDS
+            ]
+            field.add(
+                judge, looked_at, [c for c in plain if c.features.feature_scale == "array" or c.kinds == 1]
+            )
+    presets = [
+        for_recordings(PRESETS[name], recordings, name=name)
+        for name in CONVERTERS
+        if fits_sensor(PRESETS[name], recordings)
+    ]
     if field is not None:
         field.add(judge, looked_at, presets)
     return of_gate + [[preset] for preset in presets]
@@ -642,7 +747,9 @@ def _search(judge: Judge, recordings: Recordings, of_gate: list[list[Accelerator
     for candidate in means[:SURVIVORS]:
         judge.all(features(candidate.config, knee_of(judge.touches(candidate.config))))
 
-    best = max(judge.judged.values(), key=lambda candidate: candidate.accuracy).config  # once more around the best
+    best = max(
+        judge.judged.values(), key=lambda candidate: candidate.accuracy
+    ).config  # once more around the best
     around: list[AcceleratorConfig | None] = []
     if best.windows.window_mode == "free":
         for configs in of_gate:
@@ -650,10 +757,19 @@ def _search(judge: Judge, recordings: Recordings, of_gate: list[list[Accelerator
                 for config in configs:
                     block = 1 if best.features.activity_block == 1 else block_of(config.windows.hop)
                     around.append(
-                        _valid(best, hop=config.windows.hop, window=config.windows.window, steps=config.windows.steps, activity_block=block)
+                        _valid(
+                            best,
+                            hop=config.windows.hop,
+                            window=config.windows.window,
+                            steps=config.windows.steps,
+                            activity_block=block,
+                        )
                     )
     if best.onset_rule.onset == "baseline":
-        around += [_valid(best, onset_threshold=max(1, round(best.onset_rule.onset_threshold * factor))) for factor in (0.7, 1.4)]
+        around += [
+            _valid(best, onset_threshold=max(1, round(best.onset_rule.onset_threshold * factor)))
+            for factor in (0.7, 1.4)
+        ]
     judge.all(config for config in around if config is not None)
     return choose(list(judge.judged.values()))
 
@@ -674,9 +790,10 @@ def _gate_of(config: AcceleratorConfig) -> tuple:
 
 
 def rivals_of(judged: Sequence[Judged], chosen: Judged) -> tuple[AcceleratorConfig, ...]:
-    """Front ends that a recurrent network is to be tried on beside the chosen one: the best preset and the best of every other pair of rest
-    level and gate, best first, RIVALS at most, none more than HOPELESS behind. A linear classifier sees all windows at once and can undo a
-    level that a recurrent network stumbles over, so its ranking of gates is not theirs."""
+    """Front ends that a recurrent network is to be tried on beside the chosen one: the best preset and the
+    best of every other pair of rest level and gate, best first, RIVALS at most, none more than HOPELESS
+    behind. A linear classifier sees all windows at once and can undo a level that a recurrent network
+    stumbles over, so its ranking of gates is not theirs."""
     rivals: dict[Any, Judged] = {}
     for candidate in sorted(judged, key=lambda candidate: -candidate.accuracy):
         preset = candidate.config.name in PRESETS
@@ -689,8 +806,15 @@ def rivals_of(judged: Sequence[Judged], chosen: Judged) -> tuple[AcceleratorConf
 
 def row_of(config: AcceleratorConfig) -> dict[str, Any]:
     """The fields of a front end in plain values."""
-    onset = {"onset_threshold": config.onset_rule.onset_threshold} if config.onset_rule.onset == "baseline" else {}
-    activity = {"activity_rule": config.features.activity_rule, "activity_block": config.features.activity_block}
+    onset = (
+        {"onset_threshold": config.onset_rule.onset_threshold}
+        if config.onset_rule.onset == "baseline"
+        else {}
+    )
+    activity = {
+        "activity_rule": config.features.activity_rule,
+        "activity_block": config.features.activity_block,
+    }
     return {
         "name": config.name,
         "rest": config.rest_level.rest,
@@ -707,9 +831,8 @@ def row_of(config: AcceleratorConfig) -> dict[str, Any]:
 
 
 def describe(candidate: Judged, best: Judged) -> dict[str, Any]:
-    """A row of the record: ``row_of``, accuracy, standard_error (over recordings), missed, behind (the best, accuracy), behind_error (of
-    the
-    paired difference), level."""
+    """A row of the record: ``row_of``, accuracy, standard_error (over recordings), missed, behind (the best,
+    accuracy), behind_error (of the paired difference), level."""
     shortfall, error = behind(best, candidate)
     return row_of(candidate.config) | {
         "accuracy": candidate.accuracy,
@@ -721,8 +844,12 @@ def describe(candidate: Judged, best: Judged) -> dict[str, Any]:
     }
 
 
-def _record(judge: Judge, chosen: Judged, recordings: Recordings, split: list[str], split_from: str, folds: int) -> dict[str, Any]:
-    ordered = sorted(judge.judged.values(), key=lambda candidate: (-candidate.accuracy, simplicity(candidate.config)))
+def _record(
+    judge: Judge, chosen: Judged, recordings: Recordings, split: list[str], split_from: str, folds: int
+) -> dict[str, Any]:
+    ordered = sorted(
+        judge.judged.values(), key=lambda candidate: (-candidate.accuracy, simplicity(candidate.config))
+    )
     best = ordered[0]
     return {
         "chosen": describe(chosen, best),
@@ -732,18 +859,25 @@ def _record(judge: Judge, chosen: Judged, recordings: Recordings, split: list[st
         "folds": folds,
         "recordings_looked_at": len(recordings),
         "judged_by": "ridge regression on the integer front end's features of all windows, cross-validated",
-        "tie": f"shortfall below {TIE:g} standard errors of the paired difference over recordings; ties go to the simpler",
+        "tie": f"shortfall below {TIE:g} standard errors of the paired difference over recordings; ties go "
+        "to the simpler",
     }
 
 
 def _in_words(record: dict[str, Any]) -> str:
     chosen, rivals = record["chosen"], record["rivals"]
     best = max([chosen, *rivals], key=lambda row: row["accuracy"])
-    better = "" if best is chosen else f"; the best, {front_end_words(best)}, has {best['accuracy']:.1%} and is level"
+    better = (
+        ""
+        if best is chosen
+        else f"; the best, {front_end_words(best)}, has {best['accuracy']:.1%} and is level"
+    )
     left = left_out(record["split"])
     return (
-        f"front end chosen among {len(rivals) + 1} by a linear classifier, leaving out {left} ({record['split_from']}), on "
-        f"{record['recordings_looked_at']} recordings: {front_end_words(chosen)}, {chosen['accuracy']:.1%}{better}"
+        f"front end chosen among {len(rivals) + 1} by a linear classifier, leaving out {left} "
+        f"({record['split_from']}), on "
+        f"{record['recordings_looked_at']} recordings: {front_end_words(chosen)}, "
+        f"{chosen['accuracy']:.1%}{better}"
     )
 
 
@@ -753,7 +887,8 @@ def _cautions(judge: Judge, chosen: Judged, parts: Sequence[np.ndarray], record:
     count = len(judge.recordings)
     if chosen.missed > 0.1 * count:
         cautions.append(
-            f"{chosen.missed} of {count} recordings show no touch under the chosen front end and count as wrong: look at them "
+            f"{chosen.missed} of {count} recordings show no touch under the chosen front end and count as "
+            "wrong: look at them "
             "with 'eskin inspect'"
         )
     if chosen.config.rest_level.rest == "none":
@@ -765,7 +900,8 @@ def _cautions(judge: Judge, chosen: Judged, parts: Sequence[np.ndarray], record:
         record["level_alone"] = alone
         if (alone - 1 / classes) > LEVEL_TELLS * (1 - 1 / classes):
             cautions.append(
-                f"the level of the first {frames} frames alone tells the class of {alone:.0%}: where each class was recorded in a session "
+                f"the level of the first {frames} frames alone tells the class of {alone:.0%}: where each "
+                "class was recorded in a session "
                 "of its own that may be the session; if so, take the level off (--config with rest 'initial')"
             )
     return cautions

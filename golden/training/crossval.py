@@ -1,4 +1,5 @@
-"""Cross-validation: accuracy on recordings that a network has not seen, in float and integer, all folds and seeds at once."""
+"""Cross-validation: accuracy on recordings that a network has not seen, in float and integer, all folds and
+seeds at once."""
 
 from __future__ import annotations
 
@@ -38,10 +39,11 @@ def cross_validate(
     datasets: Datasets | None = None,
     progress: Progress | None = None,
 ) -> list[dict[str, Any]]:
-    """Accuracy on recordings that a network has not seen, float and integer, for every split; all folds and seeds train at once.
+    """Accuracy on recordings that a network has not seen, float and integer, for every split; all folds and
+    seeds train at once.
 
-    Every fold's network is quantised after training, with ranges profiled on its own training part. A recording without a touch, or
-    without the step in question, counts as wrong.
+    Every fold's network is quantised after training, with ranges profiled on its own training part. A
+    recording without a touch, or without the step in question, counts as wrong.
 
     Parameters
     ----------
@@ -52,29 +54,37 @@ def cross_validate(
     widths:
         Bits, as ``eskin.golden.training.quantise.choose_formats`` takes them.
     quantisation_aware:
-        The integer networks are trained on in integer arithmetic; False: quantised after training. Float figures are the same.
+        The integer networks are trained on in integer arithmetic; False: quantised after training. Float
+        figures are the same.
     datasets:
         Touches that were found before.
 
     Returns
     -------
-    A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, float_spread and integer_spread
-    (standard deviation over folds x seeds), float_by_seed and integer_by_seed (accuracy over all folds), per_step (step, time_s since the
-    onset, float_accuracy, integer_accuracy), decision_time_s (of the global decision since the onset, mean, integer; None: no decision),
-    logit_error (mean and max of how far integer logits are from float ones over all completed steps; None: no step),
-    training_curve (updates, training_loss and held_out_loss of the float networks on their way, means over folds and seeds; None: linear),
-    per_fold (held_out, recordings, float_accuracy, integer_accuracy, agreement, by_seed), confusion (integer model, summed over seeds: rows
+    A record for each split: groups, folds, seeds, float_accuracy, integer_accuracy, agreement, float_spread
+    and integer_spread (standard deviation over folds x seeds), float_by_seed and integer_by_seed (accuracy
+    over all folds), per_step (step, time_s since the onset, float_accuracy, integer_accuracy),
+    decision_time_s (of the global decision since the onset, mean, integer; None: no decision), logit_error
+    (mean and max of how far integer logits are from float ones over all completed steps; None: no step),
+    training_curve (updates, training_loss and held_out_loss of the float networks on their way, means over
+    folds and seeds; None: linear), per_fold (held_out, recordings, float_accuracy, integer_accuracy,
+    agreement, by_seed), confusion (integer model, summed over seeds: rows
     = true class, columns = decided, last column = none), per_class (integer accuracy).
     """
     recipe = recipe or choose_recipe(config)
     work = Folds(recordings, config, recipe, splits, seeds, folds, datasets)
     models = work.fit(progress)
-    integers = work.fine_tune(models, widths or {}, progress) if quantisation_aware else work.quantise(models, widths or {})
+    integers = (
+        work.fine_tune(models, widths or {}, progress)
+        if quantisation_aware
+        else work.quantise(models, widths or {})
+    )
     return work.records(models, integers)
 
 
 class Folds:
-    """The networks of a cross-validation, all folds of all splits for every seed: trained, quantised and judged, in one order."""
+    """The networks of a cross-validation, all folds of all splits for every seed: trained, quantised and
+    judged, in one order."""
 
     def __init__(
         self,
@@ -105,13 +115,20 @@ class Folds:
         unseen = [touch_rows(self.data, test) for test in self.tests]
         self._curves = LossCurves(self.data, self._config, self._recipe, unseen)
         report = named(progress, "cross-validation")
-        return fit_networks(self.data, self._config, self._recipe, self.parts, self._seeds[0], report, curves=self._curves)
+        return fit_networks(
+            self.data, self._config, self._recipe, self.parts, self._seeds[0], report, curves=self._curves
+        )
 
     def quantise(self, models: list[FloatModel], widths: dict[str, Any]) -> list[IntegerModel]:
         """Post-training integers of each, ranges profiled on its own training part."""
-        return [post_training(model, self.data, rows, widths) for model, rows in zip(models, self.parts, strict=True)]
+        return [
+            post_training(model, self.data, rows, widths)
+            for model, rows in zip(models, self.parts, strict=True)
+        ]
 
-    def fine_tune(self, models: list[FloatModel], widths: dict[str, Any], progress: Progress | None) -> list[IntegerModel]:
+    def fine_tune(
+        self, models: list[FloatModel], widths: dict[str, Any], progress: Progress | None
+    ) -> list[IntegerModel]:
         """Integers of each by quantisation-aware training on its own part."""
         report = named(progress, "quantisation-aware training")
         return fine_tune(self.data, self._recipe, self.parts, models, self._seeds[0], widths, report)
@@ -145,11 +162,17 @@ class Folds:
 
     def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[Decided]:
         """What each network decided on the recordings it has not seen (``tests``)."""
-        runs = [_judge(model, integer, self.data, test) for model, integer, test in zip(models, integers, self.tests, strict=True)]
+        runs = [
+            _judge(model, integer, self.data, test)
+            for model, integer, test in zip(models, integers, self.tests, strict=True)
+        ]
         if not self._curves or not self._curves.updates:
             return runs
         updates = tuple(self._curves.updates)
-        return [dataclasses.replace(run, updates=updates, losses=self._curves.losses[:, m]) for m, run in enumerate(runs)]
+        return [
+            dataclasses.replace(run, updates=updates, losses=self._curves.losses[:, m])
+            for m, run in enumerate(runs)
+        ]
 
     def records_of(self, runs: Sequence[Decided]) -> list[dict[str, Any]]:
         """A record for each split from what each network ``decided``."""
@@ -173,7 +196,8 @@ class Folds:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A network to train on the recordings ``train`` and to judge on ``test``; copies begin at other weights."""
+    """A network to train on the recordings ``train`` and to judge on ``test``; copies begin at other
+    weights."""
 
     config: AcceleratorConfig
     recipe: Recipe
@@ -188,10 +212,14 @@ class Piece:
 
 
 def judge_pieces(
-    datasets: Datasets, pieces: Sequence[Piece], seed: int, widths: dict[str, Any], progress: Progress | None = None
+    datasets: Datasets,
+    pieces: Sequence[Piece],
+    seed: int,
+    widths: dict[str, Any],
+    progress: Progress | None = None,
 ) -> list[Decided]:
-    """What each decided on its test. All of one configuration and recipe train at once; of those that also share their training part and
-    are judged on several tests, one is trained."""
+    """What each decided on its test. All of one configuration and recipe train at once; of those that also
+    share their training part and are judged on several tests, one is trained."""
     found: dict[int, Decided] = {}
     kinds: dict[tuple[AcceleratorConfig, Recipe], list[int]] = {}
     for number, piece in enumerate(pieces):
@@ -200,7 +228,9 @@ def judge_pieces(
         data = datasets.of(config, recipe)
         parts = {pieces[number].key: touch_rows(data, pieces[number].train) for number in numbers}
         report = named(progress, "networks judged inside folds")
-        models = dict(zip(parts, fit_networks(data, config, recipe, list(parts.values()), seed, report), strict=True))
+        models = dict(
+            zip(parts, fit_networks(data, config, recipe, list(parts.values()), seed, report), strict=True)
+        )
         integers = {key: post_training(models[key], data, rows, widths) for key, rows in parts.items()}
         for number in numbers:
             key = pieces[number].key
@@ -214,9 +244,10 @@ def named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
 
 @dataclass(frozen=True)
 class Decided:
-    """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the step (r) after which the
-    integer global one was given, -1 none; how far integer logits are from float ones (values of completed steps); its losses (points, 2) in
-    training after so many updates (``LossCurves``), none of a linear cell."""
+    """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the
+    step (r) after which the integer global one was given, -1 none; how far integer logits are from float ones
+    (values of completed steps); its losses (points, 2) in training after so many updates (``LossCurves``),
+    none of a linear cell."""
 
     float_global: np.ndarray
     float_local: np.ndarray
@@ -246,7 +277,8 @@ def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.nda
 
 
 def split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
-    """The record of one split, as training.json has it, of what each network (a list a fold, one a seed) decided on the part left out."""
+    """The record of one split, as training.json has it, of what each network (a list a fold, one a seed)
+    decided on the part left out."""
     classes = len(recordings.class_names)
     confusion = np.zeros((classes, classes + 1), dtype=np.int64)
     per_fold = []
@@ -264,7 +296,8 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
             "agreement": [float(np.mean(run.float_global == run.integer_global)) for run in runs],
         }
         per_fold.append(
-            {"held_out": name, "recordings": len(test), "by_seed": shares} | {key: float(np.mean(values)) for key, values in shares.items()}
+            {"held_out": name, "recordings": len(test), "by_seed": shares}
+            | {key: float(np.mean(values)) for key, values in shares.items()}
         )
     weights = [len(test) for test in tests]
 
@@ -291,20 +324,31 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
         "float_by_seed": by_seed("float_accuracy"),
         "integer_by_seed": by_seed("integer_accuracy"),
         "per_step": [
-            {"step": k + 1, "time_s": float(times[k]), "float_accuracy": float(steps_float[k]), "integer_accuracy": float(steps_integer[k])}
+            {
+                "step": k + 1,
+                "time_s": float(times[k]),
+                "float_accuracy": float(steps_float[k]),
+                "integer_accuracy": float(steps_integer[k]),
+            }
             for k in range(len(times))
         ],
         "per_fold": per_fold,
         "decision_time_s": float(np.mean(np.asarray(times)[given])) if len(given) else None,
-        "logit_error": {"mean": float(errors.mean()), "max": float(errors.max())} if len(errors) else {"mean": None, "max": None},
+        "logit_error": {"mean": float(errors.mean()), "max": float(errors.max())}
+        if len(errors)
+        else {"mean": None, "max": None},
         "training_curve": _training_curve([run for runs in decided for run in runs]),
         "confusion": confusion.tolist(),
-        "per_class": {name: float(confusion[c, c] / max(confusion[c].sum(), 1)) for c, name in enumerate(recordings.class_names)},
+        "per_class": {
+            name: float(confusion[c, c] / max(confusion[c].sum(), 1))
+            for c, name in enumerate(recordings.class_names)
+        },
     }
 
 
 def _training_curve(runs: Sequence[Decided]) -> dict[str, Any] | None:
-    """{updates, training_loss, held_out_loss (None: nothing to judge)}, means over networks; None of a linear cell."""
+    """{updates, training_loss, held_out_loss (None: nothing to judge)}, means over networks; None of a linear
+    cell."""
     losses = [run.losses for run in runs if run.losses is not None]
     if not losses:
         return None

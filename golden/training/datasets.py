@@ -21,9 +21,10 @@ if TYPE_CHECKING:
 class Dataset:
     """First touches of a set of recordings, ready to train on.
 
-    touches: first touch of each touched recording. index (R): row in touches of each recording, -1 none. means (n, L, D): what the network
-    learns from before mu and sigma (`real_features`), beyond the last step where warp needs them. faults (n, L, D), bool: masked by the
-    fault detector; None without one. ends (n): windows that the recording holds, up to L.
+    touches: first touch of each touched recording. index (R): row in touches of each recording, -1 none.
+    means (n, L, D): what the network learns from before mu and sigma (`real_features`), beyond the last step
+    where warp needs them. faults (n, L, D), bool: masked by the fault detector; None without one. ends (n):
+    windows that the recording holds, up to L.
     """
 
     touches: Touches
@@ -34,18 +35,23 @@ class Dataset:
     ends: np.ndarray
 
 
-def find_dataset(recordings: Recordings, config: AcceleratorConfig, recipe: Recipe, onsets: np.ndarray | None = None) -> Dataset:
+def find_dataset(
+    recordings: Recordings, config: AcceleratorConfig, recipe: Recipe, onsets: np.ndarray | None = None
+) -> Dataset:
     further = max(config.windows.steps, int(np.ceil((config.windows.steps - 1) * recipe.warp)) + 1)
     found = find_touches(config, recordings, steps=further, onsets=onsets)
     first = found.first_touch()
     index = np.where(first >= 0, np.cumsum(first >= 0) - 1, -1)
     found = found.take(first[first >= 0])
     touches = found.take(np.arange(len(found)), config.windows.steps)
-    return Dataset(touches, index, recordings.labels, real_features(config, found.sums), found.faults, found.completed)
+    return Dataset(
+        touches, index, recordings.labels, real_features(config, found.sums), found.faults, found.completed
+    )
 
 
 class Datasets:
-    """First touches of one set of recordings under the front ends that were asked for, each found once: networks are not looked at."""
+    """First touches of one set of recordings under the front ends that were asked for, each found once:
+    networks are not looked at."""
 
     def __init__(self, recordings: Recordings) -> None:
         self._recordings = recordings
@@ -68,14 +74,17 @@ def touch_rows(data: Dataset, recordings: np.ndarray) -> np.ndarray:
 
 
 QUIETEST = 1 / 16
-"""With a scale a taxel: the least sigma of a taxel, as a share of the largest of its kind. What moves less is noise; and 16-bit scales hold
-this range (`eskin.golden.model.model.normaliser_constants`)."""
+"""With a scale a taxel: the least sigma of a taxel, as a share of the largest of its kind. What moves less is
+noise; and 16-bit scales hold this range (`eskin.golden.model.model.normaliser_constants`)."""
 
 
-def scaling(config: AcceleratorConfig, means: np.ndarray, completed: np.ndarray, faults: np.ndarray | None = None) -> tuple[Any, Any]:
-    """(mu, sigma) of real features (touches, steps, inputs): live taxels, the first ``completed`` (touches) steps only, without what the
-    fault detector masks (``faults``, of the shape of ``means``). Numbers, or arrays (constants) with several kinds of feature or a scale a
-    taxel; a taxel of which nothing is left has 0 and the largest sigma of its kind.
+def scaling(
+    config: AcceleratorConfig, means: np.ndarray, completed: np.ndarray, faults: np.ndarray | None = None
+) -> tuple[Any, Any]:
+    """(mu, sigma) of real features (touches, steps, inputs): live taxels, the first ``completed`` (touches)
+    steps only, without what the fault detector masks (``faults``, of the shape of ``means``). Numbers, or
+    arrays (constants) with several kinds of feature or a scale a taxel; a taxel of which nothing is left has
+    0 and the largest sigma of its kind.
 
     Raises
     ------
@@ -87,7 +96,8 @@ def scaling(config: AcceleratorConfig, means: np.ndarray, completed: np.ndarray,
     values, sound = means[done][:, live], None if faults is None else ~faults[done][:, live]
     if sound is not None and not sound.any():
         raise InputError(
-            f"configuration '{config.name}', field fault_activity: is {config.faults.fault_activity}, with which the fault detector masks "
+            f"configuration '{config.name}', field fault_activity: is {config.faults.fault_activity}, with "
+            "which the fault detector masks "
             "every taxel of every touch; use a smaller one"
         )
     if config.constants == 1:

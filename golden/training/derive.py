@@ -1,20 +1,22 @@
 """A first guess at a configuration from an archive, quick and by rules, with the reasons in words.
 
-``inspect`` shows the onsets it finds; ``eskin.golden.training.choose_front_end``, which ``train`` and ``run`` ask without ``--config``,
-starts from what
-is measured here and judges it. A preset is taken when taxels, rate and code format are its own and its onset rule and windows suit the
-recordings. Otherwise, from at most 64 recordings spread evenly over the classes:
+``inspect`` shows the onsets it finds; ``eskin.golden.training.choose_front_end``, which ``train`` and ``run``
+ask without ``--config``, starts from what is measured here and judges it. A preset is taken when taxels, rate
+and code format are its own and its onset rule and windows suit the recordings. Otherwise, from at most 64
+recordings spread evenly over the classes:
 
 - *settling*: 64 ms, at least 5 and at most 64 frames; their mean is the rest level of each taxel.
 - *moving mean*: 4 blocks of the power of two nearest to 8 ms.
-- *in contact or not*: the largest moving mean of the lead-in (the first 64 ms after settling, two moving means at least), divided by the
-  99 % quantile over the recording. A median ratio of 0.3 or more means that recordings start in contact: the gate opens at once.
-- *threshold*: between the noise (90 % quantile of the lead-in's maxima) and the signal (10 % quantile of the peaks above three times the
-  noise): their geometric mean, a quarter of the signal at least, one code at least.
-- *clip*: 1.5 times the median recording's largest deviation, twice the largest peak of a moving mean at least; none where nothing
-  exceeds it, or where the gate opens at once.
-- *hop*: 48 ms (200 ms where the gate opens at once), 4 frames at least, so short that 20 windows of two hops fit 95 % of the
-  recordings after the median onset; with too few frames even for that, fewer steps.
+- *in contact or not*: the largest moving mean of the lead-in (the first 64 ms after settling, two moving
+  means at least), divided by the 99 % quantile over the recording. A median ratio of 0.3 or more means that
+  recordings start in contact: the gate opens at once.
+- *threshold*: between the noise (90 % quantile of the lead-in's maxima) and the signal (10 % quantile of the
+  peaks above three times the noise): their geometric mean, a quarter of the signal at least, one code at
+  least.
+- *clip*: 1.5 times the median recording's largest deviation, twice the largest peak of a moving mean at
+  least; none where nothing exceeds it, or where the gate opens at once.
+- *hop*: 48 ms (200 ms where the gate opens at once), 4 frames at least, so short that 20 windows of two hops
+  fit 95 % of the recordings after the median onset; with too few frames even for that, fewer steps.
 
 Where the rule so made finds a touch in fewer than half of the recordings, the gate opens at once.
 """
@@ -38,10 +40,12 @@ STEPS = 20
 """Recurrent steps of a touch."""
 
 IN_CONTACT = 0.3
-"""Median ratio of lead-in to peak from which recordings are said to start in contact (0.01 on quiet lead-ins, 0.5 on sliding)."""
+"""Median ratio of lead-in to peak from which recordings are said to start in contact (0.01 on quiet lead-ins,
+0.5 on sliding)."""
 
 CONVERTERS = ("pvdf", "fabric", "synthetic", "thesis")
-"""Presets in the order in which they are tried; ``synthetic`` before ``thesis``, whose fixed band knows one converter only."""
+"""Presets in the order in which they are tried; ``synthetic`` before ``thesis``, whose fixed band knows one
+converter only."""
 
 
 def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
@@ -54,7 +58,8 @@ def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]
     """
     if recordings.image_shape:
         raise InputError(
-            f"recordings '{recordings.source}', array images: holds images, which this verb does not take; docs/images.md lists those "
+            f"recordings '{recordings.source}', array images: holds images, which this verb does not take; "
+            "docs/images.md lists those "
             "that do"
         )
     reasons = list(recordings.notes)
@@ -103,17 +108,23 @@ def _unsuited(config: AcceleratorConfig, recordings: Recordings) -> str | None:
         return f"its onset rule finds a touch in {touched.sum()} of {len(recordings)} recordings"
     if (
         not config.opens_at_once
-        and (onsets[touched] <= config.rest_level.rest_frames + 2 * config.onset_rule.onset_mean_frames).mean() > 0.5
+        and (
+            onsets[touched] <= config.rest_level.rest_frames + 2 * config.onset_rule.onset_mean_frames
+        ).mean()
+        > 0.5
     ):
         return "most recordings meet its onset rule at the very start"
-    full = recordings.lengths[touched] - np.maximum(onsets[touched] - config.windows.hop, 0) >= config.last_frame
+    full = (
+        recordings.lengths[touched] - np.maximum(onsets[touched] - config.windows.hop, 0) >= config.last_frame
+    )
     if full.mean() < 0.5:
         return f"its {config.windows.steps} windows end after the recording in {len(recordings) - full.sum()} of {len(recordings)}"
     return None
 
 
 def sensor_sizes(recordings: Recordings) -> tuple[dict[str, Any], list[str]]:
-    """Fields that a configuration has from the sensor alone, all but rest level, gate and windows; and the reasons.
+    """Fields that a configuration has from the sensor alone, all but rest level, gate and windows; and the
+    reasons.
 
     Raises
     ------
@@ -135,9 +146,14 @@ def sensor_sizes(recordings: Recordings) -> tuple[dict[str, Any], list[str]]:
         rearm_frames=int(np.clip(round(0.16 * rate), 8, 65535)),
     )
     reasons = []
-    constant = tuple(int(t) for t in np.flatnonzero((recordings.samples == recordings.samples[0]).all(axis=0)))
+    constant = tuple(
+        int(t) for t in np.flatnonzero((recordings.samples == recordings.samples[0]).all(axis=0))
+    )
     if len(constant) == recordings.taxels:
-        raise InputError(f"recordings '{recordings.source}', array samples: every taxel is constant; give recordings with a signal")
+        raise InputError(
+            f"recordings '{recordings.source}', array samples: every taxel is constant; give recordings "
+            "with a signal"
+        )
     if constant:
         reasons.append(f"taxel {', '.join(map(str, constant))} never changes and is masked")
     fields["masked_taxels"] = constant
@@ -151,7 +167,10 @@ def settling_frames(rate: float) -> int:
 
 def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
     rate = recordings.sample_rate_hz
-    reasons = [f"{recordings.taxels} taxels at {rate:g} Hz with {recordings.sample_format} codes fit no preset, so the sizes were derived"]
+    reasons = [
+        f"{recordings.taxels} taxels at {rate:g} Hz with {recordings.sample_format} codes fit no preset, so "
+        "the sizes were derived"
+    ]
     base, why = sensor_sizes(recordings)
     reasons += why
     base["rest_frames"] = settling_frames(rate)
@@ -163,14 +182,20 @@ def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorCon
     fit = available // (STEPS + 1)
     hop = int(np.clip(min(max(round(pace_s * rate), 4), fit), 1, 65535))
     steps = STEPS if fit >= 1 else max(1, available - 1)
-    reasons.append(f"{steps} windows of {2 * hop} frames every {hop} ({1000 * hop / rate:.3g} ms), {(steps + 1) * hop / rate:.3g} s in all")
-    return for_recordings(AcceleratorConfig(), recordings, **base, hop=hop, window=2 * hop, steps=steps), reasons
+    reasons.append(
+        f"{steps} windows of {2 * hop} frames every {hop} ({1000 * hop / rate:.3g} ms), "
+        f"{(steps + 1) * hop / rate:.3g} s in all"
+    )
+    return for_recordings(
+        AcceleratorConfig(), recordings, **base, hop=hop, window=2 * hop, steps=steps
+    ), reasons
 
 
 @dataclass(frozen=True)
 class OnsetRule:
-    """What an onset rule can go by, codes: noise (90 % quantile of the lead-ins' largest moving mean), signal (10 % quantile of the clear
-    peaks), threshold between them, clip (0: none); ratio: median of lead-in to peak; largest: each recording's largest deviation."""
+    """What an onset rule can go by, codes: noise (90 % quantile of the lead-ins' largest moving mean), signal
+    (10 % quantile of the clear peaks), threshold between them, clip (0: none); ratio: median of lead-in to
+    peak; largest: each recording's largest deviation."""
 
     noise: float
     signal: float
@@ -191,10 +216,14 @@ def measure_onset(recordings: Recordings, settle: int, mean_frames: int) -> Onse
     threshold = int(np.clip(round(max(np.sqrt(noise * signal), signal / 4)), 1, 65535))
     clip = int(np.ceil(max(1.5 * np.median(largest), 2 * peak.max())))
     ratio = float(np.median(lead / np.maximum(peak, 1e-9)))
-    return OnsetRule(noise, signal, threshold, clip if clip < min(largest.max(), 65536) else 0, ratio, largest)
+    return OnsetRule(
+        noise, signal, threshold, clip if clip < min(largest.max(), 65536) else 0, ratio, largest
+    )
 
 
-def _onset_rule(sample: Recordings, recordings: Recordings, base: dict[str, Any]) -> tuple[dict[str, Any], list[str], int]:
+def _onset_rule(
+    sample: Recordings, recordings: Recordings, base: dict[str, Any]
+) -> tuple[dict[str, Any], list[str], int]:
     """Fields of the onset rule, the reasons, and the median onset frame (0 where the gate opens at once)."""
     at_once = dict(onset="immediate", rest="initial", clip=0)
     mean_frames = base["onset_mean_frames"]
@@ -206,23 +235,33 @@ def _onset_rule(sample: Recordings, recordings: Recordings, base: dict[str, Any]
         return at_once, [f"recordings start in contact ({how_far}), so the gate opens at once"], 0
 
     fields = dict(onset="baseline", rest="tracked", onset_threshold=rule.threshold, clip=rule.clip)
-    onsets = find_onsets(for_recordings(AcceleratorConfig(), recordings, **base, **fields, hop=1, window=2, steps=1), sample)
+    onsets = find_onsets(
+        for_recordings(AcceleratorConfig(), recordings, **base, **fields, hop=1, window=2, steps=1), sample
+    )
     touched = onsets >= 0
     rule_text = f"a taxel's mean over {mean_frames} frames leaves its tracked rest level by more than {rule.threshold} codes"
     outcome = f"found in {touched.sum()} of {len(sample)} recordings looked at"
     if touched.mean() < 0.5:
         return at_once, [f"no onset rule works ({rule_text}: {outcome}), so the gate opens at once"], 0
-    reasons = [f"onset when {rule_text} (noise {rule.noise:.3g}, weakest signals {rule.signal:.3g} codes): {outcome}"]
+    reasons = [
+        f"onset when {rule_text} (noise {rule.noise:.3g}, weakest signals {rule.signal:.3g} codes): {outcome}"
+    ]
     if rule.clip:
         spikes = f"some reach {rule.largest.max():.0f} codes where the median recording reaches {np.median(rule.largest):.0f}"
         reasons.append(f"single samples are clipped at {rule.clip} codes from rest: {spikes}")
     if touched.mean() < 0.9:
-        reasons.append("many recordings show no onset: look at them with eskin inspect, or give a configuration of your own")
+        reasons.append(
+            "many recordings show no onset: look at them with eskin inspect, or give a configuration of "
+            "your own"
+        )
     return fields, reasons, int(np.median(onsets[touched]))
 
 
-def _measure(recordings: Recordings, settle: int, mean_frames: int, lead_frames: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Per recording, codes from rest: largest moving mean of the lead-in, 99 % quantile of moving means, largest single sample.
+def _measure(
+    recordings: Recordings, settle: int, mean_frames: int, lead_frames: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Per recording, codes from rest: largest moving mean of the lead-in, 99 % quantile of moving means,
+    largest single sample.
 
     Recordings without room for settling, lead-in and as much again are left out.
     """
@@ -235,6 +274,12 @@ def _measure(recordings: Recordings, settle: int, mean_frames: int, lead_frames:
         deviation = samples - samples[:settle].mean(axis=0)
         total = np.vstack([np.zeros(deviation.shape[1]), np.cumsum(deviation[settle:], axis=0)])
         moving = np.abs(total[mean_frames:] - total[:-mean_frames]).max(axis=1) / mean_frames
-        rows.append((moving[: lead_frames - mean_frames + 1].max(), np.quantile(moving, 0.99), np.abs(deviation).max()))
+        rows.append(
+            (
+                moving[: lead_frames - mean_frames + 1].max(),
+                np.quantile(moving, 0.99),
+                np.abs(deviation).max(),
+            )
+        )
     lead_in, moving_means, single = np.array(rows, dtype=np.float64).reshape(-1, 3).T
     return lead_in, moving_means, single

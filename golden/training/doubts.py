@@ -1,4 +1,5 @@
-"""Sentences for a result that looks good and may not be: each says what was seen and the one action that helps."""
+"""Sentences for a result that looks good and may not be: each says what was seen and the one action that
+helps."""
 
 from __future__ import annotations
 
@@ -22,8 +23,11 @@ def percent(share: float) -> str:
     return f"{100 * share:.1f} %"
 
 
-def below_baselines(split: Mapping[str, Any], baselines: Sequence[Mapping[str, Any]], *, chosen: bool) -> list[str]:
-    """A sentence where the best baseline of a split's groups is more than its standard error above the network.
+def below_baselines(
+    split: Mapping[str, Any], baselines: Sequence[Mapping[str, Any]], *, chosen: bool
+) -> list[str]:
+    """A sentence where the best baseline of a split's groups is more than its standard error above the
+    network.
 
     Parameters
     ----------
@@ -42,30 +46,40 @@ def below_baselines(split: Mapping[str, Any], baselines: Sequence[Mapping[str, A
     if best["name"].endswith("whole recordings"):
         fix = "look at onset and windows with 'eskin inspect', or give a front end of your own with --config"
     elif best.get("hardware", True):
-        fix = "take the next larger network with --hidden, or --protocol thesis" if chosen else "try --cell auto"
+        fix = (
+            "take the next larger network with --hidden, or --protocol thesis"
+            if chosen
+            else "try --cell auto"
+        )
     else:
         fix = "no hardware for it here; try a larger --hidden"
     return [
-        f"leaving out {left_out(split['groups'])}, the {best['name']} decides {percent(best['accuracy'])} rightly and the network "
+        f"leaving out {left_out(split['groups'])}, the {best['name']} decides {percent(best['accuracy'])} "
+        "rightly and the network "
         f"{percent(split['integer_accuracy'])}, {100 * short:.1f} points less: {fix}"
     ]
 
 
 def by_choice(split: Mapping[str, Any]) -> list[str]:
-    """Sentences where the choice of front end and network flatters its own folds, and where shuffled labels do as well as right ones."""
+    """Sentences where the choice of front end and network flatters its own folds, and where shuffled labels
+    do as well as right ones."""
     nested, sentences = split["nested"], []
     flattered = split["integer_accuracy"] - nested["integer_accuracy"]
     if flattered > 2 * nested["standard_error"]:
         sentences.append(
-            f"leaving out {left_out(split['groups'])}, the network taken decides {percent(split['integer_accuracy'])} rightly on the folds "
-            f"it was chosen on, and one chosen without them, by a cheaper choice, {percent(nested['integer_accuracy'])}: expect less than "
+            f"leaving out {left_out(split['groups'])}, the network taken decides "
+            f"{percent(split['integer_accuracy'])} rightly on the folds "
+            "it was chosen on, and one chosen without them, by a cheaper choice, "
+            f"{percent(nested['integer_accuracy'])}: expect less than "
             "the first, or record more"
         )
     shuffled = nested["shuffled"]
     if shuffled and shuffled["as_good"] > LUCK:
         sentences.append(
-            f"leaving out {left_out(split['groups'])}, shuffled labels are decided rightly up to {percent(shuffled['largest'])} "
-            f"({percent(shuffled['mean'])} on average), the right ones {percent(shuffled['right'])}: that may be luck, so record more"
+            f"leaving out {left_out(split['groups'])}, shuffled labels are decided rightly up to "
+            f"{percent(shuffled['largest'])} "
+            f"({percent(shuffled['mean'])} on average), the right ones {percent(shuffled['right'])}: that "
+            "may be luck, so record more"
         )
     return sentences
 
@@ -74,21 +88,32 @@ def missed_onsets(touched: int, count: int) -> list[str]:
     """A sentence where more than MOST_MISSED of the recordings show no onset."""
     if count - touched <= MOST_MISSED * count:
         return []
-    return [f"{count - touched} of {count} recordings show no touch, and count as wrong: look at them with 'eskin inspect'"]
+    return [
+        f"{count - touched} of {count} recordings show no touch, and count as wrong: look at them with "
+        "'eskin inspect'"
+    ]
 
 
 def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[str]:
     """A sentence where classes are found no more often than by guessing."""
     table = np.array(split["confusion"], dtype=float)
     shares = np.diag(table) / np.maximum(table.sum(axis=1), 1)
-    lost = [name for name, share, row in zip(class_names, shares, table, strict=True) if row.sum() and share <= 1 / len(class_names)]
+    lost = [
+        name
+        for name, share, row in zip(class_names, shares, table, strict=True)
+        if row.sum() and share <= 1 / len(class_names)
+    ]
     if not lost:
         return []
     worst = list(class_names).index(lost[0])
-    taken = (*class_names, "nothing")[int(np.argmax(np.where(np.arange(table.shape[1]) == worst, -1, table[worst])))]
+    taken = (*class_names, "nothing")[
+        int(np.argmax(np.where(np.arange(table.shape[1]) == worst, -1, table[worst])))
+    ]
     return [
-        f"leaving out {left_out(split['groups'])}, {', '.join(lost)} {'is' if len(lost) == 1 else 'are'} found no more often than by "
-        f"guessing ({lost[0]} is mostly taken for {taken}): record more of {'it' if len(lost) == 1 else 'them'}, or join the classes"
+        f"leaving out {left_out(split['groups'])}, {', '.join(lost)} {'is' if len(lost) == 1 else 'are'} "
+        "found no more often than by "
+        f"guessing ({lost[0]} is mostly taken for {taken}): record more of "
+        f"{'it' if len(lost) == 1 else 'them'}, or join the classes"
     ]
 
 
@@ -99,8 +124,14 @@ def look_alike(recordings: Recordings, groups: Sequence[str], folds: int) -> lis
     single, blocked, error = neighbours_alike(recordings, folds)
     if single - blocked <= max(2 * error, 0.01):
         return []
-    fix = f"--group {next(iter(recordings.groups))}" if recordings.groups else "an array in the archive that names the session of each"
+    fix = (
+        f"--group {next(iter(recordings.groups))}"
+        if recordings.groups
+        else "an array in the archive that names the session of each"
+    )
     return [
-        f"no group was given and neighbouring recordings look alike ({percent(single)} of whole recordings are decided rightly when their "
-        f"neighbours are known, {percent(blocked)} when not), so the accuracy may be that of known sessions: give {fix}"
+        f"no group was given and neighbouring recordings look alike ({percent(single)} of whole recordings "
+        "are decided rightly when their "
+        f"neighbours are known, {percent(blocked)} when not), so the accuracy may be that of known "
+        f"sessions: give {fix}"
     ]

@@ -1,12 +1,14 @@
-"""Enrolment: a trained model learns a new mounting, person or object position from a few labelled touches, its formats unchanged.
+"""Enrolment: a trained model learns a new mounting, person or object position from a few labelled touches,
+its formats unchanged.
 
-A new mounting shifts what every taxel sees, and no training on other mountings can know how. One to five touches of each class say it:
-the network is trained on from where it stands, and keeps the configuration it has, formats and all, so that the host loads the new weights
-into the bitstream of the old model.
+A new mounting shifts what every taxel sees, and no training on other mountings can know how. One to five
+touches of each class say it: the network is trained on from where it stands, and keeps the configuration it
+has, formats and all, so that the host loads the new weights into the bitstream of the old model.
 
-Weights are trained as the hardware holds them: rounded to their formats in every forward pass, gradients straight through, the masters held
-within the formats' ranges. What the new touches are mixed with keeps the network good at what it knew: the recordings of the first training
-where they are at hand (new touches are a quarter of the draws), and always a penalty on the distance to the old weights.
+Weights are trained as the hardware holds them: rounded to their formats in every forward pass, gradients
+straight through, the masters held within the formats' ranges. What the new touches are mixed with keeps the
+network good at what it knew: the recordings of the first training where they are at hand (new touches are a
+quarter of the draws), and always a penalty on the distance to the old weights.
 """
 
 from __future__ import annotations
@@ -64,9 +66,10 @@ DENSE = ("V", "b_y")
 class Enrolment:
     """How a network is trained on.
 
-    layers: the ``dense`` layer alone, the recurrent part frozen, or ``all``. updates, learning_rate: gradient steps and the largest rate of
-    their one-cycle schedule, Adam. share: of the draws that are new touches, where old recordings are at hand. near: weight of the sum of
-    squared distances of all trained weights to the old ones, beside the mean cross-entropy.
+    layers: the ``dense`` layer alone, the recurrent part frozen, or ``all``. updates, learning_rate: gradient
+    steps and the largest rate of their one-cycle schedule, Adam. share: of the draws that are new touches,
+    where old recordings are at hand. near: weight of the sum of squared distances of all trained weights to
+    the old ones, beside the mean cross-entropy.
     """
 
     layers: Layers
@@ -82,9 +85,10 @@ SETTINGS: dict[tuple[str, bool], Enrolment] = {
     ("dense", True): Enrolment(layers="dense", updates=300, learning_rate=0.03, share=0.5, near=0.0),
     ("dense", False): Enrolment(layers="dense", updates=150, learning_rate=0.02, share=1.0, near=0.1),
 }
-"""By (layers, old recordings at hand). ``all`` with the old recordings is as first thought of: a quarter of the draws, a third of the first
-training's rate. The others were chosen on seeds 0 to 2 of pvdf_indent's sequences: the share of the dense layer by what it brings (0.25 and
-0.5 were tried), the penalties as the smallest tried (0.01, 0.03, 0.1) that costs the other sequences less than half a point."""
+"""By (layers, old recordings at hand). ``all`` with the old recordings is as first thought of: a quarter of
+the draws, a third of the first training's rate. The others were chosen on seeds 0 to 2 of pvdf_indent's
+sequences: the share of the dense layer by what it brings (0.25 and 0.5 were tried), the penalties as the
+smallest tried (0.01, 0.03, 0.1) that costs the other sequences less than half a point."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +100,8 @@ class Pair:
 
 
 class _Held(torch.nn.Module):
-    """Networks of one configuration but for their formats, as the hardware holds their weights: every forward pass rounds the masters."""
+    """Networks of one configuration but for their formats, as the hardware holds their weights: every forward
+    pass rounds the masters."""
 
     def __init__(self, pairs: Sequence[Pair], trained: Sequence[str]) -> None:
         super().__init__()
@@ -105,7 +110,10 @@ class _Held(torch.nn.Module):
         formats = [network_formats(pair.integer.config) for pair in pairs]
         self.weights = torch.nn.ParameterDict(
             {
-                name: torch.nn.Parameter(torch.tensor(np.stack([arrays[name] for arrays in merged])).float(), requires_grad=name in trained)
+                name: torch.nn.Parameter(
+                    torch.tensor(np.stack([arrays[name] for arrays in merged])).float(),
+                    requires_grad=name in trained,
+                )
                 for name in merged[0]
             }
         )
@@ -117,13 +125,21 @@ class _Held(torch.nn.Module):
         for name, weight in self.weights.items():
             self._units[name] = of_each([2.0 ** fmt[name].frac_bits for fmt in formats], weight)
             self._limits[name] = tuple(
-                of_each([float(fmt[name].to_real(code)) for fmt, code in zip(formats, codes, strict=True)], weight)
-                for codes in ([fmt[name].min_code for fmt in formats], [fmt[name].max_code for fmt in formats])
+                of_each(
+                    [float(fmt[name].to_real(code)) for fmt, code in zip(formats, codes, strict=True)], weight
+                )
+                for codes in (
+                    [fmt[name].min_code for fmt in formats],
+                    [fmt[name].max_code for fmt in formats],
+                )
             )
         self._feature_limits = tuple(
-            torch.tensor([float(of.to_real(code(of))) for of in (pair.integer.config.formats.feature_format for pair in pairs)]).view(
-                -1, 1, 1, 1
-            )
+            torch.tensor(
+                [
+                    float(of.to_real(code(of)))
+                    for of in (pair.integer.config.formats.feature_format for pair in pairs)
+                ]
+            ).view(-1, 1, 1, 1)
             for code in (lambda of: of.min_code, lambda of: of.max_code)
         )
         self.hold()
@@ -140,7 +156,11 @@ class _Held(torch.nn.Module):
 
     def distance(self) -> torch.Tensor:
         """(models) sum of squared distances of the trained weights to those at the beginning."""
-        return sum(((weight - self._begin[name]) ** 2).flatten(1).sum(1) for name, weight in self.weights.items() if weight.requires_grad)
+        return sum(
+            ((weight - self._begin[name]) ** 2).flatten(1).sum(1)
+            for name, weight in self.weights.items()
+            if weight.requires_grad
+        )
 
     @torch.no_grad()
     def hold(self) -> None:
@@ -149,25 +169,36 @@ class _Held(torch.nn.Module):
             weight.clamp_(*self._limits[name])
 
     def pairs(self, before: Sequence[Pair]) -> list[Pair]:
-        """The networks as they are now, in the configurations and with the constants of those they came from."""
+        """The networks as they are now, in the configurations and with the constants of those they came
+        from."""
         arrays = {name: weight.detach().double().numpy() for name, weight in self.weights.items()}
-        return [_pair(pair, {name: array[m] for name, array in arrays.items()}) for m, pair in enumerate(before)]
+        return [
+            _pair(pair, {name: array[m] for name, array in arrays.items()}) for m, pair in enumerate(before)
+        ]
 
 
 def _pair(before: Pair, weights: Mapping[str, np.ndarray]) -> Pair:
-    """The networks of other ``weights`` (real, by the integer network's names) that are else as ``before``."""
+    """The networks of other ``weights`` (real, by the integer network's names) that are else as
+    ``before``."""
     shapes, old = network_shapes(before.real.config, real=True), before.integer
     # a second bias row that the hardware adds to the first is 0: the first holds the sum
-    real = {name: np.array(weights[name]) if name in weights else np.zeros(shape) for name, shape in shapes.items()}
+    real = {
+        name: np.array(weights[name]) if name in weights else np.zeros(shape)
+        for name, shape in shapes.items()
+    }
     constants = {name: array for name, array in before.real.arrays.items() if name not in shapes}
     formats = network_formats(old.config)
     codes = {name: formats[name].quantise(np.array(array)) for name, array in weights.items()}
     loaded = {name: array for name, array in old.arrays.items() if name not in codes}
-    return Pair(FloatModel(before.real.config, real | constants), IntegerModel(old.config, codes | loaded, "enrolled model"))
+    return Pair(
+        FloatModel(before.real.config, real | constants),
+        IntegerModel(old.config, codes | loaded, "enrolled model"),
+    )
 
 
 def load_pair(folder: str | Path) -> Pair:
-    """Both forms of the model in a folder. Where the integers were trained on by themselves, they are the masters.
+    """Both forms of the model in a folder. Where the integers were trained on by themselves, they are the
+    masters.
 
     Raises
     ------
@@ -185,13 +216,17 @@ def load_pair(folder: str | Path) -> Pair:
 class _Mixed(Pool):
     """Draws a fixed share of every batch from the new touches, the rest from the old ones."""
 
-    def __init__(self, old: list[np.ndarray], new: list[np.ndarray], share: float, generator: torch.Generator) -> None:
+    def __init__(
+        self, old: list[np.ndarray], new: list[np.ndarray], share: float, generator: torch.Generator
+    ) -> None:
         super().__init__(old, generator)
         self._new, self._share = Pool(new, generator), share
 
     def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
         fresh = max(1, round(batch * self._share))
-        return torch.cat([self._new.draw(fresh, in_order=False), super().draw(batch - fresh, in_order=False)], dim=-1)
+        return torch.cat(
+            [self._new.draw(fresh, in_order=False), super().draw(batch - fresh, in_order=False)], dim=-1
+        )
 
 
 def fit(
@@ -219,13 +254,19 @@ def fit(
         generator = torch.Generator().manual_seed(seed)
         names = network_shapes(pairs[0].integer.config, real=False)
         network = _Held(pairs, DENSE if setting.layers == "dense" else list(names))
-        pool = Pool(list(new), generator) if old is None else _Mixed(list(old), list(new), setting.share, generator)
+        pool = (
+            Pool(list(new), generator)
+            if old is None
+            else _Mixed(list(old), list(new), setting.share, generator)
+        )
         scales = [(pair.real.arrays["mu"].tolist(), pair.real.arrays["sigma"].tolist()) for pair in pairs]
         drawn = dataclasses.replace(recipe, epochs=0)  # a pass over so few touches means nothing
         batches = Batches(data, pairs[0].real.config, drawn, list(new), generator, scales=scales, pool=pool)
         trained = [weight for weight in network.parameters() if weight.requires_grad]
         optimiser = torch.optim.Adam(trained, lr=setting.learning_rate, foreach=True)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, setting.learning_rate, total_steps=setting.updates)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(
+            optimiser, setting.learning_rate, total_steps=setting.updates
+        )
         for update in range(setting.updates):
             features, labels, counts = batches.draw()
             losses = class_loss(recipe, network(features), labels, counts) + setting.near * network.distance()
@@ -240,7 +281,8 @@ def fit(
 
 # ---------------------------------------------------------------------- recordings
 def known_classes(few: Recordings, config: AcceleratorConfig) -> Recordings:
-    """``few`` with the classes of ``config``, whose names may stand in another order and be more than ``few`` has.
+    """``few`` with the classes of ``config``, whose names may stand in another order and be more than ``few``
+    has.
 
     Raises
     ------
@@ -248,10 +290,13 @@ def known_classes(few: Recordings, config: AcceleratorConfig) -> Recordings:
         A class that the configuration does not have.
     """
     names = config.network.class_names
-    unknown = [few.class_names[label] for label in np.unique(few.labels) if few.class_names[label] not in names]
+    unknown = [
+        few.class_names[label] for label in np.unique(few.labels) if few.class_names[label] not in names
+    ]
     if unknown:
         raise InputError(
-            f"recordings '{few.source}', array class_names: has recordings of {unknown[0]}, and the model knows {', '.join(names)}; "
+            f"recordings '{few.source}', array class_names: has recordings of {unknown[0]}, and the model "
+            f"knows {', '.join(names)}; "
             "enrolment adds no class: leave those recordings out, or train a new model"
         )
     where = np.array([names.index(name) if name in names else -1 for name in few.class_names])
@@ -277,14 +322,16 @@ def _check_touches(few: Recordings, rows: np.ndarray, labels: np.ndarray, config
     for name, count in zip(config.network.class_names, counts, strict=True):
         if not count:
             raise InputError(
-                f"recordings '{few.source}': show no touch of class {name}; enrolment needs 1 to 5 of each class, so record some "
+                f"recordings '{few.source}': show no touch of class {name}; enrolment needs 1 to 5 of each "
+                "class, so record some "
                 "(and look at their onsets with 'eskin inspect')"
             )
 
 
 # ---------------------------------------------------------------------- the verb
 MOST_SATURATED = 0.05
-"""Share of the new touches' features, and of the logits of all touches, that may stand at a limit of their formats."""
+"""Share of the new touches' features, and of the logits of all touches, that may stand at a limit of their
+formats."""
 
 MAX_LOSS = 0.01
 """Accuracy on the old recordings that enrolment may cost."""
@@ -300,31 +347,36 @@ def enrol(
     seed: int = 0,
     progress: Progress = lambda done, total: None,
 ) -> dict[str, Any]:
-    """Train the model in ``model_dir`` on with ``few`` touches of a new mounting, and write it to ``out``; config.json stays as it is.
+    """Train the model in ``model_dir`` on with ``few`` touches of a new mounting, and write it to ``out``;
+    config.json stays as it is.
 
     Parameters
     ----------
     few:
-        Recordings of the new mounting, 1 to 5 touches of each class; the first touch of each recording counts.
+        Recordings of the new mounting, 1 to 5 touches of each class; the first touch of each recording
+        counts.
     old:
         Recordings that the model was trained on, to be remembered.
 
     Returns
     -------
-    What training.json keeps in ``enrolments``: layers, data, old_data, seed, touches (class name -> number), setting, before and after
-    (share of the new recordings decided as labelled, which the network has now been trained on), old_before and old_after (of the old
-    ones; None without), largest_change (of a weight), saturated: {feature, logit} (shares), wall_s, passed (no fewer of the new recordings
-    right than before, and at most MAX_LOSS of the old ones lost).
+    What training.json keeps in ``enrolments``: layers, data, old_data, seed, touches (class name -> number),
+    setting, before and after (share of the new recordings decided as labelled, which the network has now been
+    trained on), old_before and old_after (of the old ones; None without), largest_change (of a weight),
+    saturated: {feature, logit} (shares), wall_s, passed (no fewer of the new recordings right than before,
+    and at most MAX_LOSS of the old ones lost).
 
     Raises
     ------
     InputError
-        Recordings of another sensor, an unknown class, a class without a touch, a folder that must not be written, or signals of the new
-        mounting that the formats cannot hold.
+        Recordings of another sensor, an unknown class, a class without a touch, a folder that must not be
+        written, or signals of the new mounting that the formats cannot hold.
     """
     begin = time.perf_counter()
     if Path(out).resolve() == Path(model_dir).resolve():
-        raise InputError(f"model '{out}': is the model to start from, which stays as it is; name another folder")
+        raise InputError(
+            f"model '{out}': is the model to start from, which stays as it is; name another folder"
+        )
     check_model_target(out)
     pair, record = load_pair(model_dir), load_training(model_dir)
     config = pair.integer.config
@@ -340,11 +392,15 @@ def enrol(
     labels = everything.labels[data.touches.recording]
     _check_touches(few, new, labels, config)
     if old is not None and not len(rest):
-        raise InputError(f"recordings '{old.source}': show no touch; leave --with out, or look at their onsets with 'eskin inspect'")
+        raise InputError(
+            f"recordings '{old.source}': show no touch; leave --with out, or look at their onsets with "
+            "'eskin inspect'"
+        )
     setting = SETTINGS[_layers(config, layers), old is not None]
     (enrolled,) = fit([pair], data, recipe, [new], None if old is None else [rest], setting, seed, progress)
     if enrolled.integer.config != config:
-        raise AssertionError("enrolment changed the configuration")  # the bitstream in use would be another design's
+        # the bitstream in use would be another design's
+        raise AssertionError("enrolment changed the configuration")
     saturated = _saturated(enrolled, data, new, rest, few.source)
 
     def right(of: Pair, which: np.ndarray) -> float | None:
@@ -370,7 +426,13 @@ def enrol(
     record["enrolments"] = [*record.get("enrolments", []), result]
     ranges = profile(enrolled.real, data.touches)
     for entry in record.get("ranges", []):  # of the old recordings, which may not be at hand
-        if entry["signal"] in ranges and entry["signal"] in ("feature", "state", "logit", "sigmoid pre-activation", "tanh pre-activation"):
+        if entry["signal"] in ranges and entry["signal"] in (
+            "feature",
+            "state",
+            "logit",
+            "sigmoid pre-activation",
+            "tanh pre-activation",
+        ):
             low, high = ranges[entry["signal"]]
             ranges[entry["signal"]] = (min(low, entry["min"]), max(high, entry["max"]))
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
@@ -384,7 +446,8 @@ def _layers(config: AcceleratorConfig, asked: Layers) -> Layers:
 
 
 def _recipe_of(record: Mapping[str, Any], config: AcceleratorConfig) -> Recipe:
-    """The recipe of the first training: its loss and augmentation hold for what is added; that of the configuration where none is noted."""
+    """The recipe of the first training: its loss and augmentation hold for what is added; that of the
+    configuration where none is noted."""
     try:
         return Recipe(**record["recipe"])
     except (KeyError, TypeError):
@@ -407,7 +470,8 @@ def _largest_change(before: Pair, after: Pair) -> float:
 
 
 def _saturated(pair: Pair, data: Dataset, new: np.ndarray, rest: np.ndarray, source: str) -> dict[str, float]:
-    """Shares of the new touches' features and of all touches' logits, of completed steps, at a limit of their formats.
+    """Shares of the new touches' features and of all touches' logits, of completed steps, at a limit of their
+    formats.
 
     Raises
     ------
@@ -426,8 +490,10 @@ def _saturated(pair: Pair, data: Dataset, new: np.ndarray, rest: np.ndarray, sou
         shares[signal] = float(np.mean((codes[done] == fmt.min_code) | (codes[done] == fmt.max_code)))
         if shares[signal] > MOST_SATURATED:
             raise InputError(
-                f"recordings '{source}': {shares[signal]:.0%} of their {signal}s stand at the limits of {signal}_format, {fmt}, and "
-                "another format would be another bitstream; train a model on these recordings together with the old ones"
+                f"recordings '{source}': {shares[signal]:.0%} of their {signal}s stand at the limits of "
+                f"{signal}_format, {fmt}, and "
+                "another format would be another bitstream; train a model on these recordings together with "
+                "the old ones"
             )
     return shares
 
@@ -442,7 +508,8 @@ def accuracy(model: IntegerModel, data: Dataset, recordings: np.ndarray) -> floa
 
 # ---------------------------------------------------------------------- how much it brings
 SET_ASIDE = 5
-"""Of so many recordings of a class in a group one is set aside, and judges what enrolment costs on the other groups."""
+"""Of so many recordings of a class in a group one is set aside, and judges what enrolment costs on the other
+groups."""
 
 
 CHOICES = 5
@@ -451,9 +518,10 @@ CHOICES = 5
 
 @dataclass(frozen=True)
 class Question:
-    """What ``judge`` answers for one seed: how good a network is on each value of ``groups`` that it was not trained on, before and after
-    k touches a class of it are enrolled, for each of ``ks``. old: with the old recordings. draw: which touches are enrolled, drawn at
-    random by the seed or the first ones in the archive. configs: for each value, in the order of ``group_values``."""
+    """What ``judge`` answers for one seed: how good a network is on each value of ``groups`` that it was not
+    trained on, before and after k touches a class of it are enrolled, for each of ``ks``. old: with the old
+    recordings. draw: which touches are enrolled, drawn at random by the seed or the first ones in the
+    archive. configs: for each value, in the order of ``group_values``."""
 
     groups: tuple[str, ...]
     ks: tuple[int, ...]
@@ -467,10 +535,11 @@ class Question:
 def front_ends_without(
     recordings: Recordings, values: Mapping[str, np.ndarray], groups: Sequence[str], **network: Any
 ) -> list[AcceleratorConfig]:
-    """For each value of ``groups`` the front end that is chosen without its recordings, with the network asked for (`with_network`).
+    """For each value of ``groups`` the front end that is chosen without its recordings, with the network
+    asked for (`with_network`).
 
-    Values are dealt to CHOICES parts; what is chosen without a part serves all of its values, and their networks train at once. The other
-    values are left out in turn where there are two at least.
+    Values are dealt to CHOICES parts; what is chosen without a part serves all of its values, and their
+    networks train at once. The other values are left out in turn where there are two at least.
     """
     field = field_of(recordings)
     parts = [list(values)[first::CHOICES] for first in range(min(CHOICES, len(values)))]
@@ -492,7 +561,9 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
         An unknown group, one with a single value, or a value with too few recordings of a class.
     """
     if not groups:
-        raise InputError("--group: is missing; name the group array whose values are mountings, persons or positions")
+        raise InputError(
+            "--group: is missing; name the group array whose values are mountings, persons or positions"
+        )
     found = {}
     for members in grouped_folds(recordings, groups, max(2, len(recordings)), None):
         name = " ".join(str(recordings.groups[group][members[0]]) for group in groups)
@@ -501,15 +572,17 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
         label = int(np.argmin(counts))
         if counts[label] <= max(ks):
             raise InputError(
-                f"recordings '{recordings.source}', group {' and '.join(groups)}: value {name} has {counts[label]} recordings of class "
-                f"{recordings.class_names[label]}, and enrolling {max(ks)} leaves none to judge; use a smaller k or another group"
+                f"recordings '{recordings.source}', group {' and '.join(groups)}: value {name} has "
+                f"{counts[label]} recordings of class "
+                f"{recordings.class_names[label]}, and enrolling {max(ks)} leaves none to judge; use a "
+                "smaller k or another group"
             )
     return found
 
 
 def set_aside(recordings: Recordings, values: Mapping[str, np.ndarray]) -> np.ndarray:
-    """(R) bool: the recordings that no network of the evaluation is trained on, one in SET_ASIDE of each class of each value, in the
-    archive's order, beginning with the third."""
+    """(R) bool: the recordings that no network of the evaluation is trained on, one in SET_ASIDE of each
+    class of each value, in the archive's order, beginning with the third."""
     aside = np.zeros(len(recordings), dtype=bool)
     for members in values.values():
         for label in range(len(recordings.class_names)):
@@ -517,10 +590,12 @@ def set_aside(recordings: Recordings, values: Mapping[str, np.ndarray]) -> np.nd
     return aside
 
 
-def judge(recordings: Recordings, question: Question, progress: Progress = lambda done, total: None) -> list[dict[str, Any]]:
-    """For each value left out and each k: value, k, before, after (integer accuracy on the recordings of that value that no k enrols),
-    others_before, others_after (on recordings of the other values that were set aside from both trainings; None: there are none),
-    recordings, others (how many judge).
+def judge(
+    recordings: Recordings, question: Question, progress: Progress = lambda done, total: None
+) -> list[dict[str, Any]]:
+    """For each value left out and each k: value, k, before, after (integer accuracy on the recordings of that
+    value that no k enrols), others_before, others_after (on recordings of the other values that were set
+    aside from both trainings; None: there are none), recordings, others (how many judge).
 
     Touches enrolled with a smaller k are among those of a larger, and the same recordings judge every k.
     """
@@ -531,7 +606,9 @@ def judge(recordings: Recordings, question: Question, progress: Progress = lambd
         configs.setdefault(config, []).append(value)
     rows = []
     for config, chosen in configs.items():
-        rows += _judge_values(recordings, config, {value: values[value] for value in chosen}, aside, question, progress)
+        rows += _judge_values(
+            recordings, config, {value: values[value] for value in chosen}, aside, question, progress
+        )
     order = list(values)
     return sorted(rows, key=lambda row: (row["k"], order.index(row["value"])))
 
@@ -551,7 +628,9 @@ def _judge_values(
     others = [np.setdiff1d(everything[aside], members) for members in values.values()]
     parts = [touch_rows(data, members) for members in known]
     models = fit_networks(data, config, recipe, parts, question.seed, progress)
-    before = [Pair(model, post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)]
+    before = [
+        Pair(model, post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)
+    ]
     setting = SETTINGS[_layers(config, question.layers), question.old]
     jobs: list[tuple[int, int, np.ndarray]] = []  # value, k, rows to enrol
     judged = []
@@ -560,10 +639,22 @@ def _judge_values(
         judged.append(np.setdiff1d(members, drawn))
         jobs += [(number, k, touch_rows(data, drawn[:, :k].ravel())) for k in question.ks]
     old = [parts[number] for number, _, _ in jobs] if question.old else None
-    after = fit([before[number] for number, _, _ in jobs], data, recipe, [new for *_, new in jobs], old, setting, question.seed, progress)
+    after = fit(
+        [before[number] for number, _, _ in jobs],
+        data,
+        recipe,
+        [new for *_, new in jobs],
+        old,
+        setting,
+        question.seed,
+        progress,
+    )
 
     def figures(pair: Pair, number: int) -> tuple[float | None, ...]:
-        return tuple(accuracy(pair.integer, data, which[number]) if len(which[number]) else None for which in (judged, others))
+        return tuple(
+            accuracy(pair.integer, data, which[number]) if len(which[number]) else None
+            for which in (judged, others)
+        )
 
     at_first = [figures(pair, number) for number, pair in enumerate(before)]
     rows = []
@@ -575,8 +666,11 @@ def _judge_values(
     return rows
 
 
-def _draw(recordings: Recordings, data: Dataset, members: np.ndarray, most: int, value: str, question: Question) -> np.ndarray:
-    """(classes, most) recordings of ``members`` to enrol, such as show a touch: a user would see it and touch again."""
+def _draw(
+    recordings: Recordings, data: Dataset, members: np.ndarray, most: int, value: str, question: Question
+) -> np.ndarray:
+    """(classes, most) recordings of ``members`` to enrol, such as show a touch: a user would see it and touch
+    again."""
     generator = np.random.default_rng([question.seed, *value.encode()])
     drawn = []
     for label, name in enumerate(recordings.class_names):
@@ -584,21 +678,24 @@ def _draw(recordings: Recordings, data: Dataset, members: np.ndarray, most: int,
         of_class = of_class[data.touches.completed[data.index[of_class]] > 0]
         if len(of_class) < most:
             raise InputError(
-                f"recordings '{recordings.source}': of value {value} only {len(of_class)} recording(s) of class {name} show a touch, and "
+                f"recordings '{recordings.source}': of value {value} only {len(of_class)} recording(s) of "
+                f"class {name} show a touch, and "
                 f"{most} are to be enrolled; use a smaller k, or another front end (--config)"
             )
         drawn.append((generator.permutation(of_class) if question.draw == "random" else of_class)[:most])
     return np.array(drawn)
 
 
-def summary(group: Sequence[str], layers: Layers, old: bool, by_seed: Sequence[Sequence[Mapping[str, Any]]]) -> dict[str, Any]:
+def summary(
+    group: Sequence[str], layers: Layers, old: bool, by_seed: Sequence[Sequence[Mapping[str, Any]]]
+) -> dict[str, Any]:
     """The result of ``enrol --evaluate`` from the rows of ``judge`` for each seed.
 
     Returns
     -------
-    rows: {group, value, k, layers, old, before, after, others_before, others_after, recordings, others, spread: {the four}, by_seed: {the
-    four}}, means over seeds; mean: k -> the four over all values, weighted by their recordings, and spread: the standard deviation of that
-    mean over seeds (None: one seed).
+    rows: {group, value, k, layers, old, before, after, others_before, others_after, recordings, others,
+    spread: {the four}, by_seed: {the four}}, means over seeds; mean: k -> the four over all values, weighted
+    by their recordings, and spread: the standard deviation of that mean over seeds (None: one seed).
     """
     figures = ("before", "after", "others_before", "others_after")
 
@@ -610,7 +707,13 @@ def summary(group: Sequence[str], layers: Layers, old: bool, by_seed: Sequence[S
         runs = {name: [row[name] for row in same] for name in figures}
         known = {name: np.array(values) for name, values in runs.items() if None not in values}
         rows.append(
-            {"group": " and ".join(group), "value": same[0]["value"], "k": same[0]["k"], "layers": layers, "old": old}
+            {
+                "group": " and ".join(group),
+                "value": same[0]["value"],
+                "k": same[0]["k"],
+                "layers": layers,
+                "old": old,
+            }
             | {name: float(known[name].mean()) if name in known else None for name in figures}
             | {"recordings": same[0]["recordings"], "others": same[0]["others"]}
             | {"spread": {name: several(values) for name, values in known.items()}, "by_seed": runs}

@@ -23,19 +23,22 @@ MIN_AGREEMENT = 0.98
 
 
 def evaluate(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
-    """Run both models of a folder over recordings and compare; a recording without a decision counts as wrong.
+    """Run both models of a folder over recordings and compare; a recording without a decision counts as
+    wrong.
 
     Returns
     -------
-    recordings, float_accuracy, integer_accuracy, agreement (share of recordings with the same global decision, none included), per_step
-    (list of {step, time_s, float_accuracy, integer_accuracy}; time from the onset to the end of the step's window, median over touches),
-    per_class (class name -> {recordings, float_accuracy, integer_accuracy}), not_touched (recordings without an onset), partial (first
-    touches that their recording cut short), confusion (integer model: rows = true class, columns = decided, last column = none),
-    class_names, decision (the configuration's rule), decision_time_s (integer model: mean over the decided recordings, from the onset to
-    the end of the window decided on; None: none decided), chance (share of the class that most recordings have: what always naming it
-    would reach), logit_error ({mean, max, stage}: how far integer logits are from float ones over all completed steps, and the stage that
-    alone brings about the largest; None without a step), stages (a record for each stage: ``eskin.golden.model.stage_error.StageError``),
-    passed (``held``).
+    recordings, float_accuracy, integer_accuracy, agreement (share of recordings with the same global
+    decision, none included), per_step (list of {step, time_s, float_accuracy, integer_accuracy}; time from
+    the onset to the end of the step's window, median over touches), per_class (class name -> {recordings,
+    float_accuracy, integer_accuracy}), not_touched (recordings without an onset), partial (first touches that
+    their recording cut short), confusion (integer model: rows = true class, columns = decided, last column =
+    none), class_names, decision (the configuration's rule), decision_time_s (integer model: mean over the
+    decided recordings, from the onset to the end of the window decided on; None: none decided), chance (share
+    of the class that most recordings have: what always naming it would reach), logit_error ({mean, max,
+    stage}: how far integer logits are from float ones over all completed steps, and the stage that alone
+    brings about the largest; None without a step), stages (a record for each stage:
+    ``eskin.golden.model.stage_error.StageError``), passed (``held``).
 
     Raises
     ------
@@ -52,9 +55,10 @@ def compare_stages(model_dir: str | Path, recordings: Recordings) -> dict[str, A
 
     Returns
     -------
-    model, source, recordings, steps (completed ones compared), agreement (share of recordings with the same global decision),
-    local_agreement (share of steps with the same class; None of images), logit_error, stages (as ``evaluate``), signals (a record for each
-    array of weights and each stage: ``eskin.golden.model.stage_error.SignalProfile``).
+    model, source, recordings, steps (completed ones compared), agreement (share of recordings with the same
+    global decision), local_agreement (share of steps with the same class; None of images), logit_error,
+    stages (as ``evaluate``), signals (a record for each array of weights and each stage:
+    ``eskin.golden.model.stage_error.SignalProfile``).
 
     Raises
     ------
@@ -77,8 +81,9 @@ def compare_stages(model_dir: str | Path, recordings: Recordings) -> dict[str, A
 
 
 def compare(ideal: Any, trace: Any, labels: np.ndarray) -> dict[str, Any]:
-    """The result of ``evaluate`` without ``passed`` and errors, from a float and an integer trace (`eskin.golden.model.pipeline.Trace`, or
-    `eskin.golden.model.image_network.ImageTrace`) of the same recordings and their labels."""
+    """The result of ``evaluate`` without ``passed`` and errors, from a float and an integer trace
+    (`eskin.golden.model.pipeline.Trace`, or `eskin.golden.model.image_network.ImageTrace`) of the same
+    recordings and their labels."""
     config, labels = trace.config, np.asarray(labels)
     confusion = np.zeros((config.classes, config.classes + 1), dtype=np.int64)
     np.add.at(confusion, (labels, trace.decision), 1)  # -1, no decision, is the last column
@@ -86,8 +91,13 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> dict[str, Any]:
     for index, name in enumerate(config.network.class_names):
         members = labels == index
         if members.any():
-            shares = {"float_accuracy": ideal.decision[members] == index, "integer_accuracy": trace.decision[members] == index}
-            per_class[name] = {"recordings": int(members.sum())} | {key: float(np.mean(right)) for key, right in shares.items()}
+            shares = {
+                "float_accuracy": ideal.decision[members] == index,
+                "integer_accuracy": trace.decision[members] == index,
+            }
+            per_class[name] = {"recordings": int(members.sum())} | {
+                key: float(np.mean(right)) for key, right in shares.items()
+            }
     decision_time_s: float | None = image_seconds(config) if config.is_image else None
     if config.is_image:  # an image is one step, touched, and decided when its rows are in
         steps = [(image_seconds(config), ideal.accuracy(labels), trace.accuracy(labels))]
@@ -95,7 +105,10 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> dict[str, Any]:
     else:
         times = step_times(config, trace.touches)
         steps = list(zip(times, ideal.step_accuracy(labels), trace.step_accuracy(labels), strict=True))
-        not_touched, partial = int(trace.not_touched.sum()), int(trace.partial[trace.first[trace.first >= 0]].sum())
+        not_touched, partial = (
+            int(trace.not_touched.sum()),
+            int(trace.partial[trace.first[trace.first >= 0]].sum()),
+        )
         if (trace.decision >= 0).any():
             decision_time_s = float(np.nanmean(trace.decision_time_s()))
     return {
@@ -105,7 +118,12 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> dict[str, Any]:
         "agreement": trace.agreement(ideal),
         "chance": float(np.bincount(labels).max() / len(labels)),
         "per_step": [
-            {"step": k + 1, "time_s": float(time), "float_accuracy": float(real), "integer_accuracy": float(integer)}
+            {
+                "step": k + 1,
+                "time_s": float(time),
+                "float_accuracy": float(real),
+                "integer_accuracy": float(integer),
+            }
             for k, (time, real, integer) in enumerate(steps)
         ],
         "per_class": per_class,
@@ -119,5 +137,9 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> dict[str, Any]:
 
 
 def held(result: dict[str, Any]) -> bool:
-    """True when the integer model is at most MAX_LOSS under the float one and agrees on at least MIN_AGREEMENT."""
-    return result["integer_accuracy"] >= result["float_accuracy"] - MAX_LOSS and result["agreement"] >= MIN_AGREEMENT
+    """True when the integer model is at most MAX_LOSS under the float one and agrees on at least
+    MIN_AGREEMENT."""
+    return (
+        result["integer_accuracy"] >= result["float_accuracy"] - MAX_LOSS
+        and result["agreement"] >= MIN_AGREEMENT
+    )

@@ -22,13 +22,16 @@ from eskin.golden.training.quantise import IntegerNetwork, profile, quantise_mod
 from eskin.golden.training.recipe import Recipe
 
 FINE_TUNING_TEACHER = 0.9
-"""Share of the float network's class probabilities in the targets of quantisation-aware training; the labels are the rest."""
+"""Share of the float network's class probabilities in the targets of quantisation-aware training; the labels
+are the rest."""
 
 FINE_TUNING_UPDATES, FINE_TUNING_RATE = 200, 0.005
-"""Updates of quantisation-aware training, which starts from the float network, and the largest rate of their one-cycle schedule."""
+"""Updates of quantisation-aware training, which starts from the float network, and the largest rate of their
+one-cycle schedule."""
 
 TOGETHER = 256
-"""Networks trained in one batch at most: with more, memory would grow by what was asked for (--folds 200 --seeds 100)."""
+"""Networks trained in one batch at most: with more, memory would grow by what was asked for (--folds 200
+--seeds 100)."""
 
 
 def fit_networks(
@@ -40,21 +43,24 @@ def fit_networks(
     progress: Callable[[int, int], None],
     curves: LossCurves | None = None,
 ) -> list[FloatModel]:
-    """One network for each part (rows of the touches to train on), all trained at once; deterministic by ``seed``.
+    """One network for each part (rows of the touches to train on), all trained at once; deterministic by
+    ``seed``.
 
     curves: gets their losses on the way; a linear cell, which is solved and not trained, leaves them empty.
     """
     for rows in parts:
         if not len(rows):
-            raise InputError("training: no touch was found in a training part; check the onset rule with 'eskin inspect'")
+            raise InputError(
+                "training: no touch was found in a training part; check the onset rule with 'eskin inspect'"
+            )
     with one_thread():
         return _fit_in_one_thread(data, config, recipe, parts, seed, progress, curves)
 
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Torch and the linear algebra of numpy and scipy in one thread: the operations are small, a second thread gains a third on an idle
-    machine and loses a factor of ten on a busy one."""
+    """Torch and the linear algebra of numpy and scipy in one thread: the operations are small, a second
+    thread gains a third on an idle machine and loses a factor of ten on a busy one."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -80,7 +86,7 @@ def _fit_in_one_thread(
     shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
     curve_parts = [curves.of(share) for share in shares] if curves else [None] * len(shares)
     for number, (share, curve) in enumerate(zip(shares, curve_parts, strict=True)):
-        report = lambda done, total, number=number: progress(number * total + done, len(shares) * total)  # noqa: E731
+        report = lambda done, total, number=number: progress(number * total + done, len(shares) * total)
         models += _fit_together(data, config, recipe, parts[share], generator, report, curve)
     if curves:
         curves.join([curve for curve in curve_parts if curve])
@@ -99,10 +105,18 @@ def _fit_together(
     """A recurrent network for each part, all in one batch of networks."""
     network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)
     batches = Batches(data, config, recipe, parts, generator)
-    updates = max(1, recipe.epochs * -(-max(len(rows) for rows in parts) // recipe.batch)) if recipe.epochs else recipe.updates
+    updates = (
+        max(1, recipe.epochs * -(-max(len(rows) for rows in parts) // recipe.batch))
+        if recipe.epochs
+        else recipe.updates
+    )
 
     optimiser = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate, foreach=True)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, recipe.learning_rate, total_steps=updates) if recipe.one_cycle else None
+    schedule = (
+        torch.optim.lr_scheduler.OneCycleLR(optimiser, recipe.learning_rate, total_steps=updates)
+        if recipe.one_cycle
+        else None
+    )
     for update in range(updates):
         features, labels, counts = batches.draw()
         loss = class_loss(recipe, network(features), labels, counts)
@@ -118,7 +132,9 @@ def _fit_together(
         if curves:
             curves.note(update + 1, updates, loss.detach(), network, batches.scales)
         progress(update + 1, updates)
-    arrays = network.arrays() | {name: np.array([pair[i] for pair in batches.scales]) for i, name in enumerate(("mu", "sigma"))}
+    arrays = network.arrays() | {
+        name: np.array([pair[i] for pair in batches.scales]) for i, name in enumerate(("mu", "sigma"))
+    }
     return [FloatModel(config, {name: array[m] for name, array in arrays.items()}) for m in range(len(parts))]
 
 
@@ -130,7 +146,8 @@ def _fit_linear(
     generator: torch.Generator,
     progress: Callable[[int, int], None],
 ) -> list[FloatModel]:
-    """A logistic regression for each part, on what the recipe draws of it, or on the part as it is where the recipe augments nothing."""
+    """A logistic regression for each part, on what the recipe draws of it, or on the part as it is where the
+    recipe augments nothing."""
     models: list[FloatModel] = []
     known: dict[bytes, FloatModel] = {}  # without augmentation every seed gives the same
     for number, rows in enumerate(parts):
@@ -139,12 +156,19 @@ def _fit_linear(
             batches = Batches(data, config, recipe, [rows], generator)
             if recipe.augments:
                 drawn = [batches.draw() for _ in range(recipe.updates)]
-                features, labels, counts = (torch.cat(pieces, dim=1)[0].numpy() for pieces in zip(*drawn, strict=True))
+                features, labels, counts = (
+                    torch.cat(pieces, dim=1)[0].numpy() for pieces in zip(*drawn, strict=True)
+                )
             else:
                 features, labels, counts = (batch[0].numpy() for batch in batches.recorded())
-            penalty = recipe.penalty * len(rows) / len(labels)  # the touches are drawn several times, and are no more for that
+            # the touches are drawn several times, and are no more for that
+            penalty = recipe.penalty * len(rows) / len(labels)
             features = features * counts[..., None]
-            arrays = fit_least_squares(config, features, labels) if recipe.squares else fit_linear(config, features, labels, penalty)
+            arrays = (
+                fit_least_squares(config, features, labels)
+                if recipe.squares
+                else fit_linear(config, features, labels, penalty)
+            )
             mu, sigma = batches.scales[0]
             model = FloatModel(config, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)})
             known[rows.tobytes()] = model
@@ -166,9 +190,11 @@ def fine_tune(
     widths: dict[str, Any],
     progress: Callable[[int, int], None],
 ) -> list[IntegerModel]:
-    """Quantisation-aware training: an integer network from each trained float one, trained on in integer arithmetic.
+    """Quantisation-aware training: an integer network from each trained float one, trained on in integer
+    arithmetic.
 
-    Formats are chosen once, from the ranges of the network on its own part; networks of the same formats train at once.
+    Formats are chosen once, from the ranges of the network on its own part; networks of the same formats
+    train at once.
     """
     starts = [post_training(model, data, rows, widths) for model, rows in zip(models, parts, strict=True)]
     groups: dict[AcceleratorConfig, list[int]] = {}
@@ -180,14 +206,20 @@ def fine_tune(
     try:
         for g, members in enumerate(groups.values()):
             network = IntegerNetwork([models[m] for m in members], [starts[m] for m in members])
-            batches = Batches(data, network.config, recipe, [parts[m] for m in members], torch.Generator().manual_seed(seed))
+            batches = Batches(
+                data, network.config, recipe, [parts[m] for m in members], torch.Generator().manual_seed(seed)
+            )
             optimiser = torch.optim.Adam(network.parameters(), lr=FINE_TUNING_RATE, foreach=True)
-            schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, FINE_TUNING_RATE, total_steps=FINE_TUNING_UPDATES)
+            schedule = torch.optim.lr_scheduler.OneCycleLR(
+                optimiser, FINE_TUNING_RATE, total_steps=FINE_TUNING_UPDATES
+            )
             for update in range(FINE_TUNING_UPDATES):
                 features, labels, counts = batches.draw()
                 logits = network(network.feature_codes(features))
                 taught = teacher_loss(logits, network.teach(features), counts)
-                loss = (1 - FINE_TUNING_TEACHER) * class_loss(recipe, logits, labels, counts) + FINE_TUNING_TEACHER * taught
+                loss = (1 - FINE_TUNING_TEACHER) * class_loss(
+                    recipe, logits, labels, counts
+                ) + FINE_TUNING_TEACHER * taught
                 optimiser.zero_grad()
                 loss.sum().backward()
                 optimiser.step()

@@ -1,4 +1,5 @@
-"""Integers of a network for images: a format for each layer, from ranges, and the model folder's integer half. No torch."""
+"""Integers of a network for images: a format for each layer, from ranges, and the model folder's integer
+half. No torch."""
 
 from __future__ import annotations
 
@@ -28,20 +29,25 @@ LOGIT_HEADROOM = 2.0
 def check_weight_bits(bits: int) -> None:
     """Refuse other weights than hardware has."""
     if bits not in (4, 8):
-        raise InputError(f"--weight-bits {bits}: networks for images have weights of 4 or 8 bits; give one of these")
+        raise InputError(
+            f"--weight-bits {bits}: networks for images have weights of 4 or 8 bits; give one of these"
+        )
 
 
 def profile_images(model: FloatModel, images: np.ndarray) -> dict[str, float]:
-    """The largest value, covering COVERED of them, that each layer with weights gives for images; of the logits twice the largest.
-    Number of the layer, as text -> real value."""
+    """The largest value, covering COVERED of them, that each layer with weights gives for images; of the
+    logits twice the largest. Number of the layer, as text -> real value."""
     trace = float_images(model, images)
     stages = model.config.weighted_stages
-    ranges = {str(stage.number): float(np.quantile(trace.maps[stage.number], COVERED)) for stage in stages[:-1]}
+    ranges = {
+        str(stage.number): float(np.quantile(trace.maps[stage.number], COVERED)) for stage in stages[:-1]
+    }
     return ranges | {str(stages[-1].number): LOGIT_HEADROOM * float(np.abs(trace.logits).max())}
 
 
 def weight_fraction(weights: np.ndarray, bits: int) -> int:
-    """Fraction bits with which weights of ``bits`` bits come closest to ``weights``: least squares, the largest may saturate."""
+    """Fraction bits with which weights of ``bits`` bits come closest to ``weights``: least squares, the
+    largest may saturate."""
     largest = max(float(np.abs(weights).max()), 2.0**-16)
     fits = bits - 1 - math.ceil(math.log2(largest))
     errors = {}
@@ -51,10 +57,14 @@ def weight_fraction(weights: np.ndarray, bits: int) -> int:
     return min(errors, key=lambda fraction: (errors[fraction], fraction))
 
 
-def choose_image_formats(model: FloatModel, ranges: Mapping[str, float], weight_bits: int = 8) -> AcceleratorConfig:
-    """The configuration with a format for each layer: power-of-two scales, so that one shift a layer is all that hardware needs.
+def choose_image_formats(
+    model: FloatModel, ranges: Mapping[str, float], weight_bits: int = 8
+) -> AcceleratorConfig:
+    """The configuration with a format for each layer: power-of-two scales, so that one shift a layer is all
+    that hardware needs.
 
-    ranges: `profile_images`. A shift is never below 0: a layer whose map could be finer than its products keeps theirs.
+    ranges: `profile_images`. A shift is never below 0: a layer whose map could be finer than its products
+    keeps theirs.
     """
     check_weight_bits(weight_bits)
     config, before = model.config, PIXEL_FORMAT.frac_bits
@@ -72,7 +82,8 @@ def choose_image_formats(model: FloatModel, ranges: Mapping[str, float], weight_
 
 # ---------------------------------------------------------------------- the same network, easier to round
 LEAST_SHARE = 1 / 16
-"""A channel's range counts as this share of the largest of its layer at least: what hardly ever speaks is not made loud."""
+"""A channel's range counts as this share of the largest of its layer at least: what hardly ever speaks is not
+made loud."""
 
 ALIGNMENTS = (0.0, 0.25, 0.5, 0.75)
 """Powers of two by which the scale of a whole layer is tried."""
@@ -84,10 +95,11 @@ ALIGNED_ON = 64
 def equalised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> FloatModel:
     """The same function with other scales inside, so that one format a layer, a power of two, loses less.
 
-    A channel of a hidden layer may be multiplied by any s > 0 when what reads it is divided by s: ReLU and pools keep positive factors.
-    First, each channel: with w the range of its weights, m that of its map, v that of the weights that read it, s = (v / (w m))^(1/3),
-    which brings w s, m s and v / s of a layer's channels closest together (least squares of their logarithms; after Nagel et al.,
-    Data-free quantization through weight equalization, 2019, who have w and v). Then, each layer as a whole, from the first: of
+    A channel of a hidden layer may be multiplied by any s > 0 when what reads it is divided by s: ReLU and
+    pools keep positive factors. First, each channel: with w the range of its weights, m that of its map, v
+    that of the weights that read it, s = (v / (w m))^(1/3), which brings w s, m s and v / s of a layer's
+    channels closest together (least squares of their logarithms; after Nagel et al., Data-free quantization
+    through weight equalization, 2019, who have w and v). Then, each layer as a whole, from the first: of
     ALIGNMENTS the one with the least error of the integer logits (weights of ``weight_bits``, mean square).
     """
     stages = model.config.weighted_stages
@@ -96,8 +108,14 @@ def equalised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> Fl
     for stage, reader in itertools.pairwise(stages):
         weights = np.abs(arrays[f"W_{stage.number}"]).reshape(stage.outputs, -1).max(axis=1)
         reading = np.abs(_by_channel(arrays[f"W_{reader.number}"], stage.outputs)).max(axis=(0, 1))
-        ranges = [weights, reading, np.quantile(maps[stage.number].reshape(-1, stage.outputs), COVERED, axis=0)]
-        weights, reading, mapped = (np.maximum(candidate, max(LEAST_SHARE * candidate.max(), 2.0**-24)) for candidate in ranges)
+        ranges = [
+            weights,
+            reading,
+            np.quantile(maps[stage.number].reshape(-1, stage.outputs), COVERED, axis=0),
+        ]
+        weights, reading, mapped = (
+            np.maximum(candidate, max(LEAST_SHARE * candidate.max(), 2.0**-24)) for candidate in ranges
+        )
         factor = np.cbrt(reading / (weights * mapped))
         _scale(arrays, stage, reader, factor / np.exp(np.log(factor).mean()))
     sample = images[:: max(len(images) // ALIGNED_ON, 1)]
@@ -123,13 +141,16 @@ def _by_channel(weights: np.ndarray, channels: int) -> np.ndarray:
 def _scale(arrays: dict[str, np.ndarray], stage: Stage, reader: Stage, factor: np.ndarray) -> None:
     """Multiply the channels of a layer by ``factor`` and divide what reads them."""
     weights, reading = arrays[f"W_{stage.number}"], arrays[f"W_{reader.number}"]
-    arrays[f"W_{stage.number}"] = (weights.reshape(stage.outputs, -1) * factor[:, None]).reshape(weights.shape)
+    arrays[f"W_{stage.number}"] = (weights.reshape(stage.outputs, -1) * factor[:, None]).reshape(
+        weights.shape
+    )
     arrays[f"b_{stage.number}"] = arrays[f"b_{stage.number}"] * factor
     arrays[f"W_{reader.number}"] = (_by_channel(reading, stage.outputs) / factor).reshape(reading.shape)
 
 
 def integers_of(model: FloatModel, config: AcceleratorConfig) -> IntegerModel:
-    """The integer network: weights and biases of the float one, rounded to the formats of ``config``; biases saturate at 24 bits."""
+    """The integer network: weights and biases of the float one, rounded to the formats of ``config``; biases
+    saturate at 24 bits."""
     arrays: dict[str, np.ndarray] = {}
     for stage, fmt, before, _ in layer_formats(config):
         bias = QFormat(BIAS_BITS - fmt.frac_bits - before.frac_bits, fmt.frac_bits + before.frac_bits)
@@ -144,10 +165,15 @@ def quantised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> In
 
 
 def quantise_image_model(
-    model_dir: str | Path, recordings: Recordings | None = None, *, weight_bits: int | None = None, **other: Any
+    model_dir: str | Path,
+    recordings: Recordings | None = None,
+    *,
+    weight_bits: int | None = None,
+    **other: Any,
 ) -> IntegerModel:
-    """As `eskin.golden.training.quantise.quantise`, of a model for images: weights of 8 or 4 bits, a format for each layer, profiled on
-    ``recordings``, for which the network is brought to scales that suit them (``equalised``), or of the ranges noted at training.
+    """As `eskin.golden.training.quantise.quantise`, of a model for images: weights of 8 or 4 bits, a format
+    for each layer, profiled on ``recordings``, for which the network is brought to scales that suit them
+    (``equalised``), or of the ranges noted at training.
 
     Raises
     ------
@@ -156,7 +182,10 @@ def quantise_image_model(
     """
     for name, value in other.items():
         if value:
-            raise InputError(f"--{name.replace('_', '-')}: networks for images have no such width; leave it out, or give --weight-bits 4")
+            raise InputError(
+                f"--{name.replace('_', '-')}: networks for images have no such width; leave it out, or give "
+                "--weight-bits 4"
+            )
     model, record = FloatModel.load(model_dir, images=True), load_training(model_dir)
     model = FloatModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays, model.source)
     real = model
@@ -169,7 +198,8 @@ def quantise_image_model(
     integer = integers_of(model, choose_image_formats(model, ranges, weight_bits or 8))
     record |= {"quantisation_aware": False, "widths": {"weight_bits": weight_bits or 8}, "ranges": ranges}
     if model is not real:
-        model.save(model_dir, record)  # the same function at other scales, beside which the integers are judged layer by layer
+        # the same function at other scales, beside which the integers are judged layer by layer
+        model.save(model_dir, record)
     integer.save(model_dir, training=record)
     return integer
 
@@ -183,5 +213,8 @@ def _noted(model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str
     except (TypeError, KeyError, ValueError):
         noted = {}
     if not noted or not all(np.isfinite(value) and value >= 0 for value in noted.values()):
-        raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: is missing or damaged; give the images it was trained on (--data)")
+        raise InputError(
+            f"{model_dir}/{TRAINING_FILE}, field ranges: is missing or damaged; give the images it was "
+            "trained on (--data)"
+        )
     return noted

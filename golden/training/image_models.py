@@ -1,8 +1,9 @@
-"""Model folders of networks for images: cross-validated and trained, made integers, judged. What `eskin train`, `quantise` and
-`evaluate` do with an archive of images.
+"""Model folders of networks for images: cross-validated and trained, made integers, judged. What `eskin
+train`, `quantise` and `evaluate` do with an archive of images.
 
-``auto`` trains three networks of NETWORKS on the same folds and takes the one with the fewest multiplies whose accuracy lies within one
-standard error of the best one's, as the choice among cells does (`eskin.golden.training.choose_network`).
+``auto`` trains three networks of NETWORKS on the same folds and takes the one with the fewest multiplies
+whose accuracy lies within one standard error of the best one's, as the choice among cells does
+(`eskin.golden.training.choose_network`).
 """
 
 from __future__ import annotations
@@ -29,7 +30,15 @@ from eskin.golden.training.crossval import Decided, Progress, named, split_recor
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_formats import check_weight_bits, profile_images
 from eskin.golden.training.splits import split_folds
-from eskin.golden.training.train_images import CODE, ImageRecipe, Piece, judge, size_of, train_network, tune_network
+from eskin.golden.training.train_images import (
+    CODE,
+    ImageRecipe,
+    Piece,
+    judge,
+    size_of,
+    train_network,
+    tune_network,
+)
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -60,12 +69,17 @@ def image_config(recordings: Recordings, name: str) -> AcceleratorConfig:
         raise InputError(f"recordings '{recordings.source}', array images: {error}") from None
 
 
-def chosen_config(recordings: Recordings, requested: AcceleratorConfig | None, cell: str | None) -> AcceleratorConfig | None:
+def chosen_config(
+    recordings: Recordings, requested: AcceleratorConfig | None, cell: str | None
+) -> AcceleratorConfig | None:
     """The configuration that was asked for, checked against the images; None: it is to be chosen."""
     if cell in NETWORKS:
         return image_config(recordings, cell)
     if cell not in (None, AUTO):
-        raise InputError(f"--cell {cell}: reads recordings, and {recordings.source} holds images; use {', '.join(NETWORKS)} or auto")
+        raise InputError(
+            f"--cell {cell}: reads recordings, and {recordings.source} holds images; use "
+            f"{', '.join(NETWORKS)} or auto"
+        )
     if requested is None or cell == AUTO:
         return None
     check_fit(recordings, requested)
@@ -90,7 +104,8 @@ def train_image_model(
     workers: int | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Cross-validate (choosing the network where none was asked for), fit it to all images, and write the model folder.
+    """Cross-validate (choosing the network where none was asked for), fit it to all images, and write the
+    model folder.
 
     Parameters
     ----------
@@ -118,7 +133,10 @@ def train_image_model(
     check_weight_bits(bits)
     config = chosen_config(recordings, requested, cell)
     if config is None and not folds:
-        raise InputError(f"--cell auto: needs folds to judge networks on; leave --folds 0 out or name one of {', '.join(NETWORKS)}")
+        raise InputError(
+            "--cell auto: needs folds to judge networks on; leave --folds 0 out or name one of "
+            f"{', '.join(NETWORKS)}"
+        )
     candidates = [config] if config else [image_config(recordings, name) for name in CANDIDATES]
     judged_by = recipe if config else dataclasses.replace(recipe, epochs=min(recipe.epochs, CHOOSING_EPOCHS))
     images, groups = images_of(recordings), list(group or [])
@@ -127,9 +145,14 @@ def train_image_model(
     if folds:
         jobs, many = Jobs(workers=workers, progress=progress), list(range(seed, seed + seeds))
         tuned_bits = bits if quantisation_aware else 0
-        pieces = [pieces_of(recordings, network, groups, folds, many, judged_by, tuned_bits) for network in candidates]
+        pieces = [
+            pieces_of(recordings, network, groups, folds, many, judged_by, tuned_bits)
+            for network in candidates
+        ]
         sized = {size_of(candidates[0]): images}
-        results = judged_pieces(sized, recordings.labels, pieces, jobs, keep, "networks of the cross-validation", judge)
+        results = judged_pieces(
+            sized, recordings.labels, pieces, jobs, keep, "networks of the cross-validation", judge
+        )
         integers = "tuned" if quantisation_aware else "w8"
         for of_one in zip(candidates, pieces, results, strict=True):
             records.append(split_of(recordings, of_one[0], groups, *of_one[1:], many, integers))
@@ -164,22 +187,43 @@ def train_image_model(
 
 
 def _fit(
-    config: AcceleratorConfig, recordings: Recordings, recipe: ImageRecipe, seed: int, bits: int, progress: Progress | None
+    config: AcceleratorConfig,
+    recordings: Recordings,
+    recipe: ImageRecipe,
+    seed: int,
+    bits: int,
+    progress: Progress | None,
 ) -> tuple[FloatModel, IntegerModel | None]:
     images, labels = images_of(recordings), recordings.labels
 
     with one_thread():
-        model = train_network(config, images, labels, recipe=recipe, seed=seed, progress=named(progress, "training on all images, epochs"))
+        model = train_network(
+            config,
+            images,
+            labels,
+            recipe=recipe,
+            seed=seed,
+            progress=named(progress, "training on all images, epochs"),
+        )
         if not bits:
             return model, None
         report = named(progress, f"training on with weights of {bits} bits, epochs")
-        return tune_network(model, images, labels, weight_bits=bits, recipe=recipe, seed=seed, progress=report)
+        return tune_network(
+            model, images, labels, weight_bits=bits, recipe=recipe, seed=seed, progress=report
+        )
 
 
 def pieces_of(
-    recordings: Recordings, config: AcceleratorConfig, groups: list[str], folds: int, seeds: Sequence[int], recipe: ImageRecipe, bits: int
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    groups: list[str],
+    folds: int,
+    seeds: Sequence[int],
+    recipe: ImageRecipe,
+    bits: int,
 ) -> list[list[Piece]]:
-    """A list for each seed, a piece for each fold; ``bits``: also train on with weights of so many, 0: not."""
+    """A list for each seed, a piece for each fold; ``bits``: also train on with weights of so many, 0:
+    not."""
     pieces = []
     for seed in seeds:
         parts = split_folds(recordings, groups, folds, seed if not groups else None)
@@ -196,7 +240,8 @@ def judged_pieces(
     what: str,
     judging: Callable[[Any, Piece], dict[str, Any]],
 ) -> list[list[list[dict[str, Any]]]]:
-    """The result of each piece of several networks, of `eskin.golden.training.train_images.judge` or what stands in for it, in their order.
+    """The result of each piece of several networks, of `eskin.golden.training.train_images.judge` or what
+    stands in for it, in their order.
 
     Parameters
     ----------
@@ -205,7 +250,8 @@ def judged_pieces(
     pieces:
         Of each network a list for each seed, in it a piece for each fold.
     jobs, keep, what:
-        As for `eskin.golden.core.jobs.Jobs.results`. A result is named by all that it depends on, the code with it.
+        As for `eskin.golden.core.jobs.Jobs.results`. A result is named by all that it depends on, the code
+        with it.
     """
     code = CODE()
     of_images = {size: content_key(pixels, labels, code) for size, pixels in images.items()}
@@ -214,7 +260,8 @@ def judged_pieces(
         options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits]
         return content_key(of_images[size_of(piece.config)], piece.config.to_dict(), *options)
 
-    # a fold of every network before the next fold: what an interrupted sweep has kept says something of all of them
+    # a fold of every network before the next fold: what an interrupted sweep has kept says something of all
+    # of them
     turns = itertools.zip_longest(*(of_seed for of_network in pieces for of_seed in of_network))
     keyed = {key(piece): piece for turn in turns for piece in turn if piece is not None}
     results = jobs.results(judging, keyed, (dict(images), labels), keep=keep, what=what)
@@ -230,27 +277,39 @@ def split_of(
     seeds: list[int],
     integers: str,
 ) -> dict[str, Any]:
-    """The record of a cross-validation, as `eskin.golden.training.crossval.cross_validate` gives it, from ``pieces_of`` and their results,
-    and ``correct``: the share of seeds whose integers were right, for each image. integers: the key of the results that count."""
+    """The record of a cross-validation, as `eskin.golden.training.crossval.cross_validate` gives it, from
+    ``pieces_of`` and their results, and ``correct``: the share of seeds whose integers were right, for each
+    image. integers: the key of the results that count."""
     correct, records = np.zeros(len(recordings)), []
     for seed, of_seed, outcomes in zip(seeds, pieces, results, strict=True):  # every seed deals its own folds
         tests, decided = [np.array(piece.left_out) for piece in of_seed], []
         for test, result in zip(tests, outcomes, strict=True):
             ideal, whole = np.array(result["float"]), np.array(result[integers])
             correct[test] += (whole == recordings.labels[test]) / len(seeds)
-            decided.append([Decided(ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), np.array([]))])
+            decided.append(
+                [Decided(ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), np.array([]))]
+            )
         names = [f"part {number + 1}" for number in range(len(tests))]
-        records.append(split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)]))
-    record = records[0] | {"seeds": seeds, "correct": correct, "by_weights": _by_weights(recordings.labels, pieces, results)}
+        records.append(
+            split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)])
+        )
+    record = records[0] | {
+        "seeds": seeds,
+        "correct": correct,
+        "by_weights": _by_weights(recordings.labels, pieces, results),
+    }
     for kind in ("float", "integer"):
         by_seed = [of_seed[f"{kind}_accuracy"] for of_seed in records]
         record |= {f"{kind}_accuracy": float(np.mean(by_seed)), f"{kind}_by_seed": by_seed}
     return record | {"agreement": float(np.mean([of_seed["agreement"] for of_seed in records]))}
 
 
-def _by_weights(labels: np.ndarray, pieces: list[list[Piece]], results: list[list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """{weights, accuracy, spread, agreement, by_seed} of the float network and of each kind of integers; accuracy and agreement (with
-    float) are means over seeds, spread the standard deviation over them (0 of one)."""
+def _by_weights(
+    labels: np.ndarray, pieces: list[list[Piece]], results: list[list[dict[str, Any]]]
+) -> list[dict[str, Any]]:
+    """{weights, accuracy, spread, agreement, by_seed} of the float network and of each kind of integers;
+    accuracy and agreement (with float) are means over seeds, spread the standard deviation over them (0 of
+    one)."""
     tuned = f"{pieces[0][0].tuned_bits} bits, trained on"
     words = {"float": "float", "w8": "8 bits, rounded", "w4": "4 bits, rounded", "tuned": tuned}
     rows = []
@@ -260,27 +319,41 @@ def _by_weights(labels: np.ndarray, pieces: list[list[Piece]], results: list[lis
         right, same = [], []
         for of_seed, outcomes in zip(pieces, results, strict=True):
             out = np.concatenate([piece.left_out for piece in of_seed])
-            ideal, integers = (np.concatenate([result[source] for result in outcomes]) for source in ("float", kind))
+            ideal, integers = (
+                np.concatenate([result[source] for result in outcomes]) for source in ("float", kind)
+            )
             right.append(float(np.mean(integers == labels[out])))
             same.append(float(np.mean(integers == ideal)))
         spread = float(np.std(right, ddof=1)) if len(right) > 1 else 0.0
         rows.append(
-            {"weights": name, "accuracy": float(np.mean(right)), "spread": spread, "agreement": float(np.mean(same)), "by_seed": right}
+            {
+                "weights": name,
+                "accuracy": float(np.mean(right)),
+                "spread": spread,
+                "agreement": float(np.mean(same)),
+                "by_seed": right,
+            }
         )
     return rows
 
 
 def _candidate_rows(
-    candidates: Sequence[AcceleratorConfig], records: Sequence[dict[str, Any]], correct: Sequence[np.ndarray], seeds: int
+    candidates: Sequence[AcceleratorConfig],
+    records: Sequence[dict[str, Any]],
+    correct: Sequence[np.ndarray],
+    seeds: int,
 ) -> list[dict[str, Any]]:
-    """What training.json says of each network; the one with the fewest multiplies within one standard error of the best is chosen.
+    """What training.json says of each network; the one with the fewest multiplies within one standard error
+    of the best is chosen.
 
     correct: of each network the share of seeds that were right, for each image.
     """
     accuracies = [float(shares.mean()) for shares in correct]
     errors = [float(shares.std(ddof=1) / np.sqrt(len(shares))) for shares in correct]
     best = int(np.argmax(accuracies))
-    enough = [index for index, accuracy in enumerate(accuracies) if accuracy >= accuracies[best] - errors[best]]
+    enough = [
+        index for index, accuracy in enumerate(accuracies) if accuracy >= accuracies[best] - errors[best]
+    ]
     taken = min(enough, key=lambda index: candidates[index].multiplies)
     return [
         {

@@ -1,9 +1,10 @@
-"""A network trained elsewhere, from a file into a model folder: a torch state_dict, an ``.npz`` of Keras weights, or for a linear cell an
-``.npz`` with ``coef_`` and ``intercept_`` of a logistic regression.
+"""A network trained elsewhere, from a file into a model folder: a torch state_dict, an ``.npz`` of Keras
+weights, or for a linear cell an ``.npz`` with ``coef_`` and ``intercept_`` of a logistic regression.
 
-The file's shapes tell the cell and, for a GRU, where the reset gate stands: torch and Keras's ``reset_after=True`` keep two bias rows,
-because the second stands inside the product with r; Keras's ``reset_after=False`` keeps one. What the user asks for must agree with that.
-Nothing in a file is ever run: torch files are read with ``weights_only``, archives without pickles.
+The file's shapes tell the cell and, for a GRU, where the reset gate stands: torch and Keras's
+``reset_after=True`` keep two bias rows, because the second stands inside the product with r; Keras's
+``reset_after=False`` keeps one. What the user asks for must agree with that. Nothing in a file is ever run:
+torch files are read with ``weights_only``, archives without pickles.
 """
 
 from __future__ import annotations
@@ -25,13 +26,22 @@ from eskin.golden.model.model import FloatModel, check_model_target, constants_s
 from eskin.golden.model.preprocess import find_touches, real_features
 from eskin.golden.training.datasets import scaling
 from eskin.golden.training.import_images import read_image_network
-from eskin.golden.training.torch_files import MOST_VALUES, TORCH_SUFFIXES, check_readable, plain_array, read_state
+from eskin.golden.training.torch_files import (
+    MOST_VALUES,
+    TORCH_SUFFIXES,
+    check_readable,
+    plain_array,
+    read_state,
+)
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
 
 KERAS_SUFFIX = ".npz"
-ORDERS = {"torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}, "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")}}
+ORDERS = {
+    "torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")},
+    "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")},
+}
 """Gates in the order in which a file stacks them, by the number of gates; Keras calls n ``h`` and g ``c``."""
 
 
@@ -39,8 +49,9 @@ ORDERS = {"torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")}, "keras": {3: (
 class Layers:
     """The arrays of one recurrent and one dense layer as a file holds them, rows = outputs, G gates stacked.
 
-    path: the file. kind: ``torch`` or ``keras``. names: of the five roles ``input`` (G H, D), ``recurrent`` (G H, H), ``bias`` (1 or 2
-    rows, G H), ``dense`` (C, H), ``dense bias`` (C), what the file calls them. arrays: float64, by role.
+    path: the file. kind: ``torch`` or ``keras``. names: of the five roles ``input`` (G H, D), ``recurrent``
+    (G H, H), ``bias`` (1 or 2 rows, G H), ``dense`` (C, H), ``dense bias`` (C), what the file calls them.
+    arrays: float64, by role.
     """
 
     path: Path
@@ -60,18 +71,25 @@ class Layers:
 
 # ---------------------------------------------------------------------- reading files
 def read_layers(path: str | Path) -> Layers:
-    """The layers in a torch state_dict (``.pt``, ``.pth``) or an ``.npz`` of Keras weights in the order of ``get_weights()``.
+    """The layers in a torch state_dict (``.pt``, ``.pth``) or an ``.npz`` of Keras weights in the order of
+    ``get_weights()``.
 
     Raises
     ------
     InputError
-        The file is missing, damaged, needs a pickle, or holds other arrays than one recurrent and one dense layer.
+        The file is missing, damaged, needs a pickle, or holds other arrays than one recurrent and one dense
+        layer.
     """
     path = Path(path)
     if path.suffix not in (*TORCH_SUFFIXES, KERAS_SUFFIX):
-        raise InputError(f"network '{path}': is neither .pt, .pth nor .npz; save a torch state_dict or an .npz of Keras weights")
+        raise InputError(
+            f"network '{path}': is neither .pt, .pth nor .npz; save a torch state_dict or an .npz of Keras "
+            "weights"
+        )
     if not path.is_file():
-        raise InputError(f"network '{path}': is no file; name a torch state_dict (.pt, .pth) or an .npz of Keras weights")
+        raise InputError(
+            f"network '{path}': is no file; name a torch state_dict (.pt, .pth) or an .npz of Keras weights"
+        )
     check_readable(path)
     return _read_keras(path) if path.suffix == KERAS_SUFFIX else _read_torch(path)
 
@@ -84,7 +102,8 @@ def _read_torch(path: Path) -> Layers:
     arrays = {role: raw[name] for role, name in names.items()}
     if raw[first].shape != raw[second].shape or raw[first].ndim != 1:
         raise InputError(
-            f"network '{path}', array {second}: has shape {raw[second].shape} beside {raw[first].shape} of {first}; "
+            f"network '{path}', array {second}: has shape {raw[second].shape} beside {raw[first].shape} of "
+            f"{first}; "
             "save the state_dict of one torch.nn.GRU or LSTM again"
         )
     arrays["bias"] = np.stack([raw[first], raw[second]])
@@ -92,59 +111,97 @@ def _read_torch(path: Path) -> Layers:
 
 
 def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
-    """Names by role: ``weight_ih_l0`` and so on (``weight_ih`` of a cell) after any prefix, and the one remaining pair, the Linear."""
+    """Names by role: ``weight_ih_l0`` and so on (``weight_ih`` of a cell) after any prefix, and the one
+    remaining pair, the Linear."""
     inputs = [name for name in shapes if name.rpartition(".")[2] in ("weight_ih_l0", "weight_ih")]
     if len(inputs) != 1:
         raise InputError(
-            f"network '{path}', array weight_ih_l0: is there {len(inputs)} times; save the state_dict of one torch.nn.GRU, LSTM, GRUCell "
+            f"network '{path}', array weight_ih_l0: is there {len(inputs)} times; save the state_dict of "
+            "one torch.nn.GRU, LSTM, GRUCell "
             "or LSTMCell and one Linear"
         )
     prefix, _, last = inputs[0].rpartition("weight_ih")
     recurrent = {role: f"{prefix}{role}{last}" for role in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")}
     remaining = [name for name in shapes if name not in recurrent.values()]
-    deeper = [name for name in remaining if name.startswith(prefix) and name.removeprefix(prefix).startswith(("weight_", "bias_"))]
+    deeper = [
+        name
+        for name in remaining
+        if name.startswith(prefix) and name.removeprefix(prefix).startswith(("weight_", "bias_"))
+    ]
     if deeper:
         raise InputError(
-            f"network '{path}', array {deeper[0]}: belongs to a second layer, a second direction or a projection; the accelerator has one "
+            f"network '{path}', array {deeper[0]}: belongs to a second layer, a second direction or a "
+            "projection; the accelerator has one "
             "recurrent layer in one direction"
         )
     for name in recurrent.values():
         if name not in shapes:
-            raise InputError(f"network '{path}', array {name}: is missing; save the whole state_dict of a layer made with bias=True")
-    dense = [name.rpartition("weight")[0] for name in remaining if name.rpartition(".")[2] == "weight" and len(shapes[name]) == 2]
+            raise InputError(
+                f"network '{path}', array {name}: is missing; save the whole state_dict of a layer made "
+                "with bias=True"
+            )
+    dense = [
+        name.rpartition("weight")[0]
+        for name in remaining
+        if name.rpartition(".")[2] == "weight" and len(shapes[name]) == 2
+    ]
     if len(dense) != 1:
-        raise InputError(f"network '{path}': has {len(dense)} dense layers beside the recurrent one; the accelerator has one Linear")
+        raise InputError(
+            f"network '{path}': has {len(dense)} dense layers beside the recurrent one; the accelerator has "
+            "one Linear"
+        )
     linear = {"dense": f"{dense[0]}weight", "dense bias": f"{dense[0]}bias"}
     if linear["dense bias"] not in shapes:
-        raise InputError(f"network '{path}', array {linear['dense bias']}: is missing; save a Linear that was made with bias=True")
+        raise InputError(
+            f"network '{path}', array {linear['dense bias']}: is missing; save a Linear that was made with "
+            "bias=True"
+        )
     for name in remaining:
         if name not in linear.values():
-            raise InputError(f"network '{path}', array {name}: belongs to neither the recurrent layer nor the Linear; leave that layer out")
+            raise InputError(
+                f"network '{path}', array {name}: belongs to neither the recurrent layer nor the Linear; "
+                "leave that layer out"
+            )
     roles = ("input", "recurrent", "bias", "second bias")
     return dict(zip(roles, recurrent.values(), strict=True)) | linear
 
 
 def _read_keras(path: Path) -> Layers:
-    names = {role: f"arr_{index}" for index, role in enumerate(("input", "recurrent", "bias", "dense", "dense bias"))}
+    names = {
+        role: f"arr_{index}"
+        for index, role in enumerate(("input", "recurrent", "bias", "dense", "dense bias"))
+    }
     try:
         raw = read_arrays(path)
     except ArchiveError as error:
         where = f", array {error.member}" if error.member else ""
         raise InputError(f"network '{path}'{where}: {error}; save it with {_SAVE_KERAS}") from None
     if COEFFICIENTS in raw:
-        raise InputError(f"network '{path}', array {COEFFICIENTS}: belongs to a logistic regression: use --cell linear")
+        raise InputError(
+            f"network '{path}', array {COEFFICIENTS}: belongs to a logistic regression: use --cell linear"
+        )
     for name in names.values():
         if name not in raw:
             raise InputError(
-                f"network '{path}', array {name}: is missing; save the five arrays of one GRU or LSTM and one Dense with {_SAVE_KERAS}"
+                f"network '{path}', array {name}: is missing; save the five arrays of one GRU or LSTM and "
+                f"one Dense with {_SAVE_KERAS}"
             )
     for name, array in raw.items():
         if name not in names.values():
-            raise InputError(f"network '{path}', array {name}: is one too many; the accelerator has one GRU or LSTM and one Dense after it")
+            raise InputError(
+                f"network '{path}', array {name}: is one too many; the accelerator has one GRU or LSTM and "
+                "one Dense after it"
+            )
         if array.size > MOST_VALUES:
-            raise InputError(f"network '{path}', array {name}: has shape {array.shape}, beyond any network that the accelerator takes")
+            raise InputError(
+                f"network '{path}', array {name}: has shape {array.shape}, beyond any network that the "
+                "accelerator takes"
+            )
         if array.dtype.kind not in "fiu":
-            raise InputError(f"network '{path}', array {name}: holds {array.dtype}, not numbers; save it with {_SAVE_KERAS}")
+            raise InputError(
+                f"network '{path}', array {name}: holds {array.dtype}, not numbers; save it with "
+                f"{_SAVE_KERAS}"
+            )
     arrays = {role: raw[name].astype(np.float64) for role, name in names.items()}
     arrays = {role: array if role == "bias" else array.T for role, array in arrays.items()}
     return _checked(Layers(path, "keras", names, arrays | {"bias": np.atleast_2d(arrays["bias"])}))
@@ -156,11 +213,15 @@ COEFFICIENTS, INTERCEPTS = "coef_", "intercept_"
 _SAVE_LINEAR = "numpy.savez(FILE, coef_=model.coef_, intercept_=model.intercept_)"
 
 
-def read_linear(path: str | Path, config: AcceleratorConfig) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
-    """A logistic regression from an ``.npz`` with ``coef_`` and ``intercept_``: ``config`` with its sets of weights, and V and b_y.
+def read_linear(
+    path: str | Path, config: AcceleratorConfig
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
+    """A logistic regression from an ``.npz`` with ``coef_`` and ``intercept_``: ``config`` with its sets of
+    weights, and V and b_y.
 
-    Columns stand window by window, the D inputs of window 1 first: (C, K D). With D columns alone they are for the sum of the inputs over
-    the windows: one set of weights for all. A regression of two classes may have one row, that of the second class against the first.
+    Columns stand window by window, the D inputs of window 1 first: (C, K D). With D columns alone they are
+    for the sum of the inputs over the windows: one set of weights for all. A regression of two classes may
+    have one row, that of the second class against the first.
 
     Raises
     ------
@@ -169,7 +230,9 @@ def read_linear(path: str | Path, config: AcceleratorConfig) -> tuple[Accelerato
     """
     path = Path(path)
     if path.suffix != KERAS_SUFFIX or not path.is_file():
-        raise InputError(f"network '{path}': is no .npz file, as a linear cell needs it; save it with {_SAVE_LINEAR}")
+        raise InputError(
+            f"network '{path}': is no .npz file, as a linear cell needs it; save it with {_SAVE_LINEAR}"
+        )
     try:
         raw = read_arrays(path)
     except (OSError, ArchiveError) as error:
@@ -189,13 +252,18 @@ def read_linear(path: str | Path, config: AcceleratorConfig) -> tuple[Accelerato
             refuse(name, "holds values that are no finite numbers; train the network again")
     weights, bias = (raw[name].astype(np.float64) for name in (COEFFICIENTS, INTERCEPTS))
     if weights.ndim != 2 or bias.shape != weights.shape[:1]:
-        refuse(INTERCEPTS, f"has shape {bias.shape} beside {weights.shape} of {COEFFICIENTS}; save the arrays of one regression")
+        refuse(
+            INTERCEPTS,
+            f"has shape {bias.shape} beside {weights.shape} of {COEFFICIENTS}; save the arrays of one "
+            "regression",
+        )
     if config.classes == 2 and len(weights) == 1:
         weights, bias = np.concatenate([-weights, weights]) / 2, np.concatenate([-bias, bias]) / 2
     if len(weights) != config.classes:
         refuse(
             COEFFICIENTS,
-            f"decides between {len(weights)} classes and configuration '{config.name}', field class_names, has "
+            f"decides between {len(weights)} classes and configuration '{config.name}', field class_names, "
+            "has "
             f"{config.classes}; use the configuration of the array and task it was trained on",
         )
     columns, inputs = weights.shape[1], config.inputs
@@ -203,12 +271,17 @@ def read_linear(path: str | Path, config: AcceleratorConfig) -> tuple[Accelerato
     if columns not in sets:
         refuse(
             COEFFICIENTS,
-            f"has {columns} columns and configuration '{config.name}' has {config.windows.steps} windows of {inputs} inputs: "
-            f"{config.windows.steps * inputs} columns, or {inputs} for the sum over the windows; use the configuration it was trained on",
+            f"has {columns} columns and configuration '{config.name}' has {config.windows.steps} windows of "
+            f"{inputs} inputs: "
+            f"{config.windows.steps * inputs} columns, or {inputs} for the sum over the windows; use the "
+            "configuration it was trained on",
         )
     if not (config.windows.steps == 1 and config.network.weight_sets == "one"):
         config = config.replace(weight_sets=sets[columns])
-    return config, {"V": weights.reshape(config.classes, config.sets, inputs).swapaxes(0, 1).copy(), "b_y": bias}
+    return config, {
+        "V": weights.reshape(config.classes, config.sets, inputs).swapaxes(0, 1).copy(),
+        "b_y": bias,
+    }
 
 
 _SAVE_KERAS = "numpy.savez(FILE, *model.get_weights())"
@@ -217,12 +290,24 @@ _SAVE_KERAS = "numpy.savez(FILE, *model.get_weights())"
 def _checked(layers: Layers) -> Layers:
     """``layers`` whose shapes belong together and whose values are finite numbers."""
     shape = layers.arrays["recurrent"].shape
-    of = ("(3 x hidden, hidden)", "(4 x hidden, hidden)") if layers.kind == "torch" else ("(hidden, 3 x hidden)", "(hidden, 4 x hidden)")
+    of = (
+        ("(3 x hidden, hidden)", "(4 x hidden, hidden)")
+        if layers.kind == "torch"
+        else ("(hidden, 3 x hidden)", "(hidden, 4 x hidden)")
+    )
     if len(shape) != 2 or not shape[1] or shape[0] not in (3 * shape[1], 4 * shape[1]):
-        layers.refuse("recurrent", f"has shape {layers.shape('recurrent')}, neither {of[0]} of a GRU nor {of[1]} of an LSTM")
+        layers.refuse(
+            "recurrent",
+            f"has shape {layers.shape('recurrent')}, neither {of[0]} of a GRU nor {of[1]} of an LSTM",
+        )
     rows, hidden = shape
     two_rows = layers.kind == "torch" or (rows == 3 * hidden and len(layers.arrays["bias"]) == 2)
-    expected = {"input": (rows, None), "bias": (2 if two_rows else 1, rows), "dense": (None, hidden), "dense bias": (None,)}
+    expected = {
+        "input": (rows, None),
+        "bias": (2 if two_rows else 1, rows),
+        "dense": (None, hidden),
+        "dense bias": (None,),
+    }
     for role, want in expected.items():
         shape_of_role = layers.arrays[role].shape
         if (
@@ -250,12 +335,14 @@ def _checked(layers: Layers) -> Layers:
 
 # ---------------------------------------------------------------------- into a model
 def convert(layers: Layers, config: AcceleratorConfig) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
-    """``config`` with the file's hidden size, and the float network's arrays by the names of docs/specification.md section 8.
+    """``config`` with the file's hidden size, and the float network's arrays by the names of
+    docs/specification.md section 8.
 
     Parameters
     ----------
     config:
-        States the cell and, for a GRU, the reset; inputs (taxels x kinds of feature) and classes must be those of the file.
+        States the cell and, for a GRU, the reset; inputs (taxels x kinds of feature) and classes must be
+        those of the file.
 
     Raises
     ------
@@ -265,21 +352,34 @@ def convert(layers: Layers, config: AcceleratorConfig) -> tuple[AcceleratorConfi
     rows, hidden = layers.arrays["recurrent"].shape
     gates, bias_rows = rows // hidden, layers.arrays["bias"]
     if (gates == 4) != (config.network.cell == "lstm"):
-        right = "an LSTM: use --cell lstm" if gates == 4 else f"a GRU: use --cell gru --reset {_reset(layers)}"
+        right = (
+            "an LSTM: use --cell lstm" if gates == 4 else f"a GRU: use --cell gru --reset {_reset(layers)}"
+        )
         layers.refuse("recurrent", f"has {gates} gates for each of {hidden} units, so the network is {right}")
     if gates == 3 and config.network.reset != _reset(layers):
         count = "two bias rows" if len(bias_rows) == 2 else "one bias row"
-        layers.refuse("bias", f"has {count}, so its reset gate stands {_reset(layers)} the product: use --reset {_reset(layers)}")
+        layers.refuse(
+            "bias",
+            f"has {count}, so its reset gate stands {_reset(layers)} the product: use --reset "
+            f"{_reset(layers)}",
+        )
     if layers.kind == "torch" and config.network.gate_activation != "sigmoid":
-        raise InputError(f"network '{layers.path}': torch's gates are sigmoids; use a configuration whose field gate_activation is sigmoid")
+        raise InputError(
+            f"network '{layers.path}': torch's gates are sigmoids; use a configuration whose field "
+            "gate_activation is sigmoid"
+        )
     of_inputs = "taxels" if config.kinds == 1 else "feature_kinds"
-    for role, index, field, have in (("input", 1, of_inputs, config.inputs), ("dense", 0, "class_names", config.classes)):
+    for role, index, field, have in (
+        ("input", 1, of_inputs, config.inputs),
+        ("dense", 0, "class_names", config.classes),
+    ):
         size = layers.arrays[role].shape[index]
         if size != have:
             mismatch = f"takes {size} inputs" if role == "input" else f"decides between {size} classes"
             layers.refuse(
                 role,
-                f"{mismatch} and configuration '{config.name}', field {field}, has {have}; use the configuration of the "
+                f"{mismatch} and configuration '{config.name}', field {field}, has {have}; use the "
+                "configuration of the "
                 "array and task it was trained on",
             )
     try:
@@ -314,7 +414,10 @@ def measure_scaling(config: AcceleratorConfig, recordings: Recordings) -> tuple[
     touches = touches.take(first[first >= 0])
     touches = touches.take(touches.completed > 0)
     if not len(touches):
-        raise InputError(f"recordings '{recordings.source}': hold no touch to measure mean and deviation on; give --mean and --std")
+        raise InputError(
+            f"recordings '{recordings.source}': hold no touch to measure mean and deviation on; give --mean "
+            "and --std"
+        )
     return scaling(config, real_features(config, touches.sums), touches.completed, touches.faults)
 
 
@@ -329,33 +432,40 @@ def import_network(
     std: float | None = None,
     recordings: Recordings | None = None,
 ) -> dict[str, Any]:
-    """Make a float model folder (config.json, float.npz, training.json) of a network trained elsewhere, ready to quantise.
+    """Make a float model folder (config.json, float.npz, training.json) of a network trained elsewhere, ready
+    to quantise.
 
     Parameters
     ----------
     file:
-        A torch state_dict or an ``.npz`` of Keras weights (``read_layers``); for a linear cell ``read_linear``.
+        A torch state_dict or an ``.npz`` of Keras weights (``read_layers``); for a linear cell
+        ``read_linear``.
     config:
-        Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden size follows the file. Of
-        images: `eskin.golden.training.import_images.read_image_network`, for which cell, reset and recordings say nothing.
+        Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden
+        size follows the file. Of images: `eskin.golden.training.import_images.read_image_network`, for which
+        cell, reset and recordings say nothing.
     out:
         A new folder, or a model folder, which is replaced.
     cell, reset:
-        What the network is said to be; checked against the file's shapes. ``reset`` is for a GRU and ignored with an LSTM.
+        What the network is said to be; checked against the file's shapes. ``reset`` is for a GRU and ignored
+        with an LSTM.
     mean, std:
-        The normalisation of its training, codes: feature = (window mean - mean) / std, one pair for all inputs; both or none.
+        The normalisation of its training, codes: feature = (window mean - mean) / std, one pair for all
+        inputs; both or none.
     recordings:
-        Without ``mean`` and ``std``: those of the window means of these recordings, as training here takes them.
+        Without ``mean`` and ``std``: those of the window means of these recordings, as training here takes
+        them.
 
     Returns
     -------
-    The training record, as written to training.json: imported (file, sha256, kind, arrays), normalisation (mean, std, source), config,
-    parameters, versions.
+    The training record, as written to training.json: imported (file, sha256, kind, arrays), normalisation
+    (mean, std, source), config, parameters, versions.
 
     Raises
     ------
     InputError
-        Before anything is written: ``read_layers``, ``convert``; a missing or impossible mean or std; a folder that must not be replaced.
+        Before anything is written: ``read_layers``, ``convert``; a missing or impossible mean or std; a
+        folder that must not be replaced.
     """
     check_model_target(out)
     scale: dict[str, Any]
@@ -363,12 +473,22 @@ def import_network(
         config, arrays, names = read_image_network(Path(file), config, mean, std)
         kind, scale = "torch state_dict", {"mean": mean, "std": std, "source": "given"}
     else:
-        config, arrays, names, kind = _read_network(file, with_network(config, cell=cell, reset=reset), mean, std)
+        config, arrays, names, kind = _read_network(
+            file, with_network(config, cell=cell, reset=reset), mean, std
+        )
         scale = _normalisation(file, config, mean, std, recordings)
-        arrays |= {name: np.broadcast_to(scale[key], constants_shape(config)) for name, key in (("mu", "mean"), ("sigma", "std"))}
+        arrays |= {
+            name: np.broadcast_to(scale[key], constants_shape(config))
+            for name, key in (("mu", "mean"), ("sigma", "std"))
+        }
         scale |= {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
     record = {
-        "imported": {"file": str(file), "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(), "kind": kind, "arrays": names},
+        "imported": {
+            "file": str(file),
+            "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(),
+            "kind": kind,
+            "arrays": names,
+        },
         "normalisation": scale,
         "config": config.to_dict(),
         "parameters": config.parameter_count,
@@ -381,12 +501,19 @@ def import_network(
 def _read_network(
     file: str | Path, config: AcceleratorConfig, mean: float | None, std: float | None
 ) -> tuple[AcceleratorConfig, dict[str, np.ndarray], dict[str, str], str]:
-    """The configuration with the file's sizes, the float network's arrays, where each comes from, and what the file is."""
+    """The configuration with the file's sizes, the float network's arrays, where each comes from, and what
+    the file is."""
     if (mean is None) != (std is None):
-        raise InputError(f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to measure them on")
+        raise InputError(
+            f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to "
+            "measure them on"
+        )
     for name, value in (("mean", mean), ("std", std)):
         if value is not None and (not math.isfinite(value) or (name == "std" and value <= 0)):
-            raise InputError(f"--{name} {value:g}: is no {'spread above 0' if name == 'std' else 'finite number'}; give codes")
+            raise InputError(
+                f"--{name} {value:g}: is no {'spread above 0' if name == 'std' else 'finite number'}; give "
+                "codes"
+            )
     if config.recurrent:
         layers = read_layers(file)
         kind = {"torch": "torch state_dict", "keras": "Keras weights"}[layers.kind]
@@ -395,14 +522,21 @@ def _read_network(
 
 
 def _normalisation(
-    file: str | Path, config: AcceleratorConfig, mean: float | None, std: float | None, recordings: Recordings | None
+    file: str | Path,
+    config: AcceleratorConfig,
+    mean: float | None,
+    std: float | None,
+    recordings: Recordings | None,
 ) -> dict[str, Any]:
     """mean, std and their source: those given, or measured on recordings."""
     if mean is not None:
         return {"mean": mean, "std": std, "source": "given"}
     if recordings is None:
         raise InputError(
-            f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean and --std (codes), or "
+            f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean "
+            "and --std (codes), or "
             "--data to measure them on"
         )
-    return dict(zip(("mean", "std"), measure_scaling(config, recordings), strict=True)) | {"source": str(recordings.source)}
+    return dict(zip(("mean", "std"), measure_scaling(config, recordings), strict=True)) | {
+        "source": str(recordings.source)
+    }

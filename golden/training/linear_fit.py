@@ -12,15 +12,19 @@ MOST_ITERATIONS = 300
 """Of the solver; it stops there where it has not converged, a hair from the best weights."""
 
 QUIETEST = 1 / 32
-"""Least spread of an input, as a share of the largest: the largest share that lost nothing on biotac_slide with blocks left out."""
+"""Least spread of an input, as a share of the largest: the largest share that lost nothing on biotac_slide
+with blocks left out."""
 
 
-def fit_linear(config: AcceleratorConfig, features: np.ndarray, labels: np.ndarray, penalty: float) -> dict[str, np.ndarray]:
+def fit_linear(
+    config: AcceleratorConfig, features: np.ndarray, labels: np.ndarray, penalty: float
+) -> dict[str, np.ndarray]:
     """Weights and bias of the linear cell that is a logistic regression on ``features``.
 
-    Every input is standardised for the fit, so that the penalty meets all alike, the quietest as if they moved QUIETEST of the loudest; the
-    weights that come out are those of the features as they are. With one set of weights for all windows the inputs are the features' sums
-    over the windows. The solver is scikit-learn's.
+    Every input is standardised for the fit, so that the penalty meets all alike, the quietest as if they
+    moved QUIETEST of the loudest; the weights that come out are those of the features as they are. With one
+    set of weights for all windows the inputs are the features' sums over the windows. The solver is
+    scikit-learn's.
 
     Parameters
     ----------
@@ -38,16 +42,21 @@ def fit_linear(config: AcceleratorConfig, features: np.ndarray, labels: np.ndarr
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import LogisticRegression
 
-    inputs = (features if config.sets > 1 else features.sum(axis=1)).reshape(len(features), -1).astype(np.float64)
+    inputs = (
+        (features if config.sets > 1 else features.sum(axis=1)).reshape(len(features), -1).astype(np.float64)
+    )
     mean, spread = inputs.mean(axis=0), inputs.std(axis=0)
-    # what hardly moves is noise, and the weight of an input is divided by its spread: unbounded, the quietest took all bits of the weights
+    # what hardly moves is noise, and the weight of an input is divided by its spread: unbounded, the quietest
+    # took all bits of the weights
     spread = np.maximum(spread, QUIETEST * max(spread.max(), 1e-9))
     present = np.unique(labels)
     weights, bias = np.zeros((config.classes, inputs.shape[1])), np.zeros(config.classes)
     if len(present) > 1:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ConvergenceWarning)
-            fitted = LogisticRegression(C=penalty, max_iter=MOST_ITERATIONS).fit((inputs - mean) / spread, labels)
+            fitted = LogisticRegression(C=penalty, max_iter=MOST_ITERATIONS).fit(
+                (inputs - mean) / spread, labels
+            )
         rows, offsets = fitted.coef_, fitted.intercept_
         if len(present) == 2:  # scikit-learn keeps the difference of the two
             rows, offsets = np.concatenate([-rows, rows]) / 2, np.concatenate([-offsets, offsets]) / 2
@@ -55,19 +64,26 @@ def fit_linear(config: AcceleratorConfig, features: np.ndarray, labels: np.ndarr
         bias[present] = offsets - weights[present] @ mean
     missing = np.setdiff1d(np.arange(config.classes), present)
     bias[missing] = bias[present].min() - 1
-    return {"V": weights.reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1).copy(), "b_y": bias}
+    return {
+        "V": weights.reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1).copy(),
+        "b_y": bias,
+    }
 
 
 PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
 """Ridge penalties tried, as shares of the mean squared length of a touch's inputs."""
 
 
-def fit_least_squares(config: AcceleratorConfig, features: np.ndarray, labels: np.ndarray) -> dict[str, np.ndarray]:
-    """Weights and bias of the linear cell that is a ridge regression of the classes' indicators on ``features``.
+def fit_least_squares(
+    config: AcceleratorConfig, features: np.ndarray, labels: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Weights and bias of the linear cell that is a ridge regression of the classes' indicators on
+    ``features``.
 
-    Where touches are few for their inputs it decides unseen ones better than the logistic regression: the fit is that of classes with one
-    common covariance (T. Hastie, A. Buja, R. Tibshirani 1995), and the penalty is the one of PENALTIES with the most touches decided
-    rightly when each is left out in turn (closed form; of equals the largest). Logits lie around 0 and 1.
+    Where touches are few for their inputs it decides unseen ones better than the logistic regression: the fit
+    is that of classes with one common covariance (T. Hastie, A. Buja, R. Tibshirani 1995), and the penalty is
+    the one of PENALTIES with the most touches decided rightly when each is left out in turn (closed form; of
+    equals the largest). Logits lie around 0 and 1.
 
     Parameters
     ----------
@@ -78,7 +94,9 @@ def fit_least_squares(config: AcceleratorConfig, features: np.ndarray, labels: n
     -------
     V (sets, C, D) and b_y (C), float64.
     """
-    inputs = (features if config.sets > 1 else features.sum(axis=1)).reshape(len(features), -1).astype(np.float64)
+    inputs = (
+        (features if config.sets > 1 else features.sum(axis=1)).reshape(len(features), -1).astype(np.float64)
+    )
     mean = inputs.mean(axis=0)
     inputs = inputs - mean
     indicators = np.where(labels[:, None] == np.arange(config.classes), 1.0, 0.0)
@@ -98,11 +116,16 @@ def fit_least_squares(config: AcceleratorConfig, features: np.ndarray, labels: n
     for penalty in PENALTIES:
         gain = 1.0 / (values + penalty * unit)
         fitted = projected @ (gain[:, None] * along)
-        leverage = ((projected**2 if len(inputs) > inputs.shape[1] else vectors**2 * values) * gain).sum(axis=1) + 1.0 / len(inputs)
+        leverage = ((projected**2 if len(inputs) > inputs.shape[1] else vectors**2 * values) * gain).sum(
+            axis=1
+        ) + 1.0 / len(inputs)
         left_out = targets - (targets - fitted) / np.maximum(1.0 - leverage, 1e-9)[:, None] + share
         right = int((left_out.argmax(axis=1) == labels).sum())
         if right > best:
             best, chosen = right, penalty
     solved = vectors @ (along / (values + chosen * unit)[:, None])
     weights = (solved if len(inputs) > inputs.shape[1] else inputs.T @ solved).T
-    return {"V": weights.reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1).copy(), "b_y": share - weights @ mean}
+    return {
+        "V": weights.reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1).copy(),
+        "b_y": share - weights @ mean,
+    }

@@ -19,10 +19,13 @@ CURVE_POINTS = 20
 """Points of a training curve at most."""
 
 CURVE_TOUCHES = 64
-"""Touches on which a point's loss of unseen recordings is taken: drawn once, so that points differ by the network alone."""
+"""Touches on which a point's loss of unseen recordings is taken: drawn once, so that points differ by the
+network alone."""
 
 
-def class_loss(recipe: Recipe, logits: torch.Tensor, labels: torch.Tensor, counts: torch.Tensor) -> torch.Tensor:
+def class_loss(
+    recipe: Recipe, logits: torch.Tensor, labels: torch.Tensor, counts: torch.Tensor
+) -> torch.Tensor:
     """(models) loss of logits (models, batch, steps, C), over the steps that count."""
     losses = torch.nn.functional.cross_entropy(
         logits.flatten(0, -2), labels[..., None].expand(counts.shape).flatten(), reduction="none"
@@ -42,8 +45,9 @@ def teacher_loss(logits: torch.Tensor, teacher: torch.Tensor, counts: torch.Tens
 class LossCurves:
     """Losses of networks while they are trained, at ``CURVE_POINTS`` points.
 
-    updates: the gradient steps done at each point. losses: (points, networks, 2); first on what was trained on, augmented, mean since the
-    point before; then on touches that the network has not seen, as they were recorded (nan where its part of the test has none).
+    updates: the gradient steps done at each point. losses: (points, networks, 2); first on what was trained
+    on, augmented, mean since the point before; then on touches that the network has not seen, as they were
+    recorded (nan where its part of the test has none).
 
     Parameters
     ----------
@@ -51,11 +55,15 @@ class LossCurves:
         Rows of the touches that each network has not seen.
     """
 
-    def __init__(self, data: Dataset, config: AcceleratorConfig, recipe: Recipe, tests: list[np.ndarray]) -> None:
+    def __init__(
+        self, data: Dataset, config: AcceleratorConfig, recipe: Recipe, tests: list[np.ndarray]
+    ) -> None:
         self._data, self._config, self._recipe = data, config, recipe
         generator = torch.Generator().manual_seed(0)  # its own: training draws what it would without a curve
         self._unseen = torch.tensor([bool(len(rows)) for rows in tests])
-        draws = [torch.randint(max(len(rows), 1), (CURVE_TOUCHES,), generator=generator).numpy() for rows in tests]
+        draws = [
+            torch.randint(max(len(rows), 1), (CURVE_TOUCHES,), generator=generator).numpy() for rows in tests
+        ]
         self._rows = [rows[drawn] if len(rows) else drawn for rows, drawn in zip(tests, draws, strict=True)]
         self._touches: tuple[torch.Tensor, torch.Tensor, torch.Tensor] | None = None
         self._trained: list[torch.Tensor] = []
@@ -65,29 +73,56 @@ class LossCurves:
     def of(self, share: slice) -> LossCurves:
         """Empty curves of some of the networks, on the same touches."""
         copied = copy.copy(self)
-        copied._unseen, copied._rows, copied._trained, copied.updates = self._unseen[share], self._rows[share], [], []
+        copied._unseen, copied._rows, copied._trained, copied.updates = (
+            self._unseen[share],
+            self._rows[share],
+            [],
+            [],
+        )
         copied.losses = np.zeros((0, len(copied._rows), 2))
         return copied
 
     def join(self, shares: Sequence[LossCurves]) -> None:
         """Take over what was noted of all networks, share by share."""
-        self.updates, self.losses = shares[0].updates, np.concatenate([share.losses for share in shares], axis=1)
+        self.updates, self.losses = (
+            shares[0].updates,
+            np.concatenate([share.losses for share in shares], axis=1),
+        )
 
-    def note(self, done: int, total: int, loss: torch.Tensor, network: RecurrentClassifier, scales: list[tuple[float, float]]) -> None:
-        """After each update: its ``loss`` (networks); at a point also that on unseen touches, scaled as the training part is."""
+    def note(
+        self,
+        done: int,
+        total: int,
+        loss: torch.Tensor,
+        network: RecurrentClassifier,
+        scales: list[tuple[float, float]],
+    ) -> None:
+        """After each update: its ``loss`` (networks); at a point also that on unseen touches, scaled as the
+        training part is."""
         self._trained.append(loss)
         if done * CURVE_POINTS // total == (done - 1) * CURVE_POINTS // total:
             return
         if self._touches is None:
             plain = dataclasses.replace(
-                self._recipe, noise=0.0, warp=1.0, gain=1.0, taxel_gain=1.0, taxel_offset=0.0, channel_dropout=0.0, taxel_failure=0.0
+                self._recipe,
+                noise=0.0,
+                warp=1.0,
+                gain=1.0,
+                taxel_gain=1.0,
+                taxel_offset=0.0,
+                channel_dropout=0.0,
+                taxel_failure=0.0,
             )
             generator = torch.Generator()
             pool = Pool(self._rows, generator)
-            self._touches = Batches(self._data, self._config, plain, self._rows, generator, scales=scales, pool=pool).recorded()
+            self._touches = Batches(
+                self._data, self._config, plain, self._rows, generator, scales=scales, pool=pool
+            ).recorded()
         features, labels, counts = self._touches
         with torch.no_grad():
-            unseen = class_loss(self._recipe, network(features), labels, counts).where(self._unseen, torch.nan)
+            unseen = class_loss(self._recipe, network(features), labels, counts).where(
+                self._unseen, torch.nan
+            )
         point = torch.stack([torch.stack(self._trained).mean(0), unseen], dim=-1).double().numpy()
         self.updates.append(done)
         self.losses = np.concatenate([self.losses, point[None]])

@@ -23,7 +23,9 @@ class RecurrentClassifier(torch.nn.Module):
         Source of the initial weights, uniform within +-1/sqrt(H) as in torch's own cells.
     """
 
-    def __init__(self, config: AcceleratorConfig, *, batch: tuple[int, ...] = (), generator: torch.Generator) -> None:
+    def __init__(
+        self, config: AcceleratorConfig, *, batch: tuple[int, ...] = (), generator: torch.Generator
+    ) -> None:
         super().__init__()
         self.config = config
         bound = config.network.hidden**-0.5

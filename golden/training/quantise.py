@@ -1,4 +1,5 @@
-"""Quantisation: profile ranges on recordings, choose a format per signal, export the integer network, or train it on as integers."""
+"""Quantisation: profile ranges on recordings, choose a format per signal, export the integer network, or
+train it on as integers."""
 
 from __future__ import annotations
 
@@ -45,7 +46,8 @@ LEAST_STATE_FRAC = 10
 """Fraction bits that a state keeps where it makes room on the lanes' scale for finer recurrent weights."""
 
 LOW_WEIGHT_BITS, LOW_BIT_STATE = 4, 12
-"""With so few weight bits the state has 12: weights of few fraction bits leave a finer state no room on the lanes' scale."""
+"""With so few weight bits the state has 12: weights of few fraction bits leave a finer state no room on the
+lanes' scale."""
 
 FEATURE_COVERAGE = 0.999
 """Share of the features (by magnitude) that the feature format holds; rarer ones saturate."""
@@ -112,7 +114,8 @@ def signals(config: AcceleratorConfig) -> tuple[str, ...]:
 
 
 def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
-    """Smallest and largest value of every signal while the float model runs over touches, and of every kind of weight.
+    """Smallest and largest value of every signal while the float model runs over touches, and of every kind
+    of weight.
 
     Returns
     -------
@@ -125,7 +128,10 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
     """
     config, profiler = model.config, Profile(model.config)
     if not touches.completed.any():
-        raise InputError("quantisation: the recordings hold no completed step to profile ranges on; use recordings with touches")
+        raise InputError(
+            "quantisation: the recordings hold no completed step to profile ranges on; use recordings with "
+            "touches"
+        )
     features = float_features(model, touches)[:, : config.windows.steps]
     done = np.arange(features.shape[1]) < touches.completed[:, None]
     features[~done] = 0.0
@@ -144,7 +150,8 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
 
 
 def merged_parameters(model: FloatModel) -> dict[str, np.ndarray]:
-    """The float network under the integer network's names: the second bias rows of z and r are added to the first."""
+    """The float network under the integer network's names: the second bias rows of z and r are added to the
+    first."""
     merged = {name: np.array(model.arrays[name]) for name in network_shapes(model.config, real=False)}
     for gate in model.config.gates:
         if f"bh_{gate}" in model.arrays and f"bh_{gate}" not in merged:
@@ -152,8 +159,11 @@ def merged_parameters(model: FloatModel) -> dict[str, np.ndarray]:
     return merged
 
 
-def covering_format(values: Range, bits: int, *, max_frac: int | None = None, headroom: float = 1.0) -> QFormat:
-    """The signed ``bits``-wide format with the most fraction bits that holds ``values`` times ``headroom``, rounded, unsaturated.
+def covering_format(
+    values: Range, bits: int, *, max_frac: int | None = None, headroom: float = 1.0
+) -> QFormat:
+    """The signed ``bits``-wide format with the most fraction bits that holds ``values`` times ``headroom``,
+    rounded, unsaturated.
 
     ``max_frac`` limits the fraction bits; the width stays.
     """
@@ -165,7 +175,8 @@ def covering_format(values: Range, bits: int, *, max_frac: int | None = None, he
 
 
 def closest_range(values: np.ndarray, bits: int) -> Range:
-    """The range whose covering ``bits``-wide format loses least of ``values`` (mean squared error of rounding and saturation).
+    """The range whose covering ``bits``-wide format loses least of ``values`` (mean squared error of rounding
+    and saturation).
 
     Few bits serve better where a few large values saturate than where the step is coarse.
     """
@@ -181,16 +192,21 @@ def closest_range(values: np.ndarray, bits: int) -> Range:
 def _closest_ranges(model: FloatModel, bits: int) -> dict[str, Range]:
     kinds = {"weight": "W_", "recurrent": "U_", "dense": "V"}
     return {
-        kind: closest_range(np.concatenate([array.ravel() for name, array in model.arrays.items() if name.startswith(start)]), bits)
+        kind: closest_range(
+            np.concatenate([array.ravel() for name, array in model.arrays.items() if name.startswith(start)]),
+            bits,
+        )
         for kind, start in kinds.items()
         if any(name.startswith(start) for name in model.arrays)
     }
 
 
 class IntegerNetwork(torch.nn.Module):
-    """Integer networks of the same formats as a torch module: real master weights, forward in codes, straight-through gradients.
+    """Integer networks of the same formats as a torch module: real master weights, forward in codes,
+    straight-through gradients.
 
-    The forward pass is the integer model: ``forward`` gives the logits of ``IntegerModel.forward`` of what ``export`` returns, bit for bit.
+    The forward pass is the integer model: ``forward`` gives the logits of ``IntegerModel.forward`` of what
+    ``export`` returns, bit for bit.
 
     Parameters
     ----------
@@ -207,10 +223,15 @@ class IntegerNetwork(torch.nn.Module):
         self._formats = network_formats(self.config)
         merged = [merged_parameters(model) for model in models]
         self.weights = torch.nn.ParameterDict(
-            {name: torch.nn.Parameter(torch.tensor(np.stack([arrays[name] for arrays in merged]))) for name in self._formats}
+            {
+                name: torch.nn.Parameter(torch.tensor(np.stack([arrays[name] for arrays in merged])))
+                for name in self._formats
+            }
         )
         names = network_shapes(self.config, real=True)
-        self._teacher = {name: torch.tensor(np.stack([model.arrays[name] for model in models])).float() for name in names}
+        self._teacher = {
+            name: torch.tensor(np.stack([model.arrays[name] for model in models])).float() for name in names
+        }
         self._scaling = [
             torch.tensor(np.stack([real_by_input(self.config, model.arrays[name]) for model in models]))
             .double()
@@ -221,7 +242,8 @@ class IntegerNetwork(torch.nn.Module):
         self.hold()
 
     def codes(self) -> dict[str, torch.Tensor]:
-        """Codes (N, ...) of the master weights: rounded half to even, as an exported constant is, and saturated."""
+        """Codes (N, ...) of the master weights: rounded half to even, as an exported constant is, and
+        saturated."""
         codes = {}
         for name, weight in self.weights.items():
             scaled = weight * 2.0 ** self._formats[name].frac_bits
@@ -230,8 +252,8 @@ class IntegerNetwork(torch.nn.Module):
         return codes
 
     def feature_codes(self, features: torch.Tensor) -> torch.Tensor:
-        """Feature codes (N, touches, K, D) of real features: of the nearest (companded) window sums, through the integer normaliser of
-        section 3."""
+        """Feature codes (N, touches, K, D) of real features: of the nearest (companded) window sums, through
+        the integer normaliser of section 3."""
         config = self.config
         lengths = list(config.length_index)
         units = torch.tensor(config.feature_units).view(-1, config.kinds)[lengths]
@@ -239,11 +261,15 @@ class IntegerNetwork(torch.nn.Module):
         mu, sigma = self._scaling
         sums = torch.round((features.double() * sigma + mu) * units)
         mean, scale = (
-            torch.tensor(np.stack([by_input(config, constants[name])[lengths] for constants in self._constants])).double()[:, None]
+            torch.tensor(
+                np.stack([by_input(config, constants[name])[lengths] for constants in self._constants])
+            ).double()[:, None]
             for name in ("mean", "scale")
         )
         shift = 2.0 ** -torch.tensor(shifts_by_input(config)[lengths]).double()
-        centred = torch.floor((sums - mean) * shift).clamp(config.centred_format.min_code, config.centred_format.max_code)
+        centred = torch.floor((sums - mean) * shift).clamp(
+            config.centred_format.min_code, config.centred_format.max_code
+        )
         centred[..., list(config.input_mask)] = 0.0
         codes = torch.floor(centred * scale * 2.0**-config.formats.gate_frac + 0.5)
         return codes.clamp(config.formats.feature_format.min_code, config.formats.feature_format.max_code)
@@ -272,7 +298,11 @@ class IntegerNetwork(torch.nn.Module):
         """The N integer models."""
         codes = {name: code.detach().numpy().astype(np.int64) for name, code in self.codes().items()}
         return [
-            IntegerModel(self.config, {name: code[m] for name, code in codes.items()} | constants, "quantisation-aware model")
+            IntegerModel(
+                self.config,
+                {name: code[m] for name, code in codes.items()} | constants,
+                "quantisation-aware model",
+            )
             for m, constants in enumerate(self._constants)
         ]
 
@@ -292,7 +322,11 @@ def check_widths(
     InputError
         Naming the field and the widths it can have.
     """
-    for field, bits, lowest in (("weight_format", weight_bits, 2), ("feature_format", feature_bits, 4), ("state_format", state_bits, 6)):
+    for field, bits, lowest in (
+        ("weight_format", weight_bits, 2),
+        ("feature_format", feature_bits, 4),
+        ("state_format", state_bits, 6),
+    ):
         if bits is not None and not lowest <= bits <= 16:
             raise InputError(f"quantisation, field {field}: {bits} bits were asked for; use {lowest} to 16")
     config.replace(
@@ -317,16 +351,19 @@ def choose_formats(
 ) -> AcceleratorConfig:
     """``config`` with a format for every signal, from profiled ranges; widths in bits.
 
-    State: SQ(2, .) for GRU reset before, SQ(4, .) for LSTM and reset after (``state_bits`` changes the fraction only; where it is None,
-    weights of at most LOW_WEIGHT_BITS bits bring a state of LOW_BIT_STATE, and where recurrent weights would be coarser for want of room
-    on the lanes' scale, the state, and gates with it, give up bits down to LEAST_STATE_FRAC of fraction). Weights: the finest
-    format that holds every weight, then coarser where products would not share one scale on 16-bit operands
-    (``AcceleratorConfig.feature_align``, ``operand_bits``). Features: FEATURE_BITS for all but the rarest, and bits on top for those, as
-    far as recurrent weights do not get coarser; of ``feature_bits`` exactly, the rarest may saturate. Logits: with headroom.
-    ``gate_bits`` are fraction bits of a gate, its sign and unit bit apart. ``feature_frac_limit``: fraction bits beyond which features
-    would be finer than the window sums they come from. ``lean``: formats that need the fewest logic cells: features on the products' own
-    scale, where 16 bits hold that, so that they are not shifted, and logits so wide that no weights saturate them. ``plain``: no bits on
-    top for the rarest features, and states and gates keep their width, as the presets have had it from the beginning.
+    State: SQ(2, .) for GRU reset before, SQ(4, .) for LSTM and reset after (``state_bits`` changes the
+    fraction only; where it is None, weights of at most LOW_WEIGHT_BITS bits bring a state of LOW_BIT_STATE,
+    and where recurrent weights would be coarser for want of room on the lanes' scale, the state, and gates
+    with it, give up bits down to LEAST_STATE_FRAC of fraction). Weights: the finest format that holds every
+    weight, then coarser where products would not share one scale on 16-bit operands
+    (``AcceleratorConfig.feature_align``, ``operand_bits``). Features: FEATURE_BITS for all but the rarest,
+    and bits on top for those, as far as recurrent weights do not get coarser; of ``feature_bits`` exactly,
+    the rarest may saturate. Logits: with headroom. ``gate_bits`` are fraction bits of a gate, its sign and
+    unit bit apart. ``feature_frac_limit``: fraction bits beyond which features would be finer than the window
+    sums they come from. ``lean``: formats that need the fewest logic cells: features on the products' own
+    scale, where 16 bits hold that, so that they are not shifted, and logits so wide that no weights saturate
+    them. ``plain``: no bits on top for the rarest features, and states and gates keep their width, as the
+    presets have had it from the beginning.
 
     Raises
     ------
@@ -334,7 +371,8 @@ def choose_formats(
         When no format of these widths works.
     """
     check_widths(config, weight_bits, state_bits, feature_bits, gate_bits, table_entries)
-    if not config.recurrent:  # features times weights, nothing else; features keep their width, which are what is multiplied
+    # features times weights, nothing else; features keep their width, which are what is multiplied
+    if not config.recurrent:
         dense, feature = (
             covering_format(ranges["dense"], weight_bits),
             covering_format(ranges[COVERED_FEATURE], feature_bits or FEATURE_BITS),
@@ -346,21 +384,27 @@ def choose_formats(
     state_int = 4 if config.network.cell == "lstm" or config.network.reset == "after" else 2
     if state_bits is None and weight_bits <= LOW_WEIGHT_BITS:
         state_bits = min(LOW_BIT_STATE, state_int + config.formats.state_format.frac_bits)
-    state = QFormat(state_int, config.formats.state_format.frac_bits if state_bits is None else state_bits - state_int)
+    state = QFormat(
+        state_int, config.formats.state_format.frac_bits if state_bits is None else state_bits - state_int
+    )
     weight = covering_format(ranges["weight"], weight_bits)
     feature = covering_format(ranges[COVERED_FEATURE], OPERAND_BITS if lean else feature_bits or FEATURE_BITS)
     # what an operand leaves to features and states, with recurrent weights as fine as they can be
     shared = weight.frac_bits + OPERAND_BITS - covering_format(ranges["recurrent"], weight_bits).frac_bits
-    least = min(state.frac_bits, LEAST_STATE_FRAC if state_int == 2 else max(LEAST_STATE_FRAC, config.tanh_frac + 1))
+    least = min(
+        state.frac_bits, LEAST_STATE_FRAC if state_int == 2 else max(LEAST_STATE_FRAC, config.tanh_frac + 1)
+    )
     if state_bits is not None or plain:
         least = state.frac_bits
     if feature_bits is None and not lean and not plain:
         whole = covering_format(ranges["feature"], FEATURE_BITS).int_bits
-        whole = max(feature.int_bits, min(whole, shared - least))  # no further: the recurrent weights matter more
+        # no further: the recurrent weights matter more
+        whole = max(feature.int_bits, min(whole, shared - least))
         feature = QFormat(whole, min(feature.frac_bits, OPERAND_BITS - whole))
     given_up = state.frac_bits - min(state.frac_bits, max(shared - feature.int_bits, least))
     state = QFormat(state_int, state.frac_bits - given_up)
-    if gate_bits is None:  # gates are given up with it: where they have a bit more than states, one table serves both
+    # gates are given up with it: where they have a bit more than states, one table serves both
+    if gate_bits is None:
         gate_bits = config.formats.gate_frac - given_up
     # W x and U h products share one scale: an aligned feature must fit 16 bits, ...
     room = weight.frac_bits + 16 - state.frac_bits - feature.int_bits
@@ -369,7 +413,9 @@ def choose_formats(
     recurrent = QFormat(weight_bits - max(recurrent.frac_bits, 1), max(recurrent.frac_bits, 1))
     products = recurrent.frac_bits + state.frac_bits
     # ... and a feature must not be finer than the products
-    feature = QFormat(feature.int_bits, min(feature.frac_bits, products - weight.frac_bits, feature_frac_limit))
+    feature = QFormat(
+        feature.int_bits, min(feature.frac_bits, products - weight.frac_bits, feature_frac_limit)
+    )
     dense = covering_format(ranges["dense"], weight_bits)
     dense_products = dense.frac_bits + state.frac_bits
     return _with_logits(
@@ -388,14 +434,19 @@ def choose_formats(
     )
 
 
-def _with_logits(config: AcceleratorConfig, ranges: Mapping[str, Range], lean: bool, products: int, **formats: Any) -> AcceleratorConfig:
-    """``config`` with ``formats`` and those of the dense layer's bias and of the logits; ``products``: fraction bits of its products."""
+def _with_logits(
+    config: AcceleratorConfig, ranges: Mapping[str, Range], lean: bool, products: int, **formats: Any
+) -> AcceleratorConfig:
+    """``config`` with ``formats`` and those of the dense layer's bias and of the logits; ``products``:
+    fraction bits of its products."""
     chosen = config.replace(
         **formats,
         feature_shift=(),
         aligned_means=False,
         dense_bias_format=covering_format(ranges["dense bias"], BIAS_BITS, max_frac=products),
-        logit_format=covering_format(ranges["logit"], LOGIT_BITS, max_frac=products - 1, headroom=LOGIT_HEADROOM),
+        logit_format=covering_format(
+            ranges["logit"], LOGIT_BITS, max_frac=products - 1, headroom=LOGIT_HEADROOM
+        ),
     )
     while lean and not chosen.logit_proven:
         logit = chosen.formats.logit_format
@@ -404,12 +455,14 @@ def _with_logits(config: AcceleratorConfig, ranges: Mapping[str, Range], lean: b
 
 
 def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any) -> IntegerModel:
-    """The integer network of a float one, from its profiled ranges; ``widths`` are those of ``choose_formats``. Pure: no files.
+    """The integer network of a float one, from its profiled ranges; ``widths`` are those of
+    ``choose_formats``. Pure: no files.
 
-    ``lean`` also aligns the normaliser's constants (`normaliser_constants`), where one pair serves all inputs.
+    ``lean`` also aligns the normaliser's constants (`normaliser_constants`), where one pair serves all
+    inputs.
 
-    A model of a preset has ``plain`` formats, unless bits of a feature are asked for. Weights of fewer than WEIGHT_BITS bits get the
-    formats of ``closest_range``: their largest values may saturate.
+    A model of a preset has ``plain`` formats, unless bits of a feature are asked for. Weights of fewer than
+    WEIGHT_BITS bits get the formats of ``closest_range``: their largest values may saturate.
     """
     mu, sigma = model.arrays["mu"], model.arrays["sigma"]
     bits = widths.get("weight_bits") or WEIGHT_BITS
@@ -419,21 +472,30 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     plain = model.config.name in PRESETS and widths.get("feature_bits") is None
     limit = _feature_frac_limit(model.config, sigma, widths)
     config = choose_formats(model.config, ranges, feature_frac_limit=limit, plain=plain, **widths)
-    config, mean, scale = normaliser_constants(config, mu, sigma, aligned=widths.get("lean", False) and config.constants == 1)
+    config, mean, scale = normaliser_constants(
+        config, mu, sigma, aligned=widths.get("lean", False) and config.constants == 1
+    )
     formats = network_formats(config)
     arrays = {name: formats[name].quantise(array) for name, array in merged_parameters(model).items()}
     return IntegerModel(config, arrays | {"mean": mean, "scale": scale}, "quantised model")
 
 
 def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Mapping[str, Any]) -> int:
-    """Fraction bits at which the largest of the normaliser's scales, mostly of the shortest window, reaches 16 bits without any shift."""
+    """Fraction bits at which the largest of the normaliser's scales, mostly of the shortest window, reaches
+    16 bits without any shift."""
     gate_frac = config.formats.gate_frac if widths.get("gate_bits") is None else widths["gate_bits"]
     spread = np.broadcast_to(sigma, (config.constants,))
-    units = np.array(config.feature_units).reshape(-1, config.kinds).min(axis=0)[np.arange(config.constants) % config.kinds]
+    units = (
+        np.array(config.feature_units)
+        .reshape(-1, config.kinds)
+        .min(axis=0)[np.arange(config.constants) % config.kinds]
+    )
     return math.floor(math.log2(config.scale_format.max_code * float((units * spread).min()))) - gate_frac
 
 
-def _noted_ranges(model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]) -> dict[str, Range]:
+def _noted_ranges(
+    model_dir: str | Path, config: AcceleratorConfig, record: Mapping[str, Any]
+) -> dict[str, Range]:
     """The ranges that the training record notes."""
     fix = "give the recordings it was trained on (--data)"
     entries = record.get("ranges", [])
@@ -443,7 +505,9 @@ def _noted_ranges(model_dir: str | Path, config: AcceleratorConfig, record: Mapp
         ranges = {entry["signal"]: (float(entry["min"]), float(entry["max"])) for entry in entries}
         endless = [signal for signal in signals(config) if not all(map(math.isfinite, ranges[signal]))]
     except (TypeError, ValueError, KeyError) as error:
-        raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: is damaged ({error!r}); {fix}") from None
+        raise InputError(
+            f"{model_dir}/{TRAINING_FILE}, field ranges: is damaged ({error!r}); {fix}"
+        ) from None
     if endless:
         raise InputError(f"{model_dir}/{TRAINING_FILE}, field ranges: {endless[0]} is not finite; {fix}")
     return ranges
@@ -452,19 +516,39 @@ def _noted_ranges(model_dir: str | Path, config: AcceleratorConfig, record: Mapp
 def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[dict[str, Any]]:
     """What training.json and the report say of the ranges: {signal, min, max, format} each, real values."""
     sigmoid, tanh = (f"{config.formats.table_entries} entries over +-{span}" for span in (8, 4))
-    names = ("feature", "feature", "weight", "recurrent", "bias", "dense", "dense_bias", "", "", "state", "logit")
-    noted = {signal: getattr(config.formats, f"{name}_format", None) for signal, name in zip(SIGNALS, names, strict=True)}
+    names = (
+        "feature",
+        "feature",
+        "weight",
+        "recurrent",
+        "bias",
+        "dense",
+        "dense_bias",
+        "",
+        "",
+        "state",
+        "logit",
+    )
+    noted = {
+        signal: getattr(config.formats, f"{name}_format", None)
+        for signal, name in zip(SIGNALS, names, strict=True)
+    }
     noted |= {"sigmoid pre-activation": sigmoid, "tanh pre-activation": tanh}
-    return [{"signal": s, "min": ranges[s][0], "max": ranges[s][1], "format": str(noted[s])} for s in signals(config)]
+    return [
+        {"signal": s, "min": ranges[s][0], "max": ranges[s][1], "format": str(noted[s])}
+        for s in signals(config)
+    ]
 
 
 def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widths: Any) -> IntegerModel:
-    """Quantise the float model in a model folder and write config.json and weights.npz into it; the ranges go into training.json.
+    """Quantise the float model in a model folder and write config.json and weights.npz into it; the ranges go
+    into training.json.
 
     Parameters
     ----------
     recordings:
-        Recordings to profile ranges on (the training data). Without them the ranges noted at training are used.
+        Recordings to profile ranges on (the training data). Without them the ranges noted at training are
+        used.
     widths:
         weight_bits, state_bits, feature_bits, gate_bits, table_entries: see ``choose_formats``.
 
@@ -476,7 +560,8 @@ def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widt
     if load_config(model_dir).is_image:
         return quantise_image_model(model_dir, recordings, **widths)
     model, record = FloatModel.load(model_dir), load_training(model_dir)
-    if "config" in record:  # widths start from the configuration of the training, not from an earlier quantisation
+    # widths start from the configuration of the training, not from an earlier quantisation
+    if "config" in record:
         config = AcceleratorConfig.from_dict(record["config"], f"{model_dir}/{TRAINING_FILE}, field config")
         model = FloatModel(config, model.arrays, model.source)
     if recordings is not None:

@@ -1,7 +1,8 @@
 """Recipes: how a network of a configuration is trained.
 
-The default recipe is chosen by the configuration: ``onset`` where a touch has an onset (noise and time warp), ``contact`` where the gate
-opens at once, so that time has no origin to stretch from (noise only). The thesis protocol is an option.
+The default recipe is chosen by the configuration: ``onset`` where a touch has an onset (noise and time warp),
+``contact`` where the gate opens at once, so that time has no origin to stretch from (noise only). The thesis
+protocol is an option.
 """
 
 from __future__ import annotations
@@ -19,22 +20,26 @@ WEIGHT_LIMIT = 1.98
 
 @dataclass(frozen=True, kw_only=True)
 class Recipe:
-    """How a network is trained; Adam and cross-entropy throughout, features scaled by one mean and one standard deviation.
+    """How a network is trained; Adam and cross-entropy throughout, features scaled by one mean and one
+    standard deviation.
 
-    loss: on ``all`` steps (mean) or on the ``last``. updates, batch: gradient steps and touches each; epochs: passes over the training
-    part instead of updates (then every touch is used once an epoch, in random order). learning_rate: the largest of a one-cycle
-    schedule, or constant. noise: standard deviation added to every feature (1 = that of the training features). warp: a touch runs faster
-    by a factor drawn between 1/warp and warp (log-uniform); 1 = none. gain: so is its amplitude, by a factor between 1/gain and gain.
-    speed_gain: the amplitude also grows with the warp factor to this power, because a piezoelectric taxel answers to the rate of change.
-    taxel_gain: each taxel's amplitude by a factor of its own between 1/taxel_gain and taxel_gain, one for the whole touch; 1 = none.
-    taxel_offset: each taxel's features are shifted by a value of its own, normal with this standard deviation (1 = that of the training
-    features), one for the whole touch; 0 = none. channel_dropout: probability with which a taxel is masked for the whole touch.
-    taxel_failure: probability with which a taxel sticks at a limit in the touch, is found after FAULTY_WINDOWS and masked from there on.
-    penalty: of a linear cell, which is fitted as a logistic regression on all windows of a touch (`eskin.golden.training.linear_fit`): the
-    inverse penalty
-    of its weights on standardised inputs, as scikit-learn has it; loss, epochs, learning_rate, one_cycle and weight_limit say nothing then.
-    squares: a linear cell is a ridge regression on the classes' indicators instead, with a penalty chosen by leaving touches out.
-    weight_limit: parameters are held within +-this (0 = no limit), so that 8-bit weights need one integer bit beside the sign.
+    loss: on ``all`` steps (mean) or on the ``last``. updates, batch: gradient steps and touches each; epochs:
+    passes over the training part instead of updates (then every touch is used once an epoch, in random
+    order). learning_rate: the largest of a one-cycle schedule, or constant. noise: standard deviation added
+    to every feature (1 = that of the training features). warp: a touch runs faster by a factor drawn between
+    1/warp and warp (log-uniform); 1 = none. gain: so is its amplitude, by a factor between 1/gain and gain.
+    speed_gain: the amplitude also grows with the warp factor to this power, because a piezoelectric taxel
+    answers to the rate of change. taxel_gain: each taxel's amplitude by a factor of its own between
+    1/taxel_gain and taxel_gain, one for the whole touch; 1 = none. taxel_offset: each taxel's features are
+    shifted by a value of its own, normal with this standard deviation (1 = that of the training features),
+    one for the whole touch; 0 = none. channel_dropout: probability with which a taxel is masked for the whole
+    touch. taxel_failure: probability with which a taxel sticks at a limit in the touch, is found after
+    FAULTY_WINDOWS and masked from there on. penalty: of a linear cell, which is fitted as a logistic
+    regression on all windows of a touch (`eskin.golden.training.linear_fit`): the inverse penalty of its
+    weights on standardised inputs, as scikit-learn has it; loss, epochs, learning_rate, one_cycle and
+    weight_limit say nothing then. squares: a linear cell is a ridge regression on the classes' indicators
+    instead, with a penalty chosen by leaving touches out. weight_limit: parameters are held within +-this (0
+    = no limit), so that 8-bit weights need one integer bit beside the sign.
     """
 
     name: str
@@ -71,7 +76,15 @@ class Recipe:
 
 
 RECIPES = {
-    "onset": Recipe(name="onset", learning_rate=0.03, noise=0.3, warp=1.5, gain=1.2, speed_gain=0.5, weight_limit=WEIGHT_LIMIT),
+    "onset": Recipe(
+        name="onset",
+        learning_rate=0.03,
+        noise=0.3,
+        warp=1.5,
+        gain=1.2,
+        speed_gain=0.5,
+        weight_limit=WEIGHT_LIMIT,
+    ),
     "contact": Recipe(name="contact", learning_rate=0.03, noise=0.2, updates=800, weight_limit=WEIGHT_LIMIT),
     "robust": Recipe(
         name="robust",
@@ -85,18 +98,22 @@ RECIPES = {
         channel_dropout=0.1,
         taxel_failure=0.05,
     ),
-    "linear": Recipe(name="linear", loss="last", updates=60, noise=0.3, warp=1.5, gain=1.2, speed_gain=0.5, penalty=1.0),
+    "linear": Recipe(
+        name="linear", loss="last", updates=60, noise=0.3, warp=1.5, gain=1.2, speed_gain=0.5, penalty=1.0
+    ),
     "thesis": Recipe(name="thesis", loss="last", epochs=96, batch=48, learning_rate=0.001, one_cycle=False),
 }
-"""The recipes. ``robust`` is ``onset`` for a sensor of which a taxel may fail. ``onset``, ``contact`` and ``robust`` were tuned on the
-splits of the two recorded data sets on which they are reported, so unseen sensors may do worse. ``linear`` augments as ``onset`` does, and
-not at all where the gate opens at once (which the same splits and biotac_slide's blocks showed); its penalty is scikit-learn's own, not
-tuned. ``thesis`` is the published protocol with Adam's usual rate (the thesis names none)."""
+"""The recipes. ``robust`` is ``onset`` for a sensor of which a taxel may fail. ``onset``, ``contact`` and
+``robust`` were tuned on the splits of the two recorded data sets on which they are reported, so unseen
+sensors may do worse. ``linear`` augments as ``onset`` does, and not at all where the gate opens at once
+(which the same splits and biotac_slide's blocks showed); its penalty is scikit-learn's own, not tuned.
+``thesis`` is the published protocol with Adam's usual rate (the thesis names none)."""
 
 
 def choose_recipe(config: AcceleratorConfig, protocol: str = "default") -> Recipe:
-    """The recipe for a configuration: ``default`` is ``contact`` where the gate opens at once and ``onset`` elsewhere, ``linear`` for a
-    linear cell; ``robust`` adds channel dropout and twice the updates; or ``thesis``."""
+    """The recipe for a configuration: ``default`` is ``contact`` where the gate opens at once and ``onset``
+    elsewhere, ``linear`` for a linear cell; ``robust`` adds channel dropout and twice the updates; or
+    ``thesis``."""
     if not config.recurrent:
         return _linear_recipe(config, protocol)
     if protocol == "robust" and config.opens_at_once:
@@ -128,5 +145,7 @@ def _linear_recipe(config: AcceleratorConfig, protocol: str) -> Recipe:
             taxel_failure=robust.taxel_failure,
         )
     if protocol != "default":
-        raise InputError(f"training, field protocol: is '{protocol}' and the cell is linear; use default or robust")
+        raise InputError(
+            f"training, field protocol: is '{protocol}' and the cell is linear; use default or robust"
+        )
     return recipe

@@ -24,8 +24,8 @@ SPLITS: dict[str, list[list[str]]] = {
 
 
 def default_splits(recordings: Recordings, config: AcceleratorConfig) -> list[list[str]]:
-    """The splits the configuration names, one that was derived those of the preset of the same sensor, as far as the recordings have the
-    groups; without any, one plain split stratified by class."""
+    """The splits the configuration names, one that was derived those of the preset of the same sensor, as far
+    as the recordings have the groups; without any, one plain split stratified by class."""
     available = {*recordings.groups, "label"}
     name = config.name
     if name == "derived":
@@ -34,7 +34,9 @@ def default_splits(recordings: Recordings, config: AcceleratorConfig) -> list[li
     return splits or [[]]
 
 
-def split_folds(recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None) -> list[np.ndarray]:
+def split_folds(
+    recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None
+) -> list[np.ndarray]:
     """``grouped_folds`` with ``label`` as a group name too."""
     if "label" in groups:
         recordings = dataclasses.replace(recordings, groups={**recordings.groups, "label": recordings.labels})
@@ -47,4 +49,8 @@ def held_out(recordings: Recordings, groups: Sequence[str], test: np.ndarray) ->
         return f"{len(test)} recordings"
     columns = [recordings.labels if name == "label" else recordings.groups[name] for name in groups]
     values = sorted({tuple(str(column[i]) for column in columns) for i in test})
-    return f"{' '.join(groups)} {', '.join(' '.join(value) for value in values)}" if len(values) <= 3 else f"{len(values)} groups"
+    return (
+        f"{' '.join(groups)} {', '.join(' '.join(value) for value in values)}"
+        if len(values) <= 3
+        else f"{len(values)} groups"
+    )

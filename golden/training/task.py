@@ -1,7 +1,8 @@
-"""The two tasks, touches in recordings and images, to be judged in the same words: a float network beside its integers on the same data.
+"""The two tasks, touches in recordings and images, to be judged in the same words: a float network beside its
+integers on the same data.
 
-What a step and a stage are differs: a touch has several steps, and its stages are those of `eskin.golden.model.stage_error.STAGES`; an
-image is one step, and its stages are its layers with weights.
+What a step and a stage are differs: a touch has several steps, and its stages are those of
+`eskin.golden.model.stage_error.STAGES`; an image is one step, and its stages are its layers with weights.
 """
 
 from __future__ import annotations
@@ -15,11 +16,23 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT
 from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import float_images, images_of, layer_by_layer, layer_formats, run_images
+from eskin.golden.model.image_network import (
+    float_images,
+    images_of,
+    layer_by_layer,
+    layer_formats,
+    run_images,
+)
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.stage_error import SignalProfile, StageError, profile_of, signal_profiles, stage_errors
+from eskin.golden.model.stage_error import (
+    SignalProfile,
+    StageError,
+    profile_of,
+    signal_profiles,
+    stage_errors,
+)
 
 LOOKED_AT = 200
 """Images on which errors are taken layer by layer."""
@@ -58,14 +71,18 @@ class TouchTask:
 
 
 class ImageTask:
-    """A network for images, as `TouchTask`. Errors are taken on LOOKED_AT images at most, evenly over the classes."""
+    """A network for images, as `TouchTask`. Errors are taken on LOOKED_AT images at most, evenly over the
+    classes."""
 
     local_agreement = None
 
     def __init__(self, real: FloatModel, integer: IntegerModel, recordings: Recordings) -> None:
         images = images_of(recordings)
         self._real, self._integer, self._some = real, integer, images[recordings.evenly(LOOKED_AT)]
-        self.ideal, self.trace = float_images(real, images, maps=False), run_images(integer, images, maps=False)
+        self.ideal, self.trace = (
+            float_images(real, images, maps=False),
+            run_images(integer, images, maps=False),
+        )
         self.done = np.ones(len(images), dtype=bool)
 
     @cached_property
@@ -73,7 +90,9 @@ class ImageTask:
         """(real values, codes) that each layer with weights gave."""
         ideal, trace = float_images(self._real, self._some), run_images(self._integer, self._some)
         stages = self._integer.config.weighted_stages
-        return [(ideal.maps[s.number], trace.maps[s.number]) for s in stages[:-1]] + [(ideal.logits, trace.logits)]
+        return [(ideal.maps[s.number], trace.maps[s.number]) for s in stages[:-1]] + [
+            (ideal.logits, trace.logits)
+        ]
 
     def stages(self) -> list[StageError]:
         """The error of each layer with weights."""
@@ -90,17 +109,25 @@ class ImageTask:
     def signals(self) -> list[SignalProfile]:
         """The weights, the biases and the map of each layer with weights; the logits come last."""
         real, integer, profiles = self._real.arrays, self._integer.arrays, []
-        for (stage, weight, before, after), (values, codes) in zip(layer_formats(self._integer.config), self._maps, strict=True):
+        for (stage, weight, before, after), (values, codes) in zip(
+            layer_formats(self._integer.config), self._maps, strict=True
+        ):
             layer, frac = f"{stage.number} {stage.layer}", weight.frac_bits + before.frac_bits
-            for role, word, fmt in (("W", "weights", weight), ("b", "biases", QFormat(BIAS_BITS - frac, frac))):
+            for role, word, fmt in (
+                ("W", "weights", weight),
+                ("b", "biases", QFormat(BIAS_BITS - frac, frac)),
+            ):
                 name = f"{role}_{stage.number}"
-                profiles.append(profile_of(f"{layer}: {word}", "weights", fmt, real[name], fmt.to_real(integer[name])))
+                profiles.append(
+                    profile_of(f"{layer}: {word}", "weights", fmt, real[name], fmt.to_real(integer[name]))
+                )
             signal = "logits" if stage.last else f"{layer}: map"
             profiles.append(profile_of(signal, "activations", after, values, after.to_real(codes)))
         return profiles
 
     def _alone(self, index: int) -> np.ndarray:
-        """Logits of the float network with the weights, bias and output of one layer as the integer one has them."""
+        """Logits of the float network with the weights, bias and output of one layer as the integer one has
+        them."""
         config, integer = self._integer.config, self._integer.arrays
         layers = layer_formats(config)
         stage, weight, before, after = layers[index]
@@ -133,7 +160,9 @@ def task_of(model_dir: str | Path, recordings: Recordings) -> TouchTask | ImageT
         return ImageTask(real, integer, recordings)
     if tuple(recordings.class_names) != config.network.class_names:
         raise InputError(
-            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and model '{model_dir}', field "
-            f"class_names, has {', '.join(config.network.class_names)}; use the recordings the model was made for"
+            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and "
+            f"model '{model_dir}', field "
+            f"class_names, has {', '.join(config.network.class_names)}; use the recordings the model was "
+            "made for"
         )
     return TouchTask(real, integer, recordings)

@@ -23,18 +23,25 @@ def check_readable(path: Path) -> None:
     try:
         path.open("rb").close()
     except OSError as error:
-        raise InputError(f"network '{path}': cannot be read ({error.strerror or error}); check the path and its permissions") from None
+        raise InputError(
+            f"network '{path}': cannot be read ({error.strerror or error}); check the path and its "
+            "permissions"
+        ) from None
 
 
 def read_state(path: Path) -> dict[str, torch.Tensor]:
-    """The tensors of a torch state_dict, in its order; nothing in the file is run, and none is beyond what an accelerator takes.
+    """The tensors of a torch state_dict, in its order; nothing in the file is run, and none is beyond what an
+    accelerator takes.
 
     Raises
     ------
     InputError
         The file is damaged, needs a pickle, or holds other things than tensors.
     """
-    damaged = InputError(f"network '{path}': is damaged or no torch file; save it again with torch.save(model.state_dict(), FILE)")
+    damaged = InputError(
+        f"network '{path}': is damaged or no torch file; save it again with torch.save(model.state_dict(), "
+        "FILE)"
+    )
     try:
         if zipfile.is_zipfile(path):  # torch itself does not look at the check sums
             with zipfile.ZipFile(path) as archive:
@@ -47,17 +54,27 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
     except InputError:
         raise
     except ArchiveError as error:
-        raise InputError(f"network '{path}': {error}; save only the weights: torch.save(model.state_dict(), FILE)") from None
+        raise InputError(
+            f"network '{path}': {error}; save only the weights: torch.save(model.state_dict(), FILE)"
+        ) from None
     except pickle.UnpicklingError as error:
         if "GLOBAL" not in str(error) and "reduce" not in str(error):  # an opcode that no torch file has
             raise damaged from None
         raise InputError(
-            f"network '{path}': holds pickled code, which is never run; save only the weights: torch.save(model.state_dict(), FILE)"
+            f"network '{path}': holds pickled code, which is never run; save only the weights: "
+            "torch.save(model.state_dict(), FILE)"
         ) from None
     except Exception:  # a damaged file can fail anywhere inside torch's reader
         raise damaged from None
-    if not isinstance(state, dict) or not state or not all(isinstance(value, torch.Tensor) for value in state.values()):
-        raise InputError(f"network '{path}': holds other things than tensors; save only the weights: torch.save(model.state_dict(), FILE)")
+    if (
+        not isinstance(state, dict)
+        or not state
+        or not all(isinstance(value, torch.Tensor) for value in state.values())
+    ):
+        raise InputError(
+            f"network '{path}': holds other things than tensors; save only the weights: "
+            "torch.save(model.state_dict(), FILE)"
+        )
     return {str(name): tensor for name, tensor in state.items()}
 
 
@@ -71,8 +88,13 @@ def plain_array(path: Path, name: str, tensor: torch.Tensor) -> np.ndarray:
     """
     if tensor.numel() > MOST_VALUES:  # a view can show one stored number as often as it likes
         shape = tuple(tensor.shape)
-        raise InputError(f"network '{path}', array {name}: has shape {shape}, beyond any network that the accelerator takes")
+        raise InputError(
+            f"network '{path}', array {name}: has shape {shape}, beyond any network that the accelerator "
+            "takes"
+        )
     try:
         return tensor.detach().to(torch.float64).numpy()
     except (RuntimeError, TypeError, NotImplementedError):
-        raise InputError(f"network '{path}', array {name}: is no plain array of numbers; save it dense and not quantised") from None
+        raise InputError(
+            f"network '{path}', array {name}: is no plain array of numbers; save it dense and not quantised"
+        ) from None

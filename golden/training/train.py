@@ -40,17 +40,19 @@ class TrainingRequest:
     seed, seeds:
         First seed, that of the network written; number of seeds the cross-validation averages over.
     protocol:
-        ``default``, ``robust`` (``choose_recipe``) or ``thesis`` (last-step loss, Adam, 96 epochs of batch 48; splits stratified by
-        class).
+        ``default``, ``robust`` (``choose_recipe``) or ``thesis`` (last-step loss, Adam, 96 epochs of batch
+        48; splits stratified by class).
     recipe:
         Instead of that of the protocol.
     quantisation_aware:
-        Train the float network on in integer arithmetic and write weights.npz too (a later ``quantise`` replaces it by post-training
-        integers of the float network).
+        Train the float network on in integer arithmetic and write weights.npz too (a later ``quantise``
+        replaces it by post-training integers of the float network).
     widths:
-        Bits, as ``eskin.golden.training.quantise.choose_formats`` takes them: of the cross-validation's integers, and of those written.
+        Bits, as ``eskin.golden.training.quantise.choose_formats`` takes them: of the cross-validation's
+        integers, and of those written.
     known:
-        Records of splits that this network, recipe and seeds were cross-validated over before; they are not done again.
+        Records of splits that this network, recipe and seeds were cross-validated over before; they are not
+        done again.
     """
 
     folds: int = 5
@@ -74,7 +76,8 @@ def train(
     notes: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Cross-validate, fit a network on ALL recordings, and write the model folder (config.json, float.npz, training.json).
+    """Cross-validate, fit a network on ALL recordings, and write the model folder (config.json, float.npz,
+    training.json).
 
     Parameters
     ----------
@@ -89,26 +92,35 @@ def train(
 
     Returns
     -------
-    The training record, as written to training.json: seed, recipe, config, data, recordings, touched, parameters, ranges,
-    cross_validation (``cross_validate``), versions, wall_s.
+    The training record, as written to training.json: seed, recipe, config, data, recordings, touched,
+    parameters, ranges, cross_validation (``cross_validate``), versions, wall_s.
 
     Raises
     ------
     InputError
-        Before any work: a folder that must not be replaced, an unknown group, a network or protocol that does not exist.
+        Before any work: a folder that must not be replaced, an unknown group, a network or protocol that does
+        not exist.
     """
     begin = time.perf_counter()
     check_model_target(out)
     request = request or TrainingRequest()
-    recipe, seed, widths = request.recipe or choose_recipe(config, request.protocol), request.seed, dict(request.widths)
+    recipe, seed, widths = (
+        request.recipe or choose_recipe(config, request.protocol),
+        request.seed,
+        dict(request.widths),
+    )
     check_widths(config, **widths)
     if tuple(recordings.class_names) != config.network.class_names:
         raise InputError(
-            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and configuration '{config.name}', "
-            f"field class_names, has {', '.join(config.network.class_names)}; use recordings and a configuration of one task"
+            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and "
+            f"configuration '{config.name}', "
+            f"field class_names, has {', '.join(config.network.class_names)}; use recordings and a "
+            "configuration of one task"
         )
     datasets = datasets or Datasets(recordings)
-    results = _cross_validation(recordings, config, request, recipe, datasets, progress) if request.folds else []
+    results = (
+        _cross_validation(recordings, config, request, recipe, datasets, progress) if request.folds else []
+    )
 
     data = datasets.of(config, recipe)
     rows = touch_rows(data, np.arange(len(recordings)))

@@ -1,8 +1,9 @@
-"""Training networks for images, in float and with weights of few bits; choosing formats; cross-validation by pieces of work.
+"""Training networks for images, in float and with weights of few bits; choosing formats; cross-validation by
+pieces of work.
 
-The recipe is that of a study on the 22 objects of Gandarias et al. (2019), tuned on the same folds: AdamW on a one-cycle schedule, each
-batch turned, mirrored, shifted and scaled anew. Batch norm is folded into weights and biases at the end, so what is kept is what
-hardware computes.
+The recipe is that of a study on the 22 objects of Gandarias et al. (2019), tuned on the same folds: AdamW on
+a one-cycle schedule, each batch turned, mirrored, shifted and scaled anew. Batch norm is folded into weights
+and biases at the end, so what is kept is what hardware computes.
 """
 
 from __future__ import annotations
@@ -26,7 +27,13 @@ from eskin.golden.core.memo import code_version
 from eskin.golden.model.image_network import float_images, layer_formats, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.straight_through import straight_through
-from eskin.golden.training.image_formats import choose_image_formats, equalised, integers_of, profile_images, quantised
+from eskin.golden.training.image_formats import (
+    choose_image_formats,
+    equalised,
+    integers_of,
+    profile_images,
+    quantised,
+)
 
 Progress = Callable[[int, int], None]
 
@@ -35,11 +42,13 @@ Progress = Callable[[int, int], None]
 class ImageRecipe:
     """How a network for images is trained.
 
-    epochs, batch; learning_rate: the largest of a one-cycle schedule; weight_decay: AdamW's, on weights alone; label_smoothing; dropout:
-    before the last layer. Each image of each batch anew: turn (degrees, +-), mirror (both axes, each with probability 1/2), shift (share
-    of the side, +-), zoom and intensity (share, +-), noise (standard deviation, share of full scale, where the image is not 0).
+    epochs, batch; learning_rate: the largest of a one-cycle schedule; weight_decay: AdamW's, on weights
+    alone; label_smoothing; dropout: before the last layer. Each image of each batch anew: turn (degrees, +-),
+    mirror (both axes, each with probability 1/2), shift (share of the side, +-), zoom and intensity (share,
+    +-), noise (standard deviation, share of full scale, where the image is not 0).
 
-    tuning_epochs, tuning_rate: of training with rounded weights and maps, which starts from the float network with batch norm folded.
+    tuning_epochs, tuning_rate: of training with rounded weights and maps, which starts from the float network
+    with batch norm folded.
     """
 
     epochs: int = 100
@@ -59,7 +68,8 @@ class ImageRecipe:
 
 
 class ImageNetwork(nn.Module):
-    """The network of a configuration with batch norm behind each convolution; images (n, 1, height, width) of pixels 0..1."""
+    """The network of a configuration with batch norm behind each convolution; images (n, 1, height, width) of
+    pixels 0..1."""
 
     def __init__(self, config: AcceleratorConfig, dropout: float) -> None:
         super().__init__()
@@ -81,7 +91,8 @@ class ImageNetwork(nn.Module):
                 values = nn.functional.max_pool2d(values, 2, ceil_mode=True).relu()
             elif isinstance(stage.layer, Conv):
                 values = self.norms[name](self.layers[name](values))
-                if stage.number not in self._pooled:  # the largest and the ReLU may change places, and a pooled map is smaller
+                # the largest and the ReLU may change places, and a pooled map is smaller
+                if stage.number not in self._pooled:
                     values = values.relu()
             else:
                 if values.ndim == 4:
@@ -109,8 +120,8 @@ class ImageNetwork(nn.Module):
 
 # ---------------------------------------------------------------------- augmentation
 def augmented(images: Tensor, recipe: ImageRecipe, generator: torch.Generator) -> Tensor:
-    """Images (n, 1, height, width) of pixels 0..1, each turned, mirrored, shifted, scaled, brightened and with noise by numbers of its
-    own."""
+    """Images (n, 1, height, width) of pixels 0..1, each turned, mirrored, shifted, scaled, brightened and
+    with noise by numbers of its own."""
     count, _, height, width = images.shape
 
     def spread(limit: float) -> Tensor:
@@ -118,10 +129,15 @@ def augmented(images: Tensor, recipe: ImageRecipe, generator: torch.Generator) -
 
     angle, zoom = spread(math.radians(recipe.turn)), 1 + spread(recipe.zoom)
     down, across = 2 * spread(recipe.shift), 2 * spread(recipe.shift)
-    flip_x, flip_y = (1 - 2 * torch.randint(0, 2, (count,), generator=generator) * recipe.mirror for _ in range(2))
+    flip_x, flip_y = (
+        1 - 2 * torch.randint(0, 2, (count,), generator=generator) * recipe.mirror for _ in range(2)
+    )
     aspect = height / width
     cos, sin = torch.cos(angle) / zoom, torch.sin(angle) / zoom
-    rows = [torch.stack([cos * flip_x, -sin * aspect * flip_y, across], 1), torch.stack([sin / aspect * flip_x, cos * flip_y, down], 1)]
+    rows = [
+        torch.stack([cos * flip_x, -sin * aspect * flip_y, across], 1),
+        torch.stack([sin / aspect * flip_x, cos * flip_y, down], 1),
+    ]
     grid = nn.functional.affine_grid(torch.stack(rows, 1), list(images.shape), align_corners=False)
     moved = nn.functional.grid_sample(images, grid, align_corners=False)
     noise = torch.randn(moved.shape, generator=generator) * recipe.noise * (moved > 0)
@@ -158,9 +174,14 @@ def _optimise(
         [parameter for parameter in parameters if parameter.ndim > 1],
         [parameter for parameter in parameters if parameter.ndim <= 1],
     )
-    groups = [{"params": decayed, "weight_decay": recipe.weight_decay}, {"params": plain, "weight_decay": 0.0}]
+    groups = [
+        {"params": decayed, "weight_decay": recipe.weight_decay},
+        {"params": plain, "weight_decay": 0.0},
+    ]
     optimiser = torch.optim.AdamW(groups, lr=rate)
-    steps = torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=_updates(len(images), recipe, epochs))
+    steps = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, rate, total_steps=_updates(len(images), recipe, epochs)
+    )
     pixels, targets = _pixels(images), torch.from_numpy(labels.astype(np.int64))
     loss_of = nn.CrossEntropyLoss(label_smoothing=recipe.label_smoothing)
     for epoch in range(epochs):
@@ -175,7 +196,13 @@ def _optimise(
 
 
 def train_network(
-    config: AcceleratorConfig, images: np.ndarray, labels: np.ndarray, *, recipe: ImageRecipe, seed: int, progress: Progress | None = None
+    config: AcceleratorConfig,
+    images: np.ndarray,
+    labels: np.ndarray,
+    *,
+    recipe: ImageRecipe,
+    seed: int,
+    progress: Progress | None = None,
 ) -> FloatModel:
     """A network trained on images (n, height, width) of codes 0..255; deterministic by ``seed``.
 
@@ -208,7 +235,8 @@ def tune_network(
     seed: int,
     progress: Progress | None = None,
 ) -> tuple[FloatModel, IntegerModel]:
-    """Train a float network on with weights and maps rounded as the integer one has them (gradients straight through), and its integers.
+    """Train a float network on with weights and maps rounded as the integer one has them (gradients straight
+    through), and its integers.
 
     The formats are chosen before, from the float network, and stay.
     """
@@ -222,15 +250,21 @@ def tune_network(
         return _rounded_forward(config, values, pixels)
 
     schedule = (recipe.tuning_epochs, recipe.tuning_rate)
-    _optimise([values[name] for name in names], forward, images, labels, recipe, schedule, generator, progress)
-    tuned = FloatModel(model.config, {name: value.detach().double().numpy() for name, value in values.items()})
+    _optimise(
+        [values[name] for name in names], forward, images, labels, recipe, schedule, generator, progress
+    )
+    tuned = FloatModel(
+        model.config, {name: value.detach().double().numpy() for name, value in values.items()}
+    )
     return tuned, integers_of(tuned, config)
 
 
 def _round_to(value: Tensor, fmt: QFormat) -> Tensor:
     scale = 2.0**fmt.frac_bits
     held = value.clamp(fmt.min_code / scale, fmt.max_code / scale)
-    return straight_through(torch.floor(held.detach() * scale + 0.5).clamp(fmt.min_code, fmt.max_code) / scale, held)
+    return straight_through(
+        torch.floor(held.detach() * scale + 0.5).clamp(fmt.min_code, fmt.max_code) / scale, held
+    )
 
 
 def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], values: Tensor) -> Tensor:
@@ -247,7 +281,9 @@ def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], va
                 values = values.permute(0, 2, 3, 1).flatten(1)
             values = nn.functional.linear(values, weight, bias)
         else:
-            values = nn.functional.conv2d(values, weight.permute(0, 3, 1, 2), bias, padding=stage.layer.kernel // 2)
+            values = nn.functional.conv2d(
+                values, weight.permute(0, 3, 1, 2), bias, padding=stage.layer.kernel // 2
+            )
         if not stage.last:
             values = _round_to(values, after)
     return values
@@ -286,8 +322,9 @@ def size_of(config: AcceleratorConfig) -> str:
 
 
 def judge(shared: tuple[Mapping[str, np.ndarray], np.ndarray], piece: Piece) -> dict[str, Any]:
-    """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned`` (trained on with few bits), each a
-    list of classes in the order of ``left_out``; ``wall_s``. shared: images by their size (`size_of`), and labels."""
+    """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned``
+    (trained on with few bits), each a list of classes in the order of ``left_out``; ``wall_s``. shared:
+    images by their size (`size_of`), and labels."""
     from eskin.golden.training.fit import one_thread
 
     begin = time.perf_counter()
@@ -295,13 +332,21 @@ def judge(shared: tuple[Mapping[str, np.ndarray], np.ndarray], piece: Piece) -> 
     out = np.array(piece.left_out)
     train = np.setdiff1d(np.arange(len(images)), out)
     with one_thread():
-        model = train_network(piece.config, images[train], labels[train], recipe=piece.recipe, seed=piece.seed)
+        model = train_network(
+            piece.config, images[train], labels[train], recipe=piece.recipe, seed=piece.seed
+        )
         decided = {"float": float_images(model, images[out], maps=False)}
         for bits in (8, 4):
             even = model if bits == 8 else equalised(model, images[train], bits)
             decided[f"w{bits}"] = run_images(quantised(even, images[train], bits), images[out], maps=False)
         if piece.tuned_bits:
-            options: dict[str, Any] = {"weight_bits": piece.tuned_bits, "recipe": piece.recipe, "seed": piece.seed}
+            options: dict[str, Any] = {
+                "weight_bits": piece.tuned_bits,
+                "recipe": piece.recipe,
+                "seed": piece.seed,
+            }
             tuned = tune_network(model, images[train], labels[train], **options)[1]
             decided["tuned"] = run_images(tuned, images[out], maps=False)
-    return {name: trace.decision.tolist() for name, trace in decided.items()} | {"wall_s": round(time.perf_counter() - begin, 1)}
+    return {name: trace.decision.tolist() for name, trace in decided.items()} | {
+        "wall_s": round(time.perf_counter() - begin, 1)
+    }

@@ -1,4 +1,5 @@
-"""Widths by error: the narrowest weights whose logits, on recordings left out of the training, stay close to those in float."""
+"""Widths by error: the narrowest weights whose logits, on recordings left out of the training, stay close to
+those in float."""
 
 from __future__ import annotations
 
@@ -18,7 +19,14 @@ from eskin.golden.model.pipeline import decide_touches, float_features
 from eskin.golden.model.preprocess import Touches, find_touches
 from eskin.golden.model.stage_error import StageError, logit_error, stage_errors
 from eskin.golden.training.crossval import Folds
-from eskin.golden.training.quantise import COVERED_FEATURE, OPERAND_BITS, Range, profile, quantise_model, range_records
+from eskin.golden.training.quantise import (
+    COVERED_FEATURE,
+    OPERAND_BITS,
+    Range,
+    profile,
+    quantise_model,
+    range_records,
+)
 from eskin.golden.training.recipe import RECIPES, Recipe, choose_recipe
 from eskin.golden.training.splits import default_splits
 
@@ -59,9 +67,9 @@ class Case:
 
 @dataclass(frozen=True)
 class Tried:
-    """Widths and what they did to the recordings left out of all cases: mean and max of the logits' error, the stage that alone brings
-    about the largest, and all stages as ``stage_errors`` gives them, both of the case that has the largest. refused: why no format of
-    these widths works; the figures are infinite then."""
+    """Widths and what they did to the recordings left out of all cases: mean and max of the logits' error,
+    the stage that alone brings about the largest, and all stages as ``stage_errors`` gives them, both of the
+    case that has the largest. refused: why no format of these widths works; the figures are infinite then."""
 
     weight_bits: int
     table_entries: int
@@ -73,8 +81,13 @@ class Tried:
 
     @property
     def widths(self) -> dict[str, int]:
-        """By the names of ``choose_formats``. Features have the lanes' operand for themselves: bits that are there cost no cell."""
-        return {"weight_bits": self.weight_bits, "table_entries": self.table_entries, "feature_bits": OPERAND_BITS}
+        """By the names of ``choose_formats``. Features have the lanes' operand for themselves: bits that are
+        there cost no cell."""
+        return {
+            "weight_bits": self.weight_bits,
+            "table_entries": self.table_entries,
+            "feature_bits": OPERAND_BITS,
+        }
 
 
 def fold_cases(
@@ -95,7 +108,8 @@ def fold_cases(
     splits:
         Group names for each split, as ``cross_validate`` takes them.
     model:
-        A network that was trained elsewhere: it stands in for all of them, and only ranges are profiled without the fold.
+        A network that was trained elsewhere: it stands in for all of them, and only ranges are profiled
+        without the fold.
 
     Raises
     ------
@@ -111,7 +125,10 @@ def fold_cases(
         if left_out.completed.any():
             cases.append(Case(network, work.data.touches.take(rows), left_out))
     if not cases:
-        raise InputError(f"recordings '{recordings.source}': no recording left out has a completed step; use recordings with touches")
+        raise InputError(
+            f"recordings '{recordings.source}': no recording left out has a completed step; use recordings "
+            "with touches"
+        )
     return cases
 
 
@@ -121,8 +138,11 @@ def _reach(model: FloatModel, touches: Touches) -> float:
 
 
 def feature_headroom(cases: Sequence[Case]) -> float:
-    """How many times larger than any feature seen the largest feature left out is: the worst case's, at least 1."""
-    return max(1.0, *(_reach(case.model, case.left_out) / max(_reach(case.model, case.seen), 1e-9) for case in cases))
+    """How many times larger than any feature seen the largest feature left out is: the worst case's, at least
+    1."""
+    return max(
+        1.0, *(_reach(case.model, case.left_out) / max(_reach(case.model, case.seen), 1e-9) for case in cases)
+    )
 
 
 def with_headroom(ranges: Mapping[str, Range], headroom: float) -> dict[str, Range]:
@@ -148,10 +168,14 @@ def measure(cases: Sequence[Case], headroom: float, weight_bits: int, table_entr
     k = max(range(len(cases)), key=lambda k: errors[k].max())
     stages = stage_errors(cases[k].model, integers[k], cases[k].left_out)
     mean = float(np.concatenate(errors).mean())
-    return Tried(weight_bits, table_entries, mean, float(errors[k].max()), logit_error(stages)["stage"], tuple(stages))
+    return Tried(
+        weight_bits, table_entries, mean, float(errors[k].max()), logit_error(stages)["stage"], tuple(stages)
+    )
 
 
-def ladder(cases: Sequence[Case], headroom: float, weights: Sequence[int] = WEIGHTS, tables: Sequence[int] = TABLES) -> Iterator[Tried]:
+def ladder(
+    cases: Sequence[Case], headroom: float, weights: Sequence[int] = WEIGHTS, tables: Sequence[int] = TABLES
+) -> Iterator[Tried]:
     """Widths after widths, the cheapest first."""
     recurrent = cases[0].model.config.recurrent
     for weight_bits in weights:
@@ -160,9 +184,13 @@ def ladder(cases: Sequence[Case], headroom: float, weights: Sequence[int] = WEIG
 
 
 def choose_widths(
-    cases: Sequence[Case], limit: float, headroom: float | None = None, progress: Callable[[str, int, int], None] | None = None
+    cases: Sequence[Case],
+    limit: float,
+    headroom: float | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[Tried, list[Tried]]:
-    """(the first widths of the ladder whose largest logit error on every case's left-out recordings is at most ``limit``, all tried).
+    """(the first widths of the ladder whose largest logit error on every case's left-out recordings is at
+    most ``limit``, all tried).
 
     Raises
     ------
@@ -183,8 +211,10 @@ def choose_widths(
     wider = [rung.refused for rung in tried if rung.refused and rung.weight_bits > best.weight_bits]
     refused = f"; wider weights are refused: {wider[0]}" if wider else ""
     raise InputError(
-        f"quantisation, field logit_error: {limit:g} cannot be met on recordings left out; the best is {best.max:.3g}, with weights of "
-        f"{best.weight_bits} bits and tables of {best.table_entries} entries, most of all by {best.stage}: ask for that or more{refused}"
+        f"quantisation, field logit_error: {limit:g} cannot be met on recordings left out; the best is "
+        f"{best.max:.3g}, with weights of "
+        f"{best.weight_bits} bits and tables of {best.table_entries} entries, most of all by {best.stage}: "
+        f"ask for that or more{refused}"
     )
 
 
@@ -196,25 +226,29 @@ def quantise_by_error(
     group: Sequence[str] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> tuple[IntegerModel, dict[str, Any]]:
-    """Write the integer model into a model folder, in the narrowest widths that keep logits of recordings left out within ``limit``.
+    """Write the integer model into a model folder, in the narrowest widths that keep logits of recordings
+    left out within ``limit``.
 
-    Networks are trained again, each without a fold of the recordings (an imported network stands for itself), quantised with ranges of
-    what they saw, and judged on the fold. Only then is the folder's own network quantised, with ranges profiled on all ``recordings`` and
-    the headroom for features that the folds called for.
+    Networks are trained again, each without a fold of the recordings (an imported network stands for itself),
+    quantised with ranges of what they saw, and judged on the fold. Only then is the folder's own network
+    quantised, with ranges profiled on all ``recordings`` and the headroom for features that the folds called
+    for.
 
     Parameters
     ----------
     recordings:
         The training data.
     limit:
-        Largest difference of an integer logit from the float one, any completed step of any recording left out.
+        Largest difference of an integer logit from the float one, any completed step of any recording left
+        out.
     group:
-        Group names of one split; None: the splits of the training's cross-validation, or those of the configuration.
+        Group names of one split; None: the splits of the training's cross-validation, or those of the
+        configuration.
 
     Returns
     -------
-    (integer model, {limit, splits, cases, headroom, weight_bits, table_entries, mean, max, stage, tried}); training.json has it as
-    ``logit_error``.
+    (integer model, {limit, splits, cases, headroom, weight_bits, table_entries, mean, max, stage, tried});
+    training.json has it as ``logit_error``.
 
     Raises
     ------
@@ -222,12 +256,20 @@ def quantise_by_error(
         A limit that is not positive or cannot be met; a folder that is no model folder.
     """
     if not (math.isfinite(limit) and limit > 0):
-        raise InputError(f"quantisation, field logit_error: is {limit:g}; give the largest difference of a logit, 0.5 say")
+        raise InputError(
+            f"quantisation, field logit_error: is {limit:g}; give the largest difference of a logit, 0.5 say"
+        )
     model, record = FloatModel.load(model_dir), load_training(model_dir)
     if "config" in record:
-        model = FloatModel(AcceleratorConfig.from_dict(record["config"], f"{model_dir}: training record"), model.arrays, model.source)
+        model = FloatModel(
+            AcceleratorConfig.from_dict(record["config"], f"{model_dir}: training record"),
+            model.arrays,
+            model.source,
+        )
     config = model.config
-    splits = [split["groups"] for split in record.get("cross_validation", [])] or default_splits(recordings, config)
+    splits = [split["groups"] for split in record.get("cross_validation", [])] or default_splits(
+        recordings, config
+    )
     splits = splits if group is None else [list(group)]
     trained_here = "recipe" in record
     cases = fold_cases(
@@ -250,7 +292,13 @@ def quantise_by_error(
         "headroom": headroom,
         **{name: getattr(chosen, name) for name in ("weight_bits", "table_entries", "mean", "max", "stage")},
         "tried": [
-            {"weight_bits": rung.weight_bits, "table_entries": rung.table_entries, "mean": rung.mean, "max": rung.max, "stage": rung.stage}
+            {
+                "weight_bits": rung.weight_bits,
+                "table_entries": rung.table_entries,
+                "mean": rung.mean,
+                "max": rung.max,
+                "stage": rung.stage,
+            }
             for rung in tried
             if not rung.refused
         ],

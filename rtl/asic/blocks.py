@@ -13,7 +13,8 @@ OTHERS = "others"
 
 
 def blocks_of(nets: Nets) -> dict[str, str]:
-    """Block of each cell, by name: of what it drives; where nothing of that has a name, of most of its receivers."""
+    """Block of each cell, by name: of what it drives; where nothing of that has a name, of most of its
+    receivers."""
     names: dict[int, str] = {}
     for name, net in nets.module["netnames"].items():
         if not net["hide_name"] and ".chain." in name:
@@ -24,7 +25,11 @@ def blocks_of(nets: Nets) -> dict[str, str]:
     for bit, (name, _) in nets.driver.items():
         drives[name].append(bit)
     of_cell = {
-        name: _block(name if nets.cells[name].kind == "memory" else next((names[bit] for bit in bits if bit in names), ""))
+        name: _block(
+            name
+            if nets.cells[name].kind == "memory"
+            else next((names[bit] for bit in bits if bit in names), "")
+        )
         for name, bits in drives.items()
     }
     for _ in range(ROUNDS):
@@ -40,7 +45,8 @@ def blocks_of(nets: Nets) -> dict[str, str]:
 
 
 def _block(name: str) -> str:
-    """``engine.addends`` of ``accelerator.chain.engine.addends.sums.word``; lanes are one. Empty for no name."""
+    """``engine.addends`` of ``accelerator.chain.engine.addends.sums.word``; lanes are one. Empty for no
+    name."""
     if not name:
         return ""
     parts = re.sub(r"\[\d+\]", "", name.split(".chain.", 1)[1]).split(".")[:-1]

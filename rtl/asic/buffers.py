@@ -1,4 +1,5 @@
-"""Trees of buffers at nets with many receivers, which synthesis leaves to placement: without them such a net decides on the clock."""
+"""Trees of buffers at nets with many receivers, which synthesis leaves to placement: without them such a net
+decides on the clock."""
 
 from __future__ import annotations
 
@@ -14,7 +15,9 @@ RECEIVERS_MAX = 16
 
 def buffer_of(cells: Mapping[str, Cell]) -> Cell | None:
     """The buffer of about twice the smallest one's area; None where a process has none."""
-    found = [cell for cell in cells.values() if cell.kind == "logic" and cell.usable and _through(cell) is not None]
+    found = [
+        cell for cell in cells.values() if cell.kind == "logic" and cell.usable and _through(cell) is not None
+    ]
     if not found:
         return None
     least = min(cell.area for cell in found)
@@ -25,26 +28,35 @@ def _through(cell: Cell) -> tuple[str, str] | None:
     """(input, output) of a cell that hands on its only input."""
     inputs = [name for name, pin in cell.pins.items() if pin.direction == "input"]
     outputs = [name for name, pin in cell.pins.items() if pin.direction == "output"]
-    if len(inputs) == len(outputs) == 1 and cell.pins[outputs[0]].function.strip("() ") == inputs[0] and "buf" in cell.name:
+    if (
+        len(inputs) == len(outputs) == 1
+        and cell.pins[outputs[0]].function.strip("() ") == inputs[0]
+        and "buf" in cell.name
+    ):
         return inputs[0], outputs[0]
     return None
 
 
 def insert(module: dict[str, Any], cells: Mapping[str, Cell], most: int = RECEIVERS_MAX) -> int:
-    """Put buffers into a module of Yosys' JSON, so that no net has more than ``most`` receivers; how many. The clock's net, and what
-    a clock gate drives, wait for a clock tree.
+    """Put buffers into a module of Yosys' JSON, so that no net has more than ``most`` receivers; how many.
+    The clock's net, and what a clock gate drives, wait for a clock tree.
     """
     chosen = buffer_of(cells)
     if chosen is None:
         return 0
     enters, leaves = _through(chosen) or ("", "")
     nets = Nets(module, cells)
-    left_alone = {nets.clock, *(bit for bit, (name, _) in nets.driver.items() if nets.cells[name].kind == "gate")}
+    left_alone = {
+        nets.clock,
+        *(bit for bit, (name, _) in nets.driver.items() if nets.cells[name].kind == "gate"),
+    }
     named = (bit for name in module["netnames"].values() for bit in name["bits"] if isinstance(bit, int))
     following = 1 + max(1, *nets.driver, *nets.receivers, *named)
     added = 0
     for net, pins in sorted(nets.receivers.items()):
-        ends: list[tuple[list, int]] = [(module["cells"][name]["connections"][pin], place) for name, pin, place in pins]
+        ends: list[tuple[list, int]] = [
+            (module["cells"][name]["connections"][pin], place) for name, pin, place in pins
+        ]
         while net not in left_alone and len(ends) > most:
             above: list[tuple[list, int]] = []
             size = -(-len(ends) // -(-len(ends) // most))  # as many in each

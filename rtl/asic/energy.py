@@ -1,8 +1,9 @@
-"""What a change of each net of a chip's netlist costs: Liberty energy of the cells, capacitance of pins and of a wire load.
+"""What a change of each net of a chip's netlist costs: Liberty energy of the cells, capacitance of pins and
+of a wire load.
 
-A change of a net costs ``e = E_out + sum E_in + C V^2 / 2`` with the driver's and the receivers' internal energies of an edge and
-``C`` = pins + wire. A clock net costs ``2 e`` for each of its cycles. Glitches cost as much a change, and
-are counted apart (`eskin.verbs.chip_energy`).
+A change of a net costs ``e = E_out + sum E_in + C V^2 / 2`` with the driver's and the receivers' internal
+energies of an edge and ``C`` = pins + wire. A clock net costs ``2 e`` for each of its cycles. Glitches cost
+as much a change, and are counted apart (`eskin.verbs.chip_energy`).
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ BAND = 2.0
 
 @dataclass(frozen=True, kw_only=True)
 class Costs:
-    """joule, kind: of a change of each net by its number; of a cycle for nets of kind ``clock``, which gates drive. Other kinds are those
-    of the cells that drive them. access_j: of macros, read and write; root_j: a cycle of the clock's first net, which no gate stops."""
+    """joule, kind: of a change of each net by its number; of a cycle for nets of kind ``clock``, which gates
+    drive. Other kinds are those of the cells that drive them. access_j: of macros, read and write; root_j: a
+    cycle of the clock's first net, which no gate stops."""
 
     joule: Mapping[int, float]
     kind: Mapping[int, str]
@@ -36,7 +38,9 @@ def costs(nets: Nets, voltage: float, wire: WireLoad) -> Costs:
 
     def edge(bit: int) -> float:
         ends = nets.receivers.get(bit, ())
-        load = sum(nets.cells[name].pins[pin].capacitance for name, pin, _ in ends) + wire.capacitance(len(ends))
+        load = sum(nets.cells[name].pins[pin].capacitance for name, pin, _ in ends) + wire.capacitance(
+            len(ends)
+        )
         own = toggle(*nets.driver[bit]) if bit in nets.driver else 0.0
         return own + sum(toggle(name, pin) for name, pin, _ in ends) + load * voltage**2 / 2
 

@@ -1,6 +1,8 @@
-"""Liberty files: what a process's cells and memory macros are, do, take and need. Read where they lie; nothing of them is kept.
+"""Liberty files: what a process's cells and memory macros are, do, take and need. Read where they lie;
+nothing of them is kept.
 
-The format: Liberty User Guide (Synopsys, open source). Read here: groups, simple and complex attributes; of tables the middle.
+The format: Liberty User Guide (Synopsys, open source). Read here: groups, simple and complex attributes; of
+tables the middle.
 """
 
 from __future__ import annotations
@@ -22,13 +24,18 @@ MOST_BYTES = 128 << 20
 """Of a file's text, unpacked: ten times the largest open one. A few kB can unpack to more than any memory."""
 UNITS = {"m": 1e-3, "u": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15, "": 1.0}
 
-ROLES = {"flip-flop": {"clocked_on", "next_state"}, "latch": {"enable", "data_in"}, "gate": {"clock", "enable", "output"}}
+ROLES = {
+    "flip-flop": {"clocked_on", "next_state"},
+    "latch": {"enable", "data_in"},
+    "gate": {"clock", "enable", "output"},
+}
 """What a cell of a kind must say of itself."""
 
 
 @dataclass
 class Group:
-    """``kind (arguments) { attributes, groups }``; every: the values of complex attributes, which may come again and again."""
+    """``kind (arguments) { attributes, groups }``; every: the values of complex attributes, which may come
+    again and again."""
 
     kind: str
     arguments: tuple[str, ...]
@@ -53,8 +60,9 @@ class Group:
 
 @dataclass(frozen=True, kw_only=True)
 class Pin:
-    """A pin. function: of an output, in Liberty's operators; capacitance in farad; toggle_j: joule of the cell each time it changes;
-    delay_s: of an output, the middle of the tables' mean, at a short edge and a small load."""
+    """A pin. function: of an output, in Liberty's operators; capacitance in farad; toggle_j: joule of the
+    cell each time it changes; delay_s: of an output, the middle of the tables' mean, at a short edge and a
+    small load."""
 
     direction: str
     function: str = ""
@@ -67,9 +75,10 @@ class Pin:
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """A cell. kind: ``logic``, ``flip-flop``, ``latch``, ``gate`` (of a clock), ``memory``, ``other``. area in um2; leakage in watt.
-    state: clocked_on and next_state, or enable and data_in, and clear, preset; the names of the two states as ``state`` and ``inverse``.
-    access_j: of a memory by what it does, ``read`` or ``write``; words, bits: its shape."""
+    """A cell. kind: ``logic``, ``flip-flop``, ``latch``, ``gate`` (of a clock), ``memory``, ``other``. area
+    in um2; leakage in watt. state: clocked_on and next_state, or enable and data_in, and clear, preset; the
+    names of the two states as ``state`` and ``inverse``. access_j: of a memory by what it does, ``read`` or
+    ``write``; words, bits: its shape."""
 
     name: str
     kind: str
@@ -90,7 +99,8 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class WireLoad:
-    """lengths: of a net by its number of receivers; slope: length of each receiver beyond the table; farad: of a length of 1."""
+    """lengths: of a net by its number of receivers; slope: length of each receiver beyond the table; farad:
+    of a length of 1."""
 
     lengths: Mapping[int, float]
     slope: float
@@ -124,7 +134,9 @@ class Library:
     @property
     def macros(self) -> list[Cell]:
         """Memory macros, the smallest first."""
-        return sorted((cell for cell in self.cells.values() if cell.kind == "memory"), key=lambda cell: cell.area)
+        return sorted(
+            (cell for cell in self.cells.values() if cell.kind == "memory"), key=lambda cell: cell.area
+        )
 
     @property
     def holds_logic(self) -> bool:
@@ -191,7 +203,11 @@ def parse(text: str) -> Group:
             place += 1
             while place < len(tokens) and tokens[place] != ")":
                 if tokens[place] not in (",", "\n"):
-                    arguments.append(tokens[place].strip('"') if tokens[place - 1] != ":" else arguments.pop() + tokens[place])
+                    arguments.append(
+                        tokens[place].strip('"')
+                        if tokens[place - 1] != ":"
+                        else arguments.pop() + tokens[place]
+                    )
                 place += 1
             place += 1
             while place < len(tokens) and tokens[place] == "\n":
@@ -224,7 +240,9 @@ def read(path: Path) -> Library:
     try:
         return _library(Path(path), parse(text))
     except ValueError as error:
-        raise InputError(f"--liberty {path}: is no Liberty file ({error}); give the process's .lib or .lib.gz") from None
+        raise InputError(
+            f"--liberty {path}: is no Liberty file ({error}); give the process's .lib or .lib.gz"
+        ) from None
 
 
 def _library(path: Path, top: Group) -> Library:
@@ -258,7 +276,9 @@ def _by_name(groups: Iterable[Group], make: Callable[[Group], Any]) -> dict[str,
             made[group.arguments[0]] = make(group)
         except (ValueError, IndexError) as error:
             fault = "a name is missing" if isinstance(error, IndexError) else str(error)[:80]
-            raise ValueError(f"{group.kind} ({', '.join(group.arguments)[:40]}) is damaged: {fault}") from None
+            raise ValueError(
+                f"{group.kind} ({', '.join(group.arguments)[:40]}) is damaged: {fault}"
+            ) from None
     return made
 
 
@@ -272,11 +292,16 @@ def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
     """
     found: dict[str, list[Library]] = {"typ": [], "slow": [], "fast": []}
     for library in libraries:
-        found["slow" if library.temperature > 70 else "fast" if library.temperature < 0 else "typ"].append(library)
+        found["slow" if library.temperature > 70 else "fast" if library.temperature < 0 else "typ"].append(
+            library
+        )
     for corner, held in found.items():
         logic = [library.path.name for library in held if library.holds_logic]
         if len(logic) > 1:
-            raise InputError(f"--liberty: {logic[0]} and {logic[1]} both hold cells of the {corner} corner; give one of them")
+            raise InputError(
+                f"--liberty: {logic[0]} and {logic[1]} both hold cells of the {corner} corner; give one of "
+                "them"
+            )
     if not any(library.holds_logic for library in found["typ"]):
         raise InputError("--liberty: no file holds standard cells of the typical corner (about 25 C); add it")
     return found
@@ -291,7 +316,9 @@ def _wire_load(group: Group, farad: float) -> WireLoad:
 
 
 def _unit(text: str) -> float:
-    found = re.fullmatch(r"([\d.]+)([munpf]?)[a-zA-Z]", text.strip()) or re.fullmatch(r"([\d.]+)(p|f)f", text.strip().lower())
+    found = re.fullmatch(r"([\d.]+)([munpf]?)[a-zA-Z]", text.strip()) or re.fullmatch(
+        r"([\d.]+)(p|f)f", text.strip().lower()
+    )
     return _number(found[1]) * UNITS[found[2]] if found else 1e-12
 
 
@@ -317,7 +344,10 @@ def _middle(table: Group) -> float:
 
 def _power(pin: Group) -> float:
     """Mean of both edges over all conditions, in the file's unit."""
-    edges = [[_middle(table) for table in power.named("rise_power", "fall_power", "power")] for power in pin.named("internal_power")]
+    edges = [
+        [_middle(table) for table in power.named("rise_power", "fall_power", "power")]
+        for power in pin.named("internal_power")
+    ]
     means = [sum(values) / len(values) for values in edges if values]
     return sum(means) / len(means) if means else 0.0
 
@@ -352,7 +382,10 @@ def _cell(group: Group, farad: float, watt: float, joule: float, second: float) 
             for power in pin.named("internal_power"):
                 when = power.attributes.get("when", "").replace(" ", "")
                 value = max((_middle(table) for table in power.groups), default=0.0) * joule
-                for what, terms in (("read", {"A_MEN", "!A_WEN", "A_REN"}), ("write", {"A_MEN", "A_WEN", "!A_REN"})):
+                for what, terms in (
+                    ("read", {"A_MEN", "!A_WEN", "A_REN"}),
+                    ("write", {"A_MEN", "A_WEN", "!A_REN"}),
+                ):
                     if set(when.split("&")) == terms:
                         accesses[what] = value
     memory = next(group.named("memory"), None)

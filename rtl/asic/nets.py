@@ -13,8 +13,8 @@ class Nets:
 
     Attributes
     ----------
-    cells: library cell of each instance; driver: (instance, pin) that drives each net; receivers: (instance, pin, place in a wide pin)
-    that read it; clock: the clock's own net.
+    cells: library cell of each instance; driver: (instance, pin) that drives each net; receivers: (instance,
+    pin, place in a wide pin) that read it; clock: the clock's own net.
     """
 
     def __init__(self, module: Mapping[str, Any], library: Mapping[str, Cell]) -> None:
@@ -32,6 +32,11 @@ class Nets:
 
     def clock_pins(self) -> dict[str, int]:
         """Clock pins on the clock's own net, and behind gates."""
-        nets = [net for net, ends in self.receivers.items() for name, pin, _ in ends if self.cells[name].pins[pin].clock]
+        nets = [
+            net
+            for net, ends in self.receivers.items()
+            for name, pin, _ in ends
+            if self.cells[name].pins[pin].clock
+        ]
         before = nets.count(self.clock)
         return {"before_gates": before, "behind_gates": len(nets) - before}

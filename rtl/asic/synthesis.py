@@ -1,4 +1,5 @@
-"""Yosys on a design for a chip: its cells and memory macros by Liberty files, clock gates, a flat netlist without initial values."""
+"""Yosys on a design for a chip: its cells and memory macros by Liberty files, clock gates, a flat netlist
+without initial values."""
 
 from __future__ import annotations
 
@@ -26,13 +27,14 @@ WORDS_OF_A_LATCH_MEMORY = 4
 """From so many words on latches take less than flip-flops: their word that waits is shared."""
 
 BITS_OF_A_GATE = 3
-"""Flip-flops from which on a clock gate of their own saves energy: its own pin costs about as much as one of theirs."""
+"""Flip-flops from which on a clock gate of their own saves energy: its own pin costs about as much as one of
+theirs."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Process:
-    """What of a process the netlist is made of. flip_flop, latch, gate, high, low, buffer: cells by their role; nand: two inputs, the
-    unit of kGE; macro: of the ring, or None."""
+    """What of a process the netlist is made of. flip_flop, latch, gate, high, low, buffer: cells by their
+    role; nand: two inputs, the unit of kGE; macro: of the ring, or None."""
 
     pdk: str
     library: Library
@@ -52,9 +54,14 @@ class Process:
 
 HINTS: dict[str, dict[str, Any]] = {
     "ihp-sg13g2": {"name": "sg13g2", "high": ("sg13g2_tiehi", "L_HI"), "low": ("sg13g2_tielo", "L_LO")},
-    "sky130hd": {"name": "sky130", "high": ("sky130_fd_sc_hd__conb_1", "HI"), "low": ("sky130_fd_sc_hd__conb_1", "LO")},
+    "sky130hd": {
+        "name": "sky130",
+        "high": ("sky130_fd_sc_hd__conb_1", "HI"),
+        "low": ("sky130_fd_sc_hd__conb_1", "LO"),
+    },
 }
-"""What a Liberty file does not tell of a process: how its names begin, and the cells of a constant with their pins."""
+"""What a Liberty file does not tell of a process: how its names begin, and the cells of a constant with their
+pins."""
 
 
 def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
@@ -69,37 +76,56 @@ def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
         raise InputError(f"--pdk {pdk}: is unknown; use {' or '.join(HINTS)}")
     library = next(one for one in libraries if one.holds_logic)
     if not any(name.startswith(HINTS[pdk]["name"]) for name in library.cells):
-        raise InputError(f"--liberty {library.path}: holds no cells of {pdk}; give that process's file, or its own --pdk")
+        raise InputError(
+            f"--liberty {library.path}: holds no cells of {pdk}; give that process's file, or its own --pdk"
+        )
     cells = library.cells.values()
 
     def need(what: str, found: Iterable[Cell]) -> Cell:
         chosen = min(found, key=lambda cell: cell.area, default=None)
         if chosen is None:
-            raise InputError(f"--liberty {library.path}: has no {what}, which the design needs; give a file with all cells of {pdk}")
+            raise InputError(
+                f"--liberty {library.path}: has no {what}, which the design needs; give a file with all "
+                f"cells of {pdk}"
+            )
         return chosen
 
     def inputs(cell: Cell) -> int:
         return sum(pin.direction == "input" for pin in cell.pins.values())
 
-    named = {role: [library.cells[name] for name in (HINTS[pdk][role][0],) if name in library.cells] for role in ("high", "low")}
-    plain = [c for c in cells if c.kind == "latch" and not {"clear", "preset"} & set(c.state) and c.state.get("enable", "") in c.pins]
+    named = {
+        role: [library.cells[name] for name in (HINTS[pdk][role][0],) if name in library.cells]
+        for role in ("high", "low")
+    }
+    plain = [
+        c
+        for c in cells
+        if c.kind == "latch"
+        and not {"clear", "preset"} & set(c.state)
+        and c.state.get("enable", "") in c.pins
+    ]
     gates = [c for c in cells if c.kind == "gate" and inputs(c) == 2]  # no pin for a test
     return Process(
         pdk=pdk,
         library=library,
-        flip_flop=need("flip-flop", (c for c in cells if c.kind == "flip-flop" and c.state["next_state"] in c.pins)),
+        flip_flop=need(
+            "flip-flop", (c for c in cells if c.kind == "flip-flop" and c.state["next_state"] in c.pins)
+        ),
         latch=min(plain, key=lambda cell: cell.area, default=None),
         gate=need("clock gate", gates),
         nand=need("NAND of two inputs", (c for c in cells if c.name.endswith("nand2_1"))),
         high=need("cell for a constant 1", named["high"]),
         low=need("cell for a constant 0", named["low"]),
-        macros=tuple(macro for one in libraries for macro in one.macros if {"read", "write"} <= set(macro.access_j)),
+        macros=tuple(
+            macro for one in libraries for macro in one.macros if {"read", "write"} <= set(macro.access_j)
+        ),
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Netlist:
-    """verilog: one flat module of the process's cells; cells: their number by name; memories: rows {name, words, width, bits, kind}."""
+    """verilog: one flat module of the process's cells; cells: their number by name; memories: rows {name,
+    words, width, bits, kind}."""
 
     folder: Path
     verilog: Path
@@ -127,8 +153,17 @@ class Netlist:
         return sum(cell.area * number for cell, number in self.counted(process))
 
 
-def synthesise(design, process: Process, folder: Path, *, top: str = "accelerator", latches: bool = True, delay_ps: int = 10000) -> Netlist:
-    """Netlist of ``design`` in ``folder`` (made if missing): TOP.v, cells.json, memories.json and what Yosys says.
+def synthesise(
+    design,
+    process: Process,
+    folder: Path,
+    *,
+    top: str = "accelerator",
+    latches: bool = True,
+    delay_ps: int = 10000,
+) -> Netlist:
+    """Netlist of ``design`` in ``folder`` (made if missing): TOP.v, cells.json, memories.json and what Yosys
+    says.
 
     Parameters
     ----------
@@ -143,7 +178,9 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
     (folder / "cells.lib").write_text(text_of(process.library.path))
     for part in (MEMORIES, RESETS):
         (folder / part.name).write_text(part.read_text())
-    (folder / "cells.constr").write_text(f"set_driving_cell {process.flip_flop.name}\nset_load 10 [all_outputs]\n")
+    (folder / "cells.constr").write_text(
+        f"set_driving_cell {process.flip_flop.name}\nset_load 10 [all_outputs]\n"
+    )
     begin = [
         f"read_rtlil {top}.il",
         f"hierarchy -top {top}",
@@ -157,7 +194,18 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
         "memory_dff",
         "opt_clean",
     ]
-    _run(folder, "begin", [*begin, "memory_share", "memory_collect", "opt_clean", "write_json memories_in.json", "write_rtlil begun.il"])
+    _run(
+        folder,
+        "begin",
+        [
+            *begin,
+            "memory_share",
+            "memory_collect",
+            "opt_clean",
+            "write_json memories_in.json",
+            "write_rtlil begun.il",
+        ],
+    )
     rows = _memories(folder, process, top, latches)
     (folder / "memories.json").write_text(json.dumps(rows))
     script = ["read_rtlil begun.il"]
@@ -171,7 +219,10 @@ def synthesise(design, process: Process, folder: Path, *, top: str = "accelerato
     script.append(f"hierarchy -top {top}")
     for row in rows:
         if row["kind"] in maps:
-            script += [f"select -set one {top}/c:{row['cell']}", f"techmap -autoproc -map {maps[row['kind']]} @one"]
+            script += [
+                f"select -set one {top}/c:{row['cell']}",
+                f"techmap -autoproc -map {maps[row['kind']]} @one",
+            ]
     (folder / "cells_map.v").write_text(cells_map(process))
     pins = process.gate.gate_pins
     gate = f"{process.gate.name} {pins['enable']}:{pins['clock']}:{pins['output']}"
@@ -223,13 +274,19 @@ def _memories(folder: Path, process: Process, top: str, latches: bool) -> list[d
         words, width, writes = (int(value[key], 2) for key in ("SIZE", "WIDTH", "WR_PORTS"))
         kind = "logic" if not writes else "flip-flops"
         single = writes == 1 and len({str(bit) for bit in cell["connections"]["WR_EN"]}) == 1
-        macro = min((m for m in process.macros if m.words >= words and m.bits >= width), key=lambda m: m.area, default=None)
+        macro = min(
+            (m for m in process.macros if m.words >= words and m.bits >= width),
+            key=lambda m: m.area,
+            default=None,
+        )
         if writes and "pretrigger_ring" in name and macro is not None and words * width > 2048:
             kind = macro.name
         elif writes and latches and process.latch is not None and single and words >= WORDS_OF_A_LATCH_MEMORY:
             kind = "latches"
         told = value.get("MEMID", name).lstrip("\\").removeprefix(f"{top}.")
-        rows.append({"name": told, "words": words, "width": width, "bits": words * width, "kind": kind, "cell": name})
+        rows.append(
+            {"name": told, "words": words, "width": width, "bits": words * width, "kind": kind, "cell": name}
+        )
     return rows
 
 
@@ -239,14 +296,20 @@ def cells_map(process: Process) -> str:
     pins = gate.gate_pins
     text = "".join(
         f"module {name} (input CLK, CE, output GCLK);\n"
-        f"{gate.name} _TECHMAP_REPLACE_ (.{pins['clock']}(CLK), .{pins['enable']}(CE), .{pins['output']}(GCLK));\nendmodule\n"
+        f"{gate.name} _TECHMAP_REPLACE_ (.{pins['clock']}(CLK), .{pins['enable']}(CE), "
+        f".{pins['output']}(GCLK));\nendmodule\n"
         for name in ("\\$__CLOCK_GATE ", CELL)
     )
     if latch is not None:
-        out = next(name for name, pin in latch.pins.items() if pin.direction == "output" and pin.function == latch.state["state"])
+        out = next(
+            name
+            for name, pin in latch.pins.items()
+            if pin.direction == "output" and pin.function == latch.state["state"]
+        )
         text += (
             "module \\$_DLATCH_P_ (input E, D, output Q);\n"
-            f"{latch.name} _TECHMAP_REPLACE_ (.{latch.state['data_in']}(D), .{latch.state['enable']}(E), .{out}(Q));\nendmodule\n"
+            f"{latch.name} _TECHMAP_REPLACE_ (.{latch.state['data_in']}(D), .{latch.state['enable']}(E), "
+            f".{out}(Q));\nendmodule\n"
         )
     return text
 
@@ -273,18 +336,21 @@ def _without(module: str) -> str:
 
 
 def macro_verilog(macro: Cell) -> str:
-    """Behaviour of a one-port macro: a word a cycle is read or written, the word read stays; contents begin at random."""
+    """Behaviour of a one-port macro: a word a cycle is read or written, the word read stays; contents begin
+    at random."""
     address = (macro.words - 1).bit_length()
     others = [name for name in macro.pins if "BIST" in name]
     ports = "".join(f", {name}" for name in others)
     wide = {"A_BIST_ADDR": address, "A_BIST_DIN": macro.bits, "A_BIST_BM": macro.bits}
     return (
         f"module {macro.name} (A_CLK, A_MEN, A_WEN, A_REN, A_ADDR, A_DIN, A_DLY, A_DOUT, A_BM{ports});\n"
-        f"input A_CLK, A_MEN, A_WEN, A_REN, A_DLY; input [{address - 1}:0] A_ADDR; input [{macro.bits - 1}:0] A_DIN, A_BM;\n"
+        f"input A_CLK, A_MEN, A_WEN, A_REN, A_DLY; input [{address - 1}:0] A_ADDR; input "
+        f"[{macro.bits - 1}:0] A_DIN, A_BM;\n"
         + "".join(f"input [{wide.get(name, 1) - 1}:0] {name};\n" for name in others)
         + f"output reg [{macro.bits - 1}:0] A_DOUT;\nreg [{macro.bits - 1}:0] memory [0:{macro.words - 1}];\n"
         "always @(posedge A_CLK) if (A_MEN) begin\n"
-        "if (A_WEN) memory[A_ADDR] <= (A_DIN & A_BM) | (memory[A_ADDR] & ~A_BM);\nelse if (A_REN) A_DOUT <= memory[A_ADDR];\nend\n"
+        "if (A_WEN) memory[A_ADDR] <= (A_DIN & A_BM) | (memory[A_ADDR] & ~A_BM);\nelse if (A_REN) A_DOUT <= "
+        "memory[A_ADDR];\nend\n"
         "endmodule\n"
     )
 
@@ -296,11 +362,15 @@ def macro_map(macro: Cell) -> str:
     parameters = re.findall(r"    parameter MEMID.*?(?=    input)", MEMORIES.read_text(), re.DOTALL)[0]
     return (
         '(* techmap_celltype = "$mem_v2" *)\n'
-        "module one_port (RD_CLK, RD_EN, RD_ARST, RD_SRST, RD_ADDR, RD_DATA, WR_CLK, WR_EN, WR_ADDR, WR_DATA);\n"
+        "module one_port (RD_CLK, RD_EN, RD_ARST, RD_SRST, RD_ADDR, RD_DATA, WR_CLK, WR_EN, WR_ADDR, "
+        "WR_DATA);\n"
         f"{parameters}"
-        "input RD_CLK, RD_EN, RD_ARST, RD_SRST, WR_CLK; input [ABITS-1:0] RD_ADDR, WR_ADDR; input [WIDTH-1:0] WR_EN, WR_DATA;\n"
-        f"output [WIDTH-1:0] RD_DATA;\nwire [{macro.bits - 1}:0] word; wire [{address - 1}:0] at = RD_EN ? RD_ADDR : WR_ADDR;\n"
+        "input RD_CLK, RD_EN, RD_ARST, RD_SRST, WR_CLK; input [ABITS-1:0] RD_ADDR, WR_ADDR; input "
+        "[WIDTH-1:0] WR_EN, WR_DATA;\n"
+        f"output [WIDTH-1:0] RD_DATA;\nwire [{macro.bits - 1}:0] word; wire [{address - 1}:0] at = RD_EN ? "
+        "RD_ADDR : WR_ADDR;\n"
         f"wire [{macro.bits - 1}:0] given = WR_DATA; assign RD_DATA = word[WIDTH-1:0];\n"
-        f"{macro.name} macro (.A_CLK(RD_CLK), .A_MEN(RD_EN | WR_EN[0]), .A_WEN(WR_EN[0]), .A_REN(RD_EN), .A_ADDR(at), .A_DIN(given), "
+        f"{macro.name} macro (.A_CLK(RD_CLK), .A_MEN(RD_EN | WR_EN[0]), .A_WEN(WR_EN[0]), .A_REN(RD_EN), "
+        ".A_ADDR(at), .A_DIN(given), "
         f".A_DLY(1'b1), .A_DOUT(word), .A_BM({{{macro.bits}{{1'b1}}}}){ties});\nendmodule\n"
     )

@@ -16,7 +16,8 @@ from eskin.rtl.fpga.tools import ToolError
 PERIOD_NS = 20.0
 STA_LIMIT_S = 900.0
 MACRO_DERATING = 1.6
-"""How much slower macros are taken to be at a corner that no file of theirs tells: about what the cells lose from typ to slow."""
+"""How much slower macros are taken to be at a corner that no file of theirs tells: about what the cells lose
+from typ to slow."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,8 @@ def has_sta() -> bool:
 
 
 def estimated(nets: Nets, foreign: Container[str] = ()) -> Slowest:
-    """The slowest path between states where each cell takes the middle of its delay table; without wires and setup times.
+    """The slowest path between states where each cell takes the middle of its delay table; without wires and
+    setup times.
 
     Parameters
     ----------
@@ -67,7 +69,9 @@ def estimated(nets: Nets, foreign: Container[str] = ()) -> Slowest:
                 slower = MACRO_DERATING if cell.name in foreign else 1.0
                 arrival[stack[-1]] = begun[0] + slower * cell.pins[pin].delay_s, begun[1]
             stack = stack[:-1] if stack[-1] in arrival else stack + missing
-    ends_at = (name for name, cell in nets.cells.items() if cell.kind in ("flip-flop", "latch", "memory", "gate"))
+    ends_at = (
+        name for name, cell in nets.cells.items() if cell.kind in ("flip-flop", "latch", "memory", "gate")
+    )
     late, start, end = max((*arrival[bit], name) for name in ends_at for bit in inputs[name])
     return Slowest(1 / late, start, end, bool(foreign))
 
@@ -78,7 +82,14 @@ def wire_load_of(library: Library, wanted: str) -> str:
     return wanted if wanted in names else names[len(names) // 2] if names else ""
 
 
-def slowest(verilog: Path, top: str, libraries: Sequence[Library], foreign: Sequence[Library], wire_load: str, folder: Path) -> Slowest:
+def slowest(
+    verilog: Path,
+    top: str,
+    libraries: Sequence[Library],
+    foreign: Sequence[Library],
+    wire_load: str,
+    folder: Path,
+) -> Slowest:
     """The slowest path between registers.
 
     Parameters
@@ -102,12 +113,23 @@ def slowest(verilog: Path, top: str, libraries: Sequence[Library], foreign: Sequ
         "set sta_crpr_enabled 0",  # its clock is ideal: there is no pessimism to take back
         f"create_clock -name clk -period {PERIOD_NS} [get_ports clk]",
         *([f"set_wire_load_model -name {wire_load}"] if wire_load else []),
-        *(f"set_timing_derate -late -cell_delay {MACRO_DERATING} [get_lib_cells */{macro}]" for macro in macros),
-        "report_checks -path_delay max -from [all_registers -clock_pins] -to [all_registers -edge_triggered -data_pins] -digits 4",
+        *(
+            f"set_timing_derate -late -cell_delay {MACRO_DERATING} [get_lib_cells */{macro}]"
+            for macro in macros
+        ),
+        "report_checks -path_delay max -from [all_registers -clock_pins] -to [all_registers -edge_triggered "
+        "-data_pins] -digits 4",
         "exit",
     ]
     (folder / "timing.tcl").write_text("\n".join(script) + "\n")
-    done = subprocess.run(["sta", "-exit", "timing.tcl"], cwd=folder, capture_output=True, text=True, timeout=STA_LIMIT_S, check=False)
+    done = subprocess.run(
+        ["sta", "-exit", "timing.tcl"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=STA_LIMIT_S,
+        check=False,
+    )
     (folder / "timing.log").write_text(done.stdout + done.stderr)
     slack = re.search(r"([-\d.]+) +slack \((?:MET|VIOLATED)\)", done.stdout)
     if done.returncode or slack is None:

@@ -14,7 +14,8 @@ NO_COLLISION = {"no_rw_check": 1}
 
 
 def open_collisions(rtlil: str) -> str:
-    """``rtlil`` in which reads that collide with a write are undefined for the memories with `NO_COLLISION`."""
+    """``rtlil`` in which reads that collide with a write are undefined for the memories with
+    `NO_COLLISION`."""
     marked: set[str] = set()
     lines, attribute, cell = [], False, None
     for line in rtlil.splitlines():
@@ -38,7 +39,8 @@ def open_collisions(rtlil: str) -> str:
 
 
 UNFILLED = NO_COLLISION | {"begins_as_anything": 1}
-"""Attributes of a memory that nothing reads before it was written; with `without_contents` it begins as anything."""
+"""Attributes of a memory that nothing reads before it was written; with `without_contents` it begins as
+anything."""
 
 
 def without_contents(rtlil: str) -> str:
@@ -46,14 +48,20 @@ def without_contents(rtlil: str) -> str:
 
     The former cannot be filled at power-on; the latter are written before anything reads them.
     """
-    return "".join(_module_without_contents(module) for module in re.split(r"(?=^module )", rtlil, flags=re.MULTILINE))
+    return "".join(
+        _module_without_contents(module) for module in re.split(r"(?=^module )", rtlil, flags=re.MULTILINE)
+    )
 
 
 def _module_without_contents(module: str) -> str:
-    marks = r'attribute \\(?:ram_style "huge"|begins_as_anything .*)\n(?:\s*attribute .*\n)*\s*memory .* (\S+)\n'
+    marks = (
+        r'attribute \\(?:ram_style "huge"|begins_as_anything .*)\n(?:\s*attribute .*\n)*\s*memory .* (\S+)\n'
+    )
     huge = set(re.findall(marks, module))
     cells = re.split(r"(^  cell \$meminit_v2 .*?^  end\n)", module, flags=re.MULTILINE | re.DOTALL)
-    return "".join(part for part in cells if not (part.startswith("  cell $meminit_v2 ") and _memory_of(part) in huge))
+    return "".join(
+        part for part in cells if not (part.startswith("  cell $meminit_v2 ") and _memory_of(part) in huge)
+    )
 
 
 def _memory_of(cell: str) -> str | None:

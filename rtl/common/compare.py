@@ -6,7 +6,8 @@ from amaranth.hdl import Cat, Const, Signal, Value
 
 
 def reaches(counter: Signal, bound: int) -> Value:
-    """``counter == bound`` for a counter that comes from below: only the bits that ``bound`` sets need a look."""
+    """``counter == bound`` for a counter that comes from below: only the bits that ``bound`` sets need a
+    look."""
     return Cat(bit for k, bit in enumerate(counter) if bound >> k & 1).all()
 
 

@@ -1,7 +1,9 @@
-"""Fixed point in hardware: shapes of formats, and the narrowings of docs/specification.md section 1 as combinational expressions.
+"""Fixed point in hardware: shapes of formats, and the narrowings of docs/specification.md section 1 as
+combinational expressions.
 
-Amaranth truncates silently on assignment, so every narrowing in ``rtl/`` goes through ``saturate``, ``narrow`` or ``clip``.
-Values grow as the language grows them (no overflow inside an expression); right shifts are floor.
+Amaranth truncates silently on assignment, so every narrowing in ``rtl/`` goes through ``saturate``,
+``narrow`` or ``clip``. Values grow as the language grows them (no overflow inside an expression); right
+shifts are floor.
 """
 
 from __future__ import annotations
@@ -32,7 +34,11 @@ def saturate(value: Value, fmt: QFormat) -> Value:
     negative = value[-1]
     above = value[fmt.width - 1 if fmt.signed else fmt.width :]
     fits = (above == 0) | ((above == (1 << len(above)) - 1) if fmt.signed else Const(0, 1))
-    limit = Cat((~negative).replicate(fmt.width - 1), negative) if fmt.signed else (~negative).replicate(fmt.width)
+    limit = (
+        Cat((~negative).replicate(fmt.width - 1), negative)
+        if fmt.signed
+        else (~negative).replicate(fmt.width)
+    )
     return _cast(Mux(fits, value[: fmt.width], limit), target)
 
 
@@ -61,15 +67,24 @@ def wrapping_increment(index: Signal, count: int) -> Value:
     Up to four bits are made of gates: on an FPGA that takes one cell less than a carry chain.
     """
     bits = len(index)
-    more = Cat(bit ^ (index[:k].all() if k else 1) for k, bit in enumerate(index)) if bits <= 4 else (index + 1)[:bits]
+    more = (
+        Cat(bit ^ (index[:k].all() if k else 1) for k, bit in enumerate(index))
+        if bits <= 4
+        else (index + 1)[:bits]
+    )
     return more if count == 1 << bits else Mux(index == count - 1, 0, more)
 
 
 def clip(value: Value, bound: int) -> Value:
-    """Signed ``value`` held within ``+-bound`` (bound >= 1): two comparators, for bounds that are no format's."""
+    """Signed ``value`` held within ``+-bound`` (bound >= 1): two comparators, for bounds that are no
+    format's."""
     value = Value.cast(value)
     width = bound.bit_length() + 1
-    return Mux(value > bound, Const(bound, signed(width)), Mux(value < -bound, Const(-bound, signed(width)), _cast(value, signed(width))))
+    return Mux(
+        value > bound,
+        Const(bound, signed(width)),
+        Mux(value < -bound, Const(-bound, signed(width)), _cast(value, signed(width))),
+    )
 
 
 def biased_magnitude(complement: Value, knee: int) -> Value:
@@ -85,7 +100,11 @@ def logarithm(m: Module, companded: Signal, biased: Signal, knee: int, fraction:
     """
     for exponent in range(knee, len(biased)):  # the last that holds a one wins
         below = biased[:exponent]
-        taken = below[exponent - fraction :] if exponent >= fraction else Cat(Const(0, fraction - exponent), below)
+        taken = (
+            below[exponent - fraction :]
+            if exponent >= fraction
+            else Cat(Const(0, fraction - exponent), below)
+        )
         with m.If(biased[exponent]):
             m.d.comb += companded.eq(Cat(taken, Const(exponent - knee, len(biased))))
 

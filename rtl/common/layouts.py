@@ -16,21 +16,27 @@ def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
 
 
 def frame_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """One deviation e on its way to the windows, as complement ~e = -e - 1, with what the detector knows of its frame.
+    """One deviation e on its way to the windows, as complement ~e = -e - 1, with what the detector knows of
+    its frame.
 
-    Complements spare every later subtraction its inverters: ``a - b = ~(~a + b)``. Flags are those of the frame, on each of its beats.
-    ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with the last taxel only) = the rule was met, this is frame f.
-    ``window_mode`` free: ``hop_last`` = last frame of a hop; ``emit`` = a window of the open touch ends with this frame; ``end`` = it is
-    the touch's last. With a fault detector ``masked`` = this taxel is out of use in this frame, by mask or by a flag.
+    Complements spare every later subtraction its inverters: ``a - b = ~(~a + b)``. Flags are those of the
+    frame, on each of its beats. ``window_mode`` touch: ``touch`` = the gate is open; ``onset`` (with the last
+    taxel only) = the rule was met, this is frame f. ``window_mode`` free: ``hop_last`` = last frame of a hop;
+    ``emit`` = a window of the open touch ends with this frame; ``end`` = it is the touch's last. With a fault
+    detector ``masked`` = this taxel is out of use in this frame, by mask or by a flag.
     """
-    flags: tuple[str, ...] = ("touch", "onset") if config.windows.window_mode == "touch" else ("hop_last", "emit", "end")
+    flags: tuple[str, ...] = (
+        ("touch", "onset") if config.windows.window_mode == "touch" else ("hop_last", "emit", "end")
+    )
     flags += ("masked",) * bool(config.faults.fault_frames)
     return data.StructLayout({"complement": signed(config.deviation_bits)} | dict.fromkeys(flags, 1))
 
 
 def touch_layout(config: AcceleratorConfig) -> data.StructLayout:
     """One deviation of a frame that belongs to a touch, as complement; ``masked`` as of ``frame_layout``."""
-    return data.StructLayout({"complement": signed(config.deviation_bits)} | ({"masked": 1} if config.faults.fault_frames else {}))
+    return data.StructLayout(
+        {"complement": signed(config.deviation_bits)} | ({"masked": 1} if config.faults.fault_frames else {})
+    )
 
 
 def expands(config: AcceleratorConfig) -> bool:
@@ -39,11 +45,14 @@ def expands(config: AcceleratorConfig) -> bool:
 
 
 def beat_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """What the windows take: ``touch_layout`` or ``frame_layout``, whose complement has the bits of any kind of feature."""
+    """What the windows take: ``touch_layout`` or ``frame_layout``, whose complement has the bits of any kind
+    of feature."""
     layout = touch_layout(config) if config.windows.window_mode == "touch" else frame_layout(config)
     if not expands(config):
         return layout
-    return data.StructLayout({name: field.shape for name, field in layout} | {"complement": signed(config.beat_bits)})
+    return data.StructLayout(
+        {name: field.shape for name, field in layout} | {"complement": signed(config.beat_bits)}
+    )
 
 
 def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -65,9 +74,13 @@ def sum_layout(config: AcceleratorConfig) -> data.StructLayout:
 def centred_layout(config: AcceleratorConfig) -> data.StructLayout:
     """One centred sum, with the window's length index, first and last input, last window of the touch."""
     length = sum_layout(config)["length"].shape
-    return data.StructLayout({"value": shape_of(config.centred_format), "length": length, "first": 1, "last": 1, "final": 1})
+    return data.StructLayout(
+        {"value": shape_of(config.centred_format), "length": length, "first": 1, "last": 1, "final": 1}
+    )
 
 
-decision_layout = data.StructLayout({"class": 5, "margin": 16, "step": 8, "is_global": 1, "partial": 1, "unsure": 1})
-"""A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local, partial touch, global
-with a margin below ``margin_threshold``."""
+decision_layout = data.StructLayout(
+    {"class": 5, "margin": 16, "step": 8, "is_global": 1, "partial": 1, "unsure": 1}
+)
+"""A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local,
+partial touch, global with a margin below ``margin_threshold``."""

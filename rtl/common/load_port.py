@@ -23,7 +23,8 @@ def image_lines(plan: ImagePlan) -> dict[int, int]:
 
 
 def load_signature(config: AcceleratorConfig) -> wiring.Signature:
-    """16-bit ``data`` to word ``address`` where ``enable``, of the memory whose line of ``select`` is high; seen from the host."""
+    """16-bit ``data`` to word ``address`` where ``enable``, of the memory whose line of ``select`` is high;
+    seen from the host."""
     return lines_signature(len(load_lines(config)))
 
 

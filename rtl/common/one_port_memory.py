@@ -1,7 +1,8 @@
 """A memory of 16-bit words with one port: it reads or writes in a cycle, and begins with anything.
 
-On an iCE40 UP5K it is an SB_SPRAM256KA (Lattice TN-02022: 16384 words, one port, four bits under each bit of MASKWREN, DATAOUT a cycle
-after the address, contents unknown at power-on); elsewhere what the tools make of its behaviour.
+On an iCE40 UP5K it is an SB_SPRAM256KA (Lattice TN-02022: 16384 words, one port, four bits under each bit of
+MASKWREN, DATAOUT a cycle after the address, contents unknown at power-on); elsewhere what the tools make of
+its behaviour.
 """
 
 from __future__ import annotations
@@ -33,7 +34,15 @@ class OnePortMemory(wiring.Component):
 
     def __init__(self, words: int) -> None:
         self._words = words
-        super().__init__({"address": In(range(max(2, words))), "enable": In(1), "write": In(2), "data": In(16), "word": Out(16)})
+        super().__init__(
+            {
+                "address": In(range(max(2, words))),
+                "enable": In(1),
+                "write": In(2),
+                "data": In(16),
+                "word": Out(16),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -54,7 +63,10 @@ class OnePortMemory(wiring.Component):
 
     def _block(self, m: Module) -> None:
         address, mask = Signal(14), Signal(4)
-        m.d.comb += [address.eq(self.address), mask.eq(Cat(self.write[0].replicate(2), self.write[1].replicate(2)))]
+        m.d.comb += [
+            address.eq(self.address),
+            mask.eq(Cat(self.write[0].replicate(2), self.write[1].replicate(2))),
+        ]
         m.submodules.memory = Instance(
             "SB_SPRAM256KA",
             i_ADDRESS=address,

@@ -1,4 +1,5 @@
-"""Checks of the host's registers: their parity, and the end of each memory that is loaded (docs/specification.md section 11)."""
+"""Checks of the host's registers: their parity, and the end of each memory that is loaded
+(docs/specification.md section 11)."""
 
 from __future__ import annotations
 
@@ -19,7 +20,11 @@ def parity_wrong(m: Module, register: Signal, write: Value, data: Value) -> Valu
 
 
 def at_end(config: AcceleratorConfig, select: Value, address: Value) -> Value:
-    """High when ``address``, which counts 16-bit words from 0, is behind the last one of the memory whose line of ``select`` is high."""
+    """High when ``address``, which counts 16-bit words from 0, is behind the last one of the memory whose
+    line of ``select`` is high."""
     count, lines = memory_words(config), load_lines(config)
-    ends = [select[line] & reaches(address, count[number] * words_per_entry(config, number)) for number, line in lines.items()]
+    ends = [
+        select[line] & reaches(address, count[number] * words_per_entry(config, number))
+        for number, line in lines.items()
+    ]
     return Cat(ends).any()

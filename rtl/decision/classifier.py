@@ -1,4 +1,5 @@
-"""From logits to decisions: the local one at every step, the global one at the end of a touch (docs/specification.md, section 7)."""
+"""From logits to decisions: the local one at every step, the global one at the end of a touch
+(docs/specification.md, section 7)."""
 
 from __future__ import annotations
 
@@ -20,21 +21,28 @@ def below_threshold(config: AcceleratorConfig, margin: Signal) -> Value:
     """
     if config.network.decision == "vote":
         margin = margin[: config.windows.steps.bit_length()]
-    return Const(1) if config.network.margin_threshold >> len(margin) else ~exceeds(margin, config.network.margin_threshold - 1)
+    return (
+        Const(1)
+        if config.network.margin_threshold >> len(margin)
+        else ~exceeds(margin, config.network.margin_threshold - 1)
+    )
 
 
 class Classifier(wiring.Component):
-    """argmax and margin of each step's logits, and the global decision: the last step's, an early one or the vote's (ties: lowest index).
+    """argmax and margin of each step's logits, and the global decision: the last step's, an early one or the
+    vote's (ties: lowest index).
 
     Members
     -------
     logit : In(struct)
         Class by class, never held up.
     o : Out(stream of decision_layout)
-        Offered `eskin.rtl.program.timing.logit_to_decision` cycles after the step's last logit: classes + 4, in a linear cell 3; the
-        global decision follows the last local one (vote: classes and as many cycles later).
+        Offered `eskin.rtl.program.timing.logit_to_decision` cycles after the step's last logit: classes + 4,
+        in a linear cell 3; the global decision follows the last local one (vote: classes and as many cycles
+        later).
     finish : In(1)
-        Pulse while idle: the recording has ended; a touch with at least one step gets its global decision, marked partial.
+        Pulse while idle: the recording has ended; a touch with at least one step gets its global decision,
+        marked partial.
     idle : Out(1)
         No logits under way, no decision waiting: logits are taken.
     ended : Out(1)
@@ -46,7 +54,9 @@ class Classifier(wiring.Component):
         self._config = config
         super().__init__(
             {
-                "logit": In(data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})),
+                "logit": In(
+                    data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})
+                ),
                 "o": Out(stream.Signature(decision_layout)),
                 "finish": In(1),
                 "idle": Out(1),
@@ -63,7 +73,9 @@ class Classifier(wiring.Component):
         step = Signal(range(config.windows.steps))  # of the last logits
         busy, begun, partial, offered, is_global = Signal(), Signal(), Signal(), Signal(), Signal()
         tallying, voting = Signal(), Signal()  # votes become the scores; the scores are votes
-        votes = Array(Signal(range(config.windows.steps + 1), name=f"votes_{k}") for k in range(config.classes))
+        votes = Array(
+            Signal(range(config.windows.steps + 1), name=f"votes_{k}") for k in range(config.classes)
+        )
         finished = Signal()  # one cycle after `finish`, which comes late in its cycle
         step_done, taken, closes = self.logit.valid & last, offered & self.o.ready, Signal()
         local_taken, final = taken & ~is_global, Signal()
@@ -110,10 +122,16 @@ class Classifier(wiring.Component):
         with m.If(taken & ~closes):
             m.d.sync += busy.eq(0)
         with m.If(closes):
-            m.d.sync += [signal.eq(1) for signal in ((voting, tallying) if config.network.decision == "vote" else (offered, is_global))]
+            m.d.sync += [
+                signal.eq(1)
+                for signal in (
+                    (voting, tallying) if config.network.decision == "vote" else (offered, is_global)
+                )
+            ]
         with m.If(self.ended):
             m.d.sync += [signal.eq(0) for signal in (is_global, step, partial, begun, voting, *votes)]
-            if config.network.decision == "early":  # without a decision to be taken, where the recording ends after an early one
+            # without a decision to be taken, where the recording ends after an early one
+            if config.network.decision == "early":
                 m.d.sync += busy.eq(0)
         if config.network.decision == "vote":
             with m.If(taken & ~is_global):

@@ -28,7 +28,15 @@ class EarlyRule(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, margin_bits: int) -> None:
         self._config = config
-        super().__init__({"best": In(range(config.classes)), "margin": In(margin_bits), "taken": In(1), "ended": In(1), "met": Out(1)})
+        super().__init__(
+            {
+                "best": In(range(config.classes)),
+                "margin": In(margin_bits),
+                "taken": In(1),
+                "ended": In(1),
+                "met": Out(1),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()

@@ -1,4 +1,5 @@
-"""The largest of a step's scores, and by how much (docs/specification.md, section 7): in few cells, or in few cycles."""
+"""The largest of a step's scores, and by how much (docs/specification.md, section 7): in few cells, or in few
+cycles."""
 
 from __future__ import annotations
 
@@ -17,12 +18,13 @@ def search_signature(config: AcceleratorConfig) -> wiring.Signature:
     Members
     -------
     score : In(struct)
-        ``value`` in offset binary where ``valid``, class by class, never held up; none while a search goes on.
+        ``value`` in offset binary where ``valid``, class by class, never held up; none while a search goes
+        on.
     number : Out
         Class of the next score.
     best, margin : Out
-        Class of the largest (ties: the lowest) and its distance from the largest of the others, from the cycle after ``found`` on, until
-        the next scores come.
+        Class of the largest (ties: the lowest) and its distance from the largest of the others, from the
+        cycle after ``found`` on, until the next scores come.
     found : Out(1)
         Pulse: the search ends with this cycle.
     """
@@ -55,11 +57,16 @@ class SearchTwice(wiring.Component):
         m = Module()
         score, number, classes = self.score, Signal.like(self.number), self._classes
         best, held = Signal.like(self.best, reset_less=True), Signal.like(self.margin, reset_less=True)
-        m.submodules.scores = scores = Memory(shape=unsigned(len(held)), depth=classes, init=[], attrs=before_an_adder(platform))
+        m.submodules.scores = scores = Memory(
+            shape=unsigned(len(held)), depth=classes, init=[], attrs=before_an_adder(platform)
+        )
         write, read = scores.write_port(), scores.read_port()
-        reading, compared = (Signal.like(number, name=name, reset_less=True) for name in ("reading", "compared"))
+        reading, compared = (
+            Signal.like(number, name=name, reset_less=True) for name in ("reading", "compared")
+        )
         last, compared_last = number == classes - 1, compared == classes - 1
-        searching, reading_others, others, subtracting = Signal(), Signal(), Signal(), Signal()  # the second time
+        # the second time
+        searching, reading_others, others, subtracting = (Signal(), Signal(), Signal(), Signal())
         fetched, comparing, taken_unseen = Signal(), Signal(), Signal()
         # `held` is the complement of the largest score so far, and in the end the margin. It takes one cell a
         # bit: the carries compare, and the same cells compute the value to load.
@@ -103,7 +110,8 @@ class SearchTwice(wiring.Component):
 class SearchOnce(wiring.Component):
     """In few cycles: the two largest so far are held.
 
-    ``arriving`` is a score a cycle after it was given, ``compared`` its class. Latency: ``found`` comes 2 cycles after the last score.
+    ``arriving`` is a score a cycle after it was given, ``compared`` its class. Latency: ``found`` comes 2
+    cycles after the last score.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -115,7 +123,9 @@ class SearchOnce(wiring.Component):
         score, number, last_class = self.score, Signal.like(self.number), self._classes - 1
         best, margin = Signal.like(self.best, reset_less=True), Signal.like(self.margin, reset_less=True)
         compared, arriving, subtracting = Signal.like(number, reset_less=True), Signal(), Signal()
-        new, largest, second = (Signal.like(score.value, name=name, reset_less=True) for name in ("new", "largest", "second"))
+        new, largest, second = (
+            Signal.like(score.value, name=name, reset_less=True) for name in ("new", "largest", "second")
+        )
         m.d.sync += [new.eq(score.value), compared.eq(number), arriving.eq(score.valid)]
         m.d.sync += subtracting.eq(arriving & (compared == last_class))
         with m.If(score.valid):
@@ -127,7 +137,12 @@ class SearchOnce(wiring.Component):
             m.d.sync += second.eq(new)
         with m.If(subtracting):
             m.d.sync += margin.eq(largest - second)
-        m.d.comb += [self.number.eq(number), self.best.eq(best), self.margin.eq(margin), self.found.eq(subtracting)]
+        m.d.comb += [
+            self.number.eq(number),
+            self.best.eq(best),
+            self.margin.eq(margin),
+            self.found.eq(subtracting),
+        ]
         return m
 
 

@@ -30,7 +30,8 @@ class ActivationUnit(wiring.Component):
     enable : In(1)
         Look up in this cycle; otherwise the answers stay.
     gate : Out(signed), not_state : Out(signed)
-        Gate code (sigmoid) and complement of the state code (tanh) of the index one look-up before; the one that was asked for counts.
+        Gate code (sigmoid) and complement of the state code (tanh) of the index one look-up before; the one
+        that was asked for counts.
     walk : In(1)
         With ``checksum``: the table is idle. Look up the entry after the one that was last looked up this
         way.
@@ -42,7 +43,8 @@ class ActivationUnit(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        # With few DSP lanes logic cells are scarcer than memory: complements are stored instead of being made.
+        # With few DSP lanes logic cells are scarcer than memory: complements are stored instead of being
+        # made.
         self._may_share = config.hardware.lane_type != "dsp" or config.hardware.lanes > 4
         super().__init__(
             {

@@ -1,4 +1,5 @@
-"""What element-wise operands are multiplied by: gates, which the step writes, and constants, which the host loads.
+"""What element-wise operands are multiplied by: gates, which the step writes, and constants, which the host
+loads.
 
 Gates are those of docs/specification.md, section 5.
 """
@@ -22,7 +23,8 @@ from eskin.rtl.program.microcode import Layout
 
 
 class CoefficientMemory(wiring.Component):
-    """Gates and constants under one address (`eskin.rtl.program.microcode.Layout.gate`), as one memory or two.
+    """Gates and constants under one address (`eskin.rtl.program.microcode.Layout.gate`), as one memory or
+    two.
 
     Off FPGAs, gates and constants have a memory each (a ROM for constants that are not loaded). The memory
     that is not addressed reads 0, and nothing relies on the initial contents of a memory. FPGAs define these
@@ -72,13 +74,23 @@ class CoefficientMemory(wiring.Component):
             self._apart(m)
             return m
         init = [0] * layout.constants + self._image
-        loads = self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]] & int(config.hardware.loadable)
+        loads = (
+            self.load.enable
+            & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]]
+            & int(config.hardware.loadable)
+        )
         offset = self.load.address[: (layout.gate_depth - layout.constants - 1).bit_length()]
         apart = layout.shared and bool(layout.program.gate_regions)
-        to = Cat(offset, Const(0, layout.constants.bit_length() - 1 - len(offset)), 1) if apart else Const(layout.constants) | offset
+        to = (
+            Cat(offset, Const(0, layout.constants.bit_length() - 1 - len(offset)), 1)
+            if apart
+            else Const(layout.constants) | offset
+        )
 
         def memory(name: str, init: list[int]) -> tuple:
-            m.submodules[name] = part = Memory(shape=signed(16), depth=layout.gate_depth, init=init, attrs=NO_COLLISION)
+            m.submodules[name] = part = Memory(
+                shape=signed(16), depth=layout.gate_depth, init=init, attrs=NO_COLLISION
+            )
             read = part.read_port()
             m.d.comb += [read.addr.eq(self.address), read.en.eq(self.enable)]
             return read.data, part.write_port()
@@ -110,7 +122,10 @@ class CoefficientMemory(wiring.Component):
         constant_read = Signal()  # a constant was addressed
         is_constant = self.address >= layout.constants if layout.constants else Const(1, 1)
         m.submodules.constants = constants = Memory(
-            shape=signed(16), depth=layout.constant_words, init=self._image, attrs=NO_COLLISION if config.hardware.loadable else {}
+            shape=signed(16),
+            depth=layout.constant_words,
+            init=self._image,
+            attrs=NO_COLLISION if config.hardware.loadable else {},
         )
         read = constants.read_port()
         m.d.comb += [
@@ -125,12 +140,16 @@ class CoefficientMemory(wiring.Component):
             m.d.comb += [
                 loaded.addr.eq(self.load.address),
                 loaded.data.eq(self.load.data),
-                loaded.en.eq(self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]]),
+                loaded.en.eq(
+                    self.load.enable & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]]
+                ),
             ]
         if not layout.program.gate_regions:
             return
         depth = len(layout.program.gate_regions) << layout.gate_bits
-        m.submodules.gates = gates = Memory(shape=signed(config.gate_format.width), depth=depth, init=[], attrs=NO_COLLISION)
+        m.submodules.gates = gates = Memory(
+            shape=signed(config.gate_format.width), depth=depth, init=[], attrs=NO_COLLISION
+        )
         gate, write = gates.read_port(), gates.write_port()
         m.d.comb += [
             gate.addr.eq(self.address),

@@ -1,4 +1,5 @@
-"""The compact engine's accumulator: one adder, and one bit of the other operand a cycle (docs/specification.md, section 4)."""
+"""The compact engine's accumulator: one adder, and one bit of the other operand a cycle
+(docs/specification.md, section 4)."""
 
 from __future__ import annotations
 
@@ -45,13 +46,20 @@ class CompactAccumulator(wiring.Component):
         flags = ("mac", "shift", "inverted", "fetch", "fresh", "clear", "zero", "weight")
         super().__init__(
             {name: In(1) for name in flags}
-            | {"use": In(2), "data": In(signed(DATA_BITS)), "acc": Out(signed(code.accumulator_bits)), "left": Out(config.kept_low_bits)}
+            | {
+                "use": In(2),
+                "data": In(signed(DATA_BITS)),
+                "acc": Out(signed(code.accumulator_bits)),
+                "left": Out(config.kept_low_bits),
+            }
         )
 
     def elaborate(self, platform):
         m = Module()
         code = self._code
-        shifts, inverts, fetches, use = (Signal(name=name) for name in ("shifts", "inverts", "fetches", "use_now"))
+        shifts, inverts, fetches, use = (
+            Signal(name=name) for name in ("shifts", "inverts", "fetches", "use_now")
+        )
         uses, fetched, plane = Signal(2), Signal(), Signal(4)
         m.d.sync += [
             shifts.eq(self.mac & self.shift & self.fresh),
@@ -76,7 +84,10 @@ class CompactAccumulator(wiring.Component):
         m.d.comb += [total.eq(Mux(use, upper + self.data, upper)), self.acc.eq(acc)]
         m.d.sync += acc.eq(Cat(base[: code.guard], total).as_signed())
         with m.If(self.clear):
-            m.d.sync += [acc.eq(Mux(self.zero if code.carries else 0, 0, code.reset_value)), plane.eq(code.first_plane % 16)]
+            m.d.sync += [
+                acc.eq(Mux(self.zero if code.carries else 0, 0, code.reset_value)),
+                plane.eq(code.first_plane % 16),
+            ]
         if code.carries:
             left = Signal(len(self.left), reset_less=True)
             m.d.comb += self.left.eq(left)

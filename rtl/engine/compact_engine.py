@@ -1,4 +1,5 @@
-"""The compact engine: one adder, one data memory and a looping program, for parts without multipliers and with few logic cells.
+"""The compact engine: one adder, one data memory and a looping program, for parts without multipliers and
+with few logic cells.
 
 Rows and cells: docs/specification.md, sections 4 and 5.
 """
@@ -28,7 +29,8 @@ from eskin.rtl.program.timing import is_compact, logit_to_decision
 
 
 class CompactEngine(wiring.Component):
-    """Computes one recurrent step and its logits for every window of centred sums: `eskin.rtl.program.compact_program` in hardware.
+    """Computes one recurrent step and its logits for every window of centred sums:
+    `eskin.rtl.program.compact_program` in hardware.
 
     It takes the place of `eskin.rtl.engine.engine.Engine` for the bit-serial lane, with the same ports and
     parameters. Weights are stored bit by bit in the order of their use. Everything else, including waiting
@@ -40,7 +42,10 @@ class CompactEngine(wiring.Component):
     """
 
     def __init__(
-        self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, program: CellProgram | None = None
+        self,
+        config: AcceleratorConfig,
+        images: Mapping[int, list[int]] | None = None,
+        program: CellProgram | None = None,
     ) -> None:
         self._config, self._images = config, images or {}
         self.plan = schedule(config, program)
@@ -77,7 +82,10 @@ class CompactEngine(wiring.Component):
         m.d.comb += [
             accumulator.mac.eq(sequencer.mac),
             accumulator.fresh.eq(sequencer.fresh),
-            *(getattr(accumulator, name).eq(word[name]) for name in ("shift", "inverted", "fetch", "use", "zero")),
+            *(
+                getattr(accumulator, name).eq(word[name])
+                for name in ("shift", "inverted", "fetch", "use", "zero")
+            ),
             accumulator.clear.eq(sequencer.control & word["clear"]),
             accumulator.weight.eq(self._weights(m, sequencer)),
             narrowing.acc.eq(accumulator.acc),
@@ -87,7 +95,10 @@ class CompactEngine(wiring.Component):
         ]
         result, stores = narrowing.result, sequencer.store & word["kind"][1]
         self._data(m, platform, sequencer, queue, accumulator, result, stores)
-        m.d.comb += [self.logit.value.eq(result), self.logit.valid.eq(sequencer.store & (word["kind"] == Kind.LOGIT))]
+        m.d.comb += [
+            self.logit.value.eq(result),
+            self.logit.valid.eq(sequencer.store & (word["kind"] == Kind.LOGIT)),
+        ]
 
         # ---------------------------------------------------------------- for control and benches
         m.d.comb += [
@@ -116,7 +127,9 @@ class CompactEngine(wiring.Component):
         """The memory of the weights, and the bit of it under way: they lie in the order of their use."""
         config, code = self._config, self.plan.compact
         bits, depth = code.weight_word_bits, code.weight_words
-        m.submodules.weights_0 = weights = Memory(shape=bits, depth=depth, init=self._images.get(0, []), attrs=NO_COLLISION)
+        m.submodules.weights_0 = weights = Memory(
+            shape=bits, depth=depth, init=self._images.get(0, []), attrs=NO_COLLISION
+        )
         read = weights.read_port()
         address, bit = Signal(range(depth), name="weight_address"), Signal(range(bits), name="weight_bit")
         last_bit = sequencer.runs & (bit == bits - 1)
@@ -148,12 +161,22 @@ class CompactEngine(wiring.Component):
         init = self._images.get(memory_map.Memory.CONSTANTS, [])
         # A ROM in front of the working values where these have no first word that one could be told with.
         apart = not config.hardware.loadable and not begins_as_told(platform)
-        first = min(number for name, number in code.regions.items() if name.startswith("S.")) << code.index_bits if apart else 0
+        first = (
+            min(number for name, number in code.regions.items() if name.startswith("S.")) << code.index_bits
+            if apart
+            else 0
+        )
         m.submodules.data = memory = Memory(
-            shape=signed(DATA_BITS), depth=code.data_words - first, init=[] if apart else init, attrs=NO_COLLISION
+            shape=signed(DATA_BITS),
+            depth=code.data_words - first,
+            init=[] if apart else init,
+            attrs=NO_COLLISION,
         )
         read, write = memory.read_port(), memory.write_port()
-        address, data = Signal(range(code.data_words), name="read_address"), Signal(signed(DATA_BITS), name="read_data")
+        address, data = (
+            Signal(range(code.data_words), name="read_address"),
+            Signal(signed(DATA_BITS), name="read_data"),
+        )
         region, window_region = word["region"], code.regions["X"]
         chosen = region | ((region[1:] == window_region >> 1) & queue.reading)
         index = sequencer.index
@@ -162,7 +185,9 @@ class CompactEngine(wiring.Component):
         elif len(config.window_lengths) > 1:  # a region of scales for each length
             chosen = chosen | Mux(word["length"], queue.length, 0)
         m.d.comb += [
-            address.eq(Cat(Mux(word["run"], sequencer.column, index)[: code.index_bits], chosen[: len(region)])),
+            address.eq(
+                Cat(Mux(word["run"], sequencer.column, index)[: code.index_bits], chosen[: len(region)])
+            ),
             read.addr.eq(address - first),
             read.en.eq(sequencer.mac),
             data.eq(read.data),
@@ -180,7 +205,11 @@ class CompactEngine(wiring.Component):
             ]
             with m.If(sequencer.mac):
                 m.d.sync += constant_read.eq(is_constant)
-        loads = self.load.enable & int(config.hardware.loadable) & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]]
+        loads = (
+            self.load.enable
+            & int(config.hardware.loadable)
+            & self.load.select[load_lines(config)[memory_map.Memory.CONSTANTS]]
+        )
         incoming = Mux(loads, self.load.data, self.i.p.value)
         window = Cat(queue.taxel, queue.writing, Const(window_region >> 1, len(region) - 1))
         stored = Mux(sequencer.store, Cat(sequencer.index, region), window)
@@ -192,7 +221,9 @@ class CompactEngine(wiring.Component):
 
 
 def make_engine(
-    config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, program: CellProgram | None = None
+    config: AcceleratorConfig,
+    images: Mapping[int, list[int]] | None = None,
+    program: CellProgram | None = None,
 ) -> Engine | CompactEngine:
     """The engine for the configured lanes; parameters as of both."""
     return (CompactEngine if is_compact(config) else Engine)(config, images, program)

@@ -1,4 +1,5 @@
-"""What a STORE of the compact engine writes: the accumulator saturated, or a table's answer (docs/specification.md, section 4)."""
+"""What a STORE of the compact engine writes: the accumulator saturated, or a table's answer
+(docs/specification.md, section 4)."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ class CompactResult(wiring.Component):
     kind : In(2)
         The format (`eskin.rtl.program.compact_program.Kind`).
     table : In(1)
-        The table's answer, or the bits that were shifted out where a sum is carried, in the place of the accumulator.
+        The table's answer, or the bits that were shifted out where a sum is carried, in the place of the
+        accumulator.
     tanh : In(1)
         Which table.
     result : Out(signed(16))
@@ -70,7 +72,8 @@ class CompactResult(wiring.Component):
             answer = Mux(self.tanh, ~table.not_state, table.gate)
             index = Cat(self.result[: config.index_bits - 1], sign)
             m.d.comb += [table.enable.eq(self.store), table.tanh.eq(self.tanh), table.index.eq(index)]
-        # One LUT a bit chooses between the accumulator, the table and, where the value exceeds its format, 0 and 1.
+        # One LUT a bit chooses between the accumulator, the table and, where the value exceeds its format, 0
+        # and 1.
         for bit in range(DATA_BITS):
             within = {result_kind for result_kind, fmt in formats.items() if bit < fmt.width - 1}
             if len(within) == len(formats):

@@ -1,4 +1,5 @@
-"""The compact engine's program: which instruction is under way, and the loops' counters (docs/specification.md, section 5)."""
+"""The compact engine's program: which instruction is under way, and the loops' counters
+(docs/specification.md, section 5)."""
 
 from __future__ import annotations
 
@@ -31,7 +32,13 @@ class Packing:
     """
 
     def __init__(self, code: CompactProgram) -> None:
-        most = {"target": len(code.instructions) - 1, "region": code.regions["X"] + 1, "use": 3, "kind": 3, "limit": 3}
+        most = {
+            "target": len(code.instructions) - 1,
+            "region": code.regions["X"] + 1,
+            "use": 3,
+            "kind": 3,
+            "limit": 3,
+        }
         self.places = {"op": (0, 2), "limit": (2, 2)}
         for names in FIELDS.values():
             offset = 4
@@ -68,7 +75,8 @@ class CompactSequencer(wiring.Component):
     go : In(1)
         A step may start.
     word : Out
-        The instruction under way, `Packing`; nothing before the first has come, a cycle after a reset, when no operation is named.
+        The instruction under way, `Packing`; nothing before the first has come, a cycle after a reset, when
+        no operation is named.
     mac, store, jump, control : Out(1)
         Its operation.
     index, column : Out(code.index_bits)
@@ -86,9 +94,25 @@ class CompactSequencer(wiring.Component):
     def __init__(self, config: AcceleratorConfig, code: CompactProgram) -> None:
         self._config, self._code = config, code
         self.packing = Packing(code)
-        flags = ("mac", "store", "jump", "control", "runs", "waits", "started", "fresh", "first_step", "last_class")
+        flags = (
+            "mac",
+            "store",
+            "jump",
+            "control",
+            "runs",
+            "waits",
+            "started",
+            "fresh",
+            "first_step",
+            "last_class",
+        )
         super().__init__(
-            {"go": In(1), "word": Out(self.packing.bits), "index": Out(code.index_bits), "column": Out(code.index_bits)}
+            {
+                "go": In(1),
+                "word": Out(self.packing.bits),
+                "index": Out(code.index_bits),
+                "column": Out(code.index_bits),
+            }
             | {name: Out(1) for name in flags}
         )
         self.fields = self.packing.fields(self.word)
@@ -106,7 +130,9 @@ class CompactSequencer(wiring.Component):
         address, index, column = Signal(range(len(words))), self.index, self.column
         step = Signal(range(self._config.windows.steps))
         last_step = step == self._config.windows.steps - 1
-        at_last = {limit: index == code.limit(limit) - 1 for limit in Limit if limit != Limit.STEPS} | {Limit.STEPS: last_step}
+        at_last = {limit: index == code.limit(limit) - 1 for limit in Limit if limit != Limit.STEPS} | {
+            Limit.STEPS: last_step
+        }
         ends_loop = Signal()
         with m.Switch(word["limit"]):
             for limit, last in at_last.items():
@@ -127,7 +153,11 @@ class CompactSequencer(wiring.Component):
             fetch.en.eq(advance),
             fetch.addr.eq(address),
         ]
-        m.d.sync += [primed.eq(1), self.fresh.eq(advance), address.eq(Mux(jumps, word["target"], address + advance))]
+        m.d.sync += [
+            primed.eq(1),
+            self.fresh.eq(advance),
+            address.eq(Mux(jumps, word["target"], address + advance)),
+        ]
         with m.If(ended):
             m.d.sync += step.eq(step + 1)
             with m.If(last_step):

@@ -1,4 +1,5 @@
-"""The element-wise operations around their multiplier: operands in, narrowed results out (docs/specification.md, section 5)."""
+"""The element-wise operations around their multiplier: operands in, narrowed results out
+(docs/specification.md, section 5)."""
 
 from __future__ import annotations
 
@@ -12,10 +13,12 @@ from eskin.rtl.program.scheduler import Schedule
 
 
 class ElementwiseUnit(wiring.Component):
-    """Around the lane of element-wise operations: chooses its operand from what the memories read, and narrows its sum.
+    """Around the lane of element-wise operations: chooses its operand from what the memories read, and
+    narrows its sum.
 
-    ``a = S[i]``, ``T[i]``, ``S[i] - T[i]`` or the centred window sum; a sum starts from the rounding half, plus ``T[i]`` at product scale
-    where asked. Result: floor shift by gate_frac (the half is in), SAT to state_format, or to feature_format and aligned for features.
+    ``a = S[i]``, ``T[i]``, ``S[i] - T[i]`` or the centred window sum; a sum starts from the rounding half,
+    plus ``T[i]`` at product scale where asked. Result: floor shift by gate_frac (the half is in), SAT to
+    state_format, or to feature_format and aligned for features.
 
     Members
     -------
@@ -72,15 +75,24 @@ class ElementwiseUnit(wiring.Component):
         m.d.comb += [
             difference.eq(Mux(self.use_t, ~self.not_t, self.s) + Mux(self.minus, self.not_t, -1) + 1),
             self.a.eq(self.x ^ difference),
-            self.load.eq(Cat(Const(half, config.formats.gate_frac), Mux(self.add, ~self.not_t, 0)).as_signed()),
+            self.load.eq(
+                Cat(Const(half, config.formats.gate_frac), Mux(self.add, ~self.not_t, 0)).as_signed()
+            ),
         ]
         shifted = Signal(signed(config.elementwise_bits - config.formats.gate_frac))
-        m.d.comb += [shifted.eq(self.acc >> config.formats.gate_frac), self.code.eq(saturate(shifted, config.formats.feature_format))]
+        m.d.comb += [
+            shifted.eq(self.acc >> config.formats.gate_frac),
+            self.code.eq(saturate(shifted, config.formats.feature_format)),
+        ]
         state = saturate(shifted, config.formats.state_format)
         states = [op for op in self._plan.program.elements if op.state and op.state != "x"]
-        fits = config.feature_align == 0 and config.formats.feature_format.width >= config.formats.state_format.width
+        fits = (
+            config.feature_align == 0
+            and config.formats.feature_format.width >= config.formats.state_format.width
+        )
         if not states or (fits and all(op.between for op in states)):
-            m.d.comb += self.result.eq(self.code)  # only features saturate, and a state fits their format as it is
+            # only features saturate, and a state fits their format as it is
+            m.d.comb += self.result.eq(self.code)
         else:
             m.d.comb += self.result.eq(Mux(self.feature, self.code << config.feature_align, state))
         if config.recurrent and config.state_index_shift > 0:

@@ -1,4 +1,5 @@
-"""The scheduled engine: lanes, element-wise lane, memories, and the microcode that runs a cell's program on them.
+"""The scheduled engine: lanes, element-wise lane, memories, and the microcode that runs a cell's program on
+them.
 
 Rows and cells: docs/specification.md, sections 4 and 5.
 """
@@ -68,15 +69,24 @@ def row_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignatu
     """Lane for rows, for element-wise operations too where they share it."""
     if plan.shared:
         bits = max(config.accumulator_bits, config.elementwise_bits)
-        return lane_signature(ELEMENT_OPERAND_BITS, ELEMENT_OPERAND_BITS, bits, load_with_operands=config.hardware.lane_type == "plain")
-    return lane_signature(config.operand_bits, config.weight_bits, config.accumulator_bits, load_with_operands=False)
+        return lane_signature(
+            ELEMENT_OPERAND_BITS,
+            ELEMENT_OPERAND_BITS,
+            bits,
+            load_with_operands=config.hardware.lane_type == "plain",
+        )
+    return lane_signature(
+        config.operand_bits, config.weight_bits, config.accumulator_bits, load_with_operands=False
+    )
 
 
 def element_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSignature:
     """Lane for element-wise operations."""
     accumulates = any(len(op.terms) > 1 for op in plan.program.elements)
     bits = ELEMENT_OPERAND_BITS
-    return lane_signature(bits, bits, config.elementwise_bits, load_with_operands=True, accumulates=accumulates)
+    return lane_signature(
+        bits, bits, config.elementwise_bits, load_with_operands=True, accumulates=accumulates
+    )
 
 
 class Engine(wiring.Component):
@@ -126,12 +136,15 @@ class Engine(wiring.Component):
     check_failed : Out(1)
         With ``checksum``: a constant, a table entry or a word of the program that was just used is wrong.
     feature, state, step : Out(probe)
-        Feature codes and new hidden state codes as they are written; cycles of a step as it is done, phases A and B and the way to its
-        decision.
+        Feature codes and new hidden state codes as they are written; cycles of a step as it is done, phases A
+        and B and the way to its decision.
     """
 
     def __init__(
-        self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, program: CellProgram | None = None
+        self,
+        config: AcceleratorConfig,
+        images: Mapping[int, list[int]] | None = None,
+        program: CellProgram | None = None,
     ) -> None:
         self._config, self._images = config, images or {}
         self.plan: Schedule = schedule(config, program)
@@ -154,7 +167,9 @@ class Engine(wiring.Component):
 
         # ---------------------------------------------------------------- memories
         def memory(name: str, shape, depth: int, init=(), **style) -> Memory:
-            m.submodules[name] = part = Memory(shape=shape, depth=depth, init=init, attrs=NO_COLLISION | style)
+            m.submodules[name] = part = Memory(
+                shape=shape, depth=depth, init=init, attrs=NO_COLLISION | style
+            )
             return part
 
         def read(part: Memory, address):
@@ -165,14 +180,21 @@ class Engine(wiring.Component):
         states = memory("state_memory", signed(config.operand_bits), layout.state_depth)
         operand = read(states, word.vector)
         lengths = self._lengths(m, sequencer, queue, final, released, layout)
-        m.submodules.coefficients = coefficients = CoefficientMemory(config, plan.program, images.get(memory_map.Memory.CONSTANTS, []))
-        m.d.comb += [coefficients.address.eq(word.gate | Mux(word.scale, lengths, 0)), coefficients.enable.eq(enable)]
+        m.submodules.coefficients = coefficients = CoefficientMemory(
+            config, plan.program, images.get(memory_map.Memory.CONSTANTS, [])
+        )
+        m.d.comb += [
+            coefficients.address.eq(word.gate | Mux(word.scale, lengths, 0)),
+            coefficients.enable.eq(enable),
+        ]
         wiring.connect(m, wiring.flipped(self.load), coefficients.load)
         gate = coefficients.gate | coefficients.constant
         # T holds complements: what is mostly subtracted needs no inverters then. Its last word stands for 0.
         not_t = Const(-1, signed(config.formats.state_format.width))
         if plan.program.t_regions:
-            values = memory("t_memory", signed(config.formats.state_format.width), layout.t_depth, [-1] * layout.t_depth)
+            values = memory(
+                "t_memory", signed(config.formats.state_format.width), layout.t_depth, [-1] * layout.t_depth
+            )
             not_t = read(values, word.t)
         addends = _AddendMemory(config, plan, images.get(memory_map.Memory.ADDENDS, []))
         m.submodules.addends = addends
@@ -226,7 +248,11 @@ class Engine(wiring.Component):
                 table_wrong = table.wrong
         m.d.comb += unit.tick.eq(enable)
         state_write = states.write_port()
-        m.d.comb += [state_write.addr.eq(word.state_to), state_write.data.eq(unit.result), state_write.en.eq(enable & word.state_write)]
+        m.d.comb += [
+            state_write.addr.eq(word.state_to),
+            state_write.data.eq(unit.result),
+            state_write.en.eq(enable & word.state_write),
+        ]
         m.d.comb += [self.logit.value.eq(row.logit), self.logit.valid.eq(enable & word.logit)]
         if config.hardware.checksum:
             m.submodules.check = check = MemoryCheck(code)
@@ -252,7 +278,9 @@ class Engine(wiring.Component):
         """Windows that wait for their step: their queue, and the sum that the program reads."""
         config, word, enable = self._config, sequencer.word, sequencer.enable
         window_words = layout.window_none + 1  # two buffers; above them a zero
-        m.submodules.windows = windows = Memory(shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION)
+        m.submodules.windows = windows = Memory(
+            shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION
+        )
         slot_write, slot_read = windows.write_port(), windows.read_port()
         m.submodules.queue = queue = WindowQueue(config, layout.window_bits)
         wiring.connect(m, wiring.flipped(self.i), queue.i)
@@ -265,7 +293,10 @@ class Engine(wiring.Component):
             slot_write.addr.eq(Cat(queue.taxel, queue.writing, self.blank)),
             slot_write.data.eq(self.i.p.value),
             slot_write.en.eq(queue.take | self.blank),
-            slot_read.addr.eq(word.window | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1])),
+            slot_read.addr.eq(
+                word.window
+                | Cat(Const(0, layout.window_bits), queue.reading & ~word.window[layout.window_bits + 1])
+            ),
             slot_read.en.eq(enable),
         ]
         return queue, slot_read.data
@@ -291,11 +322,17 @@ class Engine(wiring.Component):
             m.d.sync += slots.eq(slots + 1)
         with m.If(sequencer.ended):
             m.d.sync += slots.eq(0)
-        m.d.comb += [self.step.valid.eq(self.step_done), self.step.value.eq(slots + logit_to_decision(config))]
+        m.d.comb += [
+            self.step.valid.eq(self.step_done),
+            self.step.value.eq(slots + logit_to_decision(config)),
+        ]
         return final
 
-    def _lengths(self, m: Module, sequencer: Sequencer, queue: WindowQueue, final: Signal, released: Value, layout) -> Value:
-        """What stands beside a scale's address: the length of the window under way, or the place of its check word."""
+    def _lengths(
+        self, m: Module, sequencer: Sequencer, queue: WindowQueue, final: Signal, released: Value, layout
+    ) -> Value:
+        """What stands beside a scale's address: the length of the window under way, or the place of its check
+        word."""
         config, word = self._config, sequencer.word
         lengths = queue.length  # scales of length 0 stand at multiples of a power of two
         if config.hardware.checksum and config.sets > 1:  # a check word for each step of a touch
@@ -303,32 +340,49 @@ class Engine(wiring.Component):
             with m.If(sequencer.ended):
                 m.d.sync += step.eq(Mux(final, 0, step + 1))
             lengths = Mux(word.gate[layout.check_base.bit_length() - 1], step, lengths)
-        elif config.hardware.checksum and len(config.window_lengths) > 1:  # so does its check word, which is read when the window has gone
+        elif (
+            config.hardware.checksum and len(config.window_lengths) > 1
+        ):  # so does its check word, which is read when the window has gone
             released_length = Signal.like(lengths)
             with m.If(released):
                 m.d.sync += released_length.eq(lengths)
             lengths = Mux(word.gate[layout.check_base.bit_length() - 1], released_length, lengths)
         return lengths
 
-    def _weights(self, m: Module, platform: str | None, sequencer: Sequencer, final: Signal, memory) -> list[Value]:
+    def _weights(
+        self, m: Module, platform: str | None, sequencer: Sequencer, final: Signal, memory
+    ) -> list[Value]:
         """A memory of weights a lane, all read at one address; the host writes each."""
         config, plan, word, enable = self._config, self.plan, sequencer.word, sequencer.enable
-        images, loads, lines = self._images, self.load.enable & int(config.hardware.loadable), load_lines(config)
+        images, loads, lines = (
+            self._images,
+            self.load.enable & int(config.hardware.loadable),
+            load_lines(config),
+        )
         weight_address = Signal(range(plan.weight_depth))
         with m.If(enable):
             m.d.sync += weight_address.eq(weight_address + word.mac)
         with m.If(sequencer.ended & (final if config.sets > 1 else 1)):
             m.d.sync += weight_address.eq(0)
-        # A large memory has one port, which the host's write takes: it begins the engine anew, so the read that it displaces is not used.
-        large, port_address = lanes_in_large_memories(config, platform, plan.weight_depth), Signal(range(plan.weight_depth))
+        # A large memory has one port, which the host's write takes: it begins the engine anew, so the read
+        # that it displaces is not used.
+        large, port_address = (
+            lanes_in_large_memories(config, platform, plan.weight_depth),
+            Signal(range(plan.weight_depth)),
+        )
         if large:
             m.d.comb += port_address.eq(Mux(loads, self.load.address, weight_address))
         weights = []
         for k in range(config.hardware.lanes):
             style = {"ram_style": "huge"} if k < large else {}
-            part = memory(f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []), **style)
+            part = memory(
+                f"weights_{k}", signed(config.weight_bits), plan.weight_depth, images.get(k, []), **style
+            )
             port = part.read_port()
-            m.d.comb += [port.addr.eq(port_address if k < large else weight_address), port.en.eq(enable & ~loads if k < large else enable)]
+            m.d.comb += [
+                port.addr.eq(port_address if k < large else weight_address),
+                port.en.eq(enable & ~loads if k < large else enable),
+            ]
             weights.append(port.data)
             if config.hardware.loadable:
                 write = part.write_port()
@@ -340,9 +394,17 @@ class Engine(wiring.Component):
         return weights
 
     def _lanes(
-        self, m: Module, sequencer: Sequencer, unit: ElementwiseUnit, operand: Value, weights: list[Value], gate: Value, addend: Value
+        self,
+        m: Module,
+        sequencer: Sequencer,
+        unit: ElementwiseUnit,
+        operand: Value,
+        weights: list[Value],
+        gate: Value,
+        addend: Value,
     ) -> list[Value]:
-        """The lanes of rows, and that of element-wise products, which is the only one where they share it; a sum each."""
+        """The lanes of rows, and that of element-wise products, which is the only one where they share it; a
+        sum each."""
         config, plan, word, enable = self._config, self.plan, sequencer.word, sequencer.enable
         row_sums = []
         for k in range(config.hardware.lanes):
@@ -394,10 +456,11 @@ class Engine(wiring.Component):
 
 
 class _AddendMemory(wiring.Component):
-    """Addends and partial sums: one word a row, accumulator_bits wide, in ``addend_parts`` memories so that a 16-bit bus can load it.
+    """Addends and partial sums: one word a row, accumulator_bits wide, in ``addend_parts`` memories so that a
+    16-bit bus can load it.
 
-    Read latency 1. A word written in a slot can be addressed in the next. Where a memory does not begin as told (`begins_as_told`),
-    constants that are not loaded are a ROM.
+    Read latency 1. A word written in a slot can be addressed in the next. Where a memory does not begin as
+    told (`begins_as_told`), constants that are not loaded are a ROM.
     """
 
     def __init__(self, config: AcceleratorConfig, plan: Schedule, image: list[int]) -> None:
@@ -422,7 +485,9 @@ class _AddendMemory(wiring.Component):
             return m
         data_out = []
         loads = (
-            self.load.enable & self.load.select[load_lines(self._config)[memory_map.Memory.ADDENDS]] & int(self._config.hardware.loadable)
+            self.load.enable
+            & self.load.select[load_lines(self._config)[memory_map.Memory.ADDENDS]]
+            & int(self._config.hardware.loadable)
         )
         names = ("low", "high") if self._config.addend_parts == 2 else ("low", "middle", "high")
         part, entry = self._loaded_entry(m, loads)
@@ -453,7 +518,11 @@ class _AddendMemory(wiring.Component):
         shape = signed(self._config.accumulator_bits)
         m.submodules.constants = constants = Memory(shape=shape, depth=plan.addend_words, init=self._image)
         constant = constants.read_port()
-        m.d.comb += [constant.addr.eq(self.read_address), constant.en.eq(self.read_enable), self.read_data.eq(constant.data)]
+        m.d.comb += [
+            constant.addr.eq(self.read_address),
+            constant.en.eq(self.read_enable),
+            self.read_data.eq(constant.data),
+        ]
         if not plan.partial_rows:
             return
         m.submodules.sums = sums = Memory(shape=shape, depth=plan.partial_rows, init=[], attrs=NO_COLLISION)
@@ -483,9 +552,15 @@ class _AddendMemory(wiring.Component):
             return address[0], address[1:]
         parts = self._config.addend_parts
         part_now, entry_now = Signal(range(parts)), Signal(range(self._plan.addend_words))
-        part_next, entry_next = Signal.like(part_now, reset_less=True), Signal.like(entry_now, reset_less=True)
+        part_next, entry_next = (
+            Signal.like(part_now, reset_less=True),
+            Signal.like(entry_now, reset_less=True),
+        )
         with m.If(address != 0):
             m.d.comb += [part_now.eq(part_next), entry_now.eq(entry_next)]
         with m.If(loads):
-            m.d.sync += [part_next.eq(wrapping_increment(part_now, parts)), entry_next.eq(entry_now + (part_now == parts - 1))]
+            m.d.sync += [
+                part_next.eq(wrapping_increment(part_now, parts)),
+                entry_next.eq(entry_now + (part_now == parts - 1)),
+            ]
         return part_now, entry_now

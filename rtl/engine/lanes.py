@@ -17,7 +17,9 @@ from eskin.rtl.engine.recoded_product import sum_with_product
 from eskin.rtl.engine.sb_mac16 import DspLane
 
 
-def lane_signature(a_bits: int, b_bits: int, acc_bits: int, *, load_with_operands: bool, accumulates: bool = True) -> wiring.Signature:
+def lane_signature(
+    a_bits: int, b_bits: int, acc_bits: int, *, load_with_operands: bool, accumulates: bool = True
+) -> wiring.Signature:
     """What every lane type offers, seen from the lane.
 
     Parameters
@@ -66,15 +68,21 @@ class LaneSignature(wiring.Signature):
 
 
 class PlainLane(wiring.Component):
-    """The readable reference lane: an inferred product, one a cycle, and an adder; on a chip `eskin.rtl.engine.recoded_product`."""
+    """The readable reference lane: an inferred product, one a cycle, and an adder; on a chip
+    `eskin.rtl.engine.recoded_product`."""
 
     def elaborate(self, platform):
         m = Module()
         # no reset: it would keep the registers out of DSP blocks, and `valid` says what counts
         a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
-        counts = Signal()  # the operands do; others are 0, so that nothing has to choose between their product and the sum
+        # the operands do; others are 0, so that nothing has to choose between their product and the sum
+        counts = Signal()
         with m.If(self.tick):
-            m.d.sync += [a.eq(Mux(self.valid, self.a, 0)), b.eq(Mux(self.valid, self.b, 0)), counts.eq(self.valid)]
+            m.d.sync += [
+                a.eq(Mux(self.valid, self.a, 0)),
+                b.eq(Mux(self.valid, self.b, 0)),
+                counts.eq(self.valid),
+            ]
         load = self.load
         if self.signature.load_with_operands:
             load = Signal.like(self.load, reset_less=True)
@@ -84,7 +92,9 @@ class PlainLane(wiring.Component):
         m.d.comb += self.acc.eq(total)
         base = Mux(self.swap, load, total) if self.signature.accumulates else load
         with m.If(self.tick & (counts | self.swap)):
-            m.d.sync += total.eq(sum_with_product(base, a, b, len(total)) if platform == CHIP else base + a * b)
+            m.d.sync += total.eq(
+                sum_with_product(base, a, b, len(total)) if platform == CHIP else base + a * b
+            )
         return m
 
 

@@ -23,7 +23,8 @@ def folded(value: Value) -> Value:
 
 
 def even(value: Value) -> Value:
-    """High when a word and its parity bit, ``value`` together, have an odd number of ones: one bit is wrong."""
+    """High when a word and its parity bit, ``value`` together, have an odd number of ones: one bit is
+    wrong."""
     return Value.cast(value).xor()
 
 
@@ -43,12 +44,13 @@ class MemoryCheck(wiring.Component):
     operand : In(16)
         The element-wise operand: in the last logit's slot made of the words that stand for 0 alone.
     blank : In(16)
-        On a shared lane: what the constants' memory adds to a gate; 0, unless the gate memory's word of this slot is a constant.
+        On a shared lane: what the constants' memory adds to a gate; 0, unless the gate memory's word of this
+        slot is a constant.
     fault : Out(1)
         One cycle, at the end of the last logit's slot: a word is wrong.
 
-    A fault shows in the slot of the last logit, `eskin.rtl.program.timing.logit_to_decision` cycles before the decision it may have
-    changed is offered.
+    A fault shows in the slot of the last logit, `eskin.rtl.program.timing.logit_to_decision` cycles before
+    the decision it may have changed is offered.
     """
 
     def __init__(self, code: Microcode) -> None:
@@ -75,15 +77,27 @@ class MemoryCheck(wiring.Component):
         counts, weight_read, constant_read = Signal(), Signal(), Signal()
         gates = len(plan.program.gate_regions)
         apart = layout.shared and gates  # gates in a memory of their own
-        constant = word.gate[layout.constants.bit_length() - 1] if apart else reaches(word.gate[layout.gate_bits :], gates) if gates else 1
+        constant = (
+            word.gate[layout.constants.bit_length() - 1]
+            if apart
+            else reaches(word.gate[layout.gate_bits :], gates)
+            if gates
+            else 1
+        )
         addend = folded(self.addend)
         with m.If(self.enable):
-            m.d.sync += [counts.eq(word.in_step & ~word.ends_step), weight_read.eq(word.mac), constant_read.eq(constant)]
+            m.d.sync += [
+                counts.eq(word.in_step & ~word.ends_step),
+                weight_read.eq(word.mac),
+                constant_read.eq(constant),
+            ]
         if plan.partial_rows:
             biases = len(plan.bias_rows)
             addend_read = Signal()
             with m.If(self.enable):
-                m.d.sync += addend_read.eq((word.addend < biases) | ((word.addend == plan.half_address) & plan.shared))
+                m.d.sync += addend_read.eq(
+                    (word.addend < biases) | ((word.addend == plan.half_address) & plan.shared)
+                )
             addend = Mux(addend_read, addend, 0)
         signature = Signal(WIDTH, init=START)
         advanced = Cat(0, signature[:-1]) ^ Mux(signature[-1], TAPS, 0)

@@ -8,7 +8,8 @@ from amaranth.lib.wiring import In, Out
 
 
 class RowChain(wiring.Component):
-    """A shift register with a link for each of ``count`` lanes: sums leave at lane 0 while addends come in behind the last lane.
+    """A shift register with a link for each of ``count`` lanes: sums leave at lane 0 while addends come in
+    behind the last lane.
 
     Members
     -------
@@ -31,7 +32,15 @@ class RowChain(wiring.Component):
         acc = signed(accumulator_bits)
         lanes = data.ArrayLayout(acc, count)
         super().__init__(
-            {"tick": In(1), "swap": In(1), "shift": In(1), "acc": In(lanes), "addend": In(acc), "load": Out(lanes), "total": Out(acc)}
+            {
+                "tick": In(1),
+                "swap": In(1),
+                "shift": In(1),
+                "acc": In(lanes),
+                "addend": In(acc),
+                "load": Out(lanes),
+                "total": Out(acc),
+            }
         )
 
     def elaborate(self, platform):

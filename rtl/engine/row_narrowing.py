@@ -1,4 +1,5 @@
-"""The narrowing of a finished row: to a table index, a value or a logit (docs/specification.md, section 4)."""
+"""The narrowing of a finished row: to a table index, a value or a logit (docs/specification.md, section
+4)."""
 
 from __future__ import annotations
 
@@ -44,7 +45,9 @@ class RowNarrowing(wiring.Component):
         config, total = self._config, self.total
         logit = total >> config.logit_shift
         m.d.comb += self.logit.eq(
-            logit[: config.formats.logit_format.width] if config.logit_proven else saturate(logit, config.formats.logit_format)
+            logit[: config.formats.logit_format.width]
+            if config.logit_proven
+            else saturate(logit, config.formats.logit_format)
         )
         if not config.recurrent:  # no row of a linear cell is anything but a logit
             return m
@@ -54,8 +57,14 @@ class RowNarrowing(wiring.Component):
         fine = Signal(signed(max(config.accumulator_bits - config.tanh_shift, low + more + 1)))
         m.d.comb += fine.eq(total >> config.tanh_shift)
         negative, over, over_fine = fine[-1], Signal(), Signal()
-        m.d.comb += [over.eq(not_all_equal(fine[low + more :])), over_fine.eq(not_all_equal(fine[low : low + more + 1]))]
+        m.d.comb += [
+            over.eq(not_all_equal(fine[low + more :])),
+            over_fine.eq(not_all_equal(fine[low : low + more + 1])),
+        ]
         index = Mux(self.tanh, fine[:low], fine[more : low + more])
         index = Mux(over | (self.tanh & over_fine), (~negative).replicate(low), index)
-        m.d.comb += [self.index.eq(Cat(index, negative)), self.value.eq(saturate(total >> config.value_shift, config.formats.state_format))]
+        m.d.comb += [
+            self.index.eq(Cat(index, negative)),
+            self.value.eq(saturate(total >> config.value_shift, config.formats.state_format)),
+        ]
         return m

@@ -10,7 +10,8 @@ ICE40 = "ice40"
 
 
 class DspLane(wiring.Component):
-    """`eskin.rtl.engine.lanes.lane_signature` on one SB_MAC16 with registered operands and its own 32-bit accumulator.
+    """`eskin.rtl.engine.lanes.lane_signature` on one SB_MAC16 with registered operands and its own 32-bit
+    accumulator.
 
     A lane that accumulates loads its accumulator in a slot of its own: the schedule's gap keeps ``swap`` and
     ``valid`` apart. Otherwise the load comes in through the registers of inputs C and D and is added to the
@@ -22,7 +23,10 @@ class DspLane(wiring.Component):
 
     def elaborate(self, platform):
         if len(self.acc) > 32 or len(self.a) > 16 or len(self.b) > 16:
-            raise ValueError(f"an SB_MAC16 has 16-bit operands and 32 bits of sum, not {len(self.a)} x {len(self.b)} and {len(self.acc)}")
+            raise ValueError(
+                f"an SB_MAC16 has 16-bit operands and 32 bits of sum, not {len(self.a)} x {len(self.b)} and "
+                f"{len(self.acc)}"
+            )
         m = Module()
         (self._block if platform == ICE40 else self._behaviour)(m)
         return m

@@ -14,11 +14,14 @@ from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 def control_layout(code: Microcode) -> data.StructLayout:
     """What a word says, as wide as this program needs it."""
     widths = {name: max(1, max(word[name] for word in code.unrolled()).bit_length()) for name in ADDRESSES}
-    return data.StructLayout({name: range(1 << width) for name, width in widths.items()} | dict.fromkeys(CONTROLS, 1))
+    return data.StructLayout(
+        {name: range(1 << width) for name, width in widths.items()} | dict.fromkeys(CONTROLS, 1)
+    )
 
 
 class Sequencer(wiring.Component):
-    """Puts out one slot's controls in every cycle with ``enable``, repeats and all; waits at the ``wait`` word until ``go``.
+    """Puts out one slot's controls in every cycle with ``enable``, repeats and all; waits at the ``wait``
+    word until ``go``.
 
     Fields that never change in a program are constants and take no room in its memory.
 
@@ -27,7 +30,8 @@ class Sequencer(wiring.Component):
     go : In(1)
         The window is there: the waiting slot may end.
     restart : In(1)
-        After the step's last slot begin with the prologue, otherwise with phase A. Looked at as the last word but two ends.
+        After the step's last slot begin with the prologue, otherwise with phase A. Looked at as the last word
+        but two ends.
     word : Out(control_layout)
         The slot's controls: valid in the cycle with ``enable``, and before it as long as the slot lasts.
     enable : Out(1)
@@ -63,7 +67,10 @@ class Sequencer(wiring.Component):
         varying = [name for name in words[0] if len({word[name] for word in words}) > 1]
         widths = {name: max(word[name] for word in words).bit_length() for name in varying}
         fields = {name: range(1 << width) for name, width in widths.items()} | {"turns": 1, "once": 1}
-        idle = {name: words[0][name] if name in ADDRESSES else 0 for name in varying} | {"turns": 0, "once": 1}
+        idle = {name: words[0][name] if name in ADDRESSES else 0 for name in varying} | {
+            "turns": 0,
+            "once": 1,
+        }
         before = self._code.idle_words
         # A repeat count is stored less one. It marks the last slot but one, so the word's end is a register.
         init = [idle] * before + [
@@ -75,11 +82,17 @@ class Sequencer(wiring.Component):
         if self._code.plan.config.hardware.checksum:
             fields["parity"] = 1
             init = [word | {"parity": sum(value.bit_count() for value in word.values()) & 1} for word in init]
-        m.submodules.program = program = Memory(shape=data.StructLayout(fields), depth=len(init), init=init, attrs=program_memory(platform))
+        m.submodules.program = program = Memory(
+            shape=data.StructLayout(fields), depth=len(init), init=init, attrs=program_memory(platform)
+        )
         fetch = program.read_port()
 
         def field(name: str):
-            return fetch.data[name] if name in varying else Const(words[0][name], max(1, words[0][name].bit_length()))
+            return (
+                fetch.data[name]
+                if name in varying
+                else Const(words[0][name], max(1, words[0][name].bit_length()))
+            )
 
         if self._code.plan.config.hardware.checksum:
             m.d.comb += self.wrong.eq(Value.cast(fetch.data).xor())
@@ -111,5 +124,7 @@ class Sequencer(wiring.Component):
                 m.d.sync += count.eq(0)
         m.d.comb += [getattr(self.word, name).eq(field(name)) for name in CONTROLS]
         for name in ADDRESSES:
-            m.d.comb += getattr(self.word, name).eq(field(name) + (count if name in self._code.counted else 0))
+            m.d.comb += getattr(self.word, name).eq(
+                field(name) + (count if name in self._code.counted else 0)
+            )
         return m

@@ -1,4 +1,5 @@
-"""Two buffers of windows in front of an engine: the next fills while a step is computed (docs/specification.md, section 4)."""
+"""Two buffers of windows in front of an engine: the next fills while a step is computed
+(docs/specification.md, section 4)."""
 
 from __future__ import annotations
 
@@ -70,7 +71,10 @@ class WindowQueue(wiring.Component):
             self.overrun.eq(self.i.valid & self.i.p.first & full.all()),
         ]
         with m.If(take):
-            m.d.sync += [taxel.eq(wrapping_increment(taxel, self._inputs)), lengths[writing].eq(self.i.p.length)]
+            m.d.sync += [
+                taxel.eq(wrapping_increment(taxel, self._inputs)),
+                lengths[writing].eq(self.i.p.length),
+            ]
             m.d.sync += finals.bit_select(writing, 1).eq(self.i.p.final)
         with m.If(take & self.i.p.last):
             m.d.sync += [full.bit_select(writing, 1).eq(1), writing.eq(~writing)]

@@ -1,8 +1,9 @@
 """Which block of the design a cell of the placed netlist belongs to.
 
-Yosys optimises the whole design at once, so that a logic cell has no block by itself. A cell belongs to the block that drives the signal at
-its output, where that is a signal of the design (every flip-flop, memory and multiplier); otherwise, logic between two signals, to the
-block that most of its readers belong to. Every cell belongs to exactly one block: blocks add up to the whole.
+Yosys optimises the whole design at once, so that a logic cell has no block by itself. A cell belongs to the
+block that drives the signal at its output, where that is a signal of the design (every flip-flop, memory and
+multiplier); otherwise, logic between two signals, to the block that most of its readers belong to. Every cell
+belongs to exactly one block: blocks add up to the whole.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ BLOCKS = {
     "registers": "registers",
     "loader": "flash loader",
 }
-"""Submodule of the design: its block. What lies in none is wiring within the accelerator, and the top otherwise."""
+"""Submodule of the design: its block. What lies in none is wiring within the accelerator, and the top
+otherwise."""
 
 WIRING, TOP = "wiring", "top"
 
@@ -44,10 +46,11 @@ def block_of(path: str) -> str:
 
 
 def signal_blocks(rtlil: str, names: dict[str, Any], top: str) -> dict[str, str]:
-    """Block that drives each signal bit, by its name in the flat design (``a.b.signal`` or ``a.b.signal[3]``).
+    """Block that drives each signal bit, by its name in the flat design (``a.b.signal`` or
+    ``a.b.signal[3]``).
 
-    A net has a name in every module that it passes. It is driven in the deepest one, but not within one that it enters by an
-    input port.
+    A net has a name in every module that it passes. It is driven in the deepest one, but not within one that
+    it enters by an input port.
 
     Parameters
     ----------
@@ -70,7 +73,11 @@ def signal_blocks(rtlil: str, names: dict[str, Any], top: str) -> dict[str, str]
                     enters[bit].add(path)
     driver = {}
     for bit, paths in seen_in.items():
-        outside = [path for path in paths if not any(path == module or path.startswith(f"{module}.") for module in enters[bit])]
+        outside = [
+            path
+            for path in paths
+            if not any(path == module or path.startswith(f"{module}.") for module in enters[bit])
+        ]
         if outside:
             driver[bit] = max(outside, key=lambda path: (_depth(path), path))
     found = {}
@@ -98,7 +105,8 @@ def _module_inputs(rtlil: str, top: str) -> dict[str, set[str]]:
 
 
 def _module_of(name: str, modules: Iterable[str]) -> str:
-    """The innermost of the modules that a flat name lies in; the path of a name's own parts may hold points too."""
+    """The innermost of the modules that a flat name lies in; the path of a name's own parts may hold points
+    too."""
     parts = name.split(".")
     for count in range(len(parts) - 1, 0, -1):
         if (path := ".".join(parts[:count])) in modules:
@@ -118,10 +126,16 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
     signals:
         Of `signal_blocks`.
     border:
-        The submodule across whose border nothing was optimised: cells outside it are the top's, whatever reads them.
+        The submodule across whose border nothing was optimised: cells outside it are the top's, whatever
+        reads them.
     """
     (module,) = packed["modules"].values()
-    block_of_bit = {bit: signals[name] for name, net in module["netnames"].items() for bit in net["bits"] if name in signals}
+    block_of_bit = {
+        bit: signals[name]
+        for name, net in module["netnames"].items()
+        for bit in net["bits"]
+        if name in signals
+    }
     drives: dict[str, list[int]] = {}
     reads: dict[str, list[int]] = {}
     readers: dict[int, list[str]] = defaultdict(list)
@@ -147,13 +161,19 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
             del votes[TOP]  # not the harness' own, though the harness may read it
         if votes:
             found[name] = _most(votes)
-    # Backwards from what is known, a level of logic at a time; what nobody reads then goes with what it reads.
+    # Backwards from what is known, a level of logic at a time; what nobody reads then goes with what it
+    # reads.
     for neighbours in (readers, {bit: [name] for bit, name in writer.items()}):
         towards = drives if neighbours is readers else reads
         while True:
             settled = {}
             for name in drives.keys() - found.keys():
-                votes = Counter(found[other] for bit in towards[name] for other in neighbours.get(bit, ()) if other in found)
+                votes = Counter(
+                    found[other]
+                    for bit in towards[name]
+                    for other in neighbours.get(bit, ())
+                    if other in found
+                )
                 if border:
                     del votes[TOP]
                 if votes:

@@ -26,23 +26,29 @@ SENSING = "sensing"
 def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
     """SystemVerilog text of the accelerator, module ``accelerator``; the same text every time.
 
-    ``arrays`` is the integer model that goes into a ROM design (``loadable`` false); a loadable one is the same for every model.
+    ``arrays`` is the integer model that goes into a ROM design (``loadable`` false); a loadable one is the
+    same for every model.
 
-    Amaranth's own Verilog writes ``always @*`` blocks that miss their time-zero event in Icarus under -g2012, so a ready that is high
-    from reset on stays X for ever. As ``always_comb`` the same blocks wake each other without end at time zero in a design of this size.
-    So processes become multiplexers (``proc`` with them), which both simulators take; names that Yosys made are replaced (no
-    ``-norename``), because Icarus takes a function called ``$...`` for a system function.
+    Amaranth's own Verilog writes ``always @*`` blocks that miss their time-zero event in Icarus under -g2012,
+    so a ready that is high from reset on stays X for ever. As ``always_comb`` the same blocks wake each other
+    without end at time zero in a design of this size. So processes become multiplexers (``proc`` with them),
+    which both simulators take; names that Yosys made are replaced (no ``-norename``), because Icarus takes a
+    function called ``$...`` for a system function.
     """
     return _verilog(make_accelerator(config, _rom(config, arrays)), TOP)
 
 
 def export_sensing(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
-    """SystemVerilog text of the accelerator behind its converter, module ``sensing``; as `export` otherwise."""
+    """SystemVerilog text of the accelerator behind its converter, module ``sensing``; as `export`
+    otherwise."""
     return _verilog(Sensing(config, _rom(config, arrays)), SENSING)
 
 
-def export_board(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None, *, clock_hz: float, baud: float) -> str:
-    """SystemVerilog text of the accelerator behind its serial link, module ``board_top``; as `export` otherwise."""
+def export_board(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None, *, clock_hz: float, baud: float
+) -> str:
+    """SystemVerilog text of the accelerator behind its serial link, module ``board_top``; as `export`
+    otherwise."""
     return _verilog(BoardTop(config, _rom(config, arrays), clock_hz=clock_hz, baud=baud), BOARD_TOP)
 
 

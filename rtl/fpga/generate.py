@@ -1,6 +1,8 @@
-"""Everything that leaves the project for one integer model: Verilog, memory images, register map, C header, self-checking testbench.
+"""Everything that leaves the project for one integer model: Verilog, memory images, register map, C header,
+self-checking testbench.
 
-No file here is read back by the generator; co-simulation reads accelerator.sv, config.json, registers.json and load.hex.
+No file here is read back by the generator; co-simulation reads accelerator.sv, config.json, registers.json
+and load.hex.
 """
 
 from __future__ import annotations
@@ -38,7 +40,13 @@ MARK = "registers.json"
 """A folder with this file was generated and may be replaced."""
 
 
-def generate(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], out: str | Path, *, vectors: str | Path | None = None) -> Path:
+def generate(
+    config: AcceleratorConfig,
+    arrays: Mapping[str, np.ndarray],
+    out: str | Path,
+    *,
+    vectors: str | Path | None = None,
+) -> Path:
     """Write the generated folder, whole or not at all.
 
     Parameters
@@ -50,13 +58,15 @@ def generate(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], out: s
     out:
         New folder, an empty one, or an earlier generated one, which is replaced.
     vectors:
-        File of eskin.golden.model.vectors.write_vectors; its first recording becomes the self-checking testbench. None: no testbench.
+        File of eskin.golden.model.vectors.write_vectors; its first recording becomes the self-checking
+        testbench. None: no testbench.
 
     The folder
     ----------
-    accelerator.sv (module accelerator), with a converter sensing.sv (module sensing: the accelerator behind its pins), config.json,
-    memories/*.hex (one word a line, as MEMORY_SELECT addresses them), load.hex (bus
-    writes that load the model: address and word), registers.json, registers.h; with vectors: testbench.sv and vectors/*.hex.
+    accelerator.sv (module accelerator), with a converter sensing.sv (module sensing: the accelerator behind
+    its pins), config.json, memories/*.hex (one word a line, as MEMORY_SELECT addresses them), load.hex (bus
+    writes that load the model: address and word), registers.json, registers.h; with vectors: testbench.sv and
+    vectors/*.hex.
 
     Raises
     ------
@@ -75,7 +85,9 @@ def generate(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], out: s
     return out
 
 
-def _write_all(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], folder: Path, vectors: str | Path | None) -> None:
+def _write_all(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], folder: Path, vectors: str | Path | None
+) -> None:
     (folder / "accelerator.sv").write_text(export(config, arrays))
     if config.interface.converter != "none":
         (folder / f"{SENSING}.sv").write_text(export_sensing(config, arrays))
@@ -96,7 +108,11 @@ def _write_all(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], fold
 def boot_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:
     """(register, word) writes after reset: the whole model, or the mask alone where the memories are ROM."""
     memory = (Register.MEMORY_SELECT, Register.MEMORY_DATA)
-    return [(int(register), word) for register, word in load_writes(config, arrays) if config.hardware.loadable or register not in memory]
+    return [
+        (int(register), word)
+        for register, word in load_writes(config, arrays)
+        if config.hardware.loadable or register not in memory
+    ]
 
 
 def register_map(config: AcceleratorConfig) -> dict[str, Any]:
@@ -111,7 +127,10 @@ def register_map(config: AcceleratorConfig) -> dict[str, Any]:
             for register, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULTS", Fault))
         },
         "measures": {measure.name: int(measure) for measure in Measure},
-        "memories": {"WEIGHTS0" if config.is_image else "LANE0": 0, **{memory.name: int(memory) for memory in named}},
+        "memories": {
+            "WEIGHTS0" if config.is_image else "LANE0": 0,
+            **{memory.name: int(memory) for memory in named},
+        },
         "lanes": config.hardware.lanes,
         "mask_words": -(-config.sensor.taxels // 16),
     }
@@ -128,7 +147,10 @@ def c_header(config: AcceleratorConfig) -> str:
         f"#define ESKIN_VERSION_VALUE {VERSION_VALUE}u",
         "",
     ]
-    lines += [f"#define ESKIN_{register.name} 0x{int(register):02X}u" for register in (*Register, *interface_registers(config))]
+    lines += [
+        f"#define ESKIN_{register.name} 0x{int(register):02X}u"
+        for register in (*Register, *interface_registers(config))
+    ]
     lines += [f"#define ESKIN_MASK_WORDS {-(-config.sensor.taxels // 16)}u", ""]
     for prefix, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULT", Fault)):
         lines += [f"#define ESKIN_{prefix}_{bit.name} 0x{int(bit):04X}u" for bit in bits]
@@ -153,7 +175,11 @@ def pack_decision(row: Iterable[int]) -> int:
 
 def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, writes: int) -> None:
     with np.load(vectors) as archive:
-        names = ("map", "logit", "decision") if config.is_image else ("sum", "fault", "feature", "state", "logit", "decision")
+        names = (
+            ("map", "logit", "decision")
+            if config.is_image
+            else ("sum", "fault", "feature", "state", "logit", "decision")
+        )
         end = {name: int(archive[f"{name}_offsets"][1]) for name in names}
         streams = {name: archive[name][:stop] for name, stop in end.items()}
         samples = archive["samples"][: archive["offsets"][1]]

@@ -51,13 +51,15 @@ RESOURCES = {
 
 
 UNUSED_LUT, FEED_THROUGH = f"{0:016b}", f"{0xFF00:016b}"
-"""Contents of a LUT that is none, and of one by which nextpnr leads a carry out of its chain (in a netlist there are no such buffers)."""
+"""Contents of a LUT that is none, and of one by which nextpnr leads a carry out of its chain (in a netlist
+there are no such buffers)."""
 
 PULLED_UP = ("pins__miso", "flash__miso", "scl", "sda")
 """Ports that nothing may drive: the pin's pull-up then tells that a converter is missing."""
 
 CLOCK_MHZ = "100"
-"""Said to nextpnr, whose placement is the same whatever is said: it is as fast as the seed makes it, which the caller compares."""
+"""Said to nextpnr, whose placement is the same whatever is said: it is as fast as the seed makes it, which
+the caller compares."""
 
 
 class DoesNotFit(Exception):
@@ -68,15 +70,20 @@ class DoesNotFit(Exception):
 
     def __init__(self, shortage: dict[str, tuple[int, int]]) -> None:
         self.shortage = shortage
-        super().__init__(", ".join(f"needs {needed} {what} of {available}" for what, (needed, available) in shortage.items()))
+        super().__init__(
+            ", ".join(
+                f"needs {needed} {what} of {available}" for what, (needed, available) in shortage.items()
+            )
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Implementation:
     """One placement.
 
-    fmax_hz: highest clock. path: the critical path in words. blocks: {block: {column of `COLUMNS`: count}}; all blocks together are the
-    whole device's use. utilisation: {resource in words: (used, available)}. bitstream: file.
+    fmax_hz: highest clock. path: the critical path in words. blocks: {block: {column of `COLUMNS`: count}};
+    all blocks together are the whole device's use. utilisation: {resource in words: (used, available)}.
+    bitstream: file.
     """
 
     seed: int
@@ -87,7 +94,9 @@ class Implementation:
     bitstream: Path
 
 
-def place(netlist: Netlist, target: Target, pins: Mapping[str, str], folder: Path, *, seed: int, border: str = "") -> Implementation:
+def place(
+    netlist: Netlist, target: Target, pins: Mapping[str, str], folder: Path, *, seed: int, border: str = ""
+) -> Implementation:
     """Place, route and pack; the same seed gives the same bitstream.
 
     Parameters
@@ -125,12 +134,16 @@ def place(netlist: Netlist, target: Target, pins: Mapping[str, str], folder: Pat
         "nextpnr.log",
     ]
     if family == "ice40":
-        lines = (f"set_io {'-pullup yes ' * port.startswith(PULLED_UP)}{port} {site}\n" for port, site in pins.items())
+        lines = (
+            f"set_io {'-pullup yes ' * port.startswith(PULLED_UP)}{port} {site}\n"
+            for port, site in pins.items()
+        )
         (folder / "pins.pcf").write_text("".join(lines))
         arguments += ["--pcf", "pins.pcf", "--asc", f"placed.{text}"]
     else:
         lines = (
-            f'LOCATE COMP "{port}" SITE "{site}";\nIOBUF PORT "{port}" IO_TYPE=LVCMOS33{" PULLMODE=UP" * port.startswith(PULLED_UP)};\n'
+            f'LOCATE COMP "{port}" SITE "{site}";\nIOBUF PORT "{port}" '
+            f"IO_TYPE=LVCMOS33{' PULLMODE=UP' * port.startswith(PULLED_UP)};\n"
             for port, site in pins.items()
         )
         (folder / "pins.lpf").write_text("".join(lines))
@@ -157,36 +170,51 @@ def place(netlist: Netlist, target: Target, pins: Mapping[str, str], folder: Pat
         path=_path_in_words(report, owner),
         blocks=_count(placed, owner),
         bitstream=bitstream,
-        utilisation={RESOURCES[name]: (row["used"], row["available"]) for name, row in report["utilization"].items() if name in RESOURCES},
+        utilisation={
+            RESOURCES[name]: (row["used"], row["available"])
+            for name, row in report["utilization"].items()
+            if name in RESOURCES
+        },
     )
 
 
 def _use(log: Path) -> dict[str, tuple[int, int]]:
     """(needed, available) of each resource by nextpnr's log."""
     found = re.findall(r"(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", log.read_text() if log.exists() else "")
-    return {RESOURCES[name]: (int(used), int(available)) for name, used, available in found if name in RESOURCES}
+    return {
+        RESOURCES[name]: (int(used), int(available)) for name, used, available in found if name in RESOURCES
+    }
 
 
 def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str, int]]:
     blocks: dict[str, Counter[str]] = defaultdict(Counter)
     (module,) = placed["modules"].values()
-    constants = {bit for name, net in module["netnames"].items() if name.startswith("$PACKER_") for bit in net["bits"]}
+    constants = {
+        bit for name, net in module["netnames"].items() if name.startswith("$PACKER_") for bit in net["bits"]
+    }
     for name, cell in module["cells"].items():
         kind, counts, given = cell["type"], blocks[owner[name]], cell["parameters"]
         if kind == "ICESTORM_LC":
             counts["cells"] += 1
             counts["ff"] += given["DFF_ENABLE"].endswith("1")
             counts["carry"] += given["CARRY_ENABLE"].endswith("1")
-            # The others: a flip-flop alone, a carry alone (unless a LUT has joined it), room between carry chains.
+            # The others: a flip-flop alone, a carry alone (unless a LUT has joined it), room between carry
+            # chains.
             joined = name.endswith("$CARRY") and given["LUT_INIT"][-16:] not in (UNUSED_LUT, FEED_THROUGH)
-            counts["lut"] += name.endswith("_LC") or (joined and constants.isdisjoint(cell["connections"]["O"]))
+            counts["lut"] += name.endswith("_LC") or (
+                joined and constants.isdisjoint(cell["connections"]["O"])
+            )
         elif kind == "TRELLIS_COMB":
             counts["cells"] += 1
             counts["carry"] += given.get("MODE") == "CCU2"
             counts["lut"] += given.get("MODE", "LOGIC") == "LOGIC"
         elif kind in KINDS:
             counts[KINDS[kind]] += 1
-    return {name: {column: counts[column] for column in COLUMNS} for name, counts in sorted(blocks.items()) if counts.total()}
+    return {
+        name: {column: counts[column] for column in COLUMNS}
+        for name, counts in sorted(blocks.items())
+        if counts.total()
+    }
 
 
 def _path_in_words(report: dict[str, Any], owner: dict[str, str]) -> str:
@@ -195,7 +223,11 @@ def _path_in_words(report: dict[str, Any], owner: dict[str, str]) -> str:
     def delay(path: dict[str, Any]) -> float:
         return sum(part["delay"] for part in path["path"])
 
-    inside = [path for path in report["critical_paths"] if path["from"] == path["to"] and path["from"].startswith("posedge")]
+    inside = [
+        path
+        for path in report["critical_paths"]
+        if path["from"] == path["to"] and path["from"].startswith("posedge")
+    ]
     if not inside:
         return "no path between two registers"
     worst = max(inside, key=delay)
@@ -203,10 +235,14 @@ def _path_in_words(report: dict[str, Any], owner: dict[str, str]) -> str:
     ends = (parts[0]["from"]["cell"], parts[-1]["to"]["cell"])
     begin, end = (f"{owner.get(cell, block_of(cell))} ({_signal(cell)})" for cell in ends)
     logic = [part for part in parts if part["type"] == "logic"]
-    carries = sum(part["from"]["port"].startswith(("CIN", "FCI")) or part["to"]["port"].startswith(("COUT", "FCO")) for part in logic)
+    carries = sum(
+        part["from"]["port"].startswith(("CIN", "FCI")) or part["to"]["port"].startswith(("COUT", "FCO"))
+        for part in logic
+    )
     wires = sum(part["delay"] for part in parts if part["type"] == "routing")
     return (
-        f"from {begin} to {end}: {delay(worst):.1f} ns through {len(logic) - carries} logic cells and {carries} carries, "
+        f"from {begin} to {end}: {delay(worst):.1f} ns through {len(logic) - carries} logic cells and "
+        f"{carries} carries, "
         f"{100 * wires / delay(worst):.0f} % of it wires"
     )
 

@@ -10,9 +10,11 @@ from eskin.rtl.interface.i2c_master import I2C_PINS
 
 
 class OpenDrain(wiring.Component):
-    """``inner`` with the pins ``scl`` and ``sda`` in place of its port ``pins`` (`I2C_PINS`); its other ports as they are.
+    """``inner`` with the pins ``scl`` and ``sda`` in place of its port ``pins`` (`I2C_PINS`); its other ports
+    as they are.
 
-    Each pin is a buffer whose output is a constant 0 and whose enable is the pull: no state of the design drives it high.
+    Each pin is a buffer whose output is a constant 0 and whose enable is the pull: no state of the design
+    drives it high.
     """
 
     def __init__(self, inner: wiring.Component) -> None:
@@ -32,5 +34,7 @@ class OpenDrain(wiring.Component):
                 m.d.comb += mine.eq(its) if member.flow is wiring.Out else its.eq(mine)
         low = Const(0, 1)
         m.submodules.scl = IOBufferInstance(IOPort(1, name="scl"), o=low, oe=inner.pins.scl_low)
-        m.submodules.sda = IOBufferInstance(IOPort(1, name="sda"), i=inner.pins.sda, o=low, oe=inner.pins.sda_low)
+        m.submodules.sda = IOBufferInstance(
+            IOPort(1, name="sda"), i=inner.pins.sda, o=low, oe=inner.pins.sda_low
+        )
         return m

@@ -1,4 +1,5 @@
-"""Yosys on a design: RTLIL in, a netlist of one FPGA family's cells out (JSON for nextpnr, Verilog for simulation, counts)."""
+"""Yosys on a design: RTLIL in, a netlist of one FPGA family's cells out (JSON for nextpnr, Verilog for
+simulation, counts)."""
 
 from __future__ import annotations
 
@@ -24,9 +25,9 @@ from eskin.rtl.top.image_accelerator import make_accelerator
 class Family:
     """What distinguishes one family of parts for Yosys.
 
-    synth: the command. dsp: the cell with a multiplier (None: there is none). library: files of its cell models in
-    Yosys' share folder (``+``), the first for simulation. power_on_s: seconds of reset that the part needs once it is configured.
-    blocks: shapes (words, bits) of a block memory.
+    synth: the command. dsp: the cell with a multiplier (None: there is none). library: files of its cell
+    models in Yosys' share folder (``+``), the first for simulation. power_on_s: seconds of reset that the
+    part needs once it is configured. blocks: shapes (words, bits) of a block memory.
     """
 
     name: str
@@ -37,19 +38,37 @@ class Family:
     power_on_s: float = 0.0
 
     def power_on_cycles(self, clock_hz: float) -> int:
-        """Cycles of reset at a clock of ``clock_hz``: the power of two that lasts ``power_on_s`` or longer; 0 where none is needed."""
+        """Cycles of reset at a clock of ``clock_hz``: the power of two that lasts ``power_on_s`` or longer; 0
+        where none is needed."""
         return 1 << (math.ceil(self.power_on_s * clock_hz) - 1).bit_length() if self.power_on_s else 0
 
 
 BLOCK_MEMORY_S = 15e-6
-"""Block memories of an iCE40 read zeros for some 3 us after configuration, by a delay of the part's own that nothing tells
-(YosysHQ/icestorm issue 76); five times as long, as amaranth's platform for these parts waits."""
+"""Block memories of an iCE40 read zeros for some 3 us after configuration, by a delay of the part's own that
+nothing tells (YosysHQ/icestorm issue 76); five times as long, as amaranth's platform for these parts
+waits."""
 
 ICE40_DSP = Family(
-    name="ice40", synth="synth_ice40 -device u -dsp", dsp="SB_MAC16", library="+/ice40/cells_sim.v", power_on_s=BLOCK_MEMORY_S
+    name="ice40",
+    synth="synth_ice40 -device u -dsp",
+    dsp="SB_MAC16",
+    library="+/ice40/cells_sim.v",
+    power_on_s=BLOCK_MEMORY_S,
 )
-ICE40_HX = Family(name="ice40", synth="synth_ice40 -device hx", dsp=None, library="+/ice40/cells_sim.v", power_on_s=BLOCK_MEMORY_S)
-ICE40_LP = Family(name="ice40", synth="synth_ice40 -device lp", dsp=None, library="+/ice40/cells_sim.v", power_on_s=BLOCK_MEMORY_S)
+ICE40_HX = Family(
+    name="ice40",
+    synth="synth_ice40 -device hx",
+    dsp=None,
+    library="+/ice40/cells_sim.v",
+    power_on_s=BLOCK_MEMORY_S,
+)
+ICE40_LP = Family(
+    name="ice40",
+    synth="synth_ice40 -device lp",
+    dsp=None,
+    library="+/ice40/cells_sim.v",
+    power_on_s=BLOCK_MEMORY_S,
+)
 MULTIPLIERS = ("SB_MAC16", "MULT18X18D")
 
 ECP5 = Family(
@@ -66,13 +85,14 @@ WHOLE_WORDS = Path(__file__).with_name("whole_words.v")
 
 
 class Chain(wiring.Component):
-    """The accelerator without its probes: onset to decision, without the host link; ports ``i``, ``o``, ``bus``, ``busy``.
+    """The accelerator without its probes: onset to decision, without the host link; ports ``i``, ``o``,
+    ``bus``, ``busy``.
 
     Parameters
     ----------
     readable:
-        False: the bus has no read side, so that registers and counters that could only be read are not there. What reads them is the
-        link, and their cells count with it.
+        False: the bus has no read side, so that registers and counters that could only be read are not there.
+        What reads them is the link, and their cells count with it.
     """
 
     def __init__(self, config: AcceleratorConfig, images=None, *, readable: bool = True) -> None:
@@ -96,7 +116,8 @@ class Chain(wiring.Component):
 
 
 class Harness(wiring.Component):
-    """`Chain` behind four pins, for parts that have fewer pins than it has ports: an area and timing figure needs registers on both sides.
+    """`Chain` behind four pins, for parts that have fewer pins than it has ports: an area and timing figure
+    needs registers on both sides.
 
     Members
     -------
@@ -125,7 +146,8 @@ class Harness(wiring.Component):
 class PoweredOn(wiring.Component):
     """``inner`` as the top of a bitstream: clocked by the pin ``clk``, its other ports as pins.
 
-    The part gives every flip-flop its reset value when it is configured; ``hold`` > 0 keeps them there for so many cycles more.
+    The part gives every flip-flop its reset value when it is configured; ``hold`` > 0 keeps them there for so
+    many cycles more.
 
     Parameters
     ----------
@@ -160,8 +182,9 @@ class PoweredOn(wiring.Component):
 class Netlist:
     """What `synthesise` wrote.
 
-    json (for nextpnr), verilog (cells of the family, one flat module ``top``), cells: number of cells by type, names: the design before
-    any optimisation, flat, by which signals of the netlist are told apart; rtlil: the design.
+    json (for nextpnr), verilog (cells of the family, one flat module ``top``), cells: number of cells by
+    type, names: the design before any optimisation, flat, by which signals of the netlist are told apart;
+    rtlil: the design.
     """
 
     top: str
@@ -185,16 +208,19 @@ class Netlist:
         return sum(self.cells.get(name, 0) for name in MULTIPLIERS)
 
 
-def synthesise(design, family: Family, folder: Path, *, top: str = "accelerator", keep: Sequence[str] = ()) -> Netlist:
+def synthesise(
+    design, family: Family, folder: Path, *, top: str = "accelerator", keep: Sequence[str] = ()
+) -> Netlist:
     """Netlist of ``design`` in ``folder`` (made if missing): TOP.il, TOP.json, TOP.v and what Yosys says.
 
-    Multiplier cells that the design instantiates by itself are out of Yosys' sight while products are mapped: its pass for inferred
-    products merges and drops instantiated ones without a word.
+    Multiplier cells that the design instantiates by itself are out of Yosys' sight while products are mapped:
+    its pass for inferred products merges and drops instantiated ones without a word.
 
     Parameters
     ----------
     keep:
-        Paths of submodules across whose borders nothing is optimised, so that their cells can be told from the rest.
+        Paths of submodules across whose borders nothing is optimised, so that their cells can be told from
+        the rest.
 
     Raises
     ------
@@ -249,7 +275,10 @@ def synthesise(design, family: Family, folder: Path, *, top: str = "accelerator"
     asked = _count(folder / "asked.json").get(kept, 0) if kept else 0
     result = Netlist.of(folder, family, top)
     if result.multipliers < asked:
-        raise ToolError(f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has {result.multipliers}")
+        raise ToolError(
+            f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has "
+            f"{result.multipliers}"
+        )
     return result
 
 

@@ -18,10 +18,11 @@ from eskin.rtl.fpga.synthesis import ECP5, ICE40_DSP, ICE40_HX, ICE40_LP, Family
 class Target:
     """A board.
 
-    device: the part's name. family: for Yosys. place: nextpnr's options for part and package. clock_pin, clock_hz: the board's oscillator
-    (the upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led: a lamp, or a free pin.
-    pins: further free pins, in the order in which they are given out. flash: (select, clock, to it, from it) of the SPI flash that
-    holds the bitstream, where all four are pins of the part.
+    device: the part's name. family: for Yosys. place: nextpnr's options for part and package. clock_pin,
+    clock_hz: the board's oscillator (the upduino's is on a pin of its own, 20, behind a solder jumper). uart:
+    (rx, tx) as the FPGA sees them. led: a lamp, or a free pin. pins: further free pins, in the order in which
+    they are given out. flash: (select, clock, to it, from it) of the SPI flash that holds the bitstream,
+    where all four are pins of the part.
     """
 
     name: str
@@ -36,7 +37,8 @@ class Target:
     flash: tuple[str, ...] = ()
 
 
-# On the nearly full 1280-cell parts nextpnr's usual router (one net after the other, tearing out what is in its way) may go on for ever.
+# On the nearly full 1280-cell parts nextpnr's usual router (one net after the other, tearing out what is in
+# its way) may go on for ever.
 _SMALL = ("--router", "router2")
 _PARTS = {
     ("iCE40UP5K", "SG48"): (ICE40_DSP, ("--up5k", "--package", "sg48")),
@@ -47,9 +49,15 @@ _PARTS = {
 
 
 def _target(
-    name: str, module: str, platform: str, connector: tuple[str, ...], uart: tuple[str, ...] = (), led: str | None = None
+    name: str,
+    module: str,
+    platform: str,
+    connector: tuple[str, ...],
+    uart: tuple[str, ...] = (),
+    led: str | None = None,
 ) -> Target:
-    """Read a board off amaranth-boards. ``connector``: free pins; ``uart``, ``led``: pins (rx, tx) where the board has none of its own."""
+    """Read a board off amaranth-boards. ``connector``: free pins; ``uart``, ``led``: pins (rx, tx) where the
+    board has none of its own."""
     board: Any = getattr(import_module(f"amaranth_boards.{module}"), platform)()
     family, place = _PARTS[board.device, board.package]
     pins = [board._conn_pins.get(pin, pin) for pin in connector]
@@ -87,8 +95,11 @@ _PMOD_0, _PMOD_1 = (_pmod(number, 1, 2, 3, 4, 7, 8, 9, 10) for number in (0, 1))
 _J1 = tuple(f"j_1:{pin}" for pin in range(3, 11))
 
 _BOARDS: dict[str, Callable[[str], Target]] = {
-    "icebreaker": partial(_target, module="icebreaker", platform="ICEBreakerPlatform", connector=_PMOD_0 + _PMOD_1),
-    # The USB side of this board is no UART of the FPGA: an adapter goes to the pins that are called 2 and 47 on it.
+    "icebreaker": partial(
+        _target, module="icebreaker", platform="ICEBreakerPlatform", connector=_PMOD_0 + _PMOD_1
+    ),
+    # The USB side of this board is no UART of the FPGA: an adapter goes to the pins that are called 2 and 47
+    # on it.
     "upduino": partial(
         _target,
         module="upduino_v3",
@@ -98,11 +109,17 @@ _BOARDS: dict[str, Callable[[str], Target]] = {
         connector=tuple(f"j_0:{pin}" for pin in range(7, 21)),
     ),
     "ulx3s": partial(
-        _target, module="ulx3s", platform="ULX3S_25F_Platform", connector=tuple(f"gpio_0:{pin}{side}" for pin in range(14) for side in "+-")
+        _target,
+        module="ulx3s",
+        platform="ULX3S_25F_Platform",
+        connector=tuple(f"gpio_0:{pin}{side}" for pin in range(14) for side in "+-"),
     ),
     "icestick": partial(_target, module="icestick", platform="ICEStickPlatform", connector=_PMOD_0 + _J1),
     "icesugar-nano": partial(
-        _target, module="icesugar_nano", platform="ICESugarNanoPlatform", connector=(*_pmod(2, 1, 2, 3, 4, 7, 8, 9, 10), "pmod_0:1")
+        _target,
+        module="icesugar_nano",
+        platform="ICESugarNanoPlatform",
+        connector=(*_pmod(2, 1, 2, 3, 4, 7, 8, 9, 10), "pmod_0:1"),
     ),
 }
 

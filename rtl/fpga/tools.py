@@ -1,6 +1,7 @@
 """Yosys, nextpnr and their packers: WebAssembly programs in Python packages.
 
-They see the working folder but not the machine's /tmp, so every call runs in the folder of its files and names them without a path.
+They see the working folder but not the machine's /tmp, so every call runs in the folder of its files and
+names them without a path.
 """
 
 from __future__ import annotations
@@ -25,7 +26,8 @@ class ToolError(RuntimeError):
 
 
 def run_tool(tool: str, arguments: Sequence[str], folder: Path) -> None:
-    """Run a tool of `TOOLS` in ``folder``. Its first use on a machine, when it compiles itself, is announced on standard error.
+    """Run a tool of `TOOLS` in ``folder``. Its first use on a machine, when it compiles itself, is announced
+    on standard error.
 
     Parameters
     ----------

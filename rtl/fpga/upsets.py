@@ -1,4 +1,5 @@
-"""The design with a way in for upsets: every flip-flop and every memory bit can be inverted at any clock edge, in simulation."""
+"""The design with a way in for upsets: every flip-flop and every memory bit can be inverted at any clock
+edge, in simulation."""
 
 from __future__ import annotations
 
@@ -20,8 +21,8 @@ from eskin.rtl.program.memory_map import memory_images
 
 TOP = "accelerator"
 PORTS = ("upset_register", "upset_memory", "upset_word", "upset_bit")
-"""Inputs (16 bits each): the number of a register, or of a memory and a word of it, and the bit that is inverted at the next clock edge.
-0 = none."""
+"""Inputs (16 bits each): the number of a register, or of a memory and a word of it, and the bit that is
+inverted at the next clock edge. 0 = none."""
 _REGISTER = re.compile(r"^(?P<indent> +)(?P<name>\\\S+ |\w+) ?<= (?P<value>.*);$")
 
 
@@ -29,7 +30,8 @@ _REGISTER = re.compile(r"^(?P<indent> +)(?P<name>\\\S+ |\w+) ?<= (?P<value>.*);$
 class Site:
     """Where upsets can come: a register (words 0) or a memory.
 
-    number: its number at the port. name: in the flat design. width: bits. words: of a memory. output: a memory's output register.
+    number: its number at the port. name: in the flat design. width: bits. words: of a memory. output: a
+    memory's output register.
     """
 
     number: int
@@ -40,14 +42,17 @@ class Site:
 
     @property
     def block(self) -> str:
-        """The part of the chain that it is in: its first two levels of hierarchy, without the memory or register itself."""
+        """The part of the chain that it is in: its first two levels of hierarchy, without the memory or
+        register itself."""
         parts = self.name.split(".")[:-1]
         return ".".join(parts[:2]) or "accelerator"
 
 
-def with_upsets(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> tuple[str, list[Site]]:
-    """SystemVerilog of the chain without probes (module ``accelerator``, flat) with the inputs of `PORTS` and the output ``hung`` (the
-    watchdog acts in this cycle), and its sites.
+def with_upsets(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None
+) -> tuple[str, list[Site]]:
+    """SystemVerilog of the chain without probes (module ``accelerator``, flat) with the inputs of `PORTS` and
+    the output ``hung`` (the watchdog acts in this cycle), and its sites.
 
     ``arrays``: as for ``eskin.rtl.fpga.export.export``.
 
@@ -56,7 +61,9 @@ def with_upsets(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | No
     RuntimeError
         The text has a clocked process of a form not known here: an upset would be missing.
     """
-    return _with_upsets(Chain(config, None if config.hardware.loadable or arrays is None else memory_images(config, arrays)))
+    return _with_upsets(
+        Chain(config, None if config.hardware.loadable or arrays is None else memory_images(config, arrays))
+    )
 
 
 def link_with_upsets(config: AcceleratorConfig, divisor: int) -> tuple[str, list[Site]]:
@@ -79,7 +86,9 @@ def _rewritten(text: str) -> tuple[str, list[Site]]:
     widths: dict[str, int] = {}
     depths: dict[str, int] = {}
     for line in lines:
-        if found := re.match(r"  reg (?:signed )?(?:\[(\d+):0\] )?(\\\S+ |\w+)(?: ?\[(\d+):0\])?(?: = .*)?;$", line):
+        if found := re.match(
+            r"  reg (?:signed )?(?:\[(\d+):0\] )?(\\\S+ |\w+)(?: ?\[(\d+):0\])?(?: = .*)?;$", line
+        ):
             name = found[2].strip()
             widths[name] = int(found[1] or 0) + 1
             if found[3] is not None:
@@ -115,7 +124,9 @@ def _rewritten(text: str) -> tuple[str, list[Site]]:
     final = "\n".join(result)
     hung = "\\accelerator.watchdog.hung " if "\\accelerator.watchdog.hung " in final else "1'b0"
     final = final.replace("module accelerator(", f"module accelerator(hung, {', '.join(PORTS)}, ", 1)
-    declared = "".join(f"  input [15:0] {port};\n" for port in PORTS) + f"  output hung;\n  assign hung = {hung};\n"
+    declared = (
+        "".join(f"  input [15:0] {port};\n" for port in PORTS) + f"  output hung;\n  assign hung = {hung};\n"
+    )
     return final.replace(");\n", f");\n{declared}", 1), sites
 
 
@@ -123,7 +134,9 @@ def _plain(name: str) -> str:
     return name.removeprefix("\\").removeprefix("accelerator.")
 
 
-def _process(block: list[str], widths, depths, sites: list[Site], written: dict[str, int], at: int) -> list[str]:
+def _process(
+    block: list[str], widths, depths, sites: list[Site], written: dict[str, int], at: int
+) -> list[str]:
     """A clocked process with upsets."""
     out = []
     for line in block:
@@ -144,7 +157,8 @@ def _process(block: list[str], widths, depths, sites: list[Site], written: dict[
         sites.append(Site(number, _plain(label), widths[name], output=bool(reads)))
         flip = f"(upset_register == {number} ? {widths[name]}'d1 << upset_bit : {widths[name]}'d0)"
         value = found["value"]
-        if not reads:  # through a wire: the operator in one expression with it would make a signed value unsigned
+        # through a wire: the operator in one expression with it would make a signed value unsigned
+        if not reads:
             out[:0] = [f"  wire [{widths[name] - 1}:0] upset_of_{number} = {value};"]
             value = f"upset_of_{number}"
         out.append(f"{found['indent']}{found['name']} <= {value} ^ {flip};")

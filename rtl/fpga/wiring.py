@@ -37,9 +37,10 @@ SAID = {
 class Wiring:
     """A design on a board.
 
-    link: a host's serial line. sensing: frames from the configuration's converter, its stimulator if it has one. flash: the model
-    comes out of the board's flash. None of them: onset to decision alone, in a harness. class_pins: how a design without a
-    converter shows the class; None: a pin for each class where the board has so many, else its index as a number.
+    link: a host's serial line. sensing: frames from the configuration's converter, its stimulator if it has
+    one. flash: the model comes out of the board's flash. None of them: onset to decision alone, in a harness.
+    class_pins: how a design without a converter shows the class; None: a pin for each class where the board
+    has so many, else its index as a number.
     """
 
     config: AcceleratorConfig
@@ -49,9 +50,13 @@ class Wiring:
     flash: bool = False
     class_pins: ClassPins | None = None
 
-    def design(self, images: Mapping[int, list[int]] | None, clock_hz: float, baud: float | None) -> PoweredOn:
-        """The design, reset at power-on until its part is ready; alone, that belongs to the board's top, which is not there."""
-        hold = self.target.family.power_on_cycles(max(clock_hz, self.target.clock_hz))  # long enough whichever of them it is
+    def design(
+        self, images: Mapping[int, list[int]] | None, clock_hz: float, baud: float | None
+    ) -> PoweredOn:
+        """The design, reset at power-on until its part is ready; alone, that belongs to the board's top,
+        which is not there."""
+        # long enough whichever of them it is
+        hold = self.target.family.power_on_cycles(max(clock_hz, self.target.clock_hz))
         if self.sensing:
             skin = SkinTop(self.config, images, clock_hz=clock_hz, baud=baud, flash=self.flash)
             shared = skin.signature.members["pins"].signature == I2C_PINS
@@ -73,9 +78,9 @@ class Wiring:
         return ["decision_valid", *names, *["unsure"] * bool(self.config.network.margin_threshold)]
 
     def sites(self) -> dict[str, str]:
-        """Site of each port: the converter on the first free pins, in the order of a Pmod with SPI (select, data out, data in,
-        clock; then more data in and selects), stimulator and decisions from `STIMULATOR_PIN` on; without one decisions on the
-        first pins.
+        """Site of each port: the converter on the first free pins, in the order of a Pmod with SPI (select,
+        data out, data in, clock; then more data in and selects), stimulator and decisions from
+        `STIMULATOR_PIN` on; without one decisions on the first pins.
 
         Raises
         ------
@@ -93,8 +98,12 @@ class Wiring:
             ports = [*["stim_tx"] * (self.config.interface.stimulator != "none"), *ports]
             place = max(STIMULATOR_PIN, len(wires))
         if place + len(ports) > len(target.pins):
-            raise InputError(f"--target {target.name}: has {len(target.pins)} free pins{self._too_few(place + len(ports))}")
-        free = dict(zip(wires, target.pins, strict=False)) | dict(zip(ports, target.pins[place:], strict=False))
+            raise InputError(
+                f"--target {target.name}: has {len(target.pins)} free pins{self._too_few(place + len(ports))}"
+            )
+        free = dict(zip(wires, target.pins, strict=False)) | dict(
+            zip(ports, target.pins[place:], strict=False)
+        )
         return own | {"led": target.led} | memory | line | free
 
     def _too_few(self, needed: int) -> str:
@@ -102,9 +111,15 @@ class Wiring:
         if self.sensing:
             return f", and converter, stimulator and {classes}; use another board or converter"
         fewer = {kind: len(self._decisions(kind)) for kind in ("binary", "none")}
-        helps = [f"--class-pins {kind} needs {count}" for kind, count in fewer.items() if count <= len(self.target.pins)]
+        helps = [
+            f"--class-pins {kind} needs {count}"
+            for kind, count in fewer.items()
+            if count <= len(self.target.pins)
+        ]
         others = [board(name) for name in TARGETS if name != self.target.name]
-        helps += [f"--target {other.name} has {len(other.pins)}" for other in others if len(other.pins) >= needed]
+        helps += [
+            f"--target {other.name} has {len(other.pins)}" for other in others if len(other.pins) >= needed
+        ]
         return f" and {classes}; {', '.join([*helps, '--no-link needs none'])}"
 
     def _wires(self) -> dict[str, str]:

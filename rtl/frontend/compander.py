@@ -12,7 +12,8 @@ from eskin.rtl.common.layouts import sum_layout
 
 
 class Compander(wiring.Component):
-    """``sign(d) * ((e - K) * 2**F + floor(2**F * b / 2**e) - 2**F)``, ``b = |d| + 2**K``, ``2**e`` the largest power of two in b.
+    """``sign(d) * ((e - K) * 2**F + floor(2**F * b / 2**e) - 2**F)``, ``b = |d| + 2**K``, ``2**e`` the
+    largest power of two in b.
 
     The bits of b below its leading one already are the fraction, so this needs neither a logarithm nor a
     product. The position of the leading one is the integer part and selects the F bits.
@@ -30,7 +31,8 @@ class Compander(wiring.Component):
 
     Timing
     ------
-    One beat a cycle, out one cycle after it was taken. The result leaves through the logic behind the register.
+    One beat a cycle, out one cycle after it was taken. The result leaves through the logic behind the
+    register.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -48,12 +50,18 @@ class Compander(wiring.Component):
         with m.If(self.i.ready):
             m.d.sync += self.o.valid.eq(self.i.valid)
         with m.If(self.i.valid & self.i.ready):
-            m.d.sync += [biased.eq(biased_magnitude(self.i.p.complement, knee)), negative.eq(is_negative), passed.eq(self.i.p)]
+            m.d.sync += [
+                biased.eq(biased_magnitude(self.i.p.complement, knee)),
+                negative.eq(is_negative),
+                passed.eq(self.i.p),
+            ]
 
         companded = Signal(width - 1)
         logarithm(m, companded, biased, knee, fraction)
         result = Mux(negative, companded - 1, ~Cat(companded, Const(0, 1)))
         if "integral" in config.features.feature_kinds:  # companded already
-            result = Mux(passed.kind == config.features.feature_kinds.index("integral"), passed.complement, result)
+            result = Mux(
+                passed.kind == config.features.feature_kinds.index("integral"), passed.complement, result
+            )
         m.d.comb += [self.o.p.eq(passed), self.o.p.complement.eq(result)]
         return m

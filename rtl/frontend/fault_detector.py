@@ -1,4 +1,5 @@
-"""Which taxels are stuck, silent or saturated (docs/specification.md, section 10): a branch beside the front of the chain."""
+"""Which taxels are stuck, silent or saturated (docs/specification.md, section 10): a branch beside the front
+of the chain."""
 
 from __future__ import annotations
 
@@ -27,9 +28,11 @@ class FaultDetector(wiring.Component):
     Ports
     -----
     i : In(struct: valid, taxel)
-        A beat is taken in this cycle, of this taxel; never held up. Frames are whole: ``taxels`` beats each, taxel 0 first.
+        A beat is taken in this cycle, of this taxel; never held up. Frames are whole: ``taxels`` beats each,
+        taxel 0 first.
     complement : In(fault_bits), settling : In(1)
-        Of the beat taken last, in the cycle after and until the next one is: the lowest bits of ~sample; the rest level is not known yet.
+        Of the beat taken last, in the cycle after and until the next one is: the lowest bits of ~sample; the
+        rest level is not known yet.
     flag : Out(1)
         In the same cycles: the taxel's flag, this frame's verdict included.
     flags : Out(taxels)
@@ -39,8 +42,8 @@ class FaultDetector(wiring.Component):
 
     Timing
     ------
-    One beat a cycle. ``flag`` comes 1 cycle after its beat was taken, through the logic behind the memory: a taxel's verdict is known with
-    its own sample, so that nothing waits for the end of the frame.
+    One beat a cycle. ``flag`` comes 1 cycle after its beat was taken, through the logic behind the memory: a
+    taxel's verdict is known with its own sample, so that nothing waits for the end of the frame.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -61,7 +64,9 @@ class FaultDetector(wiring.Component):
         bits, limit = config.fault_bits, config.faults.fault_activity
         width = max(1, limit.bit_length())
         layout = data.StructLayout({"sample": bits, "left": width, "active": 1, "flag": 1})
-        m.submodules.state = state = Memory(shape=layout, depth=config.sensor.taxels, init=[], attrs=NO_COLLISION)
+        m.submodules.state = state = Memory(
+            shape=layout, depth=config.sensor.taxels, init=[], attrs=NO_COLLISION
+        )
         read, write = state.read_port(), state.write_port()
         fresh, taxel = Signal(), Signal.like(self.i.taxel)
         m.d.sync += fresh.eq(self.i.valid)

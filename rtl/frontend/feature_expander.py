@@ -1,4 +1,5 @@
-"""One deviation becomes one beat for each kind of feature (docs/specification.md, section 2: what a window gives)."""
+"""One deviation becomes one beat for each kind of feature (docs/specification.md, section 2: what a window
+gives)."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ def expander_slots(config: AcceleratorConfig) -> int:
 
 
 class FeatureExpander(wiring.Component):
-    """Each deviation as it comes becomes a beat for each of ``feature_kinds``, in their order; what follows sees more taxels.
+    """Each deviation as it comes becomes a beat for each of ``feature_kinds``, in their order; what follows
+    sees more taxels.
 
     - ``mean``: the deviation e itself.
     - ``activity``: the block's activity with the last frame of each ``activity_block`` frames, 0 with the
@@ -35,10 +37,11 @@ class FeatureExpander(wiring.Component):
       of the previous hop with every hop that begins outside a touch, so at an onset it covers what the first
       window has seen. (A touch continues after a frame with ``emit`` but without ``end``.)
 
-    State is written by the first beats of a recording or touch before it is used, whatever was in the memory. Bounds: |s| <= B times
-    ``deviation_bound``; |r| <= ``block_bound``; |C| <= hop times ``deviation_bound``; |S| <= ``integral_bound``: a touch has
-    ``last_frame`` frames from its first window on, and with no touch S spans two hops at most. (Opens at once: S runs on beyond the touch,
-    and wraps, but no window takes it then.)
+    State is written by the first beats of a recording or touch before it is used, whatever was in the memory.
+    Bounds: |s| <= B times ``deviation_bound``; |r| <= ``block_bound``; |C| <= hop times ``deviation_bound``;
+    |S| <= ``integral_bound``: a touch has ``last_frame`` frames from its first window on, and with no touch S
+    spans two hops at most. (Opens at once: S runs on beyond the touch, and wraps, but no window takes it
+    then.)
 
     Parameters
     ----------
@@ -56,8 +59,9 @@ class FeatureExpander(wiring.Component):
 
     Timing
     ------
-    A deviation takes ``expander_slots`` cycles while ``o`` is taken: up to the slot (``SLOTS``) of its last kind. The beat of each kind is
-    offered in the cycle after its slot: the mean 1 cycle after the deviation was seen, activity 2, the integral 3.
+    A deviation takes ``expander_slots`` cycles while ``o`` is taken: up to the slot (``SLOTS``) of its last
+    kind. The beat of each kind is offered in the cycle after its slot: the mean 1 cycle after the deviation
+    was seen, activity 2, the integral 3.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -76,7 +80,10 @@ class FeatureExpander(wiring.Component):
         kinds, slots = config.features.feature_kinds, expander_slots(config)
         taxel, slot = Signal(range(config.sensor.taxels)), Signal(range(max(slots, 2)))
         advance, step = Signal(), Signal()
-        at_last, last_slot = reaches(taxel, config.sensor.taxels - 1), reaches(slot, slots - 1) if slots > 1 else Const(1, 1)
+        at_last, last_slot = (
+            reaches(taxel, config.sensor.taxels - 1),
+            reaches(slot, slots - 1) if slots > 1 else Const(1, 1),
+        )
         taken, frame_taken = Signal(), Signal()
         m.d.comb += [
             advance.eq(~self.o.valid | self.o.ready),
@@ -129,7 +136,9 @@ class FeatureExpander(wiring.Component):
                     lone = Signal(init=1)
                     with m.If(frame_taken & block_ends):
                         m.d.sync += lone.eq(ends)
-                    next_state["change"] = Mux(block_first, -old, keep("change", signed_bits(config.block_bound))) + deviation
+                    next_state["change"] = (
+                        Mux(block_first, -old, keep("change", signed_bits(config.block_bound))) + deviation
+                    )
                 else:
                     next_state["change"] = deviation - old
                 block_ends &= ~lone
@@ -139,13 +148,18 @@ class FeatureExpander(wiring.Component):
             if config.windows.window_mode == "free" and not config.opens_at_once:
                 hop_first, falls = Signal(init=1), Signal(init=1)
                 with m.If(frame_taken):
-                    m.d.sync += [hop_first.eq(self.i.p.hop_last), falls.eq(self.i.p.hop_last & ~(self.i.p.emit & ~self.i.p.end))]
+                    m.d.sync += [
+                        hop_first.eq(self.i.p.hop_last),
+                        falls.eq(self.i.p.hop_last & ~(self.i.p.emit & ~self.i.p.end)),
+                    ]
                 of_hop = keep("hop", signed_bits(config.windows.hop * bound))
                 next_state["hop"] = Mux(hop_first, 0, of_hop) + deviation
                 begins_from = Mux(falls, of_hop, total)
             next_state["total"] = Mux(first, 0, begins_from) + deviation
         widths = fields | ({"change": signed_bits(config.block_bound)} if "change" in next_state else {})
-        fresh = {name: Signal(signed(widths[name]), name=f"fresh_{name}", reset_less=True) for name in next_state}
+        fresh = {
+            name: Signal(signed(widths[name]), name=f"fresh_{name}", reset_less=True) for name in next_state
+        }
         with m.If(step & (slot == 0)):
             m.d.sync += [fresh[name].eq(value) for name, value in next_state.items()]
         if fields:
@@ -180,7 +194,11 @@ class FeatureExpander(wiring.Component):
             biased, below = Signal(config.integral_bits, reset_less=True), Signal()
             with m.If(step & (slot == 1)):
                 m.d.sync += [
-                    biased.eq(biased_magnitude(~fresh["total"], config.features.integral_knee)[: config.integral_bits]),
+                    biased.eq(
+                        biased_magnitude(~fresh["total"], config.features.integral_knee)[
+                            : config.integral_bits
+                        ]
+                    ),
                     below.eq(fresh["total"][-1]),
                 ]
             size = Signal(config.beat_bits - 1)
@@ -193,5 +211,8 @@ class FeatureExpander(wiring.Component):
                 with m.If(slot == SLOTS[kind]):
                     m.d.sync += self.o.p.complement.eq(complement[kind])
             flags = [name for name, _ in beat_layout(config) if name != "complement"]
-            m.d.sync += [self.o.valid.eq(self.i.valid & made_now), *(getattr(self.o.p, name).eq(getattr(self.i.p, name)) for name in flags)]
+            m.d.sync += [
+                self.o.valid.eq(self.i.valid & made_now),
+                *(getattr(self.o.p, name).eq(getattr(self.i.p, name)) for name in flags),
+            ]
         return m

@@ -47,7 +47,8 @@ class FrameAligner(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         index, advance = self.index, self.advance
-        filling, inside = Signal(), Signal()  # a frame is completed by itself; a frame has begun: the index is not 0
+        # a frame is completed by itself; a frame has begun: the index is not 0
+        filling, inside = (Signal(), Signal())
         at_last = reaches(index, self._taxels - 1)
         early = self.i.valid & self.i.p.first & inside
         stray = ~self.i.p.first & ~inside
@@ -57,7 +58,9 @@ class FrameAligner(wiring.Component):
             self.last.eq(at_last),
             self.frame_taken.eq(advance & self.offered & at_last),
             self.i.ready.eq(advance & ~filling & ~early),
-            self.framing_fault.eq(self.i.valid & ~filling & (early | (self.i.ready & (stray | (self.i.p.last != at_last))))),
+            self.framing_fault.eq(
+                self.i.valid & ~filling & (early | (self.i.ready & (stray | (self.i.p.last != at_last))))
+            ),
         ]
         with m.If(advance & self.offered):
             m.d.sync += [index.eq(wrapping_increment(index, self._taxels)), inside.eq(~at_last)]

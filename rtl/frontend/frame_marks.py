@@ -1,4 +1,5 @@
-"""What follows from the number of a frame alone: settling, blocks of the onset rule, hops (docs/specification.md, section 2)."""
+"""What follows from the number of a frame alone: settling, blocks of the onset rule, hops
+(docs/specification.md, section 2)."""
 
 from __future__ import annotations
 

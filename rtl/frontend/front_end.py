@@ -1,4 +1,5 @@
-"""The front end: samples in, centred window sums out. Wiring only (docs/specification.md, sections 2 and 3)."""
+"""The front end: samples in, centred window sums out. Wiring only (docs/specification.md, sections 2 and
+3)."""
 
 from __future__ import annotations
 
@@ -19,8 +20,8 @@ from eskin.rtl.frontend.window_averager import WindowAverager
 
 
 class FrontEnd(wiring.Component):
-    """OnsetDetector -> PreTriggerRing (``window_mode`` touch) -> FeatureExpander (``feature_kinds`` beyond the mean) -> WindowAverager ->
-    Compander (``compand`` log) -> Normaliser.
+    """OnsetDetector -> PreTriggerRing (``window_mode`` touch) -> FeatureExpander (``feature_kinds`` beyond
+    the mean) -> WindowAverager -> Compander (``compand`` log) -> Normaliser.
 
     A synchronous reset (``ResetInserter``) begins a recording. Memories keep their contents, but no later
     recording sees them.
@@ -44,16 +45,17 @@ class FrontEnd(wiring.Component):
     wrong, blank : Out(1)
         As of ``Normaliser``.
 
-    The parts are attributes (``detector``, ``ring`` or None, ``expander`` or None, ``averager``, ``compander`` or None, ``normaliser``) for
-    benches that watch a stage's stream.
+    The parts are attributes (``detector``, ``ring`` or None, ``expander`` or None, ``averager``,
+    ``compander`` or None, ``normaliser``) for benches that watch a stage's stream.
 
     Timing
     ------
-    Free: from the first sample of the frame that ends a window to its first centred sum, detector's latency + 3 cycles (windows 1, the
-    read of the mean and the difference 2). Touch: 2 cycles more for the ring, 1 more where a window of 2 hop + 1 ends, and the frames
-    that the ring is behind. Companding takes 1 cycle more, the expander 1 (``mean``), 2 or 3 (``integral`` alone).
-    An input takes 2 cycles, in a frame that ends a window 3, or 4 where windows have 2 hop + 1 frames, and one more where means differ from
-    input to input; see also the waits that the parts name.
+    Free: from the first sample of the frame that ends a window to its first centred sum, detector's latency +
+    3 cycles (windows 1, the read of the mean and the difference 2). Touch: 2 cycles more for the ring, 1 more
+    where a window of 2 hop + 1 ends, and the frames that the ring is behind. Companding takes 1 cycle more,
+    the expander 1 (``mean``), 2 or 3 (``integral`` alone). An input takes 2 cycles, in a frame that ends a
+    window 3, or 4 where windows have 2 hop + 1 frames, and one more where means differ from input to input;
+    see also the waits that the parts name.
     """
 
     def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
@@ -102,6 +104,10 @@ class FrontEnd(wiring.Component):
             connect(m, flipped(self.load), self.normaliser.load)
         m.d.comb += [self.wrong.eq(self.normaliser.wrong), self.blank.eq(self.normaliser.blank)]
         m.d.comb += [self.detector.mask.eq(self.mask), self.normaliser.mask.eq(self.mask)]
-        passed_on = [name for name in ("armed", "touch", "touch_started", "framing_fault", "flags", "raised") if hasattr(self, name)]
+        passed_on = [
+            name
+            for name in ("armed", "touch", "touch_started", "framing_fault", "flags", "raised")
+            if hasattr(self, name)
+        ]
         m.d.comb += [getattr(self, name).eq(getattr(self.detector, name)) for name in passed_on]
         return m

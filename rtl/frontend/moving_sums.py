@@ -1,4 +1,5 @@
-"""The moving sum of every taxel, and the verdict of the onset rule ``baseline`` (docs/specification.md, section 2)."""
+"""The moving sum of every taxel, and the verdict of the onset rule ``baseline`` (docs/specification.md,
+section 2)."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from eskin.rtl.common.compare import exceeds
 
 
 class MovingSums(wiring.Component):
-    """The sum of the last ``onset_mean_frames`` deviations of each taxel, compared with the threshold at the end of each block.
+    """The sum of the last ``onset_mean_frames`` deviations of each taxel, compared with the threshold at the
+    end of each block.
 
     The sum is a running total less its value ``onset_mean_frames`` frames ago. The total may wrap, because
     the difference is exact modulo its width. The block runs beside the pipeline and watches its last stage: a
@@ -28,8 +30,8 @@ class MovingSums(wiring.Component):
     coming_valid, coming_index : In
         The stage before its last holds a beat; the taxel of it.
     index, last, block_end, masked, settling, complement : In
-        Of the beat in its last stage: taxel; the frame's last; its frame ends a block; it does not count; its rest level settles, so that
-        it adds 0; the complement of its deviation.
+        Of the beat in its last stage: taxel; the frame's last; its frame ends a block; it does not count; its
+        rest level settles, so that it adds 0; the complement of its deviation.
     last_taken : In(1)
         The frame's last beat leaves if the verdict is there.
     over : Out(1)
@@ -58,7 +60,9 @@ class MovingSums(wiring.Component):
         config, rule = self._config, self._config.onset_rule
         blocks = rule.onset_mean_frames // rule.onset_check_frames
         bits = signed_bits(rule.onset_mean_frames * config.deviation_bound)
-        m.submodules.totals = totals = Memory(shape=signed(bits), depth=config.sensor.taxels, init=[], attrs=NO_COLLISION)
+        m.submodules.totals = totals = Memory(
+            shape=signed(bits), depth=config.sensor.taxels, init=[], attrs=NO_COLLISION
+        )
         m.submodules.history = history = Memory(
             shape=signed(bits), depth=blocks << ceil_log2(config.sensor.taxels), init=[], attrs=NO_COLLISION
         )
@@ -68,7 +72,10 @@ class MovingSums(wiring.Component):
 
         fresh, added, moved_valid, decided = Signal(), Signal(), Signal(), self.decided
         total, moved = Signal(signed(bits)), Signal(signed(bits))
-        held = {key: Signal.like(getattr(self, key), name=f"held_{key}") for key in ("index", "last", "block_end", "masked")}
+        held = {
+            key: Signal.like(getattr(self, key), name=f"held_{key}")
+            for key in ("index", "last", "block_end", "masked")
+        }
         m.d.sync += [fresh.eq(self.advance & self.coming_valid), added.eq(fresh)]
         m.d.comb += [
             total_read.addr.eq(self.coming_index),

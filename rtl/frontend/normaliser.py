@@ -19,32 +19,41 @@ from eskin.rtl.program.memory_map import mean_count
 
 
 def mean_address(config: AcceleratorConfig, length: Value, kind: Value | None, taxel: Value) -> Value:
-    """Address of a mean: that of the length's, of one kind or of one input where there is one for each; each field has its own bits."""
+    """Address of a mean: that of the length's, of one kind or of one input where there is one for each; each
+    field has its own bits."""
     bits = ceil_log2(len(config.window_lengths))
-    return Cat(length[:bits], *(() if kind is None else (kind,)), *((taxel,) if config.features.feature_scale == "taxel" else ()))
+    return Cat(
+        length[:bits],
+        *(() if kind is None else (kind,)),
+        *((taxel,) if config.features.feature_scale == "taxel" else ()),
+    )
 
 
 class Normaliser(wiring.Component):
-    """``centred = SAT_SQ(16,0)((d - mean[q]) >> feature_shift[q])``, 0 for a masked taxel. The product with scale is the engine's.
+    """``centred = SAT_SQ(16,0)((d - mean[q]) >> feature_shift[q])``, 0 for a masked taxel. The product with
+    scale is the engine's.
 
-    With several kinds of feature, or a scale a taxel, mean and shift are those of the beat's kind, or the mean is that of its input.
+    With several kinds of feature, or a scale a taxel, mean and shift are those of the beat's kind, or the
+    mean is that of its input.
 
     Parameters
     ----------
     config:
         The accelerator's configuration, ``feature_shift`` filled in.
     means:
-        One integer (scale of d, ``sum_bits``) for each of ``window_lengths``, or for each of `eskin.rtl.program.memory_map.mean_places`.
-        The ROM's content; with ``config.hardware.loadable`` the content before the first load (default 0).
+        One integer (scale of d, ``sum_bits``) for each of ``window_lengths``, or for each of
+        `eskin.rtl.program.memory_map.mean_places`. The ROM's content; with ``config.hardware.loadable`` the
+        content before the first load (default 0).
 
     Ports
     -----
     i : In(stream of ``sum_layout``)
     mask : In(taxels)
-        Bit k = 1: taxel k is out of use. With a fault detector each sum says that itself, and nothing reads the port.
+        Bit k = 1: taxel k is out of use. With a fault detector each sum says that itself, and nothing reads
+        the port.
     load : In, only with ``config.hardware.loadable``
-        ``enable`` writes ``data`` (16 bit) to ``address`` = q * ``config.mean_words`` + word, low word first; q: ``mean_address``. Only
-        while no window passes.
+        ``enable`` writes ``data`` (16 bit) to ``address`` = q * ``config.mean_words`` + word, low word first;
+        q: ``mean_address``. Only while no window passes.
     o : Out(stream of ``centred_layout``)
     wrong : Out(1)
         With ``checksum``: the mean that was just used does not have its parity, the highest of its bits.
@@ -53,20 +62,28 @@ class Normaliser(wiring.Component):
 
     Timing
     ------
-    One beat every 2 cycles, a window's first one cycle later: the mean is read in its first cycle. Where means differ from beat to beat,
-    every 3 cycles. A beat stays at ``i`` until its result is taken, so that its flags need no register here.
+    One beat every 2 cycles, a window's first one cycle later: the mean is read in its first cycle. Where
+    means differ from beat to beat, every 3 cycles. A beat stays at ``i`` until its result is taken, so that
+    its flags need no register here.
     """
 
     def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
         lengths = len(config.window_lengths)
         if len(config.features.feature_shift) != lengths * config.kinds:
-            raise ValueError(f"feature_shift has {len(config.features.feature_shift)} values for {lengths} window lengths: quantise first")
+            raise ValueError(
+                f"feature_shift has {len(config.features.feature_shift)} values for {lengths} window "
+                "lengths: quantise first"
+            )
         count = mean_count(config)
         if means is None and not config.hardware.loadable:
             raise ValueError("means are needed where constants are in ROM")
-        self.config, self.means = config, [int(mean) for mean in (means if means is not None else [0] * count)]
+        self.config, self.means = (
+            config,
+            [int(mean) for mean in (means if means is not None else [0] * count)],
+        )
         bound = 1 << config.sum_bits - 1
-        top = 1 << 16 * config.mean_words if config.hardware.checksum else bound  # words then, with their parity bits
+        # words then, with their parity bits
+        top = 1 << 16 * config.mean_words if config.hardware.checksum else bound
         if len(self.means) != count or any(not -bound <= mean < top for mean in self.means):
             raise ValueError(f"means {self.means}: {count} numbers of {config.sum_bits} bits are needed")
         ports = {
@@ -87,11 +104,14 @@ class Normaliser(wiring.Component):
         low_word = (1 << 16 * words) - 1
         init = [mean & low_word for mean in self.means]
         style = means_memory(config, platform, len(self.means))
-        m.submodules.means = means = Memory(shape=unsigned(16 * words), depth=len(self.means), init=init, attrs=style)
+        m.submodules.means = means = Memory(
+            shape=unsigned(16 * words), depth=len(self.means), init=init, attrs=style
+        )
         read = means.read_port()
         if config.hardware.loadable:
             write = means.write_port(granularity=16)
-            entry, word = self.load.address >> words - 1, self.load.address[: words - 1]  # one or two words a mean
+            # one or two words a mean
+            entry, word = (self.load.address >> words - 1, self.load.address[: words - 1])
             m.d.comb += [
                 write.addr.eq(entry),
                 write.data.eq(self.load.data.replicate(words)),
@@ -99,12 +119,15 @@ class Normaliser(wiring.Component):
             ]
 
         width = config.centred_format.width
-        low = config.features.feature_shift[0] if config.features.aligned_means else 0  # bits that no borrow comes from: 0 in every mean
+        # bits that no borrow comes from: 0 in every mean
+        low = config.features.feature_shift[0] if config.features.aligned_means else 0
         # d - mean = ~(~d + mean): an adder without inverters. Its sum is registered; what follows is
         # combinational.
         several = config.constants > 1
         kind: Any = self.i.p.kind if config.kinds > 1 else None
-        m.d.comb += read.addr.eq(mean_address(config, self.i.p.length, kind, self.i.p.taxel) if several else self.i.p.length)
+        m.d.comb += read.addr.eq(
+            mean_address(config, self.i.p.length, kind, self.i.p.taxel) if several else self.i.p.length
+        )
         mean_read, added = Signal(), Signal()
         if config.hardware.checksum:
             m.d.comb += self.wrong.eq(added & read.data.xor())
@@ -115,15 +138,22 @@ class Normaliser(wiring.Component):
             at_last &= reaches(self.i.p.kind, config.kinds - 1)
             at_first &= self.i.p.kind == 0
         difference = Signal(signed(max(sum_bits - low, width) + 1), reset_less=True)  # complement of d - mean
-        begun, blanked = Signal(), Signal()  # of the two cycles after a reset, in which no sum can come, the second says 0
+        # of the two cycles after a reset, in which no sum can come, the second says 0
+        begun, blanked = (Signal(), Signal())
         m.d.sync += [begun.eq(1), blanked.eq(begun)]
         m.d.comb += self.blank.eq(begun & ~blanked)
         with m.If(~added):
             m.d.sync += difference.eq((self.i.p.complement >> low) + read.data[low:sum_bits].as_signed())
-            with m.If((self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1)) | ~begun):
+            with m.If(
+                (self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1))
+                | ~begun
+            ):
                 m.d.sync += difference.eq(-1)
         used = taken if several else taken & at_last  # the mean is read anew
-        m.d.sync += [mean_read.eq((mean_read | self.i.valid) & ~used), added.eq(self.i.valid & mean_read & ~taken)]
+        m.d.sync += [
+            mean_read.eq((mean_read | self.i.valid) & ~used),
+            added.eq(self.i.valid & mean_read & ~taken),
+        ]
 
         # Narrowing takes one LUT a bit: its select inputs give one of two shifts or, when forced, the level
         # itself.

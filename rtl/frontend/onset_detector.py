@@ -1,4 +1,5 @@
-"""Rest level, deviation and onset rule of every taxel: the front of the chain (docs/specification.md, section 2)."""
+"""Rest level, deviation and onset rule of every taxel: the front of the chain (docs/specification.md, section
+2)."""
 
 from __future__ import annotations
 
@@ -22,9 +23,11 @@ from eskin.rtl.frontend.touch_state import TouchState
 
 
 class OnsetDetector(wiring.Component):
-    """Takes the rest level from every sample, judges the onset rule at the end of every frame and runs ARMED, TOUCH, REARM.
+    """Takes the rest level from every sample, judges the onset rule at the end of every frame and runs ARMED,
+    TOUCH, REARM.
 
-    Parts: `FrameAligner`, `FrameMarks`, `RestLevel`, `MovingSums` (onset ``baseline``), `FaultDetector`, `OnsetFilter` and `TouchState`.
+    Parts: `FrameAligner`, `FrameMarks`, `RestLevel`, `MovingSums` (onset ``baseline``), `FaultDetector`,
+    `OnsetFilter` and `TouchState`.
 
     Parameters
     ----------
@@ -51,9 +54,10 @@ class OnsetDetector(wiring.Component):
 
     Timing
     ------
-    Latency ``latency`` cycles from ``i`` to ``o``: 1 without rest level, 2 with, 3 with clip. One beat a cycle; onset ``baseline``: the
-    last beat of each frame that ends a block of ``onset_check_frames`` waits 3 cycles for the verdict. State of a taxel is written
-    at most 3 beats after it was read, which 4 taxels allow.
+    Latency ``latency`` cycles from ``i`` to ``o``: 1 without rest level, 2 with, 3 with clip. One beat a
+    cycle; onset ``baseline``: the last beat of each frame that ends a block of ``onset_check_frames`` waits 3
+    cycles for the verdict. State of a taxel is written at most 3 beats after it was read, which 4 taxels
+    allow.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -78,7 +82,10 @@ class OnsetDetector(wiring.Component):
 
         def stage(name: str, **fields) -> SimpleNamespace:
             """Registers that follow ``fields`` whenever the pipeline advances."""
-            registers = {key: Signal(value.shape(), name=f"{name}_{key}", reset_less=key != "valid") for key, value in fields.items()}
+            registers = {
+                key: Signal(value.shape(), name=f"{name}_{key}", reset_less=key != "valid")
+                for key, value in fields.items()
+            }
             with m.If(advance):
                 m.d.sync += [registers[key].eq(value) for key, value in fields.items()]
             return SimpleNamespace(**registers)
@@ -93,9 +100,17 @@ class OnsetDetector(wiring.Component):
         frame = {name: getattr(marks, name) for name in marks_of(config)}
 
         # --- pipeline: sample, deviation, clipped deviation
-        now = stage("taken", valid=offered, index=index, last=aligner.last, masked=self.mask.bit_select(index, 1), **frame)
+        now = stage(
+            "taken",
+            valid=offered,
+            index=index,
+            last=aligner.last,
+            masked=self.mask.bit_select(index, 1),
+            **frame,
+        )
         sample = self.i.p.sample + Const(0, signed(config.sensor.sample_bits + 1))
-        complement, hit = Signal(signed(config.sensor.sample_bits + 1), reset_less=True), Const(0, 1)  # of the sample held
+        # of the sample held
+        complement, hit = (Signal(signed(config.sensor.sample_bits + 1), reset_less=True), Const(0, 1))
         with m.If(advance & good):
             m.d.sync += complement.eq(~sample)
         if config.faults.fault_frames:
@@ -113,7 +128,8 @@ class OnsetDetector(wiring.Component):
             outside = Signal()  # of the sample held
             with m.If(advance & good):
                 m.d.sync += outside.eq(
-                    exceeds(self.i.p.sample, config.onset_rule.band_high) | ~exceeds(self.i.p.sample, config.onset_rule.band_low - 1)
+                    exceeds(self.i.p.sample, config.onset_rule.band_high)
+                    | ~exceeds(self.i.p.sample, config.onset_rule.band_low - 1)
                 )
             hit = outside & ~now.masked
 
@@ -130,7 +146,10 @@ class OnsetDetector(wiring.Component):
                 rest_level.sample.eq(complement),
                 rest_level.settle_first.eq(now.settle_first),
             ]
-            before, now = now, stage("deviation", **carried(now), complement=Mux(now.settling, -1, rest_level.deviation))
+            before, now = (
+                now,
+                stage("deviation", **carried(now), complement=Mux(now.settling, -1, rest_level.deviation)),
+            )
             hit = now.hit if config.onset_rule.onset == "band" else hit
             complement, level_next = now.complement, rest_level.next
             m.d.comb += [
@@ -140,7 +159,12 @@ class OnsetDetector(wiring.Component):
             ]
         if config.rest_level.clip:
             levels = {"level": level_next} if has_rest else {}
-            before, now = now, stage("clipped", **carried(now), complement=~clip(~complement, config.rest_level.clip), **levels)
+            before, now = (
+                now,
+                stage(
+                    "clipped", **carried(now), complement=~clip(~complement, config.rest_level.clip), **levels
+                ),
+            )
             hit = now.hit if config.onset_rule.onset == "band" else hit
             complement, level_next = now.complement, now.level if has_rest else None
 
@@ -159,7 +183,11 @@ class OnsetDetector(wiring.Component):
         armed = self._touches(m, now, frame_left, judged, met)
         if has_rest:
             tracks = now.settling | (armed if config.rest_level.rest == "tracked" else 0)
-            written = [(rest_level.w_index, now.index), (rest_level.w_level, level_next), (rest_level.w_enable, leave & tracks)]
+            written = [
+                (rest_level.w_index, now.index),
+                (rest_level.w_level, level_next),
+                (rest_level.w_enable, leave & tracks),
+            ]
             for port, source in written:
                 if config.rest_level.clip:  # level_next is a register already
                     m.d.comb += port.eq(source)
@@ -169,7 +197,15 @@ class OnsetDetector(wiring.Component):
                     m.d.comb += port.eq(register)
         return m
 
-    def _rule(self, m: Module, advance: Signal, before: SimpleNamespace, now: SimpleNamespace, complement: Signal, hit) -> tuple:
+    def _rule(
+        self,
+        m: Module,
+        advance: Signal,
+        before: SimpleNamespace,
+        now: SimpleNamespace,
+        complement: Signal,
+        hit,
+    ) -> tuple:
         """(the rule is met by the frame that ends, it is judged, its last beat waits for the verdict)."""
         config, leave = self.config, self.o.valid & self.o.ready
         frame_left = leave & now.last
@@ -181,7 +217,10 @@ class OnsetDetector(wiring.Component):
                 sums.advance.eq(advance),
                 sums.coming_valid.eq(before.valid),
                 sums.coming_index.eq(before.index),
-                *(getattr(sums, key).eq(getattr(now, key)) for key in ("index", "last", "block_end", "masked", "settling")),
+                *(
+                    getattr(sums, key).eq(getattr(now, key))
+                    for key in ("index", "last", "block_end", "masked", "settling")
+                ),
                 sums.complement.eq(complement),
                 sums.last_taken.eq(self.o.ready & now.last),
             ]

@@ -10,7 +10,8 @@ from eskin.golden.core.config import AcceleratorConfig
 
 
 class OnsetFilter(wiring.Component):
-    """High where at least ``onset_hits`` of the last ``onset_span`` judged frames, this one included, fulfil the rule.
+    """High where at least ``onset_hits`` of the last ``onset_span`` judged frames, this one included, fulfil
+    the rule.
 
     Parameters
     ----------
@@ -20,7 +21,8 @@ class OnsetFilter(wiring.Component):
     Ports
     -----
     i : In(struct: valid, hit)
-        ``hit``: this frame fulfils the rule. ``valid``: it is judged, and ends with this cycle; never held up.
+        ``hit``: this frame fulfils the rule. ``valid``: it is judged, and ends with this cycle; never held
+        up.
     met : Out(1)
         Combinational from ``hit``, 0 cycles.
     """

@@ -1,4 +1,5 @@
-"""The ring that gives a touch the frames before its onset (docs/specification.md, section 2: start frame s)."""
+"""The ring that gives a touch the frames before its onset (docs/specification.md, section 2: start frame
+s)."""
 
 from __future__ import annotations
 
@@ -26,16 +27,19 @@ class PreTriggerRing(wiring.Component):
     Parameters
     ----------
     config:
-        ``window_mode`` touch. With onset ``immediate`` there is no history and no memory: frames of the touch pass, others are dropped.
+        ``window_mode`` touch. With onset ``immediate`` there is no history and no memory: frames of the touch
+        pass, others are dropped.
 
     Ports
     -----
     i : In(stream of ``frame_layout``)
-        Every frame. ``ready`` is low from the cycle after ``ring_frames`` frames are held, and while frames are dropped for a touch.
+        Every frame. ``ready`` is low from the cycle after ``ring_frames`` frames are held, and while frames
+        are dropped for a touch.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
     touch_last : In(1)
-        The beat offered at ``o`` is the last of frame e: the reader counts the frames. Wanted in the cycle in which the beat is taken.
+        The beat offered at ``o`` is the last of frame e: the reader counts the frames. Wanted in the cycle in
+        which the beat is taken.
     dropping : Out(1)
         A frame goes now, or went in the cycle before.
 
@@ -77,9 +81,12 @@ class PreTriggerRing(wiring.Component):
         frame, capacity = config.sensor.taxels, config.ring_frames * config.sensor.taxels
         address_bits = ceil_log2(capacity + 2)
         word = unsigned(bits + bool(config.faults.fault_frames))
-        m.submodules.ring = ring = Memory(shape=word, depth=1 << address_bits, init=[], attrs=before_an_adder(platform))
+        m.submodules.ring = ring = Memory(
+            shape=word, depth=1 << address_bits, init=[], attrs=before_an_adder(platform)
+        )
         write, read = ring.write_port(), ring.read_port()
-        held = Signal(address_bits)  # beats in the ring, one fetched in the cycle before included; the beat at the output is not counted
+        # beats in the ring, one fetched in the cycle before included; the beat at the output is not counted
+        held = Signal(address_bits)
         push, fetch, drop, fetched, counted = Signal(), Signal(), Signal(), Signal(), Signal()
 
         # The flags made of `held` are registered, because its sum comes late.
@@ -87,7 +94,8 @@ class PreTriggerRing(wiring.Component):
         # full: only one more beat fits, or frames must be dropped before a touch begins and more beats would
         # upset the count. some: there is something to fetch.
         surplus, dropped, full, some = Signal(), Signal(), Signal(), Signal()
-        starting, touch = Signal(), Signal()  # frame f has come in, frame s - 1 may have to go; from then to frame e
+        # frame f has come in, frame s - 1 may have to go; from then to frame e
+        starting, touch = (Signal(), Signal())
         m.d.sync += [
             surplus.eq(exceeds(held, (config.windows.pretrigger_frames + 1) * frame + frame // 2 - 1)),
             dropped.eq(drop),
@@ -95,7 +103,10 @@ class PreTriggerRing(wiring.Component):
             some.eq((held[1:].any() | (held[0] & ~counted)) & ~fetch),
             counted.eq(fetch),
         ]
-        m.d.comb += [drop.eq(surplus & ~dropped & ~touch), fetch.eq(touch & some & (~fetched | (self.o.ready & ~self.touch_last)))]
+        m.d.comb += [
+            drop.eq(surplus & ~dropped & ~touch),
+            fetch.eq(touch & some & (~fetched | (self.o.ready & ~self.touch_last))),
+        ]
         m.d.sync += [
             starting.eq((push & self.i.p.onset & ~touch) | (starting & surplus)),
             touch.eq((starting & ~surplus) | (touch & ~(fetched & self.o.ready & self.touch_last))),
@@ -106,7 +117,9 @@ class PreTriggerRing(wiring.Component):
             self.i.ready.eq(~full & ~(fetch if config.hardware.one_port else 0)),
             push.eq(self.i.valid & self.i.ready),
             self.dropping.eq(drop | dropped),
-            write.data.eq(Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.faults.fault_frames else ()))),
+            write.data.eq(
+                Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.faults.fault_frames else ()))
+            ),
             write.en.eq(push),
             read.en.eq(fetch),
             self.o.valid.eq(fetched),

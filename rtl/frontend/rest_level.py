@@ -30,7 +30,8 @@ class RestLevel(wiring.Component):
     deviation : Out(signed)
         The complement of its deviation, 0 cycles.
     settling, settle_last, negative : In(1)
-        Of the beat in the second stage: its frame settles, for the last time; the complement of its deviation is negative.
+        Of the beat in the second stage: its frame settles, for the last time; the complement of its deviation
+        is negative.
     next : Out
         Its taxel's level after this frame, 0 cycles.
     w_index, w_level, w_enable : In
@@ -44,9 +45,15 @@ class RestLevel(wiring.Component):
         self.level_bits = config.sensor.sample_bits + self.level_frac
         if frames & (frames - 1):
             self.level_frac = 4
-            # sums of offset-binary samples: 0..top; the quotient of (16 S + B/2) / B must be exact on all of them
-            self.reciprocal = exact_reciprocal(frames, 16 * frames * (span.max_code - span.min_code) + frames // 2)
-        index, flags = range(config.sensor.taxels), ("advance", "settle_first", "settling", "settle_last", "negative", "w_enable")
+            # sums of offset-binary samples: 0..top; the quotient of (16 S + B/2) / B must be exact on all of
+            # them
+            self.reciprocal = exact_reciprocal(
+                frames, 16 * frames * (span.max_code - span.min_code) + frames // 2
+            )
+        index, flags = (
+            range(config.sensor.taxels),
+            ("advance", "settle_first", "settling", "settle_last", "negative", "w_enable"),
+        )
         super().__init__(
             {
                 **{name: In(1) for name in flags},
@@ -62,13 +69,17 @@ class RestLevel(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         bits = self._config.sensor.sample_bits
-        m.submodules.level = level = Memory(shape=unsigned(self.level_bits), depth=self._config.sensor.taxels, init=[], attrs=NO_COLLISION)
+        m.submodules.level = level = Memory(
+            shape=unsigned(self.level_bits), depth=self._config.sensor.taxels, init=[], attrs=NO_COLLISION
+        )
         read, write = level.read_port(), level.write_port()
         # levels are kept of offset-binary samples: never negative
         inverted = Cat(self.sample[: bits - 1], self.sample[bits - 1] ^ self._config.sensor.sample_signed)
         baseline = read.data[self.level_frac - 4 :][: bits + 4]
         # ~(sample - ((baseline + 8) >> 4)) = ~sample + (baseline >> 4) + bit 3 of baseline, as one adder
-        deviation = Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(baseline[3:], Const(0, 1)).as_signed()
+        deviation = (
+            Cat(Const(1, 1), inverted, Const(1, 1)).as_signed() + Cat(baseline[3:], Const(0, 1)).as_signed()
+        )
         m.d.comb += [
             read.addr.eq(self.coming_index),
             read.en.eq(self.advance),
@@ -77,7 +88,11 @@ class RestLevel(wiring.Component):
             write.data.eq(self.w_level),
             write.en.eq(self.w_enable),
         ]
-        held, sample, at_level = Signal(self.level_bits, reset_less=True), Signal(bits, reset_less=True), Signal(reset_less=True)
+        held, sample, at_level = (
+            Signal(self.level_bits, reset_less=True),
+            Signal(bits, reset_less=True),
+            Signal(reset_less=True),
+        )
         # what the settling sum starts from: the half that makes its final shift round half up
         half = 0 if self.reciprocal or self.level_frac == 4 else 1 << self.level_frac - 5
         with m.If(self.advance):
@@ -90,13 +105,15 @@ class RestLevel(wiring.Component):
         return m
 
     def _after(self, level: Signal, sample: Signal, at_level: Signal) -> Value:
-        """The level after this frame: one adder for the settling sum and for the tracking step of 1/16 code."""
+        """The level after this frame: one adder for the settling sum and for the tracking step of 1/16
+        code."""
         config = self._config
         frames, low = config.rest_level.rest_frames, self.level_frac - 4
         settled = sample if self.reciprocal else sample << self.level_frac - ceil_log2(frames)
         baseline = level[low:][: config.sensor.sample_bits + 4]
         if config.rest_level.rest == "tracked":
-            # sign(16 sample - baseline): the sample equals the baseline's integer part, or the deviation's sign says it
+            # sign(16 sample - baseline): the sample equals the baseline's integer part, or the deviation's
+            # sign says it
             up = self.negative & ~at_level
             hold = at_level & (baseline[:4] == 0)
             step = Cat(Const(0, low), ~hold, (~hold & ~up).replicate(len(baseline) - 1))
@@ -111,10 +128,11 @@ class RestLevel(wiring.Component):
 
 
 def exact_reciprocal(divisor: int, largest: int) -> tuple[int, int]:
-    """``(factor, shift)`` with ``n * factor >> shift == n // divisor`` for every n in 0..largest: the smallest that is proven.
+    """``(factor, shift)`` with ``n * factor >> shift == n // divisor`` for every n in 0..largest: the
+    smallest that is proven.
 
-    With factor = ceil(2**shift / divisor) and excess = factor * divisor - 2**shift, ``largest * excess < 2**shift`` suffices
-    (Granlund and Montgomery 1994).
+    With factor = ceil(2**shift / divisor) and excess = factor * divisor - 2**shift, ``largest * excess <
+    2**shift`` suffices (Granlund and Montgomery 1994).
     """
     for shift in range(1, 64):
         factor = -(-(1 << shift) // divisor)

@@ -44,7 +44,11 @@ class TouchState(wiring.Component):
         config, frame_left, met = self._config, self.frame_left, self.met
         armed, touch = Signal(init=not config.opens_at_once), Signal(init=config.opens_at_once)
         onset, end = self.onset, self.end
-        m.d.comb += [self.armed.eq(armed), self.touch.eq(touch), onset.eq(armed & self.judged & met & self.last)]
+        m.d.comb += [
+            self.armed.eq(armed),
+            self.touch.eq(touch),
+            onset.eq(armed & self.judged & met & self.last),
+        ]
         judged_every = config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 1
         needed = -(-config.onset_rule.rearm_frames // judged_every)
         rearming = Const(0, 1) if config.opens_at_once else self.judged & ~armed & ~touch
@@ -58,7 +62,9 @@ class TouchState(wiring.Component):
             m.d.comb += [
                 end.eq(touch & reaches(count, config.last_frame - 1)),
                 rearmed.eq(rearming & ~met & reaches(count, needed - 1)),
-                counts.eq(touch | rearming | (armed & (onset | ~reaches(count, config.windows.pretrigger_frames)))),
+                counts.eq(
+                    touch | rearming | (armed & (onset | ~reaches(count, config.windows.pretrigger_frames)))
+                ),
             ]
             with m.If(frame_left & counts):
                 with m.If(end | (rearming & met)):

@@ -17,7 +17,8 @@ from eskin.rtl.common.layouts import beat_layout, sum_layout
 
 
 class Operation(enum.Enum, shape=2):  # type: ignore[call-arg]
-    """What is done with a beat, in this order: the window that began one hop ago, two hops ago (its last frame), with this hop."""
+    """What is done with a beat, in this order: the window that began one hop ago, two hops ago (its last
+    frame), with this hop."""
 
     OLDER = 0
     ENDING = 1
@@ -25,7 +26,8 @@ class Operation(enum.Enum, shape=2):  # type: ignore[call-arg]
 
 
 class WindowAverager(wiring.Component):
-    """Sums over overlapping windows, in one memory with one adder: each beat is added to the window that is older, then to the newest.
+    """Sums over overlapping windows, in one memory with one adder: each beat is added to the window that is
+    older, then to the newest.
 
     ::
 
@@ -41,8 +43,8 @@ class WindowAverager(wiring.Component):
     Integrals (`eskin.rtl.frontend.feature_expander`) are not added up: a window has the value of its latest
     frame.
 
-    Deviations come as complements and sums leave as complements: ``~(d + e) = ~d - e = ~d + ~e + 1``, so that neither this adder nor the
-    normaliser's needs an inverter.
+    Deviations come as complements and sums leave as complements: ``~(d + e) = ~d - e = ~d + ~e + 1``, so that
+    neither this adder nor the normaliser's needs an inverter.
 
     Parameters
     ----------
@@ -52,23 +54,29 @@ class WindowAverager(wiring.Component):
     Ports
     -----
     i : In(stream of ``eskin.rtl.frontend.feature_expander.beat_layout``)
-        Touch: frames s..e of each touch; hops are counted here. Free: every frame, hops are marked by the detector. A beat for each kind of
-        each taxel.
+        Touch: frames s..e of each touch; hops are counted here. Free: every frame, hops are marked by the
+        detector. A beat for each kind of each taxel.
     o : Out(stream of ``sum_layout``)
-        ``steps`` windows a touch, ``inputs`` beats each. ``length`` and ``final`` are the window's on each of its beats.
+        ``steps`` windows a touch, ``inputs`` beats each. ``length`` and ``final`` are the window's on each of
+        its beats.
     touch_last : Out(1), ``window_mode`` touch
-        The beat at ``i`` is the touch's last: known from the second cycle on in which it is waited for, the first in which it is taken.
+        The beat at ``i`` is the touch's last: known from the second cycle on in which it is waited for, the
+        first in which it is taken.
 
     Timing
     ------
-    One beat every 2 cycles while ``o`` is taken, every 3 in a frame that ends a window of 2 hop + 1. The first sum leaves 1 cycle after
-    its beat was seen where it ends with its second hop, 2 where it has the third operation. A further pass takes a cycle an input.
+    One beat every 2 cycles while ``o`` is taken, every 3 in a frame that ends a window of 2 hop + 1. The
+    first sum leaves 1 cycle after its beat was seen where it ends with its second hop, 2 where it has the
+    third operation. A further pass takes a cycle an input.
     """
 
     def __init__(self, config: AcceleratorConfig):
         self.config = config
         touch = config.windows.window_mode == "touch"
-        ports = {"i": In(stream.Signature(beat_layout(config))), "o": Out(stream.Signature(sum_layout(config)))}
+        ports = {
+            "i": In(stream.Signature(beat_layout(config))),
+            "o": Out(stream.Signature(sum_layout(config))),
+        }
         super().__init__(ports | ({"touch_last": Out(1)} if touch else {}))
 
     def elaborate(self, platform):
@@ -91,7 +99,13 @@ class WindowAverager(wiring.Component):
             step.eq(advance & (self.i.valid | now.draining)),
             beat_done.eq((operation == Operation.NEWEST) | now.draining),
             self.i.ready.eq(advance & beat_done & ~now.draining),
-            index_next.eq(Mux(beat_done & last_kind if several else beat_done, wrapping_increment(index, config.sensor.taxels), index)),
+            index_next.eq(
+                Mux(
+                    beat_done & last_kind if several else beat_done,
+                    wrapping_increment(index, config.sensor.taxels),
+                    index,
+                )
+            ),
         ]
         if several:
             m.d.comb += kind_next.eq(Mux(beat_done, wrapping_increment(kind, config.kinds), kind))
@@ -103,10 +117,13 @@ class WindowAverager(wiring.Component):
             is_older = operation == Operation.OLDER
             m.d.comb += operation_next.eq(Mux(is_older & now.ending, Operation.ENDING, Operation.NEWEST))
 
-        # The word of the next operation is read while this one adds: an address comes back after 3 operations at the earliest.
+        # The word of the next operation is read while this one adds: an address comes back after 3 operations
+        # at the earliest.
         # With it goes ``masked`` of its last frame, for the passes that add nothing.
         bits, has_faults = config.sum_bits, bool(config.faults.fault_frames)
-        m.submodules.sums = sums = Memory(shape=unsigned(bits + has_faults), depth=2 << len(kind) + len(index), init=[], attrs=NO_COLLISION)
+        m.submodules.sums = sums = Memory(
+            shape=unsigned(bits + has_faults), depth=2 << len(kind) + len(index), init=[], attrs=NO_COLLISION
+        )
         read, write = sums.read_port(), sums.write_port()
         total, bank = Signal(signed(bits), reset_less=True), Signal()
         fresh = Signal()
@@ -128,7 +145,13 @@ class WindowAverager(wiring.Component):
             m.d.sync += [
                 index.eq(index_next),
                 operation.eq(operation_next),
-                total.eq(Mux(begins, self.i.p.complement, read.data[:bits].as_signed() - (Mux(now.draining, 0, deviation)))),
+                total.eq(
+                    Mux(
+                        begins,
+                        self.i.p.complement,
+                        read.data[:bits].as_signed() - (Mux(now.draining, 0, deviation)),
+                    )
+                ),
                 self.o.p.taxel.eq(index),
                 *([kind.eq(kind_next), self.o.p.kind.eq(kind)] if several else ()),
                 bank.eq(now.parity ^ (operation == Operation.OLDER)),
@@ -162,16 +185,20 @@ class WindowAverager(wiring.Component):
         )
 
     def _touch_schedule(self, m: Module, operation, frame_ends, step) -> SimpleNamespace:
-        """Count the frames of a touch and insert the passes that add nothing, where ``step`` ends a pass with ``frame_ends``.
+        """Count the frames of a touch and insert the passes that add nothing, where ``step`` ends a pass with
+        ``frame_ends``.
 
-        Returns the parity of the hop, now and after this operation; whether the newest window ``begins`` with this frame and one is
-        ``ending`` with it that takes the third operation; whether the pass is ``draining``, the next pass's ``first_operation``; of the
-        operation under way whether to ``emit`` its sum, and the window's ``final`` and ``length``.
+        Returns the parity of the hop, now and after this operation; whether the newest window ``begins`` with
+        this frame and one is ``ending`` with it that takes the third operation; whether the pass is
+        ``draining``, the next pass's ``first_operation``; of the operation under way whether to ``emit`` its
+        sum, and the window's ``final`` and ``length``.
         """
         config = self.config
         last_hop, last_in_hop = divmod(config.last_frame - 1, config.windows.hop)
         together = [k for k, (_, end) in enumerate(config.window_spans) if end == config.last_frame]
-        reads = [{2: Operation.ENDING, 1: Operation.OLDER, 0: Operation.NEWEST}[last_hop - k] for k in together]
+        reads = [
+            {2: Operation.ENDING, 1: Operation.OLDER, 0: Operation.NEWEST}[last_hop - k] for k in together
+        ]
         hop, frame_in_hop = Signal(range(max(4, last_hop + 1))), Signal(range(config.windows.hop))
         passes = Signal(range(len(together)))  # 0: the frame itself, then one for each further window
         begins, at_end = Signal(init=1), reaches(hop, last_hop) & reaches(frame_in_hop, last_in_hop)
@@ -194,7 +221,9 @@ class WindowAverager(wiring.Component):
                 m.d.sync += [frame_in_hop.eq(0), begins.eq(1)]
 
         even = config.windows.window == 2 * config.windows.hop
-        whole = (operation == Operation.OLDER) & hop_last & (hop != 0) if even else operation == Operation.ENDING
+        whole = (
+            (operation == Operation.OLDER) & hop_last & (hop != 0) if even else operation == Operation.ENDING
+        )
         clipped, length = Signal(), Signal(range(max(2, len(config.window_lengths))))
         first_operation = Signal(Operation)
         for number, k in enumerate(together):

@@ -41,8 +41,11 @@ INPUTS = (
 
 
 def bus_signature() -> wiring.Signature:
-    """The host bus, seen from the host: write ``w_data`` to ``addr`` with ``w_stb``, read it with ``r_stb``; ``r_data`` one cycle later."""
-    return wiring.Signature({"addr": Out(8), "w_data": Out(16), "w_stb": Out(1), "r_stb": Out(1), "r_data": In(16)})
+    """The host bus, seen from the host: write ``w_data`` to ``addr`` with ``w_stb``, read it with ``r_stb``;
+    ``r_data`` one cycle later."""
+    return wiring.Signature(
+        {"addr": Out(8), "w_data": Out(16), "w_stb": Out(1), "r_stb": Out(1), "r_data": In(16)}
+    )
 
 
 class HostControl(wiring.Component):
@@ -83,7 +86,8 @@ class HostControl(wiring.Component):
     hung : In(1)
         The chain hangs (``watchdog``): cleared as at ``arm``.
     due : Out(1)
-        The recording is being finished, or the detector's touch and the one whose decision is due are not the same (``watchdog``).
+        The recording is being finished, or the detector's touch and the one whose decision is due are not the
+        same (``watchdog``).
     detector_touch : In(1)
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
@@ -107,7 +111,9 @@ class HostControl(wiring.Component):
                 "due": Out(1),
                 "awake": Out(1),
                 **{name: In(1) for name in INPUTS},
-                **({"flags": In(config.sensor.taxels), "raised": In(1)} if config.faults.fault_frames else {}),
+                **(
+                    {"flags": In(config.sensor.taxels), "raised": In(1)} if config.faults.fault_frames else {}
+                ),
             }
         )
 
@@ -130,7 +136,10 @@ class HostControl(wiring.Component):
             m.d.sync += lingers.eq(state.busy)
         m.d.comb += [
             state.clear.eq(self.clear),
-            *(getattr(state, name).eq(getattr(self, name)) for name in ("engine_busy", "touch_started", "global_taken")),
+            *(
+                getattr(state, name).eq(getattr(self, name))
+                for name in ("engine_busy", "touch_started", "global_taken")
+            ),
             *(getattr(state, name).eq(getattr(self, name)) for name in ("decider_idle", "detector_touch")),
             state.moving.eq(self.moving | (begun if config.hardware.clock_gate else 0)),
             self.awake.eq(bus.w_stb | bus.r_stb | state.busy | lingers | cycles.counts),
@@ -146,7 +155,10 @@ class HostControl(wiring.Component):
             cycles.first.eq(self.frame_first),
             cycles.taken.eq(self.frame_beat),
             cycles.last.eq(self.frame_last),
-            *(getattr(cycles, name).eq(getattr(self, name)) for name in ("slot_done", "step_done", "windows_open")),
+            *(
+                getattr(cycles, name).eq(getattr(self, name))
+                for name in ("slot_done", "step_done", "windows_open")
+            ),
         ]
 
         wrong = []  # configuration registers with the wrong parity
@@ -165,8 +177,13 @@ class HostControl(wiring.Component):
             masks.append(Signal(min(16, config.sensor.taxels - 16 * k), name=f"mask_{16 * k}", init=at_reset))
         m.d.comb += self.mask.eq(Cat(*masks))
         if config.hardware.checksum:
-            registers = {Register.MEASURE: measure} | {Register.MASK + k: mask for k, mask in enumerate(masks)}
-            wrong = [parity_wrong(m, value, bus.w_stb & (bus.addr == number), bus.w_data) for number, value in registers.items()]
+            registers = {Register.MEASURE: measure} | {
+                Register.MASK + k: mask for k, mask in enumerate(masks)
+            }
+            wrong = [
+                parity_wrong(m, value, bus.w_stb & (bus.addr == number), bus.w_data)
+                for number, value in registers.items()
+            ]
         if config.hardware.checksum or config.hardware.watchdog:
             events |= {Fault.CHECKSUM: Cat(self.check_failed, *wrong).any(), Fault.WATCHDOG: self.hung}
         if config.faults.fault_frames:

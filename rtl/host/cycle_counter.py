@@ -34,8 +34,26 @@ class CycleCounter(wiring.Component):
     """
 
     def __init__(self) -> None:
-        inputs = ("clear", "anew", "forget", "offered", "first", "taken", "last", "slot_done", "step_done", "windows_open")
-        super().__init__({"measure": In(2), **{name: In(1) for name in inputs}, "longest": Out(COUNTER_BITS), "counts": Out(1)})
+        inputs = (
+            "clear",
+            "anew",
+            "forget",
+            "offered",
+            "first",
+            "taken",
+            "last",
+            "slot_done",
+            "step_done",
+            "windows_open",
+        )
+        super().__init__(
+            {
+                "measure": In(2),
+                **{name: In(1) for name in inputs},
+                "longest": Out(COUNTER_BITS),
+                "counts": Out(1),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -54,7 +72,10 @@ class CycleCounter(wiring.Component):
         # The longest grows with the current one as soon as that is as long: no comparison of sizes, no copy.
         elapsed, longest = Signal(COUNTER_BITS), self.longest
         # (Adding a bit takes one cell a bit where an addition under a condition takes two.)
-        m.d.sync += [elapsed.eq(elapsed + counts), longest.eq(longest + (counts & (elapsed == longest) & ~longest.all()))]
+        m.d.sync += [
+            elapsed.eq(elapsed + counts),
+            longest.eq(longest + (counts & (elapsed == longest) & ~longest.all())),
+        ]
         with m.If(ends):
             m.d.sync += elapsed.eq(0)
         with m.If(self.clear):

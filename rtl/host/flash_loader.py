@@ -12,7 +12,8 @@ from eskin.rtl.program.flash_image import FLASH_OFFSET, MAGIC
 from eskin.rtl.program.memory_map import Control, Register
 
 WAKE, READ = 0xAB, 0x03
-"""Commands: out of deep power-down (an iCE40 may leave its flash there), and read from a 24-bit address on."""
+"""Commands: out of deep power-down (an iCE40 may leave its flash there), and read from a 24-bit address
+on."""
 WAKE_S = 100e-6
 """Seconds that a flash has for it; data sheets say 3 to 30 us."""
 TAPS = 0x04C11DB7
@@ -44,7 +45,8 @@ class FlashLoader(wiring.Component):
     pins : Out(flash_pins)
         All from registers. A bit takes 4 cycles; the flash may take all but two of them to answer.
     bus : Out(bus_signature)
-        The host bus: the image's writes, 96 cycles apart, and ARM once the checksum has proved right. Nothing is read.
+        The host bus: the image's writes, 96 cycles apart, and ARM once the checksum has proved right. Nothing
+        is read.
     done : Out(1)
         The model is there and ARM is written.
     failed : Out(1)
@@ -55,7 +57,9 @@ class FlashLoader(wiring.Component):
 
     def __init__(self, number: int, writes: int, *, wake_cycles: int, offset: int = FLASH_OFFSET) -> None:
         self._number, self._writes, self._wake_cycles, self._offset = number, writes, wake_cycles, offset
-        super().__init__({"pins": Out(flash_pins), "bus": Out(bus_signature()), "done": Out(1), "failed": Out(1)})
+        super().__init__(
+            {"pins": Out(flash_pins), "bus": Out(bus_signature()), "done": Out(1), "failed": Out(1)}
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -64,7 +68,11 @@ class FlashLoader(wiring.Component):
         m.submodules.synchroniser = FFSynchronizer(pins.miso, line, init=1)
         phase = Signal(2)  # of a bit: the clock is low, low, high, high
         out, unit = Signal(HEAD), Signal(UNIT)
-        left, writes, timer = Signal(range(HEAD)), Signal(range(self._writes + 1)), Signal(range(self._wake_cycles + 1))
+        left, writes, timer = (
+            Signal(range(HEAD)),
+            Signal(range(self._writes + 1)),
+            Signal(range(self._wake_cycles + 1)),
+        )
         check = Signal(CHECK, init=(1 << CHECK) - 1)
         tick, last, checked = Signal(), Signal(), Signal()
         unit_now, check_now = Signal(UNIT), Signal(CHECK)
@@ -120,7 +128,8 @@ class FlashLoader(wiring.Component):
                 with m.If(last):
                     m.d.sync += pins.cs_n.eq(1)
                     m.next = "FAILED"
-                    with m.If(check_now == 0):  # what is left of a message with its own check sequence behind it
+                    # what is left of a message with its own check sequence behind it
+                    with m.If(check_now == 0):
                         m.next = "ARM"
             with m.State("ARM"):
                 m.d.comb += arm.eq(1)

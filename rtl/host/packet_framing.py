@@ -1,4 +1,5 @@
-"""Framing of RFC 1662 (HDLC-like, octet-stuffed): flag 0x7E around a packet, 0x7D before an escaped byte, 16-bit frame check sequence."""
+"""Framing of RFC 1662 (HDLC-like, octet-stuffed): flag 0x7E around a packet, 0x7D before an escaped byte,
+16-bit frame check sequence."""
 
 from __future__ import annotations
 
@@ -11,7 +12,8 @@ FLIPPED_BIT = 5
 """Of an escaped byte."""
 FCS_START = 0xFFFF
 FCS_TAPS = 0x8408
-"""CRC-16/IBM-SDLC (X-25): x^16 + x^12 + x^5 + 1, lowest bit first; starts with ones, is sent inverted, low byte first."""
+"""CRC-16/IBM-SDLC (X-25): x^16 + x^12 + x^5 + 1, lowest bit first; starts with ones, is sent inverted, low
+byte first."""
 FCS_GOOD = 0xF0B8
 """The register's value after an intact packet and its check sequence."""
 
@@ -34,7 +36,16 @@ class Unstuffer(wiring.Component):
     """
 
     def __init__(self) -> None:
-        super().__init__({"data": In(8), "valid": In(1), "byte": Out(8), "byte_valid": Out(1), "end": Out(1), "aborted": Out(1)})
+        super().__init__(
+            {
+                "data": In(8),
+                "valid": In(1),
+                "byte": Out(8),
+                "byte_valid": Out(1),
+                "end": Out(1),
+                "aborted": Out(1),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -75,7 +86,11 @@ class FrameCheck(wiring.Component):
         # Eight steps of the shift register in closed form. The taps are placed so that a byte feeds back into
         # itself only once.
         mixed, fed = Signal(8), Signal(8)
-        m.d.comb += [mixed.eq(fcs[:8] ^ self.byte), fed.eq(mixed ^ (mixed << 4)), self.good.eq(fcs == FCS_GOOD)]
+        m.d.comb += [
+            mixed.eq(fcs[:8] ^ self.byte),
+            fed.eq(mixed ^ (mixed << 4)),
+            self.good.eq(fcs == FCS_GOOD),
+        ]
         with m.If(self.start):
             m.d.sync += fcs.eq(FCS_START)
         with m.Elif(self.valid):

@@ -35,7 +35,8 @@ class PacketTransmitter(wiring.Component):
     tx : Out(1)
         The line, from a register, idle high.
 
-    A byte takes 10 * ``divisor`` cycles; a packet has 9 and one more for each escape, and begins at most ``divisor`` cycles after it can.
+    A byte takes 10 * ``divisor`` cycles; a packet has 9 and one more for each escape, and begins at most
+    ``divisor`` cycles after it can.
     """
 
     def __init__(self, divisor: int) -> None:
@@ -64,11 +65,16 @@ class PacketTransmitter(wiring.Component):
         payload = Mux(is_decision, Cat(self.decision.payload.as_value()[:31], 1), answer)
         number = Cat(decisions, is_decision & self.decision.p.unsure)
         quarters = [payload[8 * index : 8 * index + 8] for index in range(4)]
-        body = Mux(byte[2], quarters[3], Mux(byte[1], Mux(byte[0], quarters[2], quarters[1]), Mux(byte[0], quarters[0], number)))
+        body = Mux(
+            byte[2],
+            quarters[3],
+            Mux(byte[1], Mux(byte[0], quarters[2], quarters[1]), Mux(byte[0], quarters[0], number)),
+        )
         fcs = Signal(16, init=FCS_START)
         raw = Signal()
         m.d.comb += raw.eq(Mux(in_check, ~fcs[0], body.bit_select(bit[:3], 1)))
-        # The check sequence leaves its register bit by bit, so that its lower byte is always the one to send next.
+        # The check sequence leaves its register bit by bit, so that its lower byte is always the one to send
+        # next.
         special = ~is_flag & Mux(in_check, _is_special(~fcs[:8]), _is_special(body))
         escape, escaped = Signal(), Signal()  # this byte is the escape; the byte before was
         shift = Signal()
@@ -82,9 +88,12 @@ class PacketTransmitter(wiring.Component):
         done = Signal()
         m.d.comb += [self.decision.ready.eq(done & is_decision), self.answered.eq(done & is_answer)]
         m.d.sync += is_decision.eq(is_decision & self.decision.valid)
-        with m.If(self.decision.ready & self.decision.valid):  # one withdrawn in this very cycle went out whole and is not counted
+        # one withdrawn in this very cycle went out whole and is not counted
+        with m.If(self.decision.ready & self.decision.valid):
             m.d.sync += decisions.eq(decisions + 1)
-        value = Mux(is_flag, Const(FLAG, 8).bit_select(bit[:3], 1), raw ^ (escaped & (bit[:3] == FLIPPED_BIT)))
+        value = Mux(
+            is_flag, Const(FLAG, 8).bit_select(bit[:3], 1), raw ^ (escaped & (bit[:3] == FLIPPED_BIT))
+        )
         value = Mux(escape, Const(ESCAPE, 8).bit_select(bit[:3], 1), value)
         with m.FSM():
             with m.State("IDLE"):
@@ -110,7 +119,9 @@ class PacketTransmitter(wiring.Component):
                         with m.If((byte == CLOSING) | ~(is_decision | is_answer)):
                             m.next = "IDLE"
                         m.d.comb += done.eq(byte == CLOSING)
-            with m.State("UPSET"):  # only an upset of the state's two bits leads here: without a way out the line would be dumb for ever
+            # only an upset of the state's two bits leads here: without a way out the line would be dumb for
+            # ever
+            with m.State("UPSET"):
                 m.next = "IDLE"
         return m
 

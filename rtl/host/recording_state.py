@@ -36,21 +36,35 @@ class RecordingState(wiring.Component):
     touched, touches : Out
         There was a touch; how many, modulo 256.
     due : Out(1)
-        With ``watchdog``: the recording is being finished, or the detector's touch and the one whose decision is due are not the same.
+        With ``watchdog``: the recording is being finished, or the detector's touch and the one whose decision
+        is due are not the same.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        inputs = ("clear", "finish_asked", "moving", "engine_busy", "touch_started", "global_taken", "decider_idle", "detector_touch")
+        inputs = (
+            "clear",
+            "finish_asked",
+            "moving",
+            "engine_busy",
+            "touch_started",
+            "global_taken",
+            "decider_idle",
+            "detector_touch",
+        )
         outputs = ("finish", "busy", "touch", "touched", "due")
-        super().__init__({**{name: In(1) for name in inputs}, **{name: Out(1) for name in outputs}, "touches": Out(8)})
+        super().__init__(
+            {**{name: In(1) for name in inputs}, **{name: Out(1) for name in outputs}, "touches": Out(8)}
+        )
 
     def elaborate(self, platform):
         m = Module()
-        # More than one touch is undecided where decisions are not taken: the next begins while the last one's decision waits. At most 4: at
+        # More than one touch is undecided where decisions are not taken: the next begins while the last one's
+        # decision waits. At most 4: at
         # the classifier, in the engine's two buffers, on the way into them.
         undecided, finishing, finished = Signal(3), Signal(), Signal()
-        # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means nothing is under way.
+        # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means
+        # nothing is under way.
         quiet = Signal(QUIET_BITS, init=0 if self._config.hardware.clock_gate else (1 << QUIET_BITS) - 1)
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving, idle = Signal(), Signal()
@@ -75,7 +89,11 @@ class RecordingState(wiring.Component):
             (over,) = watched = (Signal(name="over"),)
             with m.If(self.finish):
                 m.d.sync += over.eq(1)
-            apart = self.touch & ~self.detector_touch if self._config.opens_at_once else self.touch ^ self.detector_touch
+            apart = (
+                self.touch & ~self.detector_touch
+                if self._config.opens_at_once
+                else self.touch ^ self.detector_touch
+            )
             m.d.comb += self.due.eq(finishing | (apart & ~over))
         with m.If(self.finish):
             m.d.sync += finished.eq(1)

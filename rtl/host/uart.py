@@ -12,7 +12,8 @@ from eskin.golden.core.errors import InputError
 DIVISOR_MIN = 4
 """Clocks a bit: with fewer, one clock of doubt about the edge is more than a quarter of a bit."""
 RATE_ERROR_MAX = 0.02
-"""Of the bit rate: a sample in the middle of the stop bit, 9.5 bits after the edge, then errs by less than a fifth of a bit."""
+"""Of the bit rate: a sample in the middle of the stop bit, 9.5 bits after the edge, then errs by less than a
+fifth of a bit."""
 
 
 def uart_divisor(clock_hz: float, baud: float) -> int:
@@ -21,17 +22,21 @@ def uart_divisor(clock_hz: float, baud: float) -> int:
     Raises
     ------
     InputError
-        Fewer than DIVISOR_MIN clocks a bit, or a rate that this clock misses by more than RATE_ERROR_MAX; names one that fits.
+        Fewer than DIVISOR_MIN clocks a bit, or a rate that this clock misses by more than RATE_ERROR_MAX;
+        names one that fits.
     """
     divisor = round(clock_hz / baud)
     if divisor < DIVISOR_MIN:
         raise InputError(
-            f"baud {baud:g}: a clock of {clock_hz:g} Hz gives it {clock_hz / baud:.3g} clocks a bit and {DIVISOR_MIN} are needed; "
+            f"baud {baud:g}: a clock of {clock_hz:g} Hz gives it {clock_hz / baud:.3g} clocks a bit and "
+            f"{DIVISOR_MIN} are needed; "
             f"use at most {clock_hz / DIVISOR_MIN:g}"
         )
     if abs(clock_hz / divisor / baud - 1) > RATE_ERROR_MAX:
         slower = -int(-clock_hz // baud)
-        raise InputError(f"baud {baud:g}: a clock of {clock_hz:g} Hz cannot make it within 2 %; use {clock_hz / slower:g}")
+        raise InputError(
+            f"baud {baud:g}: a clock of {clock_hz:g} Hz cannot make it within 2 %; use {clock_hz / slower:g}"
+        )
     return divisor
 
 
@@ -65,9 +70,12 @@ class UartReceiver(wiring.Component):
         m = Module()
         line, before = Signal(init=1), Signal(init=1)
         m.submodules.synchroniser = FFSynchronizer(self.rx, line, init=1)
-        # The start bit goes ahead of the data bits through the register; where it comes out, the next sample is the stop bit.
+        # The start bit goes ahead of the data bits through the register; where it comes out, the next sample
+        # is the stop bit.
         shift, active = Signal(9), Signal()
-        to_first = (3 * self._divisor - 3) // 2  # to the middle of data bit 0, half a clock of doubt about the edge taken off
+        to_first = (
+            3 * self._divisor - 3
+        ) // 2  # to the middle of data bit 0, half a clock of doubt about the edge taken off
         timer = Signal(range(to_first + 1))
         sample = active & (timer == 0)
         m.d.comb += [self.data.eq(shift[1:]), self.valid.eq(sample & ~shift[0] & line)]

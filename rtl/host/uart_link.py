@@ -15,15 +15,18 @@ from eskin.rtl.host.packet_transmitter import PacketTransmitter
 from eskin.rtl.host.uart import UartReceiver
 
 HEADER_WORDS = 2
-"""16-bit words of a packet beside its samples or its value: number and command in front, check sequence behind."""
+"""16-bit words of a packet beside its samples or its value: number and command in front, check sequence
+behind."""
 
 
 class UartLink(wiring.Component):
-    """Frames, register writes and reads in; decisions and answers out. A packet acts only once its check sequence is proven.
+    """Frames, register writes and reads in; decisions and answers out. A packet acts only once its check
+    sequence is proven.
 
-    A frame or write acts when its number is the one expected, so each acts once and in order however often it is sent; a read acts always
-    and its answer carries the number expected next. A packet that comes while one is still acting (the accelerator not ready, an answer
-    not yet sent) is dropped like a damaged one. Whatever came, the next flag is a beginning again: no reset, no timer.
+    A frame or write acts when its number is the one expected, so each acts once and in order however often it
+    is sent; a read acts always and its answer carries the number expected next. A packet that comes while one
+    is still acting (the accelerator not ready, an answer not yet sent) is dropped like a damaged one.
+    Whatever came, the next flag is a beginning again: no reset, no timer.
 
     Parameters
     ----------
@@ -39,7 +42,8 @@ class UartLink(wiring.Component):
     frame : Out(stream of sample_layout)
         One frame a packet, a beat a cycle.
     decision : In(stream of decision_layout)
-        Taken when its packet is out. Where it is withdrawn before (a new recording was armed), its packet is broken off.
+        Taken when its packet is out. Where it is withdrawn before (a new recording was armed), its packet is
+        broken off.
     bus : Out
         Registers.
     expected : Out(8)
@@ -84,7 +88,9 @@ class UartLink(wiring.Component):
         # length of all ones. The buffer is written only while nothing acts and read only while something
         # does.
         word, high = Signal((taxels + HEADER_WORDS + 1).bit_length()), Signal()
-        m.submodules.buffer = buffer = Memory(shape=data.ArrayLayout(unsigned(8), 2), depth=1 << len(word), init=[])
+        m.submodules.buffer = buffer = Memory(
+            shape=data.ArrayLayout(unsigned(8), 2), depth=1 << len(word), init=[]
+        )
         write, read = buffer.write_port(granularity=1), buffer.read_port()
         acting, spoiled, in_order = Signal(), Signal(), Signal()
         command = Signal(data.StructLayout({"address": 6, "is_frame": 1, "is_read": 1}))

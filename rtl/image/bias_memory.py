@@ -31,7 +31,12 @@ class BiasMemory(wiring.Component):
 
     def __init__(self, plan: ImagePlan) -> None:
         self._plan = plan
-        reading = {"restart": In(1), "first": In(plan.address_bits), "addend": Out(signed(ADDEND_BITS)), "parity": Out(1)}
+        reading = {
+            "restart": In(1),
+            "first": In(plan.address_bits),
+            "addend": Out(signed(ADDEND_BITS)),
+            "parity": Out(1),
+        }
         super().__init__(reading | {"load": In(1), "load_address": In(16), "load_word": In(16)})
 
     def elaborate(self, platform):
@@ -43,7 +48,9 @@ class BiasMemory(wiring.Component):
         with m.If(self.restart):
             m.d.sync += address.eq(self.first)
         for half, bits in enumerate((16, ADDEND_BITS - 16 + self._plan.checksum)):
-            m.submodules[f"half_{half}"] = memory = Memory(shape=bits, depth=depth, init=[], attrs=NO_COLLISION)
+            m.submodules[f"half_{half}"] = memory = Memory(
+                shape=bits, depth=depth, init=[], attrs=NO_COLLISION
+            )
             read, write = memory.read_port(), memory.write_port()
             m.d.comb += [
                 read.addr.eq(address),

@@ -32,7 +32,8 @@ class ImageCheck(wiring.Component):
     shifts : In(1), addend : In(26)
         The chain takes a bias; it and its parity bit.
     fault : Out(1)
-        One cycle: a word is wrong. Of passes before anything is computed with them; of weights and biases before the last logit is given.
+        One cycle: a word is wrong. Of passes before anything is computed with them; of weights and biases
+        before the last logit is given.
     """
 
     def __init__(self, plan: ImagePlan) -> None:

@@ -1,4 +1,5 @@
-"""The image engine: a network of convolutions, pools and dense layers over one image, pass after pass (specification, section 15)."""
+"""The image engine: a network of convolutions, pools and dense layers over one image, pass after pass
+(specification, section 15)."""
 
 from __future__ import annotations
 
@@ -83,7 +84,8 @@ class ImageEngine(wiring.Component):
         tap, now = sequencer.tap, fetch.now
 
         # ---------------------------------------------------------------- pass after pass
-        source, written = (Signal(init=1), Signal(plan.address_bits))  # source: memory of maps that is read; while idle the other one
+        # source: memory of maps that is read; while idle the other one
+        source, written = (Signal(init=1), Signal(plan.address_bits))
         m.d.comb += [
             fetch.fetch.eq(self.start | (sequencer.done & ~now.last)),
             fetch.rewind.eq(self.start),
@@ -122,7 +124,9 @@ class ImageEngine(wiring.Component):
         released = [Signal(sum_layout(plan), name=f"released_{k}") for k in range(2)]
         m.d.sync += [fetched.eq(tap.valid), multiplied.eq(fetched), begun.eq(sequencer.begin), swap.eq(begun)]
         m.d.sync += [released[0].eq(sequencer.released), released[1].eq(released[0])]
-        signature = lane_signature(ACTIVATION_BITS, plan.weight_bits, plan.accumulator_bits, load_with_operands=False)
+        signature = lane_signature(
+            ACTIVATION_BITS, plan.weight_bits, plan.accumulator_bits, load_with_operands=False
+        )
         for number in range(plan.lanes):
             m.submodules[f"lane_{number}"] = lane = LANE_TYPES[self._lane_type](signature)
             m.d.comb += [

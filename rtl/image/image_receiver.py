@@ -27,7 +27,8 @@ class ImageReceiver(wiring.Component):
     fill : Out(struct: valid, address, value)
         A pixel for the engine, in the cycle in which it is taken.
     start : Out(1)
-        Pulse: the image is whole, and the classifier is free. At the soonest one cycle after the last pixel is taken.
+        Pulse: the image is whole, and the classifier is free. At the soonest one cycle after the last pixel
+        is taken.
     begun : Out(1)
         Pulse: the first pixel of the image is taken.
     open, waiting, over : Out(1)
@@ -41,7 +42,8 @@ class ImageReceiver(wiring.Component):
         fill = data.StructLayout({"valid": 1, "address": plan_of(config).address_bits, "value": 8})
         outputs = ("start", "begun", "open", "waiting", "over", "framing_fault")
         super().__init__(
-            {"i": In(stream.Signature(sample_layout(config))), "free": In(1), "fill": Out(fill)} | {name: Out(1) for name in outputs}
+            {"i": In(stream.Signature(sample_layout(config))), "free": In(1), "fill": Out(fill)}
+            | {name: Out(1) for name in outputs}
         )
 
     def elaborate(self, platform):

@@ -10,7 +10,8 @@ from eskin.rtl.program.image_passes import ImagePlan
 
 
 def pass_layout(plan: ImagePlan) -> data.StructLayout:
-    """A pass as `eskin.rtl.program.image_passes.Word` has it; addresses are as wide as the memories ask for."""
+    """A pass as `eskin.rtl.program.image_passes.Word` has it; addresses are as wide as the memories ask
+    for."""
     address = unsigned(plan.address_bits)
     return data.StructLayout(
         {
@@ -37,7 +38,9 @@ def pass_layout(plan: ImagePlan) -> data.StructLayout:
 
 def tap_layout(plan: ImagePlan) -> data.StructLayout:
     """A tap: addresses of its activation and weights."""
-    return data.StructLayout({"valid": 1, "activation": unsigned(plan.address_bits), "weight": unsigned(plan.address_bits)})
+    return data.StructLayout(
+        {"valid": 1, "activation": unsigned(plan.address_bits), "weight": unsigned(plan.address_bits)}
+    )
 
 
 def sum_layout(plan: ImagePlan) -> data.StructLayout:

@@ -1,4 +1,5 @@
-"""The image engine's program: the words of its passes, one after the other (eskin/rtl/program/image_passes.py)."""
+"""The image engine's program: the words of its passes, one after the other
+(eskin/rtl/program/image_passes.py)."""
 
 from __future__ import annotations
 
@@ -44,12 +45,23 @@ class PassFetch(wiring.Component):
     def __init__(self, plan: ImagePlan, image: Sequence[int] | None = None) -> None:
         self._words, self._image, self._checksum = plan.program_words, image, plan.checksum
         controls = {name: In(1) for name in ("rewind", "fetch", "write")}
-        super().__init__({**controls, "address": In(16), "word": In(16), "fetched": Out(1), "now": Out(pass_layout(plan)), **CHECKED})
+        super().__init__(
+            {
+                **controls,
+                "address": In(16),
+                "word": In(16),
+                "fetched": Out(1),
+                "now": Out(pass_layout(plan)),
+                **CHECKED,
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()
         loadable = self._image is None
-        m.submodules.program = program = Memory(shape=16, depth=self._words, init=self._image or [], attrs=NO_COLLISION if loadable else {})
+        m.submodules.program = program = Memory(
+            shape=16, depth=self._words, init=self._image or [], attrs=NO_COLLISION if loadable else {}
+        )
         read = program.read_port()
         if loadable:
             write = program.write_port()
@@ -57,7 +69,11 @@ class PassFetch(wiring.Component):
         address, reading = Signal(range(self._words + 1)), Signal()
         number, arrived, arriving = Signal(range(PASS_WORDS + 2)), Signal(range(PASS_WORDS + 2)), Signal()
         last = PASS_WORDS - 1 if not self._checksum else PASS_WORDS + self.now.last
-        m.d.comb += [read.addr.eq(address), read.en.eq(reading), self.fetched.eq(arriving & (arrived == PASS_WORDS - 1))]
+        m.d.comb += [
+            read.addr.eq(address),
+            read.en.eq(reading),
+            self.fetched.eq(arriving & (arrived == PASS_WORDS - 1)),
+        ]
         m.d.sync += [arriving.eq(reading), arrived.eq(number)]
         with m.If(self.fetch):
             m.d.sync += [reading.eq(1), number.eq(0)]
@@ -66,9 +82,20 @@ class PassFetch(wiring.Component):
         with m.Elif(reading):
             m.d.sync += [address.eq(address + 1), number.eq(number + 1), reading.eq(number != last)]
         now, word = self.now, read.data
-        m.d.comb += [self.arrives.eq(arriving), self.arrived.eq(word), self.checks.eq(arriving & (arrived == PASS_WORDS))]
+        m.d.comb += [
+            self.arrives.eq(arriving),
+            self.arrived.eq(word),
+            self.checks.eq(arriving & (arrived == PASS_WORDS)),
+        ]
         parts = {
-            Word.FLAGS: ((now.radius, 0), (now.pool, 2), (now.dense, 3), (now.last, 4), (now.pairs, 5), (now.shift, 8)),
+            Word.FLAGS: (
+                (now.radius, 0),
+                (now.pool, 2),
+                (now.dense, 3),
+                (now.last, 4),
+                (now.pairs, 5),
+                (now.shift, 8),
+            ),
             Word.EXTENT: ((now.columns, 0), (now.rows, 8)),
             Word.GROUPS: ((now.groups, 0), (now.last_group, 8)),
             Word.CHANNELS: ((now.channels, 0),),

@@ -1,4 +1,5 @@
-"""What becomes of the image engine's sums: narrowed one by one, the largest of a pool's window kept (specification, section 15)."""
+"""What becomes of the image engine's sums: narrowed one by one, the largest of a pool's window kept
+(specification, section 15)."""
 
 from __future__ import annotations
 
@@ -79,7 +80,8 @@ class SumDrain(wiring.Component):
             closes.eq(counts & sums.closes & ~self.last),
             counted.eq(counts & self.last),
         ]
-        held = [Signal(8, name=f"held_{k}", reset_less=True) for k in range(plan.lanes)]  # of the lane that comes, and those after it
+        # of the lane that comes, and those after it
+        held = [Signal(8, name=f"held_{k}", reset_less=True) for k in range(plan.lanes)]
         own, largest = Signal(8), Signal(8)
         oldest, fresh = held[0], Const(1, 1)
         if plan.pairs:
@@ -94,5 +96,9 @@ class SumDrain(wiring.Component):
         with m.If(moved):
             m.d.sync += Cat(*held).eq(Cat(*held[1:], largest))
         m.d.comb += self.value.value.eq(held[-1])
-        m.d.sync += [self.value.valid.eq(closes), self.logit.valid.eq(counted), self.logit.value.eq(saturate(shifted, plan.logit_format))]
+        m.d.sync += [
+            self.value.valid.eq(closes),
+            self.logit.valid.eq(counted),
+            self.logit.value.eq(saturate(shifted, plan.logit_format)),
+        ]
         return m

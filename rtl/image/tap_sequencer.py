@@ -1,4 +1,5 @@
-"""The loops of the image engine: which activation meets which weights, a tap a cycle (eskin/rtl/program/image_passes.py)."""
+"""The loops of the image engine: which activation meets which weights, a tap a cycle
+(eskin/rtl/program/image_passes.py)."""
 
 from __future__ import annotations
 
@@ -67,7 +68,8 @@ class TapSequencer(wiring.Component):
         # dy, dx: its place in the window.
         above, below, left, right = (register(name, 8) for name in ("above", "below", "left", "right"))
         group, dy, dx = register("group", 8), register("dy", 1), register("dx", 1)
-        row_corner, corner = register("row_corner"), register("corner")  # first tap of the window's first sum: of the row, of this one
+        # first tap of the window's first sum: of the row, of this one
+        row_corner, corner = (register("row_corner"), register("corner"))
         weights, addend = register("weights"), register("addend")  # of the group
         more = Signal()  # there is one
         step = now.pool
@@ -81,8 +83,22 @@ class TapSequencer(wiring.Component):
             return Mux(step, value << 1, value)[: plan.address_bits]
 
         with m.If(self.go):
-            m.d.sync += [above.eq(0), below.eq(now.rows), left.eq(0), right.eq(now.columns), group.eq(0), dy.eq(0), dx.eq(0), more.eq(1)]
-            m.d.sync += [row_corner.eq(now.corner), corner.eq(now.corner), weights.eq(now.weights), addend.eq(now.addends)]
+            m.d.sync += [
+                above.eq(0),
+                below.eq(now.rows),
+                left.eq(0),
+                right.eq(now.columns),
+                group.eq(0),
+                dy.eq(0),
+                dx.eq(0),
+                more.eq(1),
+            ]
+            m.d.sync += [
+                row_corner.eq(now.corner),
+                corner.eq(now.corner),
+                weights.eq(now.weights),
+                addend.eq(now.addends),
+            ]
         with m.Elif(begins):
             m.d.sync += dx.eq(~last_dx)
             with m.If(last_dx):
@@ -95,10 +111,22 @@ class TapSequencer(wiring.Component):
                     ]
                     with m.If(last_group):
                         m.d.sync += [group.eq(0), weights.eq(now.weights), addend.eq(now.addends)]
-                        m.d.sync += [left.eq(left + 1 + step), right.eq(right - 1 - step), corner.eq(corner + stride(now.channels))]
+                        m.d.sync += [
+                            left.eq(left + 1 + step),
+                            right.eq(right - 1 - step),
+                            corner.eq(corner + stride(now.channels)),
+                        ]
                         with m.If(last_column):
-                            m.d.sync += [left.eq(0), right.eq(now.columns), above.eq(above + 1 + step), below.eq(below - 1 - step)]
-                            m.d.sync += [row_corner.eq(row_corner + stride(now.row)), corner.eq(row_corner + stride(now.row))]
+                            m.d.sync += [
+                                left.eq(0),
+                                right.eq(now.columns),
+                                above.eq(above + 1 + step),
+                                below.eq(below - 1 - step),
+                            ]
+                            m.d.sync += [
+                                row_corner.eq(row_corner + stride(now.row)),
+                                corner.eq(row_corner + stride(now.row)),
+                            ]
                             with m.If(last_row):
                                 m.d.sync += more.eq(0)
         m.d.comb += self.addend.eq(addend)
@@ -112,7 +140,8 @@ class TapSequencer(wiring.Component):
         activation, weight, width = register("activation"), register("weight"), register("width")
         height = register("height", 3)
         down, across = Signal(), Signal()  # steps still to take: within the window
-        skips = {name: Signal(2, name=f"skip_{name}") for name in ("above", "left", "below", "right")}  # of the kernel
+        # of the kernel
+        skips = {name: Signal(2, name=f"skip_{name}") for name in ("above", "left", "below", "right")}
         row_step, column_step = down | (skips["above"] != 0), across | (skips["left"] != 0)
         narrower = Signal()
         m.d.sync += starts.eq(self.go | (begins & ~(last_dx & last_dy & last_group & last_column & last_row)))
@@ -121,7 +150,12 @@ class TapSequencer(wiring.Component):
         with m.If(arrived):  # (registered, as it lets a slot begin, which reaches everything)
             m.d.sync += [prepared.eq(1), walking.eq(0)]
         with m.If(starts):
-            m.d.sync += [activation.eq(corner), weight.eq(weights), width.eq(now.kernel_row), height.eq(Const(1) + (now.radius << 1))]
+            m.d.sync += [
+                activation.eq(corner),
+                weight.eq(weights),
+                width.eq(now.kernel_row),
+                height.eq(Const(1) + (now.radius << 1)),
+            ]
             m.d.sync += [down.eq(dy), across.eq(dx), walking.eq(1)]
             m.d.sync += [
                 skips["above"].eq(beyond(above + dy)),
@@ -133,7 +167,11 @@ class TapSequencer(wiring.Component):
             with m.If(down):
                 m.d.sync += down.eq(0)
             with m.Elif(skips["above"] != 0):
-                m.d.sync += [skips["above"].eq(skips["above"] - 1), weight.eq(weight + now.kernel_row), height.eq(height - 1)]
+                m.d.sync += [
+                    skips["above"].eq(skips["above"] - 1),
+                    weight.eq(weight + now.kernel_row),
+                    height.eq(height - 1),
+                ]
             with m.Elif(across):
                 m.d.sync += across.eq(0)
             with m.Elif(skips["left"] != 0):
@@ -153,7 +191,12 @@ class TapSequencer(wiring.Component):
 
         # ---------------------------------------------------------------- the slot under way
         running, first = Signal(), Signal()  # first: its slot only brings the biases in
-        active, across_left, down_left, row_width = Signal(), register("across_left"), register("down_left", 3), register("row_width")
+        active, across_left, down_left, row_width = (
+            Signal(),
+            register("across_left"),
+            register("down_left", 3),
+            register("row_width"),
+        )
         row_activation, row_weight = register("row_activation"), register("row_weight")
         next_row, next_weights = Signal(plan.address_bits), Signal(plan.address_bits)
         since = Signal(range(lanes + DRAIN_CYCLES + 1))  # cycles since the slot's second
@@ -174,12 +217,29 @@ class TapSequencer(wiring.Component):
         m.d.sync += ending.eq((ending | (self.begin & ~first & ~more)) & ~self.done)
         with m.If(begins):
             m.d.sync += [active.eq(1), across_left.eq(width), row_width.eq(width), down_left.eq(height)]
-            m.d.sync += [tap.activation.eq(activation), tap.weight.eq(weight), row_activation.eq(activation), row_weight.eq(weight)]
+            m.d.sync += [
+                tap.activation.eq(activation),
+                tap.weight.eq(weight),
+                row_activation.eq(activation),
+                row_weight.eq(weight),
+            ]
         with m.Elif(active):
-            m.d.sync += [tap.activation.eq(tap.activation + 1), tap.weight.eq(tap.weight + 1), across_left.eq(across_left - 1)]
+            m.d.sync += [
+                tap.activation.eq(tap.activation + 1),
+                tap.weight.eq(tap.weight + 1),
+                across_left.eq(across_left - 1),
+            ]
             with m.If(ends_row):
-                m.d.sync += [tap.activation.eq(next_row), tap.weight.eq(next_weights), across_left.eq(row_width)]
-                m.d.sync += [row_activation.eq(next_row), row_weight.eq(next_weights), down_left.eq(down_left - 1)]
+                m.d.sync += [
+                    tap.activation.eq(next_row),
+                    tap.weight.eq(next_weights),
+                    across_left.eq(row_width),
+                ]
+                m.d.sync += [
+                    row_activation.eq(next_row),
+                    row_weight.eq(next_weights),
+                    down_left.eq(down_left - 1),
+                ]
                 m.d.sync += active.eq(down_left != 1)
         with m.If(self.go):
             m.d.sync += [running.eq(1), first.eq(1)]
@@ -192,7 +252,9 @@ class TapSequencer(wiring.Component):
                 current.opens.eq(~dy & ~dx),
                 current.closes.eq(last_dx & last_dy),
                 current.alone.eq(right == 0),
-                current.lanes.eq(Mux(last_group, now.last_group, Mux(now.dense, plan.dense_lanes - 1, lanes - 1))),
+                current.lanes.eq(
+                    Mux(last_group, now.last_group, Mux(now.dense, plan.dense_lanes - 1, lanes - 1))
+                ),
             ]
         m.d.comb += self.released.eq(current)
         return m

@@ -1,4 +1,5 @@
-"""The image engine's weights: of convolutions a word for all lanes, of dense layers in two memories of one port."""
+"""The image engine's weights: of convolutions a word for all lanes, of dense layers in two memories of one
+port."""
 
 from __future__ import annotations
 
@@ -51,7 +52,9 @@ class WeightMemory(wiring.Component):
         word = []
         for column in range(plan.columns):
             bits = min(16, width - 16 * column)
-            m.submodules[f"conv_{column}"] = memory = Memory(shape=bits, depth=max(1, plan.conv_words), init=[], attrs=NO_COLLISION)
+            m.submodules[f"conv_{column}"] = memory = Memory(
+                shape=bits, depth=max(1, plan.conv_words), init=[], attrs=NO_COLLISION
+            )
             read, write = memory.read_port(), memory.write_port()
             m.d.comb += [
                 read.addr.eq(self.address),

@@ -1,1 +1,2 @@
-"""Converters in front of the chain, touch position and stimulator behind it; docs/specification.md section 12."""
+"""Converters in front of the chain, touch position and stimulator behind it; docs/specification.md section
+12."""

@@ -30,7 +30,8 @@ COMPONENTS: dict[type, Callable[..., Any]] = {
     MatrixPlan: lambda plan, taxels: MatrixConverter(plan),
     MprPlan: lambda plan, taxels: Mpr121Converter(plan),
 }
-"""What carries a plan out, of (plan, taxels); each has the ports of `eskin.rtl.interface.converter_ports.converter_ports`."""
+"""What carries a plan out, of (plan, taxels); each has the ports of
+`eskin.rtl.interface.converter_ports.converter_ports`."""
 
 
 class Acquisition(wiring.Component):
@@ -58,8 +59,9 @@ class Acquisition(wiring.Component):
     pins : Out
         The converter's.
 
-    The time from the last code to the first beat is 2 cycles. A scan begins in the cycle of the sample clock (`SampleClock` tells its
-    jitter); one that is due while the scan before goes on is left out: LATE. None begins while the converter is being set up.
+    The time from the last code to the first beat is 2 cycles. A scan begins in the cycle of the sample clock
+    (`SampleClock` tells its jitter); one that is due while the scan before goes on is left out: LATE. None
+    begins while the converter is being set up.
     """
 
     def __init__(self, config: AcceleratorConfig, clock_hz: float | None = None) -> None:
@@ -100,6 +102,9 @@ class Acquisition(wiring.Component):
             guard.bad.eq(converter.fault.any()),
             self.handing.eq(guard.handing),
             self.broken.eq(guard.broken | missed),
-            self.fault.eq(Mux(converter.finished, converter.fault, 0) | Mux(guard.late | missed, int(ConverterFault.LATE), 0)),
+            self.fault.eq(
+                Mux(converter.finished, converter.fault, 0)
+                | Mux(guard.late | missed, int(ConverterFault.LATE), 0)
+            ),
         ]
         return m

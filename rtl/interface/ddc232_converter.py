@@ -1,4 +1,5 @@
-"""Frames from a DDC232: configuration, its readback, integrations in turn on both sides (docs/specification.md section 12)."""
+"""Frames from a DDC232: configuration, its readback, integrations in turn on both sides
+(docs/specification.md section 12)."""
 
 from __future__ import annotations
 
@@ -8,7 +9,15 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.converters import ConverterFault
-from eskin.golden.core.ddc232 import CONFIGURATION_BITS, PATTERN, PATTERN_BITS, READBACK_BITS, REVISION_BITS, WARM_UP, DdcPlan
+from eskin.golden.core.ddc232 import (
+    CONFIGURATION_BITS,
+    PATTERN,
+    PATTERN_BITS,
+    READBACK_BITS,
+    REVISION_BITS,
+    WARM_UP,
+    DdcPlan,
+)
 from eskin.golden.core.serial_port import HALF_MIN
 from eskin.rtl.interface.converter_ports import converter_ports
 
@@ -31,10 +40,12 @@ DDC_PINS = wiring.Signature(
 
 
 class Ddc232Converter(wiring.Component):
-    """One integration a ``start``: CONV changes, what ended is converted meanwhile, DVALID falls, the words are shifted out.
+    """One integration a ``start``: CONV changes, what ended is converted meanwhile, DVALID falls, the words
+    are shifted out.
 
-    After reset, and after a fault, the chip is set up: reset, configuration, readback compared, `WARM_UP` integrations thrown away. A
-    DVALID that does not fall while there is time to read is SILENT; words that are all 0 or all 1 are STUCK; a wrong readback is READBACK.
+    After reset, and after a fault, the chip is set up: reset, configuration, readback compared, `WARM_UP`
+    integrations thrown away. A DVALID that does not fall while there is time to read is SILENT; words that
+    are all 0 or all 1 are STUCK; a wrong readback is READBACK.
 
     Parameters
     ----------
@@ -46,8 +57,9 @@ class Ddc232Converter(wiring.Component):
     pins : Out
         `DDC_PINS`; all from registers.
 
-    The others are those of `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept by the plan's deadline. From
-    any state of its registers the controller is in "idle" or "reset" within a setup's time: every other state counts down to one of them.
+    The others are those of `converter_ports`. CONV changes one cycle after ``start``; its quiet time is kept
+    by the plan's deadline. From any state of its registers the controller is in "idle" or "reset" within a
+    setup's time: every other state counts down to one of them.
     """
 
     def __init__(self, plan: DdcPlan, taxels: int) -> None:
@@ -68,7 +80,10 @@ class Ddc232Converter(wiring.Component):
 
         clock_timer = Signal(range(max(2, plan.clk_half)))
         clock_over = clock_timer == 0
-        m.d.sync += [clock_timer.eq(Mux(clock_over, plan.clk_half - 1, clock_timer - 1)), pins.clk.eq(pins.clk ^ clock_over)]
+        m.d.sync += [
+            clock_timer.eq(Mux(clock_over, plan.clk_half - 1, clock_timer - 1)),
+            pins.clk.eq(pins.clk ^ clock_over),
+        ]
 
         # ---------------------------------------------------------------- the states' counters
         timer = Signal(range(max(plan.wait, plan.deadline, plan.half) + 1), init=plan.wait)
@@ -83,7 +98,9 @@ class Ddc232Converter(wiring.Component):
         halves_over = (place == 0) & over
         falling = over & (place != 0) & ~place[0]  # the data clock's high half ends
         expected = Const(plan.configuration << (REVISION_BITS + PATTERN_BITS) | PATTERN, EXPECTED_BITS)
-        looked_at = Const((1 << EXPECTED_BITS) - 1 ^ ((1 << REVISION_BITS) - 1) << PATTERN_BITS, EXPECTED_BITS)
+        looked_at = Const(
+            (1 << EXPECTED_BITS) - 1 ^ ((1 << REVISION_BITS) - 1) << PATTERN_BITS, EXPECTED_BITS
+        )
         index = Signal(range(READBACK_BITS + 1))  # of the readback's bits, from its end
         from_end = Signal(range(EXPECTED_BITS))
         m.d.comb += [index.eq(place >> 1), from_end.eq(index - 1 - (READBACK_BITS - EXPECTED_BITS))]
@@ -91,7 +108,11 @@ class Ddc232Converter(wiring.Component):
 
         wired = Array([Const(taxel is not None, 1) for taxel in plan.places])[word]
         taxel = Array([Const(taxel or 0, len(self.put.place)) for taxel in plan.places])[word]
-        m.d.comb += [self.put.valid.eq(code_due & wired), self.put.place.eq(taxel), self.put.code.eq(shift[:bits])]
+        m.d.comb += [
+            self.put.valid.eq(code_due & wired),
+            self.put.place.eq(taxel),
+            self.put.code.eq(shift[:bits]),
+        ]
         m.d.sync += code_due.eq(0)
 
         def wait(cycles: int):
@@ -145,10 +166,17 @@ class Ddc232Converter(wiring.Component):
                 with m.If(warm != 0):
                     m.d.sync += warm.eq(warm - 1)
                 with m.Else():
-                    m.d.sync += [timer.eq(plan.deadline - 4), low.eq(1), high.eq(1), left.eq(bits - 1), word.eq(0)]
+                    m.d.sync += [
+                        timer.eq(plan.deadline - 4),
+                        low.eq(1),
+                        high.eq(1),
+                        left.eq(bits - 1),
+                        word.eq(0),
+                    ]
                     m.next = "wait"
             with m.State("wait"):
-                with m.If(falls & (timer < plan.deadline - 4 - plan.quiet)):  # one that is earlier belongs to the edge before
+                # one that is earlier belongs to the edge before
+                with m.If(falls & (timer < plan.deadline - 4 - plan.quiet)):
                     m.d.sync += halves(2 * bits * words + 1)
                     m.next = "read"
                 with m.Elif(over):
@@ -167,5 +195,8 @@ class Ddc232Converter(wiring.Component):
                         m.d.comb += self.finished.eq(1)
                         m.next = "idle"
         reading = states.ongoing("wait") | states.ongoing("read")
-        m.d.comb += [self.busy.eq(~states.ongoing("idle")), self.away.eq(~reading & (~states.ongoing("idle") | (warm != 0) | ~over))]
+        m.d.comb += [
+            self.busy.eq(~states.ongoing("idle")),
+            self.away.eq(~reading & (~states.ongoing("idle") | (warm != 0) | ~over)),
+        ]
         return m

@@ -1,4 +1,5 @@
-"""Whole frames only: samples are kept until their frame is known to be good (docs/specification.md section 12)."""
+"""Whole frames only: samples are kept until their frame is known to be good (docs/specification.md section
+12)."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from eskin.rtl.common.layouts import sample_layout
 
 
 class FrameGuard(wiring.Component):
-    """Keeps the samples of a frame in a memory and hands them on, taxel 0 first, when the frame has ended well.
+    """Keeps the samples of a frame in a memory and hands them on, taxel 0 first, when the frame has ended
+    well.
 
     Parameters
     ----------
@@ -39,7 +41,9 @@ class FrameGuard(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
-        put = data.StructLayout({"valid": 1, "place": range(config.sensor.taxels), "sample": shape_of(config.sample_format)})
+        put = data.StructLayout(
+            {"valid": 1, "place": range(config.sensor.taxels), "sample": shape_of(config.sample_format)}
+        )
         super().__init__(
             {
                 "put": In(put),
@@ -55,7 +59,9 @@ class FrameGuard(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         taxels = self._config.sensor.taxels
-        m.submodules.memory = memory = Memory(shape=shape_of(self._config.sample_format), depth=taxels, init=[])
+        m.submodules.memory = memory = Memory(
+            shape=shape_of(self._config.sample_format), depth=taxels, init=[]
+        )
         write, read = memory.write_port(), memory.read_port()
         place, spoilt, read_yet = Signal(range(taxels)), Signal(), Signal()
         m.d.comb += [

@@ -10,12 +10,13 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 I2C_PINS = wiring.Signature({"scl_low": Out(1), "sda_low": Out(1), "sda": In(1, init=1)})
-"""Open drain: ``..._low`` pulls the wire low, otherwise its pull-up holds it high. This controller is the only one on its bus, and no chip
-here stretches the clock, so SCL is not listened to."""
+"""Open drain: ``..._low`` pulls the wire low, otherwise its pull-up holds it high. This controller is the
+only one on its bus, and no chip here stretches the clock, so SCL is not listened to."""
 
 
 class I2cOp(Enum):
-    """What the controller is asked for. A byte is 8 bits and the acknowledge: the chip's after WRITE, ours after READ, none after LAST."""
+    """What the controller is asked for. A byte is 8 bits and the acknowledge: the chip's after WRITE, ours
+    after READ, none after LAST."""
 
     START = 0
     STOP = 1
@@ -27,13 +28,14 @@ class I2cOp(Enum):
 class I2cMaster(wiring.Component):
     """Bits of four quarters: clock low with the old data, low with the new, high, high.
 
-    START and STOP are bits too, in which the data line falls, or rises, in the middle of the clock's high half; START after a byte is a
-    repeated start.
+    START and STOP are bits too, in which the data line falls, or rises, in the middle of the clock's high
+    half; START after a byte is a repeated start.
 
     Parameters
     ----------
     quarter:
-        Cycles of a quarter of a bit, at least 3: SDA is looked at at the end of the third, after two flip-flops.
+        Cycles of a quarter of a bit, at least 3: SDA is looked at at the end of the third, after two
+        flip-flops.
 
     Members
     -------
@@ -52,8 +54,8 @@ class I2cMaster(wiring.Component):
     pins : Out
         `I2C_PINS`, from registers.
 
-    START and STOP take 4 quarter + 1 cycles from ``start`` to ``idle``, a byte 36 quarter + 1. From any state of its registers it is idle
-    after one byte's time at most.
+    START and STOP take 4 quarter + 1 cycles from ``start`` to ``idle``, a byte 36 quarter + 1. From any state
+    of its registers it is idle after one byte's time at most.
     """
 
     def __init__(self, quarter: int) -> None:

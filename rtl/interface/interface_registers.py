@@ -1,4 +1,5 @@
-"""Registers of what lies beside the accelerator: where the array is touched, the converter's faults, the stimulator's settings."""
+"""Registers of what lies beside the accelerator: where the array is touched, the converter's faults, the
+stimulator's settings."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ COUNT_BITS = 16
 
 
 class InterfaceRegisters(wiring.Component):
-    """Between the host and the accelerator's bus: takes the accesses to `InterfaceRegister`, hands on all others in the same cycle.
+    """Between the host and the accelerator's bus: takes the accesses to `InterfaceRegister`, hands on all
+    others in the same cycle.
 
     Parameters
     ----------
@@ -38,7 +40,8 @@ class InterfaceRegisters(wiring.Component):
     position : In(struct: valid, payload of position_layout), only with ``position``
     fault : In(bits of ConverterFault), only with a converter
     settings : Out(settings_layout), only with a converter and a stimulator
-        As they were written; what the stimulator gets is limited behind this (`StimulatorFrames`). An amplitude above 255 is 255.
+        As they were written; what the stimulator gets is limited behind this (`StimulatorFrames`). An
+        amplitude above 255 is 255.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -48,7 +51,11 @@ class InterfaceRegisters(wiring.Component):
             {"bus": In(bus_signature()), "inner": Out(bus_signature()), "armed": Out(1), "arm": Out(1)}
             | ({"position": told} if config.interface.position else {})
             | ({"fault": In(FAULT_BITS)} if InterfaceRegister.CONVERTER_FAULTS in self._registers else {})
-            | ({"settings": Out(settings_layout, init=reset_settings(config))} if InterfaceRegister.STIM_WIDTH in self._registers else {})
+            | (
+                {"settings": Out(settings_layout, init=reset_settings(config))}
+                if InterfaceRegister.STIM_WIDTH in self._registers
+                else {}
+            )
         )
 
     def elaborate(self, platform):
@@ -75,7 +82,10 @@ class InterfaceRegisters(wiring.Component):
                 m.d.sync += [last.eq(self.position.payload), count.eq(count + 1)]
             with m.If(arm):
                 m.d.sync += count.eq(0)
-            readable |= {one.POSITION: Cat(last.x, last.y), one.POSITION_PEAK: Cat(last.peak, last.direction, last.ended)}
+            readable |= {
+                one.POSITION: Cat(last.x, last.y),
+                one.POSITION_PEAK: Cat(last.peak, last.direction, last.ended),
+            }
             readable[one.POSITIONS] = count
         if one.CONVERTER_FAULTS in self._registers:
             faults = Signal(FAULT_BITS)

@@ -1,4 +1,5 @@
-"""Frames from a matrix: an address, time to settle, one sample, cell after cell (docs/specification.md section 12)."""
+"""Frames from a matrix: an address, time to settle, one sample, cell after cell (docs/specification.md
+section 12)."""
 
 from __future__ import annotations
 
@@ -19,11 +20,11 @@ def matrix_pins(plan: MatrixPlan) -> wiring.Signature:
 
 
 class MatrixConverter(wiring.Component):
-    """All cells, row by row, one frame a ``start``. The address changes when the converter's transfer is over, and select falls, which
-    takes the sample, ``plan.settle`` cycles later at the earliest.
+    """All cells, row by row, one frame a ``start``. The address changes when the converter's transfer is
+    over, and select falls, which takes the sample, ``plan.settle`` cycles later at the earliest.
 
-    Checked are the bits that are 0 by the data sheet (ORDER), and whether all cells are at the same end of the range (STUCK): the
-    amplifier's rest level must lie inside it.
+    Checked are the bits that are 0 by the data sheet (ORDER), and whether all cells are at the same end of
+    the range (STUCK): the amplifier's rest level must lie inside it.
 
     Members
     -------
@@ -35,13 +36,19 @@ class MatrixConverter(wiring.Component):
 
     def __init__(self, plan: MatrixPlan) -> None:
         self._plan = plan
-        super().__init__(converter_ports(plan.rows * plan.columns, plan.port.code_bits) | {"pins": Out(matrix_pins(plan))})
+        super().__init__(
+            converter_ports(plan.rows * plan.columns, plan.port.code_bits) | {"pins": Out(matrix_pins(plan))}
+        )
 
     def elaborate(self, platform):
         m = Module()
         plan, pins, chip = self._plan, self.pins, self._plan.port.chip
         m.submodules.master = master = SpiMaster(plan.port)
-        m.d.comb += [pins.cs_n.eq(master.pins.cs_n), pins.sclk.eq(master.pins.sclk), master.pins.miso.eq(pins.miso)]
+        m.d.comb += [
+            pins.cs_n.eq(master.pins.cs_n),
+            pins.sclk.eq(master.pins.sclk),
+            master.pins.miso.eq(pins.miso),
+        ]
         settle = Signal(range(plan.settle + 1))
         settled = settle == 0
         converting = Signal()  # the transfer of this cell is under way
@@ -60,7 +67,10 @@ class MatrixConverter(wiring.Component):
             self.put.place.eq(cell),
             self.put.code.eq(code),
             self.finished.eq(taken & last_column & last_row),
-            self.fault.eq(Mux(wrong_now, int(ConverterFault.ORDER), 0) | Mux(low_now | high_now, int(ConverterFault.STUCK), 0)),
+            self.fault.eq(
+                Mux(wrong_now, int(ConverterFault.ORDER), 0)
+                | Mux(low_now | high_now, int(ConverterFault.STUCK), 0)
+            ),
         ]
         with m.If(master.start & master.idle):
             m.d.sync += converting.eq(1)

@@ -1,4 +1,5 @@
-"""Frames from one or two MPR121: start-up, filtered data, cells between electrodes (docs/specification.md section 12)."""
+"""Frames from one or two MPR121: start-up, filtered data, cells between electrodes (docs/specification.md
+section 12)."""
 
 from __future__ import annotations
 
@@ -17,8 +18,8 @@ from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp
 
 @dataclass(frozen=True)
 class Step:
-    """One operation on the bus. compare: what is read must be ``byte``; keep: it is the lower (1) or upper (2) byte of an electrode;
-    pause: 1 the time after a reset, 2 that until data count."""
+    """One operation on the bus. compare: what is read must be ``byte``; keep: it is the lower (1) or upper
+    (2) byte of an electrode; pause: 1 the time after a reset, 2 that until data count."""
 
     op: I2cOp
     byte: int = 0
@@ -36,7 +37,12 @@ def _message(address: int, *words: int, pause: int = 0) -> list[Step]:
 
 
 def _reading(address: int, register: int, reads: list[Step]) -> list[Step]:
-    head = [Step(I2cOp.START), Step(I2cOp.WRITE, address << 1), Step(I2cOp.WRITE, register), Step(I2cOp.START)]
+    head = [
+        Step(I2cOp.START),
+        Step(I2cOp.WRITE, address << 1),
+        Step(I2cOp.WRITE, register),
+        Step(I2cOp.START),
+    ]
     return [*head, Step(I2cOp.WRITE, address << 1 | 1), *reads, Step(I2cOp.STOP)]
 
 
@@ -60,7 +66,8 @@ def frame(plan: MprPlan) -> list[Step]:
     for chip, count in enumerate(plan.electrodes):
         reads = [Step(I2cOp.READ, keep=1 + k % 2) for k in range(2 * count - 1)] + [Step(I2cOp.LAST, keep=2)]
         steps += _reading(mpr121.ADDRESS + chip, mpr121.FILTERED, reads)
-        # Behind the data: a chip that lost its supply, or stopped, before or during them is in stop mode, and only a set-up ends that.
+        # Behind the data: a chip that lost its supply, or stopped, before or during them is in stop mode, and
+        # only a set-up ends that.
         steps += _reading(mpr121.ADDRESS + chip, mpr121.ECR, [Step(I2cOp.LAST, mpr121.RUNNING, compare=True)])
     return steps
 
@@ -68,9 +75,9 @@ def frame(plan: MprPlan) -> list[Step]:
 class Mpr121Converter(wiring.Component):
     """A burst from each chip, then the cells one a cycle, one frame a ``start``.
 
-    After reset, and after any fault, the chips are set up anew. No acknowledge is SILENT; a CONFIG2 that is not as after a reset, or an
-    ECR that is not as written, is READBACK; upper bits that are not 0 are ORDER; a chip whose electrodes are all 0, or electrodes that are
-    all at full scale, are STUCK.
+    After reset, and after any fault, the chips are set up anew. No acknowledge is SILENT; a CONFIG2 that is
+    not as after a reset, or an ECR that is not as written, is READBACK; upper bits that are not 0 are ORDER;
+    a chip whose electrodes are all 0, or electrodes that are all at full scale, are STUCK.
 
     Members
     -------
@@ -82,7 +89,9 @@ class Mpr121Converter(wiring.Component):
 
     def __init__(self, plan: MprPlan) -> None:
         self._plan = plan
-        super().__init__(converter_ports(plan.rows * plan.columns, mpr121.CODE_BITS + 1) | {"pins": Out(I2C_PINS)})
+        super().__init__(
+            converter_ports(plan.rows * plan.columns, mpr121.CODE_BITS + 1) | {"pins": Out(I2C_PINS)}
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -93,7 +102,9 @@ class Mpr121Converter(wiring.Component):
         program = [STEP.const(vars(one) | {"op": one.op.value}) for one in setting_up + reading]
         at = Signal(range(len(program)))
         step = data.View(STEP, Signal(STEP.size))
-        m.d.comb += step.as_value().eq(Array([Const(word.as_value().value, STEP.size) for word in program])[at])
+        m.d.comb += step.as_value().eq(
+            Array([Const(word.as_value().value, STEP.size) for word in program])[at]
+        )
 
         total = sum(plan.electrodes)
         electrodes = Array([Signal(bits, name=f"electrode{k}") for k in range(total)])
@@ -101,10 +112,14 @@ class Mpr121Converter(wiring.Component):
         timer = Signal(range(max(plan.reset, plan.first) + 1))
         running, issued, expanding = Signal(init=1), Signal(), Signal()
         fresh = Signal(init=1)  # in the start-up
-        wrong, low, dead, high = Signal(), Signal(), Signal(), Signal()  # low: this chip's electrodes; dead: those of a chip
+        # low: this chip's electrodes; dead: those of a chip
+        wrong, low, dead, high = (Signal(), Signal(), Signal(), Signal())
         row, column = Signal(range(max(2, plan.rows))), Signal(range(max(2, plan.columns)))
         cell = Signal.like(self.put.place)
-        m.d.comb += [self.busy.eq(running | expanding), self.away.eq(fresh | ~running & ~expanding & (timer != 0))]
+        m.d.comb += [
+            self.busy.eq(running | expanding),
+            self.away.eq(fresh | ~running & ~expanding & (timer != 0)),
+        ]
         m.d.sync += timer.eq(timer - (timer != 0))
 
         # ---------------------------------------------------------------- cells
@@ -123,12 +138,21 @@ class Mpr121Converter(wiring.Component):
             self.put.code.eq(FULL - Mux(by_row > by_column, by_row, by_column)),
         ]
         bad = Signal(len(self.fault))
-        m.d.comb += bad.eq(Mux(wrong, int(ConverterFault.ORDER), 0) | Mux(dead | high, int(ConverterFault.STUCK), 0))
+        m.d.comb += bad.eq(
+            Mux(wrong, int(ConverterFault.ORDER), 0) | Mux(dead | high, int(ConverterFault.STUCK), 0)
+        )
 
         def begin(fault):
             """The start-up, from the frame's or step's end on; with what is told of it."""
             m.d.comb += [self.finished.eq(1), self.fault.eq(fault)]
-            m.d.sync += [running.eq(1), fresh.eq(1), at.eq(0), issued.eq(0), timer.eq(plan.reset), index.eq(0)]
+            m.d.sync += [
+                running.eq(1),
+                fresh.eq(1),
+                at.eq(0),
+                issued.eq(0),
+                timer.eq(plan.reset),
+                index.eq(0),
+            ]
 
         with m.If(expanding):
             m.d.sync += [cell.eq(cell + 1), column.eq(Mux(last_column, 0, column + 1))]
@@ -141,7 +165,11 @@ class Mpr121Converter(wiring.Component):
                 with m.Else():
                     m.d.comb += self.finished.eq(1)
         with m.Elif(running):
-            m.d.comb += [master.op.eq(step.op), master.byte.eq(step.byte), master.start.eq((timer == 0) & ~issued)]
+            m.d.comb += [
+                master.op.eq(step.op),
+                master.byte.eq(step.byte),
+                master.start.eq((timer == 0) & ~issued),
+            ]
             with m.If(master.start):
                 m.d.sync += issued.eq(1)
             with m.Elif(master.idle):  # only after an upset: the operation that is waited for is not there
@@ -154,7 +182,11 @@ class Mpr121Converter(wiring.Component):
                 with m.If(step.keep[1]):
                     code = (master.heard << 8 | lower)[:bits]
                     m.d.sync += [electrodes[index].eq(code), index.eq(index + 1)]
-                    m.d.sync += [wrong.eq(wrong | master.heard[bits - 8 :].any()), low.eq(low & ~code.any()), high.eq(high & code.all())]
+                    m.d.sync += [
+                        wrong.eq(wrong | master.heard[bits - 8 :].any()),
+                        low.eq(low & ~code.any()),
+                        high.eq(high & code.all()),
+                    ]
                 with m.If(step.compare):  # the last of a chip's steps
                     m.d.sync += [dead.eq(dead | low), low.eq(1)]
                 with m.If(at == len(setting_up) - 1):
@@ -166,5 +198,14 @@ class Mpr121Converter(wiring.Component):
                 with m.Elif(step.compare & (master.heard != step.byte)):
                     begin(int(ConverterFault.READBACK))
         with m.Elif(self.start & (timer == 0)):
-            m.d.sync += [running.eq(1), at.eq(len(setting_up)), issued.eq(0), index.eq(0), wrong.eq(0), dead.eq(0), low.eq(1), high.eq(1)]
+            m.d.sync += [
+                running.eq(1),
+                at.eq(len(setting_up)),
+                issued.eq(0),
+                index.eq(0),
+                wrong.eq(0),
+                dead.eq(0),
+                low.eq(1),
+                high.eq(1),
+            ]
         return m

@@ -8,7 +8,8 @@ from amaranth.lib.wiring import In, Out
 
 
 class SampleClock(wiring.Component):
-    """``tick`` p times in q cycles: the first in the first cycle of ``run``, number k in cycle ceil(k q / p) from there.
+    """``tick`` p times in q cycles: the first in the first cycle of ``run``, number k in cycle ceil(k q / p)
+    from there.
 
     Parameters
     ----------
@@ -27,7 +28,9 @@ class SampleClock(wiring.Component):
 
     def __init__(self, p: int, q: int) -> None:
         if not 0 < p < q:
-            raise ValueError(f"a sample clock of {p} ticks in {q} cycles: there must be fewer ticks than cycles")
+            raise ValueError(
+                f"a sample clock of {p} ticks in {q} cycles: there must be fewer ticks than cycles"
+            )
         self._p, self._q = p, q
         super().__init__({"run": In(1), "tick": Out(1)})
 

@@ -30,6 +30,10 @@ class SampleNarrower(wiring.Component):
         width = max(len(self.code), offset.bit_length()) + 2
         centred = Signal(signed(width))
         m.d.comb += centred.eq(self.code - Const(offset, signed(offset.bit_length() + 1)))
-        result = narrow(centred, shift, config.sample_format) if shift >= 0 else saturate(centred << -shift, config.sample_format)
+        result = (
+            narrow(centred, shift, config.sample_format)
+            if shift >= 0
+            else saturate(centred << -shift, config.sample_format)
+        )
         m.d.comb += self.sample.eq(result)
         return m

@@ -1,4 +1,5 @@
-"""A frame from SPI converters: every channel asked in turn, what comes back checked (docs/specification.md section 12)."""
+"""A frame from SPI converters: every channel asked in turn, what comes back checked (docs/specification.md
+section 12)."""
 
 from __future__ import annotations
 
@@ -14,9 +15,10 @@ from eskin.rtl.interface.spi_master import SpiMaster, spi_pins
 class SpiConverter(wiring.Component):
     """All channels of ``plan.lines * plan.selects`` chips, one frame a ``start``.
 
-    A frame takes ``len(plan.transfers)`` times (`SpiMaster`'s transfer + lines + 2) cycles. Checked are the channel's number and the bits
-    that are 0 by the data sheet (ORDER), and for each data line whether all its codes are at the same end of their range (STUCK); lines
-    with a single channel are judged together, because one saturated taxel is no fault.
+    A frame takes ``len(plan.transfers)`` times (`SpiMaster`'s transfer + lines + 2) cycles. Checked are the
+    channel's number and the bits that are 0 by the data sheet (ORDER), and for each data line whether all its
+    codes are at the same end of their range (STUCK); lines with a single channel are judged together, because
+    one saturated taxel is no fault.
 
     Members
     -------
@@ -28,7 +30,9 @@ class SpiConverter(wiring.Component):
 
     def __init__(self, plan: SpiPlan, taxels: int) -> None:
         self._plan, self._taxels = plan, taxels
-        super().__init__(converter_ports(taxels, plan.code_bits) | {"pins": Out(spi_pins(plan.lines, plan.selects))})
+        super().__init__(
+            converter_ports(taxels, plan.code_bits) | {"pins": Out(spi_pins(plan.lines, plan.selects))}
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -82,14 +86,24 @@ class SpiConverter(wiring.Component):
             with m.If(end_of_lines):
                 m.d.sync += [handing.eq(0), line.eq(0), transfer.eq(transfer + 1), step.eq(step + 1)]
                 with m.If(end_of_group):
-                    m.d.sync += [step.eq(0), group.eq(group + 1), stuck_before.eq(stuck_before | stuck_now), low.eq(-1), high.eq(-1)]
+                    m.d.sync += [
+                        step.eq(0),
+                        group.eq(group + 1),
+                        stuck_before.eq(stuck_before | stuck_now),
+                        low.eq(-1),
+                        high.eq(-1),
+                    ]
                 with m.If(end):
                     m.d.sync += self.busy.eq(0)
                     m.d.comb += self.finished.eq(1)
         m.d.comb += self.fault.eq(
-            Mux(wrong | is_wrong & counted, int(ConverterFault.ORDER), 0) | Mux(stuck_before | stuck_now, int(ConverterFault.STUCK), 0)
+            Mux(wrong | is_wrong & counted, int(ConverterFault.ORDER), 0)
+            | Mux(stuck_before | stuck_now, int(ConverterFault.STUCK), 0)
         )
         with m.If(self.start & ~self.busy):
-            m.d.sync += [signal.eq(signal.init) for signal in (transfer, step, group, handing, wrong, low, high, stuck_before)]
+            m.d.sync += [
+                signal.eq(signal.init)
+                for signal in (transfer, step, group, handing, wrong, low, high, stuck_before)
+            ]
             m.d.sync += self.busy.eq(1)
         return m

@@ -1,4 +1,5 @@
-"""A serial port to converters: one transfer, several data lines at once (docs/specification.md section 12)."""
+"""A serial port to converters: one transfer, several data lines at once (docs/specification.md section
+12)."""
 
 from __future__ import annotations
 
@@ -12,22 +13,30 @@ from eskin.golden.core.serial_port import HALF_MIN
 
 
 def spi_pins(lines: int, selects: int) -> wiring.Signature:
-    """Pins of an SPI port: selects, active low; clock, idle low; data out; a line of data in for each of ``lines`` chips."""
+    """Pins of an SPI port: selects, active low; clock, idle low; data out; a line of data in for each of
+    ``lines`` chips."""
     return wiring.Signature(
-        {"cs_n": Out(selects, init=(1 << selects) - 1), "sclk": Out(1), "mosi": Out(1), "miso": In(lines, init=(1 << lines) - 1)}
+        {
+            "cs_n": Out(selects, init=(1 << selects) - 1),
+            "sclk": Out(1),
+            "mosi": Out(1),
+            "miso": In(lines, init=(1 << lines) - 1),
+        }
     )
 
 
 class SpiMaster(wiring.Component):
-    """One transfer of ``plan.chip.bits`` clocks, most significant bit first, mode 0: both sides change their data when the clock falls.
+    """One transfer of ``plan.chip.bits`` clocks, most significant bit first, mode 0: both sides change their
+    data when the clock falls.
 
-    What came in is taken at the end of the clock's high half: a chip may take all but two cycles of a whole period to answer.
+    What came in is taken at the end of the clock's high half: a chip may take all but two cycles of a whole
+    period to answer.
 
     Parameters
     ----------
     plan:
-        Clocks of a transfer, data lines, selects, and the cycles of half a period (``half``, at least 2), from select to the first clock
-        (``lead``) and of select high (``high``).
+        Clocks of a transfer, data lines, selects, and the cycles of half a period (``half``, at least 2),
+        from select to the first clock (``lead``) and of select high (``high``).
 
     Members
     -------
@@ -43,8 +52,8 @@ class SpiMaster(wiring.Component):
     pins : Out
         `spi_pins`; all from registers.
 
-    A transfer takes lead + 2 half bits + high cycles from ``start`` until ``idle``. From any state of its registers the port is idle again
-    after at most twice that, for its two counters only count down.
+    A transfer takes lead + 2 half bits + high cycles from ``start`` until ``idle``. From any state of its
+    registers the port is idle again after at most twice that, for its two counters only count down.
     """
 
     def __init__(self, plan: SpiPlan) -> None:
@@ -70,7 +79,8 @@ class SpiMaster(wiring.Component):
         halves = 2 * plan.chip.bits
         lines = Signal(plan.lines, init=(1 << plan.lines) - 1)
         m.submodules.synchroniser = FFSynchronizer(pins.miso, lines, init=(1 << plan.lines) - 1)
-        # Half periods to go: halves + 1 while select leads, then high (even) and low (odd) in turn, 0 with select high.
+        # Half periods to go: halves + 1 while select leads, then high (even) and low (odd) in turn, 0 with
+        # select high.
         place = Signal(range(halves + 2))
         timer = Signal(range(max(plan.half, plan.lead, plan.high)))
         out = Signal(plan.chip.bits)
@@ -79,9 +89,18 @@ class SpiMaster(wiring.Component):
         m.d.comb += [self.idle.eq((place == 0) & over), self.done.eq(last & over), pins.mosi.eq(out[-1])]
         m.d.sync += timer.eq(timer - ~over)
         with m.If(self.start & self.idle):
-            m.d.sync += [place.eq(halves + 1), timer.eq(plan.lead - 1), out.eq(self.command), pins.cs_n.eq(~(1 << self.select))]
+            m.d.sync += [
+                place.eq(halves + 1),
+                timer.eq(plan.lead - 1),
+                out.eq(self.command),
+                pins.cs_n.eq(~(1 << self.select)),
+            ]
         with m.Elif(over & (place != 0)):
-            m.d.sync += [place.eq(place - 1), timer.eq(Mux(last, plan.high - 1, plan.half - 1)), pins.sclk.eq(place[0] & ~last)]
+            m.d.sync += [
+                place.eq(place - 1),
+                timer.eq(Mux(last, plan.high - 1, plan.half - 1)),
+                pins.sclk.eq(place[0] & ~last),
+            ]
             with m.If(last):
                 m.d.sync += pins.cs_n.eq(~0)
             with m.If(~place[0]):  # the clock falls

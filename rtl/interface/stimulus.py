@@ -1,4 +1,5 @@
-"""Which electrode is wanted: of decisions by a table, of positions by the array's size (docs/specification.md section 14)."""
+"""Which electrode is wanted: of decisions by a table, of positions by the array's size (docs/specification.md
+section 14)."""
 
 from __future__ import annotations
 
@@ -14,10 +15,11 @@ ROWS, COLUMNS = 6, 4
 
 
 class Stimulus(wiring.Component):
-    """``request`` with an electrode from a decision or a position on, for ``hold_cycles`` after the last; a touch's end takes it back.
+    """``request`` with an electrode from a decision or a position on, for ``hold_cycles`` after the last; a
+    touch's end takes it back.
 
-    Decisions: the class's electrode of the configuration (none: no request). Positions: column floor(4 (x + 1/2) / columns) and row
-    floor(6 (y + 1/2) / rows) of the electrodes, x and y in cells.
+    Decisions: the class's electrode of the configuration (none: no request). Positions: column floor(4 (x +
+    1/2) / columns) and row floor(6 (y + 1/2) / rows) of the electrodes, x and y in cells.
 
     Members
     -------
@@ -35,7 +37,14 @@ class Stimulus(wiring.Component):
         by_decision = config.interface.stimulator == "decisions"
         layout = decision_layout if by_decision else position_layout
         told = In(data.StructLayout({"valid": 1, "payload": layout}))
-        super().__init__({"decision" if by_decision else "position": told, "clear": In(1), "request": Out(1), "electrode": Out(range(24))})
+        super().__init__(
+            {
+                "decision" if by_decision else "position": told,
+                "clear": In(1),
+                "request": Out(1),
+                "electrode": Out(range(24)),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -52,8 +61,11 @@ class Stimulus(wiring.Component):
         else:
             p = self.position.payload
 
-            def part(place, parts: int, cells: int):  # sixteenths of a cell: how many of the inner borders lie at or below the place
-                return sum((parts * (place + 8) >= 16 * cells * k for k in range(1, parts)), start=Const(0, 1))
+            # sixteenths of a cell: how many of the inner borders lie at or below the place
+            def part(place, parts: int, cells: int):
+                return sum(
+                    (parts * (place + 8) >= 16 * cells * k for k in range(1, parts)), start=Const(0, 1)
+                )
 
             m.d.comb += [
                 told.eq(self.position.valid),

@@ -13,16 +13,16 @@ FRACTION = 4
 """Fraction bits of a position."""
 
 position_layout = data.StructLayout({"x": 8, "y": 8, "peak": 8, "ended": 1, "direction": 3})
-"""A position: centre in sixteenths of a cell, largest cell; with ``ended`` those of the touch's last frame and the direction of its slide:
-0 none, 1 right, 2 left, 3 down, 4 up."""
+"""A position: centre in sixteenths of a cell, largest cell; with ``ended`` those of the touch's last frame
+and the direction of its slide: 0 none, 1 right, 2 left, 3 down, 4 up."""
 
 
 class TouchPosition(wiring.Component):
     """Cells above the threshold, their weighted centre and the largest of them.
 
-    With v the heights, R rows and C columns: the sum S, the sum U of what the row has had so far, over all cells, and the sum Q of what the
-    frame has had so far, over the ends of rows, are adders alone, and sum(v * column) = C S - U, sum(v * row) = R S - Q. A divider of one
-    bit a cycle makes x, then y.
+    With v the heights, R rows and C columns: the sum S, the sum U of what the row has had so far, over all
+    cells, and the sum Q of what the frame has had so far, over the ends of rows, are adders alone, and sum(v
+    * column) = C S - U, sum(v * row) = R S - Q. A divider of one bit a cycle makes x, then y.
 
     Parameters
     ----------
@@ -34,12 +34,13 @@ class TouchPosition(wiring.Component):
     i : In(struct: valid, payload of sample_layout)
         A beat that is being taken; never held up.
     clear : In(1)
-        Forget the touch and the frame, without a word; of a frame under way what follows is not looked at either.
+        Forget the touch and the frame, without a word; of a frame under way what follows is not looked at
+        either.
     o : Out(struct: valid, payload of position_layout)
         ``valid`` for one cycle.
 
-    From the last taxel to ``o``: 2 q + 3 cycles, q = bits of a coordinate + 1 (at most 9); with ``ended`` 1. The next frame must not
-    end earlier.
+    From the last taxel to ``o``: 2 q + 3 cycles, q = bits of a coordinate + 1 (at most 9); with ``ended`` 1.
+    The next frame must not end earlier.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -75,7 +76,10 @@ class TouchPosition(wiring.Component):
         at_now = Mux(is_larger, place, at)
         frame = [total, in_row, across, down, place, column, largest, at]
         last, inside, taken = Signal(), Signal(), Signal()
-        m.d.comb += [taken.eq(self.i.valid & (inside | self.i.payload.first)), last.eq(taken & self.i.payload.last)]
+        m.d.comb += [
+            taken.eq(self.i.valid & (inside | self.i.payload.first)),
+            last.eq(taken & self.i.payload.last),
+        ]
         with m.If(taken):
             m.d.sync += [
                 inside.eq(~self.i.payload.last),
@@ -104,7 +108,11 @@ class TouchPosition(wiring.Component):
         known = Signal()  # x and y are those of a frame
         m.d.sync += known.eq(0)
         with m.If(left != 0):
-            m.d.sync += [rest.eq(Mux(fits, doubled - scaled, doubled)), quotient.eq(Cat(fits, quotient)), left.eq(left - 1)]
+            m.d.sync += [
+                rest.eq(Mux(fits, doubled - scaled, doubled)),
+                quotient.eq(Cat(fits, quotient)),
+                left.eq(left - 1),
+            ]
             with m.If(left == 1):
                 m.d.sync += quotient.eq(0)
                 with m.If(second):
@@ -152,5 +160,7 @@ class TouchPosition(wiring.Component):
         with m.If(over):
             m.d.sync += fresh.eq(1)
         with m.If(self.clear):
-            m.d.sync += [signal.eq(signal.init) for signal in (*frame, inside, left, second, touch, known, over, fresh)]
+            m.d.sync += [
+                signal.eq(signal.init) for signal in (*frame, inside, left, second, touch, known, over, fresh)
+            ]
         return m

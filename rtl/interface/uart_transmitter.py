@@ -37,7 +37,17 @@ class UartTransmitter(wiring.Component):
         m.d.comb += self.i.ready.eq((left == 0) & over)
         m.d.sync += timer.eq(Mux(over, 0, timer - 1))
         with m.If(self.i.ready & self.i.valid):
-            m.d.sync += [self.tx.eq(0), bits.eq(Cat(self.i.payload, Const(1, 1))), left.eq(9), timer.eq(self._divisor - 1)]
+            m.d.sync += [
+                self.tx.eq(0),
+                bits.eq(Cat(self.i.payload, Const(1, 1))),
+                left.eq(9),
+                timer.eq(self._divisor - 1),
+            ]
         with m.Elif((left != 0) & over):
-            m.d.sync += [self.tx.eq(bits[0]), bits.eq(Cat(bits[1:], 1)), left.eq(left - 1), timer.eq(self._divisor - 1)]
+            m.d.sync += [
+                self.tx.eq(bits[0]),
+                bits.eq(Cat(bits[1:], 1)),
+                left.eq(left - 1),
+                timer.eq(self._divisor - 1),
+            ]
         return m

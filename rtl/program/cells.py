@@ -1,4 +1,5 @@
-"""The cells as programs: rows on the lanes, element-wise operations, and what waits for what (docs/specification.md, section 5)."""
+"""The cells as programs: rows on the lanes, element-wise operations, and what waits for what
+(docs/specification.md, section 5)."""
 
 from __future__ import annotations
 
@@ -28,8 +29,8 @@ class RowBlock:
     narrowing:
         The narrowing the bias' rounding half belongs to: ``sigmoid``, ``tanh``, ``value`` or ``logit``.
     carried:
-        The rows' sums, as wide as the accumulator, go on over the steps of a touch: the addend is the bias at its first step and the sum
-        of the step before at the others.
+        The rows' sums, as wide as the accumulator, go on over the steps of a touch: the addend is the bias at
+        its first step and the sum of the step before at the others.
     """
 
     name: str
@@ -45,9 +46,10 @@ class RowBlock:
 class ElementOp:
     """One kind of element-wise operation, done for every index i of a vector on the element-wise lane.
 
-    Each term is a product ``a * b``: a = ``S.region[i]`` (state memory), ``T.region[i]`` (T memory), ``S.h-T.n`` (their difference) or
-    ``X`` (the centred window sums); b = a region of the gate memory, ``one``, ``zero`` or ``scale``. ``add`` names a T region added at
-    product scale. Result: narrowed by gate_frac, to the feature format for ``feature`` operations, else to the state format.
+    Each term is a product ``a * b``: a = ``S.region[i]`` (state memory), ``T.region[i]`` (T memory),
+    ``S.h-T.n`` (their difference) or ``X`` (the centred window sums); b = a region of the gate memory,
+    ``one``, ``zero`` or ``scale``. ``add`` names a T region added at product scale. Result: narrowed by
+    gate_frac, to the feature format for ``feature`` operations, else to the state format.
 
     Parameters
     ----------
@@ -62,8 +64,8 @@ class ElementOp:
     add:
         T region added to the first term at product scale; empty for none.
     between:
-        The result lies between two values of the state format, as a gate's share of one or a blend of two does (a gate is 0..1): it never
-        saturates, and no hardware looks whether it does.
+        The result lies between two values of the state format, as a gate's share of one or a blend of two
+        does (a gate is 0..1): it never saturates, and no hardware looks whether it does.
     """
 
     name: str
@@ -76,7 +78,8 @@ class ElementOp:
 
 @dataclass(frozen=True)
 class CellProgram:
-    """A cell as data: rows before the features arrive, rows after, element-wise operations, regions of the memories.
+    """A cell as data: rows before the features arrive, rows after, element-wise operations, regions of the
+    memories.
 
     Rows read the new state if every block it is made from comes before them, otherwise that of the previous
     step. Element-wise operations read the old state. Region ``x`` holds the features; ``cleared`` regions are
@@ -114,7 +117,14 @@ def gru_reset_before() -> CellProgram:
     n = RowBlock("n", (("W_n", "x"), ("U_n", "rh")), "tanh", "n", "b_n", "tanh")
     reset = ElementOp("reset", (("S.h", "r"),), state="rh", between=True)
     blend = ElementOp("blend", (("S.h-T.n", "z"),), state="h", add="n", between=True)
-    return CellProgram((r_before, z_before), (r, z, n, DENSE), (NORMALISE, reset, blend), ("h", "x", "rh"), ("z", "r"), ("n",))
+    return CellProgram(
+        (r_before, z_before),
+        (r, z, n, DENSE),
+        (NORMALISE, reset, blend),
+        ("h", "x", "rh"),
+        ("z", "r"),
+        ("n",),
+    )
 
 
 def gru_reset_after() -> CellProgram:
@@ -125,7 +135,14 @@ def gru_reset_after() -> CellProgram:
     wx = RowBlock("wx", (("W_n", "x"),), "value", "wx", "b_n", "value")
     reset = ElementOp("reset", (("T.hn", "r"), ("T.wx", "one")), activated="n")
     blend = ElementOp("blend", (("S.h-T.n", "z"),), state="h", add="n", between=True)
-    return CellProgram((r_before, z_before, hn), (r, wx, z, DENSE), (NORMALISE, reset, blend), ("h", "x"), ("z", "r"), ("n", "hn", "wx"))
+    return CellProgram(
+        (r_before, z_before, hn),
+        (r, wx, z, DENSE),
+        (NORMALISE, reset, blend),
+        ("h", "x"),
+        ("z", "r"),
+        ("n", "hn", "wx"),
+    )
 
 
 def lstm() -> CellProgram:
@@ -146,13 +163,23 @@ def lstm() -> CellProgram:
 
 def linear() -> CellProgram:
     """l_k = l_(k-1) + V_k x_k, from the bias on."""
-    return CellProgram((), (replace(DENSE, terms=(("V", "x"),), carried=True),), (NORMALISE,), ("x",), (), (), cleared=(), hidden="")
+    return CellProgram(
+        (),
+        (replace(DENSE, terms=(("V", "x"),), carried=True),),
+        (NORMALISE,),
+        ("x",),
+        (),
+        (),
+        cleared=(),
+        hidden="",
+    )
 
 
 def in_one_phase(program: CellProgram) -> CellProgram:
     """``program`` without partial sums: each gate's rows in one dot product, all after the features.
 
-    The addend memory then holds constants only, which saves the way back into it; the decision comes later by phase A.
+    The addend memory then holds constants only, which saves the way back into it; the decision comes later by
+    phase A.
     """
     partials = {block.region: block for block in program.before if block.dest == "partial"}
     after = []
@@ -161,7 +188,14 @@ def in_one_phase(program: CellProgram) -> CellProgram:
         after.append(
             block
             if before is None
-            else RowBlock(block.name, (*before.terms, *block.terms), block.dest, block.region, before.bias, before.narrowing)
+            else RowBlock(
+                block.name,
+                (*before.terms, *block.terms),
+                block.dest,
+                block.region,
+                before.bias,
+                before.narrowing,
+            )
         )
     first = tuple(block for block in program.before if block.dest != "partial")
     return replace(program, before=(), after=(*first, *after))
@@ -191,7 +225,8 @@ def row_count(config: AcceleratorConfig, block: RowBlock) -> int:
 
 @lru_cache(maxsize=64)
 def makers(program: CellProgram) -> dict[str, set[str]]:
-    """For each state region, the blocks whose rows its new value is made from, over any number of element-wise operations.
+    """For each state region, the blocks whose rows its new value is made from, over any number of
+    element-wise operations.
 
     What these operations read of the state memory is old.
     """
@@ -205,13 +240,16 @@ def makers(program: CellProgram) -> dict[str, set[str]]:
                 if name == (op.state if name == region else op.activated):
                     reads = {part[2:] for a, _ in op.terms for part in a.split("-") if part.startswith("T.")}
                     regions += (reads | {b for _, b in op.terms} | {op.add}) - visited - {""}
-        blocks[region] = {block.name for block in (*program.before, *program.after) if block.region in visited}
+        blocks[region] = {
+            block.name for block in (*program.before, *program.after) if block.region in visited
+        }
     return blocks
 
 
 @lru_cache(maxsize=1024)
 def reads_new_state(program: CellProgram, block: RowBlock, region: str) -> bool:
-    """True when ``block`` reads the value of the state region that this step writes: all it is made from comes before the block."""
+    """True when ``block`` reads the value of the state region that this step writes: all it is made from
+    comes before the block."""
     names = [rows.name for rows in (*program.before, *program.after)]
     made_from = makers(program).get(region)
     return made_from is not None and made_from <= set(names[: names.index(block.name)])

@@ -1,14 +1,18 @@
-"""What the compact engine runs: a cell's program as loops of instructions, where the data lies, and the cycles that this takes.
+"""What the compact engine runs: a cell's program as loops of instructions, where the data lies, and the
+cycles that this takes.
 
-One multiplier-accumulator of one adder does everything, bit plane by bit plane. At time t the accumulator holds what has been added so far
-divided by 2^t: passing from t to t + 1 halves it, and what leaves it at the bottom is below the narrowing's result. Bit k of a weight is
-used at time k (at k + feature_align for features, whose products have that many bits more to go), the sign's bit subtracts; a bias is added
-at time bias_shift. At a narrowing's own shift the accumulator holds its floor, and the rounding half has been in it from the start: it is
-what the accumulator is reset to. No shifter is needed, no product has more bits than its operand, and narrowing takes no time of its own.
+One multiplier-accumulator of one adder does everything, bit plane by bit plane. At time t the accumulator
+holds what has been added so far divided by 2^t: passing from t to t + 1 halves it, and what leaves it at the
+bottom is below the narrowing's result. Bit k of a weight is used at time k (at k + feature_align for
+features, whose products have that many bits more to go), the sign's bit subtracts; a bias is added at time
+bias_shift. At a narrowing's own shift the accumulator holds its floor, and the rounding half has been in it
+from the start: it is what the accumulator is reset to. No shifter is needed, no product has more bits than
+its operand, and narrowing takes no time of its own.
 
-A carried sum goes on from step to step at full precision. What leaves the accumulator at the bottom is final, bit by bit, and is caught: it
-is the low one of the two words in which the sum is kept, what is left in the accumulator then the high one. The next step begins at 0 and
-adds the low word at time 0 and the high one where it belongs; the rounding half came in with the bias.
+A carried sum goes on from step to step at full precision. What leaves the accumulator at the bottom is final,
+bit by bit, and is caught: it is the low one of the two words in which the sum is kept, what is left in the
+accumulator then the high one. The next step begins at 0 and adds the low word at time 0 and the high one
+where it belongs; the rounding half came in with the bias.
 """
 
 from __future__ import annotations
@@ -36,7 +40,9 @@ class Op(IntEnum):
 
     MAC = 0  # addresses data, and a cycle later shifts the accumulator and adds
     STORE = 1  # narrows the accumulator: to the table, the data memory or the classifier
-    JUMP = 2  # to ``target`` unless the index is the limit's last; the instruction after it is done in any case
+    JUMP = (
+        2  # to ``target`` unless the index is the limit's last; the instruction after it is done in any case
+    )
     CONTROL = 3
 
 
@@ -74,14 +80,16 @@ class Instruction:
     Parameters
     ----------
     region:
-        Of the data memory. MAC reads the word there at the loop's index; at the column where ``run``, one column after the other, as many
-        as the limit has; at the window's length where ``length`` (in the region of that length where scales differ between inputs).
+        Of the data memory. MAC reads the word there at the loop's index; at the column where ``run``, one
+        column after the other, as many as the limit has; at the window's length where ``length`` (in the
+        region of that length where scales differ between inputs).
     shift, inverted:
         The accumulator is halved, and complemented, first: between two complements adding subtracts.
     fetch:
         The bit of this plane in the word that is read is kept for the next ones.
     table, tanh:
-        STORE the table's answer, of that half, instead of the accumulator; in a program without tables what has left it at the bottom.
+        STORE the table's answer, of that half, instead of the accumulator; in a program without tables what
+        has left it at the bottom.
     clear, zero, wait, release:
         CONTROL: the accumulator is reset, to the rounding half or to 0; wait for a window; it has been read.
     """
@@ -121,9 +129,11 @@ class Add:
 
 @dataclass(frozen=True)
 class Sum:
-    """A sum and its narrowing: what is added at which time, and the time (``shift``) at which it is the result.
+    """A sum and its narrowing: what is added at which time, and the time (``shift``) at which it is the
+    result.
 
-    carried: it begins at 0, not at the rounding half, and every bit that leaves the accumulator is one of the sum.
+    carried: it begins at 0, not at the rounding half, and every bit that leaves the accumulator is one of the
+    sum.
     """
 
     adds: Mapping[int, tuple[Add, ...]]
@@ -133,7 +143,8 @@ class Sum:
 
 @dataclass(frozen=True)
 class Unit:
-    """Rows, or an element-wise operation, of which every index is done alike: instructions between its first and its jump back."""
+    """Rows, or an element-wise operation, of which every index is done alike: instructions between its first
+    and its jump back."""
 
     name: str
     work: RowBlock | ElementOp
@@ -143,7 +154,8 @@ class Unit:
 
 @dataclass(frozen=True)
 class Executed:
-    """One instruction as it is done: at ``cycle`` from the start of a step, for ``cycles``, with this loop index."""
+    """One instruction as it is done: at ``cycle`` from the start of a step, for ``cycles``, with this loop
+    index."""
 
     instruction: Instruction
     address: int
@@ -168,10 +180,16 @@ class CompactProgram:
     # ------------------------------------------------------------------ data memory
     @cached_property
     def regions(self) -> dict[str, int]:
-        """Number of each region of the data memory: what the host loads first, windows in an even and an odd one. Scales are one region
-        with a word a window length; where they differ from input to input one a length, from a power of two on, with a word an input."""
+        """Number of each region of the data memory: what the host loads first, windows in an even and an odd
+        one. Scales are one region with a word a window length; where they differ from input to input one a
+        length, from a power of two on, with a word an input."""
         names = [f"bias.{block.name}" for block in self.program.after if block.bias and not block.carried]
-        carried = [f"{half}.{block.name}" for block in self.program.after if block.carried for half in ("low", "high")]
+        carried = [
+            f"{half}.{block.name}"
+            for block in self.program.after
+            if block.carried
+            for half in ("low", "high")
+        ]
         names += [f"first.{name}" for name in carried]
         if self.config.constants > 1:
             lengths = len(self.config.window_lengths)
@@ -180,7 +198,10 @@ class CompactProgram:
             names += ["scale", *(f"scale.{q}" for q in range(1, lengths))]
         else:
             names.append("scale")
-        names += [*(f"S.{name}" for name in self.program.state_regions), *(f"B.{name}" for name in self.program.gate_regions)]
+        names += [
+            *(f"S.{name}" for name in self.program.state_regions),
+            *(f"B.{name}" for name in self.program.gate_regions),
+        ]
         names += [f"T.{name}" for name in self.program.t_regions] + carried
         places = {name: number for number, name in enumerate(names)}
         return places | {"X": len(names) + len(names) % 2}
@@ -189,7 +210,12 @@ class CompactProgram:
     def index_bits(self) -> int:
         """Bits of an index in a region."""
         c = self.config
-        return max(1, (max(c.network.hidden if c.recurrent else 1, c.inputs, c.classes, len(c.window_lengths)) - 1).bit_length())
+        return max(
+            1,
+            (
+                max(c.network.hidden if c.recurrent else 1, c.inputs, c.classes, len(c.window_lengths)) - 1
+            ).bit_length(),
+        )
 
     @property
     def data_words(self) -> int:
@@ -198,22 +224,40 @@ class CompactProgram:
 
     def limit(self, limit: Limit) -> int:
         """How many indices a loop has."""
-        return (self.config.network.hidden, self.config.inputs, self.config.classes, self.config.windows.steps)[limit]
+        return (
+            self.config.network.hidden,
+            self.config.inputs,
+            self.config.classes,
+            self.config.windows.steps,
+        )[limit]
 
     # ------------------------------------------------------------------ sums
     def row_sum(self, block: RowBlock) -> Sum:
         """The sum of any row of ``block``."""
         c, logit = self.config, block.narrowing == "logit"
-        shift = {"sigmoid": c.sigmoid_shift, "tanh": c.tanh_shift, "value": c.value_shift, "logit": c.logit_shift}[block.narrowing]
+        shift = {
+            "sigmoid": c.sigmoid_shift,
+            "tanh": c.tanh_shift,
+            "value": c.value_shift,
+            "logit": c.logit_shift,
+        }[block.narrowing]
         adds: dict[int, list[Add]] = {}
         for matrix, region in block.terms:
             features = region == "x"
-            weights = c.formats.dense_format if logit else c.formats.weight_format if features else c.formats.recurrent_format
+            weights = (
+                c.formats.dense_format
+                if logit
+                else c.formats.weight_format
+                if features
+                else c.formats.recurrent_format
+            )
             magnitude = (c.formats.feature_format if features else c.formats.state_format).magnitude
             limit = Limit.INPUTS if features else Limit.HIDDEN
             for plane in range(weights.width):
                 negative = plane == weights.width - 1
-                add = Add(f"S.{region}", magnitude, Use.WEIGHT, negative, matrix=matrix, plane=plane, limit=limit)
+                add = Add(
+                    f"S.{region}", magnitude, Use.WEIGHT, negative, matrix=matrix, plane=plane, limit=limit
+                )
                 adds.setdefault(plane + (c.feature_align if features else 0), []).append(add)
         if block.carried:
             adds.setdefault(0, []).append(Add(f"low.{block.name}", (1 << c.kept_low_bits) - 1))
@@ -244,10 +288,15 @@ class CompactProgram:
                 continue
             gate = "scale" if b == "scale" else f"B.{b}"
             for plane in range(SCALE_PLANES if b == "scale" else c.formats.gate_frac + 1):
-                gated = [Add(part, magnitude(part), Use.BIT, negative, gate, plane=plane) for part, negative in parts]
+                gated = [
+                    Add(part, magnitude(part), Use.BIT, negative, gate, plane=plane)
+                    for part, negative in parts
+                ]
                 adds.setdefault(plane, []).extend(gated)
         if op.add:
-            adds.setdefault(c.formats.gate_frac, []).append(Add(f"T.{op.add}", c.formats.state_format.magnitude))
+            adds.setdefault(c.formats.gate_frac, []).append(
+                Add(f"T.{op.add}", c.formats.state_format.magnitude)
+            )
         return Sum({time: tuple(additions) for time, additions in adds.items()}, c.formats.gate_frac)
 
     def index_sum(self, op: ElementOp) -> Sum:
@@ -267,7 +316,8 @@ class CompactProgram:
 
     @cached_property
     def guard(self) -> int:
-        """Bits of the accumulator below what is added: so many that nothing is added later than its sum's result."""
+        """Bits of the accumulator below what is added: so many that nothing is added later than its sum's
+        result."""
         return max(0, *(max(total.adds) - total.shift for total in self.sums))
 
     @cached_property
@@ -277,17 +327,20 @@ class CompactProgram:
 
     @property
     def reset_value(self) -> int:
-        """What the accumulator is reset to: the rounding half, before the first shift of the sum that has the largest."""
+        """What the accumulator is reset to: the rounding half, before the first shift of the sum that has the
+        largest."""
         return 1 << self.longest_shift + self.guard
 
     @property
     def first_plane(self) -> int:
-        """Plane of the accumulator's reset in an element-wise sum: one before the first, and less where rows are narrowed further."""
+        """Plane of the accumulator's reset in an element-wise sum: one before the first, and less where rows
+        are narrowed further."""
         return self.config.formats.gate_frac - self.longest_shift - 1
 
     @cached_property
     def accumulator_bits(self) -> int:
-        """Bits of the accumulator, guard included: proven, by the largest value it can have after every addition of every sum."""
+        """Bits of the accumulator, guard included: proven, by the largest value it can have after every
+        addition of every sum."""
         largest = self.reset_value
         for total in self.sums:
             value = 0 if total.carried else self.reset_value >> self.longest_shift - total.shift
@@ -295,7 +348,9 @@ class CompactProgram:
                 value = (value >> 1) + 1
                 for add in total.adds.get(time, ()):
                     columns = self.limit(add.limit) if add.use == Use.WEIGHT else 1
-                    value += (columns * add.magnitude << self.guard) + 1  # a complement is one more than the negative
+                    value += (
+                        columns * add.magnitude << self.guard
+                    ) + 1  # a complement is one more than the negative
                     largest = max(largest, value)
         return signed_bits(largest)
 
@@ -314,7 +369,11 @@ class CompactProgram:
         blocks, pending = list(self.program.after), list(self.program.elements)
         produced: set[str] = set()
         done: list[RowBlock | ElementOp] = []
-        makes = {f"B.{block.region}" if block.dest == "sigmoid" else f"T.{block.region}" for block in blocks if block.dest != "logit"}
+        makes = {
+            f"B.{block.region}" if block.dest == "sigmoid" else f"T.{block.region}"
+            for block in blocks
+            if block.dest != "logit"
+        }
         makes |= {f"T.{op.activated}" for op in pending if op.activated}
 
         def operands(op: ElementOp) -> set[str]:
@@ -322,7 +381,8 @@ class CompactProgram:
             return reads | ({f"T.{op.add}"} if op.add else set())
 
         def old_is_read(op: ElementOp) -> bool:
-            # by other operations; rows that read the old state stand before a block that the new one is made from
+            # by other operations; rows that read the old state stand before a block that the new one is made
+            # from
             return any(f"S.{op.state}" in operands(reader) for reader in pending if reader is not op)
 
         while blocks or pending:
@@ -334,8 +394,13 @@ class CompactProgram:
                     break
             else:
                 block = blocks[0] if blocks else None
-                if block is None or any(f"S.{r}" not in produced and reads_new_state(self.program, block, r) for _, r in block.terms):
-                    raise RuntimeError("the program cannot be scheduled: an operation waits for a result that nothing writes")
+                if block is None or any(
+                    f"S.{r}" not in produced and reads_new_state(self.program, block, r)
+                    for _, r in block.terms
+                ):
+                    raise RuntimeError(
+                        "the program cannot be scheduled: an operation waits for a result that nothing writes"
+                    )
                 blocks.pop(0)
                 produced.add(f"B.{block.region}" if block.dest == "sigmoid" else f"T.{block.region}")
                 done.append(block)
@@ -356,7 +421,11 @@ class CompactProgram:
             code += self._carry_bias(len(code), block) if block.carried else []
         wait, units = len(code), []
         code.append(Instruction(Op.CONTROL, wait=1, clear=1))
-        last_window = max(k for k, work in enumerate(self.order) if isinstance(work, ElementOp) and any(a == "X" for a, _ in work.terms))
+        last_window = max(
+            k
+            for k, work in enumerate(self.order)
+            if isinstance(work, ElementOp) and any(a == "X" for a, _ in work.terms)
+        )
         for k, work in enumerate(self.order):
             first = len(code)
             if isinstance(work, RowBlock):
@@ -367,7 +436,8 @@ class CompactProgram:
                 limit, carried = Limit.INPUTS if work.state == "x" else Limit.HIDDEN, False
             units.append(Unit(work.name, work, first, len(code)))
             code += [Instruction(Op.JUMP, limit=limit, target=first), _ZERO if carried else _CLEAR]
-            if k == last_window:  # a carried row comes right after it: nothing else is between features and logits
+            # a carried row comes right after it: nothing else is between features and logits
+            if k == last_window:
                 behind = self.order[k + 1 : k + 2]
                 zero = int(any(isinstance(follower, RowBlock) and follower.carried for follower in behind))
                 code.append(Instruction(Op.CONTROL, release=1, clear=1, zero=zero))
@@ -376,7 +446,8 @@ class CompactProgram:
 
     @property
     def instructions(self) -> tuple[Instruction, ...]:
-        """All of them: what clears the state before a touch, or begins carried sums with the biases, then a step."""
+        """All of them: what clears the state before a touch, or begins carried sums with the biases, then a
+        step."""
         return self._assembled[0]
 
     @property
@@ -399,7 +470,12 @@ class CompactProgram:
                 if add.use == Use.BIT and add.gate != fetched:
                     code.append(
                         Instruction(
-                            Op.MAC, self.regions[add.gate], fetch=1, length=int(add.gate == "scale"), shift=shift, inverted=int(complement)
+                            Op.MAC,
+                            self.regions[add.gate],
+                            fetch=1,
+                            length=int(add.gate == "scale"),
+                            shift=shift,
+                            inverted=int(complement),
                         )
                     )
                     shift, complement, fetched = 0, False, add.gate
@@ -428,10 +504,16 @@ class CompactProgram:
     def _row(self, block: RowBlock) -> list[Instruction]:
         code = self._macs(self.row_sum(block))
         if block.dest == "logit":
-            return [*code, Instruction(Op.STORE, kind=Kind.LOGIT), *(self._keep(block) if block.carried else [])]
+            return [
+                *code,
+                Instruction(Op.STORE, kind=Kind.LOGIT),
+                *(self._keep(block) if block.carried else []),
+            ]
         if block.dest == "value":
             return [*code, Instruction(Op.STORE, self.regions[f"T.{block.region}"], kind=Kind.STATE)]
-        return code + self._look_up(f"{'B' if block.dest == 'sigmoid' else 'T'}.{block.region}", tanh=int(block.dest == "tanh"))
+        return code + self._look_up(
+            f"{'B' if block.dest == 'sigmoid' else 'T'}.{block.region}", tanh=int(block.dest == "tanh")
+        )
 
     def _keep(self, block: RowBlock) -> list[Instruction]:
         """Write a carried sum back: the accumulator holds it without the bits below a logit."""
@@ -463,7 +545,10 @@ class CompactProgram:
 
     def _element(self, op: ElementOp) -> list[Instruction]:
         kind = Kind.FEATURE if op.state == "x" else Kind.STATE
-        code = [*self._macs(self.element_sum(op)), Instruction(Op.STORE, self.regions[self._stored(op)], kind=kind)]
+        code = [
+            *self._macs(self.element_sum(op)),
+            Instruction(Op.STORE, self.regions[self._stored(op)], kind=kind),
+        ]
         if op.activated:
             code += [_CLEAR, *self._macs(self.index_sum(op)), *self._look_up(f"T.{op.activated}", tanh=1)]
         return code
@@ -499,12 +584,17 @@ class CompactProgram:
     @cached_property
     def last_logit(self) -> int:
         """Cycles from the start of a step to the one in which its last logit is given."""
-        return max(entry.cycle for entry in self.step if entry.instruction.op == Op.STORE and entry.instruction.kind == Kind.LOGIT)
+        return max(
+            entry.cycle
+            for entry in self.step
+            if entry.instruction.op == Op.STORE and entry.instruction.kind == Kind.LOGIT
+        )
 
     # ------------------------------------------------------------------ memory contents
     @cached_property
     def weight_order(self) -> tuple[tuple[str, int, int, int], ...]:
-        """(matrix, row, column, plane) of every bit of the weights that a step uses, in the order of their use."""
+        """(matrix, row, column, plane) of every bit of the weights that a step uses, in the order of their
+        use."""
         bits = []
         for work in self.order:
             if isinstance(work, RowBlock):
@@ -513,12 +603,16 @@ class CompactProgram:
                     for time in sorted(total.adds):
                         for add in total.adds[time]:
                             if add.use == Use.WEIGHT:
-                                bits += [(add.matrix, row, column, add.plane) for column in range(self.limit(add.limit))]
+                                bits += [
+                                    (add.matrix, row, column, add.plane)
+                                    for column in range(self.limit(add.limit))
+                                ]
         return tuple(bits)
 
     @property
     def weight_word_bits(self) -> int:
-        """Bits of a word of the weights' memory: as few as fill memories of 2048 words of 2 bits, 16 at most."""
+        """Bits of a word of the weights' memory: as few as fill memories of 2048 words of 2 bits, 16 at
+        most."""
         return min(DATA_BITS, 2 * -(-self.config.sets * len(self.weight_order) // 4096))
 
     @property
@@ -541,19 +635,28 @@ class CompactProgram:
         bits is one ahead by then.
         """
         bits, words = self.weight_word_bits, [0] * self.weight_words
-        matrices = {name: arrays[name].reshape(-1, *arrays[name].shape[-2:]) for name in {matrix for matrix, *_ in self.weight_order}}
+        matrices = {
+            name: arrays[name].reshape(-1, *arrays[name].shape[-2:])
+            for name in {matrix for matrix, *_ in self.weight_order}
+        }
         used = ((step, *bit) for step in range(self.config.sets) for bit in self.weight_order)
         for number, (step, matrix, row, column, plane) in enumerate(used):
-            words[number // bits] |= (int(matrices[matrix][step, row, column]) >> plane & 1) << (number + 1) % bits
+            words[number // bits] |= (int(matrices[matrix][step, row, column]) >> plane & 1) << (
+                number + 1
+            ) % bits
         return words
 
     def constant_image(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
-        """Bias codes (of carried sums at product scale with the rounding half, in two words) and the normaliser's scales, each where the
-        program looks for it."""
+        """Bias codes (of carried sums at product scale with the rounding half, in two words) and the
+        normaliser's scales, each where the program looks for it."""
         words = [0] * self.constant_words
         for block in self.program.after:
             if block.carried:
-                c, low, high = self.config, self.regions[f"first.low.{block.name}"], self.regions[f"first.high.{block.name}"]
+                c, low, high = (
+                    self.config,
+                    self.regions[f"first.low.{block.name}"],
+                    self.regions[f"first.high.{block.name}"],
+                )
                 for row in range(row_count(c, block)):
                     total = (int(arrays[block.bias][row]) << c.dense_bias_shift) + (1 << c.logit_shift - 1)
                     words[(low << self.index_bits) + row] = total & (1 << c.kept_low_bits) - 1
@@ -572,7 +675,11 @@ class CompactProgram:
         return words
 
 
-_NOTHING, _CLEAR, _ZERO = Instruction(Op.CONTROL), Instruction(Op.CONTROL, clear=1), Instruction(Op.CONTROL, clear=1, zero=1)
+_NOTHING, _CLEAR, _ZERO = (
+    Instruction(Op.CONTROL),
+    Instruction(Op.CONTROL, clear=1),
+    Instruction(Op.CONTROL, clear=1, zero=1),
+)
 
 
 def _ordered(adds: Mapping[int, list[Add]]) -> dict[int, tuple[Add, ...]]:
@@ -582,7 +689,8 @@ def _ordered(adds: Mapping[int, list[Add]]) -> dict[int, tuple[Add, ...]]:
 
 @dataclass(frozen=True)
 class CompactSchedule:
-    """What `eskin.rtl.program.scheduler.Schedule` tells of a step, for the compact engine; slots are cycles, and there is no phase A."""
+    """What `eskin.rtl.program.scheduler.Schedule` tells of a step, for the compact engine; slots are cycles,
+    and there is no phase A."""
 
     compact: CompactProgram
 
@@ -617,8 +725,14 @@ class CompactSchedule:
     @cached_property
     def element_cycles(self) -> int:
         """Cycles of a step in which element-wise operations are done, their narrowing and table included."""
-        ranges = [range(unit.first, unit.end) for unit in self.compact.units if isinstance(unit.work, ElementOp)]
-        return sum(entry.cycles for entry in self.compact.step if any(entry.address in addresses for addresses in ranges))
+        ranges = [
+            range(unit.first, unit.end) for unit in self.compact.units if isinstance(unit.work, ElementOp)
+        ]
+        return sum(
+            entry.cycles
+            for entry in self.compact.step
+            if any(entry.address in addresses for addresses in ranges)
+        )
 
     @property
     def prologue_cycles(self) -> int:

@@ -1,4 +1,5 @@
-"""What a board's SPI flash holds of a model: the host's writes, between a head and a checksum (docs/specification.md section 16).
+"""What a board's SPI flash holds of a model: the host's writes, between a head and a checksum
+(docs/specification.md section 16).
 
 Plain Python (no Amaranth), so that command line and benches can share it.
 """
@@ -30,20 +31,26 @@ def design_number(config: AcceleratorConfig) -> int:
     """
     fields = json.loads(config.to_json())
     fields.pop("name", None)
-    sizes = {select: count * words_per_entry(config, select) for select, count in memory_words(config).items()}
+    sizes = {
+        select: count * words_per_entry(config, select) for select, count in memory_words(config).items()
+    }
     text = json.dumps([fields, sorted(sizes.items()), load_words(config)], sort_keys=True)
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:UNIT_BYTES], "big")
 
 
 def checksum(data: bytes) -> int:
-    """CRC-32/MPEG-2: x^32 + x^26 + ... + 1 (0x04C11DB7), highest bit first, starts with ones, nothing inverted at the end."""
+    """CRC-32/MPEG-2: x^32 + x^26 + ... + 1 (0x04C11DB7), highest bit first, starts with ones, nothing
+    inverted at the end."""
     mirrored = bytes(int(f"{byte:08b}"[::-1], 2) for byte in data)
     return int(f"{binascii.crc32(mirrored) ^ 0xFFFFFFFF:032b}"[::-1], 2)
 
 
 def sealed(number: int, writes: list[tuple[int, int]]) -> bytes:
     """The image of (register, word) writes for the design ``number``."""
-    body = b"".join(int(register).to_bytes(1, "big") + (int(word) & 0xFFFF).to_bytes(2, "big") for register, word in writes)
+    body = b"".join(
+        int(register).to_bytes(1, "big") + (int(word) & 0xFFFF).to_bytes(2, "big")
+        for register, word in writes
+    )
     image = MAGIC.to_bytes(UNIT_BYTES, "big") + number.to_bytes(UNIT_BYTES, "big") + body
     return image + checksum(image).to_bytes(CHECK_BYTES, "big")
 

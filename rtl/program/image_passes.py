@@ -1,14 +1,18 @@
-"""What the image engine runs: a network's layers as passes, their words, the memories' contents, and the cycles (no hardware in here).
+"""What the image engine runs: a network's layers as passes, their words, the memories' contents, and the
+cycles (no hardware in here).
 
-A **pass** is a convolution with the pool behind it, or a dense layer: a convolution of kernel 1 over a map of one place. It makes one
-**sum** after the other: place by place of the result map, group by group of channels (a channel a lane), and with a pool the up to four
-places under a window in a row. A sum has a **tap** (one activation, one weight a lane) for each product inside the map.
+A **pass** is a convolution with the pool behind it, or a dense layer: a convolution of kernel 1 over a map of
+one place. It makes one **sum** after the other: place by place of the result map, group by group of channels
+(a channel a lane), and with a pool the up to four places under a window in a row. A sum has a **tap** (one
+activation, one weight a lane) for each product inside the map.
 
-A convolution with a pool whose channels fill half of the lanes works in **pairs**: the other half makes the place on the right. Its
-kernel is a column wider, with zeros in the column that a half has no use for, so both halves see the same activation in a cycle.
+A convolution with a pool whose channels fill half of the lanes works in **pairs**: the other half makes the
+place on the right. Its kernel is a column wider, with zeros in the column that a half has no use for, so both
+halves see the same activation in a cycle.
 
-A **slot** starts a sum: one cycle in which lanes and chain swap, then a tap a cycle. Meanwhile the sums of the slot before leave the chain
-lane by lane, the next sum's biases come in, and its first addresses are walked to, one step a cycle.
+A **slot** starts a sum: one cycle in which lanes and chain swap, then a tap a cycle. Meanwhile the sums of
+the slot before leave the chain lane by lane, the next sum's biases come in, and its first addresses are
+walked to, one step a cycle.
 """
 
 from __future__ import annotations
@@ -54,7 +58,8 @@ class Word(IntEnum):
 
 
 class Slot(NamedTuple):
-    """begin: its first cycle. place: (row, column, dy, dx) of its sum; None: it has none. taps: of the sum."""
+    """begin: its first cycle. place: (row, column, dy, dx) of its sum; None: it has none. taps: of the
+    sum."""
 
     begin: int
     place: tuple[int, int, int, int] | None
@@ -119,7 +124,14 @@ class Pass:
     def words(self) -> list[int]:
         """Its words, in the order of `Word`."""
         row, kernel_row = self.columns * self.channels, self.span * self.channels
-        flags = self.radius | self.pool << 2 | self.dense << 3 | self.last << 4 | self.pairs << 5 | self.shift << 8
+        flags = (
+            self.radius
+            | self.pool << 2
+            | self.dense << 3
+            | self.last << 4
+            | self.pairs << 5
+            | self.shift << 8
+        )
         last_group = self.group if self.pairs else self.outputs - (self.groups - 1) * self.group
         values = {
             Word.FLAGS: flags,
@@ -136,7 +148,8 @@ class Pass:
         return [values[word] & 0xFFFF for word in Word]
 
     def sums(self) -> Iterator[tuple[int, int, int, int]]:
-        """(row, column, dy, dx) of every sum of a group, in order: its place (of a pair the left one), and that in the pool's window."""
+        """(row, column, dy, dx) of every sum of a group, in order: its place (of a pair the left one), and
+        that in the pool's window."""
         step = 2 if self.pool else 1
         for top in range(0, self.rows, step):
             for left in range(0, self.columns, step):
@@ -154,8 +167,8 @@ class Pass:
         return min(column, self.radius) + 1 + min(self.columns - 1 - column, self.radius + self.pairs)
 
     def slots(self, lanes: int) -> Iterator[Slot]:
-        """The slots in order, cycles counted from the fetch of the pass's words: one without taps, which brings in the first biases, one
-        a sum, one without taps in which the last sums leave."""
+        """The slots in order, cycles counted from the fetch of the pass's words: one without taps, which
+        brings in the first biases, one a sum, one without taps in which the last sums leave."""
         begin = FETCH_CYCLES
         sums = list(self.sums())
         yield Slot(begin, None, 0)
@@ -191,7 +204,8 @@ class ImagePlan:
     checksum:
         Passes and biases have check words and bits (`eskin.rtl.program.image_signature`).
     lanes:
-        P: channels at once in a convolution; 1, 2, 4, 8 or 16. Dense layers have as many as their memories give weights for in a cycle.
+        P: channels at once in a convolution; 1, 2, 4, 8 or 16. Dense layers have as many as their memories
+        give weights for in a cycle.
     """
 
     stages: tuple[Stage, ...]
@@ -261,7 +275,8 @@ class ImagePlan:
     # ------------------------------------------------------------------ memories
     @property
     def map_values(self) -> tuple[int, int]:
-        """Values that each of the two memories of maps holds at most: the image and every second map, and the others."""
+        """Values that each of the two memories of maps holds at most: the image and every second map, and the
+        others."""
         sizes = [math.prod(self.stages[0].source), *(math.prod(pass_.result) for pass_ in self.passes[:-1])]
         return max(sizes[0::2]), max(sizes[1::2], default=1)
 
@@ -294,8 +309,11 @@ class ImagePlan:
 
     @property
     def addend_words(self) -> int:
-        """Biases, groups filled up to their lanes; with ``checksum`` the last one to all lanes, which take it in."""
-        return sum(pass_.groups * pass_.group for pass_ in self.passes) + self.checksum * (self.lanes - self.passes[-1].group)
+        """Biases, groups filled up to their lanes; with ``checksum`` the last one to all lanes, which take it
+        in."""
+        return sum(pass_.groups * pass_.group for pass_ in self.passes) + self.checksum * (
+            self.lanes - self.passes[-1].group
+        )
 
     @property
     def program_words(self) -> int:
@@ -327,7 +345,9 @@ class ImagePlan:
                 taps = self.packed(pass_, arrays)
                 taps += [0] * (-len(taps) % self.dense_taps)
                 for first in range(0, len(taps), self.dense_taps):
-                    words.append(sum(tap << bits * k for k, tap in enumerate(taps[first : first + self.dense_taps])))
+                    words.append(
+                        sum(tap << bits * k for k, tap in enumerate(taps[first : first + self.dense_taps]))
+                    )
         return words
 
     def packed(self, pass_: Pass, arrays: Mapping[str, np.ndarray]) -> list[int]:
@@ -341,7 +361,9 @@ class ImagePlan:
         for first in range(0, len(rows), pass_.group):
             group = rows[first : first + pass_.group]
             for tap in range(rows.shape[1]):
-                words.append(sum(int(weight) << self.weight_bits * lane for lane, weight in enumerate(group[:, tap])))
+                words.append(
+                    sum(int(weight) << self.weight_bits * lane for lane, weight in enumerate(group[:, tap]))
+                )
         return words
 
     # ------------------------------------------------------------------ cycles
@@ -357,7 +379,8 @@ class ImagePlan:
 
     @property
     def logit_cycles(self) -> int:
-        """From the cycle in which an image is started until its last logit is given: lanes without a class come behind it."""
+        """From the cycle in which an image is started until its last logit is given: lanes without a class
+        come behind it."""
         last = self.passes[-1]
         return self.cycles - (self.lanes - (last.outputs - (last.groups - 1) * last.group))
 

@@ -1,6 +1,8 @@
-"""The signature that an image makes of its passes and weights, and the check words that bring it to zero: docs/specification.md section 11.
+"""The signature that an image makes of its passes and weights, and the check words that bring it to zero:
+docs/specification.md section 11.
 
-Plain Python. The hardware is `eskin.rtl.image.image_check`; step and width are those of `eskin.rtl.program.signature`.
+Plain Python. The hardware is `eskin.rtl.image.image_check`; step and width are those of
+`eskin.rtl.program.signature`.
 """
 
 from __future__ import annotations
@@ -18,7 +20,9 @@ BIAS_WORD_BITS = 25
 
 def tap_places(pass_: Pass) -> np.ndarray:
     """For each tap of a pass, in order, the number of its weights among those of the pass."""
-    kernel = np.arange(pass_.kernel * pass_.span * pass_.channels).reshape(pass_.kernel, pass_.span, pass_.channels)
+    kernel = np.arange(pass_.kernel * pass_.span * pass_.channels).reshape(
+        pass_.kernel, pass_.span, pass_.channels
+    )
     places, group, before = [], -1, None
     for row, column, dy, dx in pass_.sums():
         if (dy, dx) == (0, 0):  # a window of the next group, or of the first one at the next place

@@ -25,7 +25,8 @@ VERSION_VALUE = 4
 
 
 class Register(IntEnum):
-    """Addresses of 16-bit registers. Another address reads 0, writes nothing and sets Fault.ADDRESS (`mapped`)."""
+    """Addresses of 16-bit registers. Another address reads 0, writes nothing and sets Fault.ADDRESS
+    (`mapped`)."""
 
     ID = 0x00  # ro: 0xE5C1
     VERSION = 0x01  # ro: version of this map
@@ -90,7 +91,9 @@ class Fault(IntFlag):
     CHECKSUM = 16  # a word of a memory or a configuration register is wrong (``checksum``)
     WATCHDOG = 32  # the chain hung and was put back to idle (``watchdog``)
     TAXEL = 64  # the fault detector raised a taxel's flag: TAXEL_FAULTS
-    ADDRESS = 128  # a register was read or written that this design does not have: it read 0, nothing was written
+    ADDRESS = (
+        128  # a register was read or written that this design does not have: it read 0, nothing was written
+    )
 
 
 class Memory(IntEnum):
@@ -102,7 +105,8 @@ class Memory(IntEnum):
 
 
 class ImageMemory(IntEnum):
-    """Values of MEMORY_SELECT in a design for images; 16-bit columns of the convolutions' weights are 0, 1, ..."""
+    """Values of MEMORY_SELECT in a design for images; 16-bit columns of the convolutions' weights are 0, 1,
+    ..."""
 
     BIASES = 0x40  # with the rounding half of their layer, words of 2 x 16 bits, low word first
     PASSES = 0x41  # the program: eskin/rtl/program/image_passes.py
@@ -110,14 +114,17 @@ class ImageMemory(IntEnum):
     DENSE_HIGH = 0x43
 
 
-def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], program: CellProgram | None = None) -> dict[int, list[int]]:
+def memory_images(
+    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], program: CellProgram | None = None
+) -> dict[int, list[int]]:
     """Integer contents of every memory by MEMORY_SELECT value.
 
-    Lanes: weight codes in the order the schedule reads them (0 for a lane without a row), set by set where a linear cell has one a window.
-    ADDENDS: biases at product scale plus the rounding half of their narrowing, room for partial and carried sums, the half of
-    element-wise operations where they share a lane, and a 0 where the cell has T values. CONSTANTS: the scales, one, zero, with
-    ``checksum`` the check words; on a shared lane the dense layer's weights too, each row from a power of two on. MEANS: one a window
-    length, or one a kind or input of each (`mean_places`).
+    Lanes: weight codes in the order the schedule reads them (0 for a lane without a row), set by set where a
+    linear cell has one a window. ADDENDS: biases at product scale plus the rounding half of their narrowing,
+    room for partial and carried sums, the half of element-wise operations where they share a lane, and a 0
+    where the cell has T values. CONSTANTS: the scales, one, zero, with ``checksum`` the check words; on a
+    shared lane the dense layer's weights too, each row from a power of two on. MEANS: one a window length, or
+    one a kind or input of each (`mean_places`).
 
     The compact engine (`eskin.rtl.program.compact_program`) has the weights' bits in the order of their use.
     Its CONSTANTS, the start of its data memory, hold bias codes and scales; it has no ADDENDS.
@@ -133,17 +140,27 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
         means[entry] = int(mean)
     if is_compact(config):
         code = plan.compact
-        return {0: code.weight_image(arrays), Memory.CONSTANTS: code.constant_image(arrays), Memory.MEANS: means}
+        return {
+            0: code.weight_image(arrays),
+            Memory.CONSTANTS: code.constant_image(arrays),
+            Memory.MEANS: means,
+        }
 
     def weight(number: int, lane: int, group: RowGroup, matrix: str, column: int) -> int:
-        rows = arrays[matrix].reshape(-1, *arrays[matrix].shape[-2:])[number]  # of a linear cell a matrix for each set of weights
+        # of a linear cell a matrix for each set of weights
+        rows = arrays[matrix].reshape(-1, *arrays[matrix].shape[-2:])[number]
         return int(rows[group.first_row + lane, column]) if lane < group.rows else 0
 
     images: dict[int, list[int]] = {
         lane: [weight(number, lane, *word) for number in range(config.sets) for word in plan.weight_words]
         for lane in range(config.hardware.lanes)
     }
-    shifts = {"sigmoid": config.sigmoid_shift, "tanh": config.tanh_shift, "value": config.value_shift, "logit": config.logit_shift}
+    shifts = {
+        "sigmoid": config.sigmoid_shift,
+        "tanh": config.tanh_shift,
+        "value": config.value_shift,
+        "logit": config.logit_shift,
+    }
     addends = []
     for block, row in plan.bias_rows:
         scale = config.dense_bias_shift if block.narrowing == "logit" else config.bias_shift
@@ -165,7 +182,9 @@ def memory_images(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], p
     if config.hardware.checksum:
         code = Microcode(plan)
         constants += [0] * (code.layout.constant_words - len(constants))
-        checks = check_words(code, [images[lane] for lane in range(config.hardware.lanes)], images[Memory.ADDENDS], constants)
+        checks = check_words(
+            code, [images[lane] for lane in range(config.hardware.lanes)], images[Memory.ADDENDS], constants
+        )
         constants[layout.check_base : layout.check_base + len(checks)] = checks
         images[Memory.MEANS] = [mean_word(config, mean) for mean in images[Memory.MEANS]]
     return images
@@ -211,7 +230,8 @@ def mean_count(config: AcceleratorConfig) -> int:
 
 
 def mean_word(config: AcceleratorConfig, mean: int) -> int:
-    """A word of the means' memory with ``checksum``: the mean, and on top the bit that makes the number of ones even."""
+    """A word of the means' memory with ``checksum``: the mean, and on top the bit that makes the number of
+    ones even."""
     top = 16 * config.mean_words - 1
     return mean & (1 << top) - 1 | parity(mean, top) << top
 
@@ -220,12 +240,23 @@ def memory_words(config: AcceleratorConfig) -> dict[int, int]:
     """Words of every memory that the host loads, by MEMORY_SELECT value."""
     if config.is_image:
         images = plan_of(config)
-        dense: dict[int, int] = dict.fromkeys((ImageMemory.DENSE_LOW, ImageMemory.DENSE_HIGH), images.dense_words)
+        dense: dict[int, int] = dict.fromkeys(
+            (ImageMemory.DENSE_LOW, ImageMemory.DENSE_HIGH), images.dense_words
+        )
         columns = dict.fromkeys(range(images.columns), images.conv_words)
-        return {**columns, ImageMemory.BIASES: images.addend_words, ImageMemory.PASSES: images.program_words, **dense}
+        return {
+            **columns,
+            ImageMemory.BIASES: images.addend_words,
+            ImageMemory.PASSES: images.program_words,
+            **dense,
+        }
     plan = schedule(config)
     if is_compact(config):
-        return {0: plan.compact.weight_words, Memory.CONSTANTS: plan.compact.constant_words, Memory.MEANS: mean_count(config)}
+        return {
+            0: plan.compact.weight_words,
+            Memory.CONSTANTS: plan.compact.constant_words,
+            Memory.MEANS: mean_count(config),
+        }
     return {lane: plan.weight_depth for lane in range(config.hardware.lanes)} | {
         Memory.ADDENDS: plan.addend_words,
         Memory.CONSTANTS: Layout(config, plan.program).constant_words,
@@ -252,7 +283,9 @@ def load_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> 
     for select, words in memory_images(config, arrays).items():
         halves = words_per_entry(config, select)
         writes.append((Register.MEMORY_SELECT, int(select)))
-        writes += [(Register.MEMORY_DATA, word >> 16 * half & 0xFFFF) for word in words for half in range(halves)]
+        writes += [
+            (Register.MEMORY_DATA, word >> 16 * half & 0xFFFF) for word in words for half in range(halves)
+        ]
     writes += [(Register.MASK + k, word) for k, word in enumerate(mask_words(config))]
     return writes
 
@@ -261,7 +294,9 @@ def mapped(config: AcceleratorConfig) -> list[int]:
     """Addresses that the design has a register at."""
     words = range(-(-config.sensor.taxels // 16))
     several = [Register.MASK, *[Register.TAXEL_FAULTS] * bool(config.faults.fault_frames)]
-    single = [int(register) for register in Register if register not in (Register.MASK, Register.TAXEL_FAULTS)]
+    single = [
+        int(register) for register in Register if register not in (Register.MASK, Register.TAXEL_FAULTS)
+    ]
     return single + [first + k for first in several for k in words]
 
 
@@ -272,12 +307,18 @@ def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
     if interface.converter != "none":
         registers.append(register.CONVERTER_FAULTS)
     if interface.converter != "none" and interface.stimulator != "none":
-        registers += [register.STIM_AMPLITUDE, register.STIM_DELAY, register.STIM_FREQUENCY, register.STIM_WIDTH]
+        registers += [
+            register.STIM_AMPLITUDE,
+            register.STIM_DELAY,
+            register.STIM_FREQUENCY,
+            register.STIM_WIDTH,
+        ]
     return registers
 
 
 def mask_words(config: AcceleratorConfig) -> list[int]:
-    """The registers from MASK on as the configuration has them: 16 taxels a word, bit set = taxel out of use."""
+    """The registers from MASK on as the configuration has them: 16 taxels a word, bit set = taxel out of
+    use."""
     words = [0] * -(-config.sensor.taxels // 16)
     for taxel in config.sensor.masked_taxels:
         words[taxel // 16] |= 1 << taxel % 16

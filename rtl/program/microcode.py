@@ -1,8 +1,9 @@
 """A scheduled step as microcode: for every slot, what each unit of the engine does in that very slot.
 
-The words are time-stationary: an operation that takes several slots sets bits in several words, so nothing travels beside the data and
-the hardware needs no pipeline of control. Consecutive words that differ in a counting operand address alone are one word with a
-repeat count. Reads have latency 1: an address in slot t is data in slot t + 1.
+The words are time-stationary: an operation that takes several slots sets bits in several words, so nothing
+travels beside the data and the hardware needs no pipeline of control. Consecutive words that differ in a
+counting operand address alone are one word with a repeat count. Reads have latency 1: an address in slot t is
+data in slot t + 1.
 """
 
 from __future__ import annotations
@@ -72,7 +73,8 @@ class Layout:
 
     @cached_property
     def state_bases(self) -> dict[str, int]:
-        """First address of each region of the state memory: one behind the other, so that a row may read on from one to the next."""
+        """First address of each region of the state memory: one behind the other, so that a row may read on
+        from one to the next."""
         bases, end = {}, 0
         for region in self.program.state_regions:
             bases[region] = end
@@ -86,12 +88,14 @@ class Layout:
 
     @property
     def gate_bits(self) -> int:
-        """Bits of an index in the gate memory, whose last region holds the scales, one and zero, and check words."""
+        """Bits of an index in the gate memory, whose last region holds the scales, one and zero, and check
+        words."""
         return max(self.hidden_bits, (self._few_constants - 1).bit_length())
 
     @property
     def scale_words(self) -> int:
-        """Words of the scales' region: one a window length, or for each of ``constants`` one a length, from a power of two on."""
+        """Words of the scales' region: one a window length, or for each of ``constants`` one a length, from a
+        power of two on."""
         lengths = len(self.config.window_lengths)
         return self.config.constants << (lengths - 1).bit_length() if self.config.constants > 1 else lengths
 
@@ -101,7 +105,8 @@ class Layout:
 
     @property
     def check_base(self) -> int:
-        """Index of the first check word, a multiple of a power of two as for the scales; its highest bit none of them has."""
+        """Index of the first check word, a multiple of a power of two as for the scales; its highest bit none
+        of them has."""
         align = 1 << (len(self.checks) - 1).bit_length()
         if self.config.constants > 1:
             return max(align, 1 << (self.scale_words + 1).bit_length())
@@ -109,7 +114,8 @@ class Layout:
 
     @property
     def checks(self) -> tuple[tuple[int, int], ...]:
-        """For each check word (index of the window length, set of weights) of the steps it is for: one a length, or one a set."""
+        """For each check word (index of the window length, set of weights) of the steps it is for: one a
+        length, or one a set."""
         if self.config.sets > 1:
             return tuple((length, step) for step, length in enumerate(self.config.length_index))
         return tuple((length, 0) for length in range(len(self.config.window_lengths)))
@@ -126,7 +132,8 @@ class Layout:
 
     @property
     def window_none(self) -> int:
-        """Address above the window buffers of a word that stands for 0: written after each reset of the chain."""
+        """Address above the window buffers of a word that stands for 0: written after each reset of the
+        chain."""
         return 2 << self.window_bits
 
     def state(self, region: str, index: int) -> int:
@@ -138,12 +145,16 @@ class Layout:
         return self.program.t_regions.index(region) << self.hidden_bits | index
 
     def gate(self, region: str, index: int) -> int:
-        """Address in the gate memory; ``one``, ``zero``, ``scale`` (of an input, of length 0) and ``check`` (of length 0) are constants."""
+        """Address in the gate memory; ``one``, ``zero``, ``scale`` (of an input, of length 0) and ``check``
+        (of length 0) are constants."""
         if region in self.program.gate_regions:
             return self.program.gate_regions.index(region) << self.gate_bits | index
         if region == "scale":
             return self.constants + self.scale_place(self.config.input_constants[index])
-        return self.constants + {"one": self.scale_words, "zero": self.scale_words + 1, "check": self.check_base}[region]
+        return (
+            self.constants
+            + {"one": self.scale_words, "zero": self.scale_words + 1, "check": self.check_base}[region]
+        )
 
     @property
     def shared(self) -> bool:
@@ -157,7 +168,8 @@ class Layout:
 
     @property
     def constants(self) -> int:
-        """Address of the constants behind the gates; on a shared lane a power of two no smaller than what follows: one bit tells them."""
+        """Address of the constants behind the gates; on a shared lane a power of two no smaller than what
+        follows: one bit tells them."""
         if not self.program.gate_regions:
             return 0
         gates = len(self.program.gate_regions) << self.gate_bits
@@ -165,18 +177,25 @@ class Layout:
 
     @property
     def constant_words(self) -> int:
-        """Words that the host loads: scales, one, zero, check words; on a shared lane the dense layer's weights, each row from a power of
-        two on."""
-        return self.dense_offset(self.config.classes - 1) + self.config.network.hidden if self.holds_dense else self._few_constants
+        """Words that the host loads: scales, one, zero, check words; on a shared lane the dense layer's
+        weights, each row from a power of two on."""
+        return (
+            self.dense_offset(self.config.classes - 1) + self.config.network.hidden
+            if self.holds_dense
+            else self._few_constants
+        )
 
     @property
     def used_constants(self) -> list[int]:
-        """Places among the words that the host loads that are ever read; the others keep rows and check words where powers of two begin."""
+        """Places among the words that the host loads that are ever read; the others keep rows and check words
+        where powers of two begin."""
         lengths, config = len(self.config.window_lengths), self.config
         check = range(self.check_base, self.check_base + len(self.checks)) if config.hardware.checksum else ()
         rows = range(config.classes) if self.holds_dense else ()
         dense = [self.dense_offset(row) + column for row in rows for column in range(config.network.hidden)]
-        scales = [self.scale_place(constant) + q for constant in range(config.constants) for q in range(lengths)]
+        scales = [
+            self.scale_place(constant) + q for constant in range(config.constants) for q in range(lengths)
+        ]
         return [*scales, self.scale_words, self.scale_words + 1, *check, *dense]
 
     @property
@@ -194,7 +213,8 @@ class Layout:
 
     @property
     def t_zero(self) -> int:
-        """Address of a word of the T memory that stands for 0: the prologue writes it (a program without T regions has none of it)."""
+        """Address of a word of the T memory that stands for 0: the prologue writes it (a program without T
+        regions has none of it)."""
         return len(self.program.t_regions) << self.hidden_bits
 
     @property
@@ -215,7 +235,9 @@ class _Slots(dict[int, dict[str, int]]):
         word = self.setdefault(slot, {})
         for name, value in fields.items():
             if word.setdefault(name, value) != value:
-                raise RuntimeError(f"slot {slot}: {name} is needed as {word[name]} and as {value}: the schedule has a hazard")
+                raise RuntimeError(
+                    f"slot {slot}: {name} is needed as {word[name]} and as {value}: the schedule has a hazard"
+                )
 
 
 class Microcode:
@@ -224,7 +246,8 @@ class Microcode:
     Attributes
     ----------
     slots:
-        Fields of every slot: the prologue (writes the words that stand for 0, clears the state, fills the chain), phase A, phase B.
+        Fields of every slot: the prologue (writes the words that stand for 0, clears the state, fills the
+        chain), phase A, phase B.
     again:
         Slot at which a further step of the touch begins.
     wait:
@@ -241,7 +264,9 @@ class Microcode:
             self._element(issue.op, issue.term, issue.index, self.wait + issue.cycle)
         length = self.wait + plan.slots_after
         if max(self._slots) >= length:
-            raise RuntimeError(f"slot {max(self._slots)} is used and the step has {length}: the schedule ends too soon")
+            raise RuntimeError(
+                f"slot {max(self._slots)} is used and the step has {length}: the schedule ends too soon"
+            )
         for slot in range(self.again, self.judged + 1):
             self._slots.set(slot, in_step=1)
         if plan.config.hardware.checksum:
@@ -255,9 +280,12 @@ class Microcode:
         self._always_minus_t()
 
     def _always_minus_t(self) -> None:
-        """Where every T that is read is both subtracted and added, do so in every slot: the others read a zero."""
+        """Where every T that is read is both subtracted and added, do so in every slot: the others read a
+        zero."""
         asks = [slot for slot in self.slots if slot.get("element_operand")]
-        if any(slot.get("t_operand") for slot in asks) or any(slot.get("minus") != slot.get("add", 0) for slot in asks):
+        if any(slot.get("t_operand") for slot in asks) or any(
+            slot.get("minus") != slot.get("add", 0) for slot in asks
+        ):
             return
         if not self.plan.program.t_regions:
             return
@@ -273,14 +301,20 @@ class Microcode:
     def _read_zeros(self, slot: int) -> None:
         """Let the words that stand for 0 be the element-wise operand of ``slot``."""
         layout, plan = self.layout, self.plan
-        self._slots.set(slot - 1, **{"vector" if plan.shared else "element": layout.state_zero, "t": layout.t_zero})
+        self._slots.set(
+            slot - 1, **{"vector" if plan.shared else "element": layout.state_zero, "t": layout.t_zero}
+        )
         self._slots.set(slot, minus=int(bool(plan.program.t_regions)))
 
     # ------------------------------------------------------------------ what the units do
     def _prologue(self) -> int:
         plan, lanes = self.plan, self.plan.config.hardware.lanes
         begin = slot = self._zero_t() if plan.program.t_regions else 0
-        zeroed = [self.layout.state(region, index) for region in plan.program.cleared for index in range(plan.config.network.hidden)]
+        zeroed = [
+            self.layout.state(region, index)
+            for region in plan.program.cleared
+            for index in range(plan.config.network.hidden)
+        ]
         for address in [self.layout.state_zero, *zeroed]:
             self._clear(address, slot)
             slot += 1 + (0 if plan.shared else plan.element_gap)
@@ -288,7 +322,8 @@ class Microcode:
         if any(group.block.carried for group in plan.groups):
             first = self._carry_biases(slot)
             end = max(end, first)
-        if plan.timing.chain:  # addends of the first group into the chain and on into the accumulators, then the second's
+        # addends of the first group into the chain and on into the accumulators, then the second's
+        if plan.timing.chain:
             self._fill(plan.groups[0], first)
             self._shift(range(first + 1, first + lanes + 1))
             self._slots.set(first + lanes + 1, swap=1)
@@ -300,7 +335,8 @@ class Microcode:
         return end
 
     def _zero_t(self) -> int:
-        """Write the T memory's word for 0: the table's answer to the addend 0. The slot in which it can be addressed."""
+        """Write the T memory's word for 0: the table's answer to the addend 0. The slot in which it can be
+        addressed."""
         plan, lanes = self.plan, self.plan.config.hardware.lanes
         self._slots.set(0, addend=plan.zero_address)
         if plan.timing.chain:
@@ -314,7 +350,8 @@ class Microcode:
         return there + 2
 
     def _clear(self, address: int, slot: int) -> None:
-        """Write 0 to a word of the state memory: the rounding half alone is 0 when narrowed, whatever the memories hold.
+        """Write 0 to a word of the state memory: the rounding half alone is 0 when narrowed, whatever the
+        memories hold.
 
         A DSP block that adds one product to what it loads cannot leave it out: there it is multiplied by 0.
         """
@@ -331,10 +368,13 @@ class Microcode:
         self._slots.set(done, state_write=1, state_to=address, feature=0, hidden=0)
 
     def _carry_biases(self, slot: int) -> int:
-        """From ``slot`` on, copy the biases to where carried sums go on from: through the chain, or the lane; the slot after that."""
+        """From ``slot`` on, copy the biases to where carried sums go on from: through the chain, or the lane;
+        the slot after that."""
         plan, lanes = self.plan, self.plan.config.hardware.lanes
         sources = [address for address, (block, _) in enumerate(plan.bias_rows) if block.carried]
-        targets = [group.addend + row for group in plan.groups if group.block.carried for row in range(group.rows)]
+        targets = [
+            group.addend + row for group in plan.groups if group.block.carried for row in range(group.rows)
+        ]
         way = lanes + 1 if plan.timing.chain else plan.timing.added - plan.timing.gap + 1
         for k, (source, target) in enumerate(zip(sources, targets, strict=True)):
             self._slots.set(slot + k, addend=source)
@@ -436,7 +476,8 @@ class Microcode:
 
     @cached_property
     def words(self) -> list[dict[str, int]]:
-        """Words in order: every address and control, ``repeat`` (slots less one), ``wait`` (held at its slot), ``end`` (the last).
+        """Words in order: every address and control, ``repeat`` (slots less one), ``wait`` (held at its
+        slot), ``end`` (the last).
 
         In slot k of a repeated word the fields in `counted` are k more than the word has them.
         """
@@ -450,10 +491,16 @@ class Microcode:
             joins = slot not in (self.again, self.wait, self.wait + 1) and slot != len(self.slots) - 1
             if last is not None and joins and all(last[name] == value for name, value in controls.items()):
                 count = last["repeat"] + 1
-                relative = {name: value - (count if name in self.counted else 0) for name, value in addresses.items()}
+                relative = {
+                    name: value - (count if name in self.counted else 0) for name, value in addresses.items()
+                }
                 counts = all(relative.get(name, 0) >= 0 for name in self.counted)
                 # A row's constants end with their word: counting on would reach addresses that hold nothing.
-                counts &= not (self.layout.holds_dense and free.get("gate", 0) >= self.layout.constants and "gate" not in addresses)
+                counts &= not (
+                    self.layout.holds_dense
+                    and free.get("gate", 0) >= self.layout.constants
+                    and "gate" not in addresses
+                )
                 if counts and all(free.get(name, value) == value for name, value in relative.items()):
                     free |= relative  # `accesses` has it too
                     last.update(relative, repeat=count)
@@ -461,7 +508,11 @@ class Microcode:
             free = addresses
             accesses.append(free)
             words.append({name: addresses.get(name, 0) for name in ADDRESSES} | controls)
-            words[-1] |= {"repeat": 0, "wait": int(slot == self.wait), "end": int(slot == len(self.slots) - 1)}
+            words[-1] |= {
+                "repeat": 0,
+                "wait": int(slot == self.wait),
+                "end": int(slot == len(self.slots) - 1),
+            }
         if self.plan.config.hardware.clock_gate:
             self._hold(words, accesses)
         if self.plan.config.hardware.checksum:
@@ -490,11 +541,18 @@ class Microcode:
         plan = self.plan
         addends = [*range(len(plan.bias_rows)), *([plan.half_address] if plan.shared else [])]
         used = {fields["addend"] for fields in self.slots[self.again : self.judged - 1] if "addend" in fields}
-        # The check word counts once; it is read when the window, by whose length it is chosen, has been released.
+        # The check word counts once; it is read when the window, by whose length it is chosen, has been
+        # released.
         released = next(number for number, word in enumerate(words) if word["released"])
         late = [id(word) for word in words[released + 1 :]]
-        single = next((word for word in reversed(free["gate"]) if not word["repeat"] and id(word) in late), None)
-        places = [word for word in free["gate"] if word is not single and not (word["repeat"] and "gate" in self.counted)]
+        single = next(
+            (word for word in reversed(free["gate"]) if not word["repeat"] and id(word) in late), None
+        )
+        places = [
+            word
+            for word in free["gate"]
+            if word is not single and not (word["repeat"] and "gate" in self.counted)
+        ]
         missing = [address for address in addends if address not in used]
         if single is None or len(places) < 2 or len(free["addend"]) < len(missing):
             raise RuntimeError("the step has too few free reads for the checksum's constants")
@@ -506,7 +564,8 @@ class Microcode:
 
     @property
     def idle_words(self) -> int:
-        """Words of a slot each that do nothing, in front of the prologue: they fill the program's memory up to a power of two."""
+        """Words of a slot each that do nothing, in front of the prologue: they fill the program's memory up
+        to a power of two."""
         return (1 << (len(self.words) - 1).bit_length()) - len(self.words)
 
     @cached_property

@@ -18,10 +18,12 @@ IMAGE_START_CYCLES = 2
 
 @lru_cache(maxsize=64)
 def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> Any:
-    """Place one step of ``program`` (the configured cell's by default) on ``config.hardware.lanes`` lanes and one element-wise lane.
+    """Place one step of ``program`` (the configured cell's by default) on ``config.hardware.lanes`` lanes and
+    one element-wise lane.
 
-    A single lane does the element-wise operations too, between two dot products. A single serial lane has a program of its own: a
-    `eskin.rtl.program.compact_program.CompactSchedule` takes the place of a `eskin.rtl.program.scheduler.Schedule`.
+    A single lane does the element-wise operations too, between two dot products. A single serial lane has a
+    program of its own: a `eskin.rtl.program.compact_program.CompactSchedule` takes the place of a
+    `eskin.rtl.program.scheduler.Schedule`.
     """
     program = program or cell_program(config)
     if is_compact(config):
@@ -31,8 +33,13 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> A
 
 
 def step_cycles(config: AcceleratorConfig) -> int:
-    """Cycles of a step up to its decision; of an image, for which there is no schedule of slots, from its start."""
-    return plan_of(config).logit_cycles + logit_to_decision(config) if config.is_image else schedule(config).step_cycles
+    """Cycles of a step up to its decision; of an image, for which there is no schedule of slots, from its
+    start."""
+    return (
+        plan_of(config).logit_cycles + logit_to_decision(config)
+        if config.is_image
+        else schedule(config).step_cycles
+    )
 
 
 def decision_cycles(config: AcceleratorConfig) -> int:
@@ -50,17 +57,26 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True) -> int:
     """
     if config.is_image:
         return config.sensor.taxels
-    per_input = 2 + ends_window * (1 + config.windows.window - 2 * config.windows.hop + (config.constants > 1))
+    per_input = 2 + ends_window * (
+        1 + config.windows.window - 2 * config.windows.hop + (config.constants > 1)
+    )
     beyond = config.features.feature_kinds != ("mean",)
     per_taxel = max(per_input * config.kinds, 3 * (config.features.feature_kinds == ("integral",)))
-    return per_taxel * config.sensor.taxels + FRAME_EXTRA_CYCLES + (config.features.compand != "none") + 3 * beyond
+    return (
+        per_taxel * config.sensor.taxels
+        + FRAME_EXTRA_CYCLES
+        + (config.features.compand != "none")
+        + 3 * beyond
+    )
 
 
 def lowest_clock_hz(config: AcceleratorConfig) -> float:
-    """The lowest clock at which every frame is taken when it is due and no window is ever lost, known before anything is simulated.
+    """The lowest clock at which every frame is taken when it is due and no window is ever lost, known before
+    anything is simulated.
 
-    A frame that ends a window takes longest (`frame_cycles`). Steps must keep up with hops; windows that end closer together than that, as
-    the last two of the thesis do, wait in the two buffers. Latency budgets ask for more: see cosim.
+    A frame that ends a window takes longest (`frame_cycles`). Steps must keep up with hops; windows that end
+    closer together than that, as the last two of the thesis do, wait in the two buffers. Latency budgets ask
+    for more: see cosim.
     """
     keep_up = step_cycles(config) * config.sensor.sample_rate_hz / config.windows.hop
     return max(frame_cycles(config) * config.sensor.sample_rate_hz, keep_up)

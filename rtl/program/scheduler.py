@@ -6,8 +6,9 @@ latencies. rtl/program/microcode.py turns the placed operations into the words t
 cycle count of a step is read off the result; nothing is estimated. The cells' formulas are those of
 docs/specification.md, section 5.
 
-A step has two phases. Phase A needs only the old state and starts as soon as the step before has ended; phase B starts when the
-features' window is complete. Partial sums of phase A wait in the addend memory at full accumulator width.
+A step has two phases. Phase A needs only the old state and starts as soon as the step before has ended; phase
+B starts when the features' window is complete. Partial sums of phase A wait in the addend memory at full
+accumulator width.
 """
 
 from __future__ import annotations
@@ -74,8 +75,12 @@ class Schedule:
     slots_after: int
     bias_rows: tuple[tuple[RowBlock, int], ...]  # (block, row) of each addend word that is loaded
     partial_rows: int
-    swaps: tuple[int, ...] = ()  # several lanes: slots, from phase A's first, in which chain and accumulators change places
-    fills: tuple[tuple[int, int], ...] = ()  # (group, slot of its row 0's address): addends on their way into the chain
+    swaps: tuple[
+        int, ...
+    ] = ()  # several lanes: slots, from phase A's first, in which chain and accumulators change places
+    fills: tuple[
+        tuple[int, int], ...
+    ] = ()  # (group, slot of its row 0's address): addends on their way into the chain
     shifts: frozenset[int] = frozenset()  # slots in which the chain moves on
     shared: bool = field(default=False)  # one multiplier serves lanes and element-wise operations
 
@@ -86,22 +91,26 @@ class Schedule:
 
     @property
     def element_gap(self) -> int:
-        """Slots lost between two element-wise operations: none where their lane never adds two products up."""
+        """Slots lost between two element-wise operations: none where their lane never adds two products
+        up."""
         return element_gap(self.config, self.program, self.shared)
 
     @property
     def half_address(self) -> int:
-        """Address of the rounding half of element-wise operations in the addend memory, where rows and they share a lane."""
+        """Address of the rounding half of element-wise operations in the addend memory, where rows and they
+        share a lane."""
         return len(self.bias_rows) + self.partial_rows
 
     @property
     def zero_address(self) -> int:
-        """Address of the addend 0 of a program with T values: what the prologue makes the T memory's word for 0 of."""
+        """Address of the addend 0 of a program with T values: what the prologue makes the T memory's word for
+        0 of."""
         return self.half_address + int(self.shared)
 
     @property
     def addend_words(self) -> int:
-        """Words of the addend memory: biases, partial sums, the half of a shared lane, a 0 where there are T values."""
+        """Words of the addend memory: biases, partial sums, the half of a shared lane, a 0 where there are T
+        values."""
         return self.zero_address + int(bool(self.program.t_regions))
 
     @property
@@ -147,9 +156,12 @@ class Schedule:
 
     @cached_property
     def weight_words(self) -> tuple[tuple[RowGroup, str, int], ...]:
-        """For each word of the weight memories that a step reads, in address order: the group, the matrix and the column its lanes read."""
+        """For each word of the weight memories that a step reads, in address order: the group, the matrix and
+        the column its lanes read."""
         ops = [op for op in (*self.mac_before, *self.mac_after) if not self.beside(op)]
-        return tuple((self.groups[op.group], self.groups[op.group].block.terms[op.term][0], op.index) for op in ops)
+        return tuple(
+            (self.groups[op.group], self.groups[op.group].block.terms[op.term][0], op.index) for op in ops
+        )
 
     @property
     def weight_depth(self) -> int:
@@ -158,9 +170,12 @@ class Schedule:
 
 
 def groups_of(config: AcceleratorConfig, program: CellProgram):
-    """Row groups in issue order, the addend memory's loaded rows, and the number of partial rows behind them."""
+    """Row groups in issue order, the addend memory's loaded rows, and the number of partial rows behind
+    them."""
     blocks = (*program.before, *program.after)
-    bias_rows = tuple((block, row) for block in blocks if block.bias for row in range(row_count(config, block)))
+    bias_rows = tuple(
+        (block, row) for block in blocks if block.bias for row in range(row_count(config, block))
+    )
     bias_base: dict[str, int] = {}
     for address, (block, row) in enumerate(bias_rows):
         bias_base.setdefault(block.name, address - row)
@@ -176,14 +191,18 @@ def groups_of(config: AcceleratorConfig, program: CellProgram):
         dest = partial_base[block.region] if block.dest == "partial" else 0
         total = row_count(config, block)
         for row in range(0, total, config.hardware.lanes):
-            groups.append(RowGroup(block, row, min(config.hardware.lanes, total - row), addend + row, dest + row))
+            groups.append(
+                RowGroup(block, row, min(config.hardware.lanes, total - row), addend + row, dest + row)
+            )
     return tuple(groups), bias_rows, partial_rows
 
 
 class Scheduler:
-    """Slot-by-slot list scheduling: rows in program order, element-wise operations as soon as their operands are there.
+    """Slot-by-slot list scheduling: rows in program order, element-wise operations as soon as their operands
+    are there.
 
-    Slots are counted from the start of phase A through phase B: while the engine waits for the window between them, time stands still.
+    Slots are counted from the start of phase A through phase B: while the engine waits for the window between
+    them, time stands still.
     """
 
     NEVER = 10**9
@@ -194,13 +213,19 @@ class Scheduler:
         self.shared = shares_lane(config)
         self.timing = timing(config)
         self.element_gap = element_gap(config, program, self.shared)
-        self.table_busy: set[int] = set()  # slots in which the table is used; its result is written in the next
-        self.ready: dict[tuple[str, str, int], int] = {}  # (memory, region, index) -> first slot it can be addressed
+        # slots in which the table is used; its result is written in the next
+        self.table_busy: set[int] = set()
+        self.ready: dict[
+            tuple[str, str, int], int
+        ] = {}  # (memory, region, index) -> first slot it can be addressed
         self.lane_free = 0  # first slot in which a dot product may begin
-        # Chain of several lanes: when step begins group 0 is loaded and group 1's addends are in the chain if they are constants.
+        # Chain of several lanes: when step begins group 0 is loaded and group 1's addends are in the chain if
+        # they are constants.
         self.last_swap = 0
         self.last_capture = (-1, 0)  # slot and rows of the newest captured group
-        self.filled: dict[int, int] = {}  # group -> first slot of a swap that loads it; counted on into the next step
+        self.filled: dict[
+            int, int
+        ] = {}  # group -> first slot of a swap that loads it; counted on into the next step
         self.finished: set[int] = set()
         self.late: set[int] = set()  # groups whose addends come after the group before was captured
         self.swaps: list[int] = []
@@ -258,8 +283,11 @@ class Scheduler:
         return self.config.inputs if op.state == "x" else self.config.network.hidden
 
     def _reads_old(self, op: ElementOp, region: str) -> bool:
-        """True when an operation of this step reads the old content of the state region that ``op`` writes."""
-        return any(f"S.{region}" in term[0].split("-") for element in self.program.elements for term in element.terms)
+        """True when an operation of this step reads the old content of the state region that ``op``
+        writes."""
+        return any(
+            f"S.{region}" in term[0].split("-") for element in self.program.elements for term in element.terms
+        )
 
     def _operands(self, op: ElementOp, term: int, index: int):
         a, b = op.terms[term]
@@ -281,7 +309,9 @@ class Scheduler:
             for index in range(self.config.inputs if region == "x" else self.config.network.hidden)
         ]
         last_old = {  # last reads of old state
-            region: k for k, (g, _, region, _) in enumerate(elements_of) if not reads_new_state(self.program, self.groups[g].block, region)
+            region: k
+            for k, (g, _, region, _) in enumerate(elements_of)
+            if not reads_new_state(self.program, self.groups[g].block, region)
         }
         new_state: dict[tuple[str, int], int] = {}  # results of this phase, for rows that need the new value
         rows: list[MacOp] = []
@@ -306,7 +336,8 @@ class Scheduler:
                 element_free = cycle + 1 + (self.element_gap if term == last_term else 0)
                 if self.shared:
                     self.lane_free = cycle + 1 + self.timing.gap
-                if op.activated and term == 0:  # reserved at once: the rows' results are placed in the meantime
+                # reserved at once: the rows' results are placed in the meantime
+                if op.activated and term == 0:
                     self.table_busy.add(cycle + last_term + self.timing.element_to_table)
                 if term < last_term:
                     second_term = (op, index)
@@ -315,14 +346,25 @@ class Scheduler:
                     if op.state:
                         self.ready["S", op.state, index] = new_state[op.state, index] = last_write
                     if op.activated:
-                        self.ready["T", op.activated, index] = last_write = cycle + self.timing.element_to_activated
+                        self.ready["T", op.activated, index] = last_write = (
+                            cycle + self.timing.element_to_activated
+                        )
             lane_taken = self.shared and (issued or second_term)
             if position < len(elements_of) and not lane_taken:
                 g, term, region, index = elements_of[position]
                 last = position + 1 == len(elements_of) or elements_of[position + 1][0] != g
-                state_cycle = new_state.get((region, index)) if reads_new_state(self.program, self.groups[g].block, region) else 0
+                state_cycle = (
+                    new_state.get((region, index))
+                    if reads_new_state(self.program, self.groups[g].block, region)
+                    else 0
+                )
                 may_start = not group_start or self._may_start(g, cycle, new_state)
-                if may_start and state_cycle is not None and state_cycle <= cycle and (not last or self._may_finish(g, cycle)):
+                if (
+                    may_start
+                    and state_cycle is not None
+                    and state_cycle <= cycle
+                    and (not last or self._may_finish(g, cycle))
+                ):
                     if group_start and g in self.late:
                         self._swap_late(g)
                     rows.append(MacOp(cycle - start, g, term, region, index, group_start, last))
@@ -332,7 +374,9 @@ class Scheduler:
                     position += 1
             cycle += 1
             if cycle > 10**6:
-                raise RuntimeError("the program cannot be scheduled: an operation waits for a result that nothing writes")
+                raise RuntimeError(
+                    "the program cannot be scheduled: an operation waits for a result that nothing writes"
+                )
         return rows, issues, max(cycle, element_free, last_write)
 
     def _element_ready(self, op: ElementOp, index: int, cycle: int) -> bool:
@@ -346,10 +390,20 @@ class Scheduler:
     def _may_start(self, g: int, cycle: int, new_state: dict[tuple[str, int], int]) -> bool:
         if cycle < self.lane_free:
             return False
-        if self.shared:  # an open row keeps element-wise operations off the lane: all it reads must be under way
-            regions = [region for _, region in self.groups[g].block.terms if reads_new_state(self.program, self.groups[g].block, region)]
-            counts = {region: self.config.inputs if region == "x" else self.config.network.hidden for region in regions}
-            if any((region, index) not in new_state for region, count in counts.items() for index in range(count)):
+        # an open row keeps element-wise operations off the lane: all it reads must be under way
+        if self.shared:
+            regions = [
+                region
+                for _, region in self.groups[g].block.terms
+                if reads_new_state(self.program, self.groups[g].block, region)
+            ]
+            counts = {
+                region: self.config.inputs if region == "x" else self.config.network.hidden
+                for region in regions
+            }
+            if any(
+                (region, index) not in new_state for region, count in counts.items() for index in range(count)
+            ):
                 return False
             return self._addends_ready(g, cycle) == cycle
         if g in self.late:
@@ -358,11 +412,12 @@ class Scheduler:
         return True
 
     def _may_finish(self, g: int, cycle: int) -> bool:
-        """A group's last element may issue when the group before has left the chain, the next one's addends are in it, and the table is
-        free for its results."""
+        """A group's last element may issue when the group before has left the chain, the next one's addends
+        are in it, and the table is free for its results."""
         group, capture = self.groups[g], cycle + self.timing.acc
         if group.block.dest not in ("partial", "logit"):
-            table = cycle + self.timing.row - (group.block.dest == "value")  # a value is written at once, a slot sooner
+            # a value is written at once, a slot sooner
+            table = cycle + self.timing.row - (group.block.dest == "value")
             if any(table + row in self.table_busy for row in range(group.rows)):
                 return False
         if not self.timing.chain:
@@ -395,15 +450,19 @@ class Scheduler:
                 self.ready["T", group.block.region, group.dest + row] = result + self.timing.row_to_stored
             elif dest != "logit":
                 self.table_busy.add(result + self.timing.row)
-                self.ready["B" if dest == "sigmoid" else "T", group.block.region, group.dest + row] = result + self.timing.row_to_gate
+                self.ready["B" if dest == "sigmoid" else "T", group.block.region, group.dest + row] = (
+                    result + self.timing.row_to_gate
+                )
 
     # ------------------------------------------------------------------ addends
     def _waits_in_chain(self, g: int) -> bool:
-        """True where the addends of group ``g`` are in the chain when a step begins: they are known, and it is not the next step's."""
+        """True where the addends of group ``g`` are in the chain when a step begins: they are known, and it
+        is not the next step's."""
         return g < len(self.groups) and bool(self.groups[g].block.bias)
 
     def _addends_ready(self, g: int, earliest: int) -> int:
-        """First slot, ``earliest`` or later, in which row 0's addend may be addressed, row k's k slots later; NEVER: not known yet."""
+        """First slot, ``earliest`` or later, in which row 0's addend may be addressed, row k's k slots later;
+        NEVER: not known yet."""
         group, next_step = self.groups[g % len(self.groups)], g >= len(self.groups)
         if group.block.carried and next_step and g - len(self.groups) not in self.finished:
             return self.NEVER
@@ -412,7 +471,8 @@ class Scheduler:
         return max(earliest, *(self.ready["P", "", group.addend + row] - row for row in range(group.rows)))
 
     def _fill(self, g: int) -> None:
-        """Place the addends of group ``g`` behind the sums that leave the chain; later, if they are not known yet."""
+        """Place the addends of group ``g`` behind the sums that leave the chain; later, if they are not known
+        yet."""
         start = self._addends_ready(g, self.last_swap)
         if start < self.NEVER // 2:
             self.fills.append((g % len(self.groups), start))

@@ -1,6 +1,8 @@
-"""The signature that a step makes of every constant it reads, and the check words that bring it to zero: docs/specification.md section 11.
+"""The signature that a step makes of every constant it reads, and the check words that bring it to zero:
+docs/specification.md section 11.
 
-Plain Python (no Amaranth), so that command line and benches can share it. The hardware is `eskin.rtl.engine.memory_check`.
+Plain Python (no Amaranth), so that command line and benches can share it. The hardware is
+`eskin.rtl.engine.memory_check`.
 """
 
 from __future__ import annotations
@@ -54,7 +56,8 @@ def reads(code: Microcode, check: int) -> Iterator[tuple[int, Read]]:
     Parameters
     ----------
     check:
-        Number of the step's check word (`eskin.rtl.program.microcode.Layout.checks`): of its window's length, or of its set of weights.
+        Number of the step's check word (`eskin.rtl.program.microcode.Layout.checks`): of its window's length,
+        or of its set of weights.
     """
     layout, constant = code.layout, constant_addends(code)
     length, weight_set = layout.checks[check]
@@ -85,7 +88,13 @@ def spread(code: Microcode, read: Read, word: int) -> int:
     return fold(word, config.accumulator_bits if memory == "addend" else WIDTH)
 
 
-def residue(code: Microcode, weights: Sequence[Sequence[int]], addends: Sequence[int], constants: Sequence[int], check: int) -> int:
+def residue(
+    code: Microcode,
+    weights: Sequence[Sequence[int]],
+    addends: Sequence[int],
+    constants: Sequence[int],
+    check: int,
+) -> int:
     """The signature at the judged slot."""
     by_age: dict[int, int] = defaultdict(int)
     for age, (memory, address) in reads(code, check):
@@ -97,8 +106,11 @@ def residue(code: Microcode, weights: Sequence[Sequence[int]], addends: Sequence
     return signature
 
 
-def check_words(code: Microcode, weights: Sequence[Sequence[int]], addends: Sequence[int], constants: Sequence[int]) -> list[int]:
-    """The check words (two's complement): with the one of its number, read where the program reads it, a step's signature ends as 0.
+def check_words(
+    code: Microcode, weights: Sequence[Sequence[int]], addends: Sequence[int], constants: Sequence[int]
+) -> list[int]:
+    """The check words (two's complement): with the one of its number, read where the program reads it, a
+    step's signature ends as 0.
 
     Parameters
     ----------
@@ -127,8 +139,8 @@ def unseen(code: Microcode, words: Mapping[str | int, int]) -> list[tuple[Read, 
     Parameters
     ----------
     words:
-        Number of constant words by memory: every one of them must be read, ``gate`` counted from the region of the constants on. Words
-        that nothing uses (`Layout.used_constants`) do not count.
+        Number of constant words by memory: every one of them must be read, ``gate`` counted from the region
+        of the constants on. Words that nothing uses (`Layout.used_constants`) do not count.
     """
     config, layout = code.plan.config, code.layout
     longest = code.judged - code.again
@@ -142,8 +154,16 @@ def unseen(code: Microcode, words: Mapping[str | int, int]) -> list[tuple[Read, 
             ages[check][read].append(age)
     missed = []
     for memory, count in words.items():
-        bits = config.weight_bits if isinstance(memory, int) else config.accumulator_bits if memory == "addend" else WIDTH
-        used = [index for index in layout.used_constants if index < count] if memory == "gate" else range(count)
+        bits = (
+            config.weight_bits
+            if isinstance(memory, int)
+            else config.accumulator_bits
+            if memory == "addend"
+            else WIDTH
+        )
+        used = (
+            [index for index in layout.used_constants if index < count] if memory == "gate" else range(count)
+        )
         for address in used:
             for bit in range(bits):
                 position = spread(code, (memory, address), 1 << bit).bit_length() - 1

@@ -25,7 +25,8 @@ def logit_to_decision(config: AcceleratorConfig) -> int:
 
 
 def is_compact(config: AcceleratorConfig) -> bool:
-    """True for the bit-serial lane: rtl/engine/compact_engine.py does everything with one adder, cycle by cycle, without slots."""
+    """True for the bit-serial lane: rtl/engine/compact_engine.py does everything with one adder, cycle by
+    cycle, without slots."""
     return config.hardware.lane_type == "serial"
 
 
@@ -43,15 +44,16 @@ def shares_lane(config: AcceleratorConfig) -> bool:
 class Timing:
     """Latencies of the engine in slots; rtl/engine/engine.py is built to these.
 
-    A row's are counted from the issue of its group's last element, row p's p slots later; an element-wise operation's from the issue of
-    its last term.
+    A row's are counted from the issue of its group's last element, row p's p slots later; an element-wise
+    operation's from the issue of its last term.
 
     Parameters
     ----------
     acc:
         The lane's accumulator holds the sum: address, operands, product and sum.
     gap:
-        Slots lost on a lane between two dot products: the DSP block's own accumulator is loaded in place of an addition.
+        Slots lost on a lane between two dot products: the DSP block's own accumulator is loaded in place of
+        an addition.
     chain:
         One where several lanes' sums are captured and handed on one by one.
     early:
@@ -107,4 +109,6 @@ class Timing:
 def timing(config: AcceleratorConfig) -> Timing:
     """Latencies of the configured lanes."""
     kind = config.hardware.lane_type
-    return Timing(acc=3, gap=int(kind == "dsp"), chain=int(config.hardware.lanes > 1), early=int(kind == "plain"))
+    return Timing(
+        acc=3, gap=int(kind == "dsp"), chain=int(config.hardware.lanes > 1), early=int(kind == "plain")
+    )

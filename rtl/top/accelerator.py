@@ -25,13 +25,14 @@ from eskin.rtl.top.watchdog import Watchdog
 
 
 class Accelerator(wiring.Component):
-    """Onset detector, pre-trigger ring, feature expander, window averager, normaliser, engine, classifier and control.
+    """Onset detector, pre-trigger ring, feature expander, window averager, normaliser, engine, classifier and
+    control.
 
     Parameters
     ----------
     images:
-        Memory contents (`eskin.rtl.program.memory_map.memory_images`) for a ROM design (``loadable`` false); otherwise None: the host
-        loads them.
+        Memory contents (`eskin.rtl.program.memory_map.memory_images`) for a ROM design (``loadable`` false);
+        otherwise None: the host loads them.
 
     Members
     -------
@@ -44,10 +45,12 @@ class Accelerator(wiring.Component):
     busy : Out(1)
         A frame, sum, step, decision or command is in flight.
     probe : Out
-        ``sum``, ``fault`` (the sum's taxel is out of use; only with a fault detector ever valid), ``feature``, ``state``, ``logit``: what
-        each stage hands on, in the cycle it does; ``step``: engine cycles of a step. Left open in a real design, they cost nothing.
+        ``sum``, ``fault`` (the sum's taxel is out of use; only with a fault detector ever valid),
+        ``feature``, ``state``, ``logit``: what each stage hands on, in the cycle it does; ``step``: engine
+        cycles of a step. Left open in a real design, they cost nothing.
 
-    Latency from the last taxel of a window to its decision: a few cycles of front end and `Schedule.decision_cycles`.
+    Latency from the last taxel of a window to its decision: a few cycles of front end and
+    `Schedule.decision_cycles`.
     """
 
     def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> None:
@@ -75,7 +78,11 @@ class Accelerator(wiring.Component):
         m = Module()
         config = self._config
         front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
-        engine, classifier, control = make_engine(config, self._images), Classifier(config), HostControl(config)
+        engine, classifier, control = (
+            make_engine(config, self._images),
+            Classifier(config),
+            HostControl(config),
+        )
         m.submodules.control = control
         begin_anew = Signal()  # engine and classifier go back to where a touch begins
         m.submodules.front_end = ResetInserter(control.clear)(front_end)
@@ -102,7 +109,9 @@ class Accelerator(wiring.Component):
             m.d.comb += [
                 front_end.load.address.eq(control.load.address),
                 front_end.load.data.eq(control.load.data),
-                front_end.load.enable.eq(control.load.enable & control.load.select[load_lines(config)[Memory.MEANS]]),
+                front_end.load.enable.eq(
+                    control.load.enable & control.load.select[load_lines(config)[Memory.MEANS]]
+                ),
             ]
         if config.faults.fault_frames:
             m.d.comb += [
@@ -111,10 +120,21 @@ class Accelerator(wiring.Component):
                 self.probe.fault.valid.eq(self.probe.sum.valid),
                 self.probe.fault.value.eq(front_end.averager.o.p.masked),
             ]
-        every = (front_end.detector, front_end.ring, front_end.expander, front_end.averager, front_end.compander, front_end.normaliser)
+        every = (
+            front_end.detector,
+            front_end.ring,
+            front_end.expander,
+            front_end.averager,
+            front_end.compander,
+            front_end.normaliser,
+        )
         parts = [part for part in every if part is not None]
         # (Where the clock stops the ring has to be done first.)
-        dropping = front_end.ring.dropping if config.hardware.clock_gate and front_end.ring is not None else Const(0, 1)
+        dropping = (
+            front_end.ring.dropping
+            if config.hardware.clock_gate and front_end.ring is not None
+            else Const(0, 1)
+        )
 
         m.d.comb += [
             control.beat_offered.eq(self.i.valid),
@@ -138,7 +158,9 @@ class Accelerator(wiring.Component):
         if self.watching is not None:
             m.submodules.watchdog = watchdog = self.watching
             m.d.comb += [
-                watchdog.due.eq((self.i.valid & ~self.i.ready) | engine.working | ~classifier.idle | control.due),
+                watchdog.due.eq(
+                    (self.i.valid & ~self.i.ready) | engine.working | ~classifier.idle | control.due
+                ),
                 watchdog.done.eq(engine.step_done | self.o.valid | control.load.enable),
                 control.hung.eq(watchdog.hung),
                 control.detector_touch.eq(front_end.touch),
@@ -147,7 +169,9 @@ class Accelerator(wiring.Component):
             # one did; a first step already under way would be lost.
             decided = Signal()
             m.d.comb += begin_anew.eq(decided & ~engine.busy & ~engine.i.valid & classifier.idle)
-            m.d.sync += decided.eq((decided | classifier.ended) & ~begin_anew & ~control.clear & ~engine.started)
+            m.d.sync += decided.eq(
+                (decided | classifier.ended) & ~begin_anew & ~control.clear & ~engine.started
+            )
 
         m.d.comb += [
             self.probe.sum.valid.eq(front_end.averager.o.valid & front_end.averager.o.ready),

@@ -21,7 +21,8 @@ BAUD = 2e6
 """16 taxels at 3 kHz need 1.14 Mbaud."""
 
 ClassPins = Literal["each", "binary", "none"]
-"""How the class of the latest decision is shown on pins: one pin for each class, its index as a number, or not at all."""
+"""How the class of the latest decision is shown on pins: one pin for each class, its index as a number, or
+not at all."""
 
 
 def class_pin_count(config: AcceleratorConfig, class_pins: ClassPins) -> int:
@@ -40,7 +41,8 @@ def reaches_pins(config: AcceleratorConfig, decision: data.View, global_shown: S
 
 
 class BoardTop(wiring.Component):
-    """The accelerator behind `UartLink`, in the ``sync`` domain; with ``position`` `TouchPosition` beside it, read as registers.
+    """The accelerator behind `UartLink`, in the ``sync`` domain; with ``position`` `TouchPosition` beside it,
+    read as registers.
 
     Parameters
     ----------
@@ -58,7 +60,8 @@ class BoardTop(wiring.Component):
     rx : In(1), tx : Out(1)
         Serial lines, idle high.
     decision : Out(classes), or Out(ceil(log2(classes))) with ``class_pins`` binary
-        The class of the latest decision, local or global: one-hot, or its index; 0 before the first. Absent with ``class_pins`` none.
+        The class of the latest decision, local or global: one-hot, or its index; 0 before the first. Absent
+        with ``class_pins`` none.
     decision_valid : Out(1)
         That decision is a touch's global one: high from it until the next touch's first step.
     unsure : Out(1), only with ``margin_threshold``

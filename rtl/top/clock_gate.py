@@ -1,8 +1,19 @@
-"""The clock of a chip's whole chain, stopped while no register could change: one gate, no register outside it."""
+"""The clock of a chip's whole chain, stopped while no register could change: one gate, no register outside
+it."""
 
 from __future__ import annotations
 
-from amaranth.hdl import ClockDomain, ClockSignal, DomainRenamer, Elaboratable, EnableInserter, Instance, Module, ResetSignal, Value
+from amaranth.hdl import (
+    ClockDomain,
+    ClockSignal,
+    DomainRenamer,
+    Elaboratable,
+    EnableInserter,
+    Instance,
+    Module,
+    ResetSignal,
+    Value,
+)
 
 from eskin.rtl.common.memory_style import CHIP
 
@@ -22,7 +33,8 @@ def gated(chain: Elaboratable, needed: Value, platform: str | None) -> Module:
     needed:
         A value of ``chain``'s, made of its registers and inputs.
     platform:
-        ``CHIP``: a clock gate. Otherwise the same in enables: for simulation and proofs, where a gated clock is no model of anything.
+        ``CHIP``: a clock gate. Otherwise the same in enables: for simulation and proofs, where a gated clock
+        is no model of anything.
     """
     m = Module()
     if platform == CHIP:

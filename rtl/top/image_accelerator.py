@@ -1,4 +1,5 @@
-"""The whole chain for images, wiring only: frames in, decisions out, the host bus beside it, probes for benches."""
+"""The whole chain for images, wiring only: frames in, decisions out, the host bus beside it, probes for
+benches."""
 
 from __future__ import annotations
 
@@ -33,11 +34,18 @@ def refuse_hardware(config: AcceleratorConfig) -> None:
         raise InputError(f"configuration '{config.name}', field {field}: {why}")
 
     if hardware.lanes not in LANES:
-        refuse("lanes", f"is {hardware.lanes}; a network for images runs on {', '.join(map(str, LANES[:-1]))} or {LANES[-1]} lanes")
+        refuse(
+            "lanes",
+            f"is {hardware.lanes}; a network for images runs on {', '.join(map(str, LANES[:-1]))} or "
+            f"{LANES[-1]} lanes",
+        )
     if hardware.lane_type == "serial":
         refuse("lane_type", "is 'serial'; a network for images needs multipliers: 'plain' or 'dsp'")
     if not hardware.loadable:
-        refuse("loadable", "is false; the weights of images lie in memories that only the host can fill: give true")
+        refuse(
+            "loadable",
+            "is false; the weights of images lie in memories that only the host can fill: give true",
+        )
     if hardware.one_port:
         refuse("one_port", "is on; a network for images has no ring: leave it out")
     if not config.image.weight_formats:
@@ -45,7 +53,8 @@ def refuse_hardware(config: AcceleratorConfig) -> None:
 
 
 class ImageAccelerator(wiring.Component):
-    """Receiver, image engine, classifier and control; in place of `eskin.rtl.top.accelerator.Accelerator` for a network for images.
+    """Receiver, image engine, classifier and control; in place of `eskin.rtl.top.accelerator.Accelerator` for
+    a network for images.
 
     The first ``height`` frames after ``arm`` are the image; later frames are ignored. Its only step gives a
     local and then a global decision.
@@ -57,7 +66,8 @@ class ImageAccelerator(wiring.Component):
     o, bus, busy
         As of the `Accelerator`.
     probe : Out
-        ``map``: every value of a map, as it is written; ``logit``; ``step``: cycles from the start of an image to its decision.
+        ``map``: every value of a map, as it is written; ``logit``; ``step``: cycles from the start of an
+        image to its decision.
 
     Latency from the last pixel to the decision: `eskin.rtl.program.schedule.decision_cycles`.
     """
@@ -128,7 +138,13 @@ class ImageAccelerator(wiring.Component):
         if self.watching is not None:
             m.submodules.watchdog = watchdog = self.watching
             m.d.comb += [
-                watchdog.due.eq((self.i.valid & ~self.i.ready) | engine.busy | receiver.waiting | ~classifier.idle | control.due),
+                watchdog.due.eq(
+                    (self.i.valid & ~self.i.ready)
+                    | engine.busy
+                    | receiver.waiting
+                    | ~classifier.idle
+                    | control.due
+                ),
                 watchdog.done.eq(last_logit | self.o.valid | control.load.enable),
                 control.hung.eq(watchdog.hung),
                 control.detector_touch.eq(receiver.open | receiver.over),
@@ -150,7 +166,9 @@ class ImageAccelerator(wiring.Component):
         return m, needed
 
 
-def make_accelerator(config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> Accelerator | ImageAccelerator:
+def make_accelerator(
+    config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None
+) -> Accelerator | ImageAccelerator:
     """The chain that the configuration asks for.
 
     Raises

@@ -1,4 +1,5 @@
-"""The accelerator behind a converter: pins in, decisions out (docs/specification.md section 12). Wiring, and what a broken frame does."""
+"""The accelerator behind a converter: pins in, decisions out (docs/specification.md section 12). Wiring, and
+what a broken frame does."""
 
 from __future__ import annotations
 
@@ -33,8 +34,8 @@ class Sensing(wiring.Component):
     run : In(1)
         As of `Acquisition`.
     o : Out(stream of decision_layout), bus : In, busy : Out(1), probe : Out
-        As of `Accelerator`. The bus keeps its right of way: an ARM waits for a cycle without an access, and for the frame that is
-        being handed on.
+        As of `Accelerator`. The bus keeps its right of way: an ARM waits for a cycle without an access, and
+        for the frame that is being handed on.
     frame : Out(struct: valid, ready, payload)
         The frames that the accelerator gets, for benches and for what else reads frames.
     fault : Out(bits of ConverterFault)
@@ -47,7 +48,13 @@ class Sensing(wiring.Component):
         The converter's.
     """
 
-    def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, *, clock_hz: float | None = None) -> None:
+    def __init__(
+        self,
+        config: AcceleratorConfig,
+        images: Mapping[int, list[int]] | None = None,
+        *,
+        clock_hz: float | None = None,
+    ) -> None:
         self.acquisition, self.accelerator = Acquisition(config, clock_hz), Accelerator(config, images)
         frame = data.StructLayout({"valid": 1, "ready": 1, "payload": sample_layout(config)})
         super().__init__(

@@ -1,4 +1,5 @@
-"""What goes onto a board with its own sensors: converter, chain, decision pins, stimulator; a link or a flash where asked for."""
+"""What goes onto a board with its own sensors: converter, chain, decision pins, stimulator; a link or a flash
+where asked for."""
 
 from __future__ import annotations
 
@@ -24,16 +25,21 @@ from eskin.rtl.top.sensing import Sensing
 def refuse_standalone(config: AcceleratorConfig) -> None:
     """Refuse (InputError) what a board without a host cannot do."""
     if config.interface.converter == "none":
-        raise InputError("--standalone: nothing delivers frames; add --converter NAME, or name one in the model's config.json")
+        raise InputError(
+            "--standalone: nothing delivers frames; add --converter NAME, or name one in the model's "
+            "config.json"
+        )
     if config.opens_at_once:
         raise InputError(
-            f"configuration '{config.name}', field onset: is 'immediate', whose one touch begins when a host arms it; "
+            f"configuration '{config.name}', field onset: is 'immediate', whose one touch begins when a "
+            "host arms it; "
             "a board without a host needs 'band' or 'baseline'"
         )
 
 
 class SkinTop(wiring.Component):
-    """`Sensing`, with what its configuration asks for of `TouchPosition` and `Stimulation`, and one of three ways to get its model.
+    """`Sensing`, with what its configuration asks for of `TouchPosition` and `Stimulation`, and one of three
+    ways to get its model.
 
     - In the bitstream (``loadable`` false): frames are read from reset on.
     - Out of the board's flash (`FlashLoader`): frames are read from its ``done`` on; if it fails, never.
@@ -80,7 +86,12 @@ class SkinTop(wiring.Component):
         self._divisor = uart_divisor(clock_hz, baud) if baud else None
         self.sensing = Sensing(config, images, clock_hz=clock_hz)
         super().__init__(
-            {"pins": Out(self.sensing.pins.signature), "decision": Out(config.classes), "decision_valid": Out(1), "led": Out(1)}
+            {
+                "pins": Out(self.sensing.pins.signature),
+                "decision": Out(config.classes),
+                "decision_valid": Out(1),
+                "led": Out(1),
+            }
             | ({"unsure": Out(1)} if config.network.margin_threshold else {})
             | ({"stim_tx": Out(1, init=1)} if config.interface.stimulator != "none" else {})
             | ({"rx": In(1, init=1), "tx": Out(1, init=1)} if baud else {})
@@ -123,7 +134,10 @@ class SkinTop(wiring.Component):
         m.d.comb += wrong.eq(sensing.broken | sensing.fault.any() | hung | unloaded)
         m.d.sync += self.led.eq(self.led | wrong)
         with m.If(sensing.o.valid & reaches_pins(config, sensing.o.p, self.decision_valid)):
-            m.d.sync += [self.decision.eq(1 << sensing.o.p["class"]), self.decision_valid.eq(sensing.o.p.is_global)]
+            m.d.sync += [
+                self.decision.eq(1 << sensing.o.p["class"]),
+                self.decision_valid.eq(sensing.o.p.is_global),
+            ]
             if config.network.margin_threshold:
                 m.d.sync += self.unsure.eq(sensing.o.p.unsure)
         if interface.position:
@@ -141,9 +155,14 @@ class SkinTop(wiring.Component):
             if registers is not None:
                 m.d.comb += stimulation.settings.eq(registers.settings)
             else:
-                m.d.comb += [stimulation.settings[name].eq(value) for name, value in reset_settings(config).items()]
+                m.d.comb += [
+                    stimulation.settings[name].eq(value) for name, value in reset_settings(config).items()
+                ]
             if interface.stimulator == "decisions":
-                m.d.comb += [stimulation.decision.valid.eq(taken), stimulation.decision.payload.eq(sensing.o.payload)]
+                m.d.comb += [
+                    stimulation.decision.valid.eq(taken),
+                    stimulation.decision.payload.eq(sensing.o.payload),
+                ]
             else:
                 m.d.comb += stimulation.position.eq(position.o)
         return m

@@ -29,12 +29,17 @@ def longest_wait(config: AcceleratorConfig) -> int:
     else:
         code = Microcode(plan)
         step = code.idle_words + len(code.slots)
-    held = (config.ring_frames + 2) * frame_cycles(config) if config.windows.window_mode == "touch" else 2 * frame_cycles(config)
+    held = (
+        (config.ring_frames + 2) * frame_cycles(config)
+        if config.windows.window_mode == "touch"
+        else 2 * frame_cycles(config)
+    )
     return held + 2 * step + 4 * config.classes + QUIET_CYCLES
 
 
 def bound(config: AcceleratorConfig) -> int:
-    """Cycles after which the watchdog acts: the power of two above ``longest_wait``, so that one bit of its counter says so."""
+    """Cycles after which the watchdog acts: the power of two above ``longest_wait``, so that one bit of its
+    counter says so."""
     return 1 << longest_wait(config).bit_length()
 
 
@@ -44,11 +49,11 @@ class Watchdog(wiring.Component):
     Members
     -------
     due : In(1)
-        A beat is offered and not taken, a window waits or is computed, the classifier has logits or votes, the recording is being
-        finished, or front end and classifier do not agree whether a touch is open.
+        A beat is offered and not taken, a window waits or is computed, the classifier has logits or votes,
+        the recording is being finished, or front end and classifier do not agree whether a touch is open.
     done : In(1)
-        A step has ended, a decision is offered (while nobody takes it, it is not the chain that is waited for), or a memory is written,
-        which starts the engine anew.
+        A step has ended, a decision is offered (while nobody takes it, it is not the chain that is waited
+        for), or a memory is written, which starts the engine anew.
     hung : Out(1)
         One cycle: clear the chain.
     """

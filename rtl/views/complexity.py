@@ -1,7 +1,9 @@
-"""What an accelerator costs against the number of taxels and of classes: cycles, multiplies, weight bits, and memory bits by memory.
+"""What an accelerator costs against the number of taxels and of classes: cycles, multiplies, weight bits, and
+memory bits by memory.
 
-Cycles and weights are read off the program, memory bits off the memories of the elaborated design: nothing here is a formula that could
-drift from the hardware. Registers are counted alone (`register_bits`), not in these sweeps.
+Cycles and weights are read off the program, memory bits off the memories of the elaborated design: nothing
+here is a formula that could drift from the hardware. Registers are counted alone (`register_bits`), not in
+these sweeps.
 """
 
 from __future__ import annotations
@@ -19,7 +21,15 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.image_accelerator import make_accelerator
-from eskin.rtl.views.schedule_view import PALETTE, cell_name, lanes_name, resized, save_figure, summary, write_csv
+from eskin.rtl.views.schedule_view import (
+    PALETTE,
+    cell_name,
+    lanes_name,
+    resized,
+    save_figure,
+    summary,
+    write_csv,
+)
 
 TAXELS = (4, 8, 16, 32, 48, 64, 96, 128, 160)
 CLASSES = (2, 3, 4, 6, 8, 12, 16, 24, 32)
@@ -38,8 +48,8 @@ MEMORIES = (
     ("onset detector", ("front_end.onset_detector.",)),
     ("classifier", ("classifier.",)),
 )
-"""What each memory of the design counts as, by the beginning of its path. The compact engine's one data memory holds addends and waiting
-windows too."""
+"""What each memory of the design counts as, by the beginning of its path. The compact engine's one data
+memory holds addends and waiting windows too."""
 
 
 def memories(config: AcceleratorConfig) -> dict[str, tuple[int, int]]:
@@ -48,14 +58,24 @@ def memories(config: AcceleratorConfig) -> dict[str, tuple[int, int]]:
 
 
 def register_bits(config: AcceleratorConfig) -> int:
-    """Bits of all registers of the accelerator before synthesis; the output registers of its memories are not counted."""
-    text = rtlil.convert(make_accelerator(config) if config.is_image else _accelerator(config), name="accelerator", emit_src=False)
+    """Bits of all registers of the accelerator before synthesis; the output registers of its memories are not
+    counted."""
+    text = rtlil.convert(
+        make_accelerator(config) if config.is_image else _accelerator(config),
+        name="accelerator",
+        emit_src=False,
+    )
     return sum(map(int, re.findall(r"cell \$a?dff \S+\n\s*parameter \\WIDTH (\d+)", text)))
 
 
 def _accelerator(config: AcceleratorConfig) -> Accelerator:
-    # Neither the shifts of the normaliser nor who fills the memories changes their sizes; presets have no shifts before quantising.
-    return Accelerator(config.replace(feature_shift=config.features.feature_shift or (0,) * len(config.feature_units), loadable=True))
+    # Neither the shifts of the normaliser nor who fills the memories changes their sizes; presets have no
+    # shifts before quantising.
+    return Accelerator(
+        config.replace(
+            feature_shift=config.features.feature_shift or (0,) * len(config.feature_units), loadable=True
+        )
+    )
 
 
 def _walk(fragment: Fragment, path: tuple[str, ...]) -> Iterator[tuple[str, tuple[int, int]]]:
@@ -66,7 +86,8 @@ def _walk(fragment: Fragment, path: tuple[str, ...]) -> Iterator[tuple[str, tupl
 
 
 def memory_bits(config: AcceleratorConfig) -> dict[str, int]:
-    """Bits by the names of ``MEMORIES``, 0 for what the design has not; a memory that none of them covers counts under its own path."""
+    """Bits by the names of ``MEMORIES``, 0 for what the design has not; a memory that none of them covers
+    counts under its own path."""
     bits = {name: 0 for name, _ in MEMORIES}
     for path, (width, words) in memories(config).items():
         name = next((name for name, beginnings in MEMORIES if path.startswith(beginnings)), path)
@@ -75,11 +96,21 @@ def memory_bits(config: AcceleratorConfig) -> dict[str, int]:
 
 
 def cost(config: AcceleratorConfig) -> dict[str, Any]:
-    """The cost of one configuration: sizes, ``step_cycles``, ``decision_cycles`` (from the features on), ``ideal_cycles``, ``multiplies``,
-    ``weight_bits`` (the network's weights alone, without the unused places of idle lanes) and ``memory_bits``."""
+    """The cost of one configuration: sizes, ``step_cycles``, ``decision_cycles`` (from the features on),
+    ``ideal_cycles``, ``multiplies``, ``weight_bits`` (the network's weights alone, without the unused places
+    of idle lanes) and ``memory_bits``."""
     plan = schedule(config)
     figures = summary(plan)
-    kept = ("taxels", "hidden", "classes", "lanes", "step_cycles", "decision_cycles", "ideal_cycles", "multiplies")
+    kept = (
+        "taxels",
+        "hidden",
+        "classes",
+        "lanes",
+        "step_cycles",
+        "decision_cycles",
+        "ideal_cycles",
+        "multiplies",
+    )
     bits = memory_bits(config)
     return {
         **{key: figures[key] for key in kept},
@@ -89,25 +120,51 @@ def cost(config: AcceleratorConfig) -> dict[str, Any]:
     }
 
 
-def complexity(config: AcceleratorConfig, progress: Callable[[str, int, int], None] | None = None) -> dict[str, list[dict[str, Any]]]:
-    """`cost` against ``TAXELS`` (classes as in ``config``) and against ``CLASSES`` (taxels as in ``config``)."""
+def complexity(
+    config: AcceleratorConfig, progress: Callable[[str, int, int], None] | None = None
+) -> dict[str, list[dict[str, Any]]]:
+    """`cost` against ``TAXELS`` (classes as in ``config``) and against ``CLASSES`` (taxels as in
+    ``config``)."""
     some = [taxels for taxels in TAXELS if taxels * config.kinds <= 160]
-    sweeps = {"taxels": [(taxels, config.classes) for taxels in some], "classes": [(config.sensor.taxels, classes) for classes in CLASSES]}
+    sweeps = {
+        "taxels": [(taxels, config.classes) for taxels in some],
+        "classes": [(config.sensor.taxels, classes) for classes in CLASSES],
+    }
     points = [point for sweep in sweeps.values() for point in sweep]
     costs = {}
     for done, (taxels, classes) in enumerate(points):
-        costs[taxels, classes] = cost(resized(config, taxels=taxels, hidden=config.network.hidden, classes=classes))
+        costs[taxels, classes] = cost(
+            resized(config, taxels=taxels, hidden=config.network.hidden, classes=classes)
+        )
         if progress:
             progress("configurations", done + 1, len(points))
     return {name: [costs[point] for point in sweep] for name, sweep in sweeps.items()}
 
 
-COLUMNS = ("taxels", "classes", "cycles a step", "features to decision", "ideal", "multiplies", "weight bits", "memory bits")
+COLUMNS = (
+    "taxels",
+    "classes",
+    "cycles a step",
+    "features to decision",
+    "ideal",
+    "multiplies",
+    "weight bits",
+    "memory bits",
+)
 
 
 def cells(point: dict[str, Any]) -> tuple[str, ...]:
     """A `cost` as words, by ``COLUMNS``."""
-    keys = ("taxels", "classes", "step_cycles", "decision_cycles", "ideal_cycles", "multiplies", "weight_bits", "memory_bits_total")
+    keys = (
+        "taxels",
+        "classes",
+        "step_cycles",
+        "decision_cycles",
+        "ideal_cycles",
+        "multiplies",
+        "weight_bits",
+        "memory_bits_total",
+    )
     return tuple(str(point[key]) for key in keys)
 
 
@@ -128,17 +185,28 @@ def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
 
     figure = Figure(figsize=(14, 7.6), layout="constrained")
     middle = f" {config.network.hidden} hidden," if config.recurrent else ""
-    figure.suptitle(f"{cell_name(config.network.cell, config.network.reset)},{middle} {lanes_name(config)}", fontsize=12)
+    figure.suptitle(
+        f"{cell_name(config.network.cell, config.network.reset)},{middle} {lanes_name(config)}", fontsize=12
+    )
     panels = figure.subplots(2, 3)
     for (name, sweep), (left, middle, right) in zip(sweeps.items(), panels, strict=True):
         fixed = "classes" if name == "taxels" else "taxels"
         sizes = [point[name] for point in sweep]
-        _curves(left, sizes, sweep, (("step_cycles", "step"), ("decision_cycles", "features to decision"), ("ideal_cycles", "ideal")))
+        _curves(
+            left,
+            sizes,
+            sweep,
+            (("step_cycles", "step"), ("decision_cycles", "features to decision"), ("ideal_cycles", "ideal")),
+        )
         left.set_title(f"cycles against {name} ({sweep[0][fixed]} {fixed})", fontsize=10)
         _curves(middle, sizes, sweep, (("weight_bits", "weight bits"), ("multiplies", "multiplies a step")))
         middle.set_title(f"multiplies and weight bits against {name}", fontsize=10)
         base = [0.0] * len(sweep)
-        names = [memory for memory in sweep[0]["memory_bits"] if any(point["memory_bits"][memory] for point in sweep)]
+        names = [
+            memory
+            for memory in sweep[0]["memory_bits"]
+            if any(point["memory_bits"][memory] for point in sweep)
+        ]
         for k, memory in enumerate(names):
             kilobits = [point["memory_bits"][memory] / 1000 for point in sweep]
             right.bar(range(len(sweep)), kilobits, bottom=base, color=PALETTE[k % len(PALETTE)], label=memory)
@@ -146,7 +214,14 @@ def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
         right.set_xticks(range(len(sweep)), sizes)
         right.set_title(f"memory against {name}, thousand bits", fontsize=10)
         handles, labels = right.get_legend_handles_labels()
-        right.legend(handles[::-1], labels[::-1], fontsize=8, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        right.legend(
+            handles[::-1],
+            labels[::-1],
+            fontsize=8,
+            frameon=False,
+            loc="center left",
+            bbox_to_anchor=(1.0, 0.5),
+        )
         for axes in (left, middle, right):
             axes.set_xlabel(name)
             axes.spines[["top", "right"]].set_visible(False)
@@ -155,13 +230,19 @@ def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
 
 def _curves(axes, sizes: Iterable[int], sweep: list[dict[str, Any]], keys: Iterable[tuple[str, str]]) -> None:
     for key, label in keys:
-        style = {"linestyle": "--", "color": "#777777"} if key == "ideal_cycles" else {"marker": "o", "markersize": 3}
+        style = (
+            {"linestyle": "--", "color": "#777777"}
+            if key == "ideal_cycles"
+            else {"marker": "o", "markersize": 3}
+        )
         axes.plot(sizes, [point[key] for point in sweep], linewidth=1.2, label=label, **style)
     axes.set_ylim(bottom=0)
     axes.legend(fontsize=8, frameon=False, loc="upper left")
 
 
-def files(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]) -> dict[str, Callable[[Path], None]]:
+def files(
+    config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]
+) -> dict[str, Callable[[Path], None]]:
     """The files of `complexity` by name, each as what writes it to a path."""
     picture = chart(config, sweeps)
     return {

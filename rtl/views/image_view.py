@@ -1,4 +1,5 @@
-"""The passes of a network for images made visible: cycles layer by layer, and the first slots of each, tap by tap.
+"""The passes of a network for images made visible: cycles layer by layer, and the first slots of each, tap by
+tap.
 
 Everything is read off `eskin.rtl.program.image_passes`, whose cycles are the hardware's.
 """
@@ -79,9 +80,16 @@ def drawing(plan: ImagePlan):
         for slot, (row, column, _, _) in shown:
             axes[1 + number].barh(0, slot.taps, left=slot.begin + 1, color=f"C{number}", edgecolor="white")
             axes[1 + number].text(
-                slot.begin + 1 + slot.taps / 2, 0, f"({row}, {column})\n{slot.taps} taps", ha="center", va="center", fontsize=6
+                slot.begin + 1 + slot.taps / 2,
+                0,
+                f"({row}, {column})\n{slot.taps} taps",
+                ha="center",
+                va="center",
+                fontsize=6,
             )
-        axes[1 + number].set(yticks=[], xlabel=f"{name(layer)}: cycles since its words are fetched; place of each sum")
+        axes[1 + number].set(
+            yticks=[], xlabel=f"{name(layer)}: cycles since its words are fetched; place of each sum"
+        )
     return figure
 
 
@@ -91,5 +99,7 @@ def drawing_files(plan: ImagePlan) -> dict[str, Callable[[Path], None]]:
     return {
         "schedule.svg": save_figure(drawing(plan), "svg"),
         "schedule.csv": lambda path: write_csv(table, path),
-        "schedule.json": lambda path: path.write_text(json.dumps({"lanes": plan.lanes, "passes": table}, indent=1) + "\n") and None,
+        "schedule.json": lambda path: (
+            path.write_text(json.dumps({"lanes": plan.lanes, "passes": table}, indent=1) + "\n") and None
+        ),
     }

@@ -1,9 +1,11 @@
-"""A schedule made visible: which unit does what in which cycle, as spans, text, a picture, and the table of cycles against the ideal.
+"""A schedule made visible: which unit does what in which cycle, as spans, text, a picture, and the table of
+cycles against the ideal.
 
-Everything is read off a `eskin.rtl.program.scheduler.Schedule`, the same object that becomes the sequencer's microcode. Cycles count from
-the start of phase A. Lanes and the element-wise lane are shown where an operation is issued, its memories are addressed. The compact engine
-(the serial lane) is shown cycle by cycle: a row or an element-wise operation from its first to its last, planes of its operands' bits one
-after the other.
+Everything is read off a `eskin.rtl.program.scheduler.Schedule`, the same object that becomes the sequencer's
+microcode. Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an
+operation is issued, its memories are addressed. The compact engine (the serial lane) is shown cycle by cycle:
+a row or an element-wise operation from its first to its last, planes of its operands' bits one after the
+other.
 """
 
 from __future__ import annotations
@@ -43,7 +45,8 @@ class Span:
     unit:
         One of ``UNITS``.
     block:
-        The gate, layer or element-wise operation that the work is for; phase A's partial sums count as their gate.
+        The gate, layer or element-wise operation that the work is for; phase A's partial sums count as their
+        gate.
     before:
         Phase A: needs no feature.
     slot, slots:
@@ -73,7 +76,8 @@ class Span:
 
 
 def spans(plan: Schedule | CompactSchedule) -> tuple[Span, ...]:
-    """Everything every unit does in one step, each operation once: in the order of ``UNITS``, by time within a unit."""
+    """Everything every unit does in one step, each operation once: in the order of ``UNITS``, by time within
+    a unit."""
     found: list[Span] = []
     single = _compact(plan) if isinstance(plan, CompactSchedule) else _single(plan)
     for span in sorted(single, key=lambda span: (UNITS.index(span.unit), span.slot)):
@@ -86,7 +90,12 @@ def spans(plan: Schedule | CompactSchedule) -> tuple[Span, ...]:
             span.what,
         )
         # an operation of two terms stays at its index for both
-        if found and alike and previous.slot + previous.slots == span.slot and span.first - previous.last in (0, 1):
+        if (
+            found
+            and alike
+            and previous.slot + previous.slots == span.slot
+            and span.first - previous.last in (0, 1)
+        ):
             found[-1] = replace(previous, slots=previous.slots + span.slots, last=span.last)
         else:
             found.append(span)
@@ -97,10 +106,16 @@ def _compact(plan: CompactSchedule) -> Iterator[Span]:
     """One span a row or element-wise operation, and one for each thing that it stores."""
     unit_at = {address: unit for unit in plan.compact.units for address in range(unit.first, unit.end)}
     inside = (one for one in plan.compact.step if one.address in unit_at)
-    for (address, index), group in itertools.groupby(inside, key=lambda one: (unit_at[one.address].first, one.index)):
+    for (address, index), group in itertools.groupby(
+        inside, key=lambda one: (unit_at[one.address].first, one.index)
+    ):
         unit, done = unit_at[address], list(group)
         rows, name, work, begin = isinstance(unit.work, RowBlock), unit.name, unit.work, done[0].cycle
-        what = " + ".join(f"{matrix} {region}" for matrix, region in work.terms) if isinstance(work, RowBlock) else _formula(work)
+        what = (
+            " + ".join(f"{matrix} {region}" for matrix, region in work.terms)
+            if isinstance(work, RowBlock)
+            else _formula(work)
+        )
         length = done[-1].cycle + done[-1].cycles - begin
         yield Span(LANES if rows else ELEMENTS, name, False, begin, length, 1, what, index, index)
         for one in done:
@@ -108,7 +123,9 @@ def _compact(plan: CompactSchedule) -> Iterator[Span]:
             if instruction.op != Op.STORE:
                 continue
             if instruction.kind == Kind.INDEX:
-                yield Span(TABLE, *where, f"{'tanh' if instruction.tanh else 'sigmoid'} of {name}", index, index)
+                yield Span(
+                    TABLE, *where, f"{'tanh' if instruction.tanh else 'sigmoid'} of {name}", index, index
+                )
             elif instruction.kind == Kind.LOGIT:
                 yield Span(CLASSIFIER, *where, "logit", index, index)
             elif not (instruction.table or isinstance(work, RowBlock)) and work.state:
@@ -116,7 +133,8 @@ def _compact(plan: CompactSchedule) -> Iterator[Span]:
 
 
 def _single(plan: Schedule) -> Iterator[Span]:
-    """One span an operation of the schedule, and one for each thing that follows from it further down the pipeline."""
+    """One span an operation of the schedule, and one for each thing that follows from it further down the
+    pipeline."""
     timing = plan.timing
     for ops, base, before in ((plan.mac_before, 0, True), (plan.mac_after, plan.slots_before, False)):
         for op in ops:
@@ -128,7 +146,9 @@ def _single(plan: Schedule) -> Iterator[Span]:
             for row in range(group.rows if op.last else 0):
                 number, slot = group.first_row + row, base + op.cycle + row
 
-                def one(unit: str, what: str, slot=slot + timing.row, name=name, number=number, before=before) -> Span:
+                def one(
+                    unit: str, what: str, slot=slot + timing.row, name=name, number=number, before=before
+                ) -> Span:
                     return Span(unit, name, before, slot, 1, 1, what, number, number)
 
                 yield one(CHAIN, f"{block.name}: sum to {_target(block)}")
@@ -141,9 +161,29 @@ def _single(plan: Schedule) -> Iterator[Span]:
         yield Span(ELEMENTS, work.name, False, slot, 1, 1, _formula(work), index, index)
         if issue.term == len(work.terms) - 1:
             if work.activated:
-                yield Span(TABLE, work.name, False, slot + timing.element_to_table, 1, 1, f"tanh of {work.name}", index, index)
+                yield Span(
+                    TABLE,
+                    work.name,
+                    False,
+                    slot + timing.element_to_table,
+                    1,
+                    1,
+                    f"tanh of {work.name}",
+                    index,
+                    index,
+                )
             if work.state:
-                yield Span(STATE, work.name, False, slot + timing.element_to_state - 1, 1, 1, work.state, index, index)
+                yield Span(
+                    STATE,
+                    work.name,
+                    False,
+                    slot + timing.element_to_state - 1,
+                    1,
+                    1,
+                    work.state,
+                    index,
+                    index,
+                )
 
 
 def _gate(block: RowBlock) -> str:
@@ -151,19 +191,30 @@ def _gate(block: RowBlock) -> str:
 
 
 def _target(block: RowBlock) -> str:
-    targets = {"partial": "the partial sums", "sigmoid": "a gate", "tanh": "T memory", "value": "T memory", "logit": "the classifier"}
+    targets = {
+        "partial": "the partial sums",
+        "sigmoid": "a gate",
+        "tanh": "T memory",
+        "value": "T memory",
+        "logit": "the classifier",
+    }
     return targets[block.dest]
 
 
 def _formula(op: ElementOp) -> str:
     operands = [(a.replace("S.", "").replace("T.", ""), b) for a, b in op.terms]
-    terms = " + ".join(f"{f'({a})' if '-' in a else a} {b}" for a, b in operands) + f" + {op.add}" * bool(op.add)
-    return " and ".join([f"{op.state} = {terms}"] * bool(op.state) + [f"{op.activated} = tanh({terms})"] * bool(op.activated))
+    terms = " + ".join(f"{f'({a})' if '-' in a else a} {b}" for a, b in operands) + f" + {op.add}" * bool(
+        op.add
+    )
+    return " and ".join(
+        [f"{op.state} = {terms}"] * bool(op.state) + [f"{op.activated} = tanh({terms})"] * bool(op.activated)
+    )
 
 
 # ---------------------------------------------------------------------- figures
 def summary(plan: Schedule | CompactSchedule) -> dict[str, Any]:
-    """The figures of a schedule. ``ideal_cycles`` = ceil(multiplies / lanes), times the cycles of a product on the bit-serial lane."""
+    """The figures of a schedule. ``ideal_cycles`` = ceil(multiplies / lanes), times the cycles of a product
+    on the bit-serial lane."""
     config = plan.config
     ideal = config.step_ideal * product_cycles(config)
     prologue = plan.prologue_cycles if isinstance(plan, CompactSchedule) else Microcode(plan).again
@@ -208,7 +259,11 @@ def title(plan: Schedule) -> str:
     if plan.shared:
         busy = f"lane busy {100 * s['busy_share']:.1f} % with rows, {100 * s['element_share']:.1f} % with element-wise operations"
     cell, lanes = cell_name(s["cell"], s["reset"]), lanes_name(plan.config)
-    middle = f"{s['hidden']} hidden" if plan.config.recurrent else f"{s['sets']} set{'s' * (s['sets'] > 1)} of weights"
+    middle = (
+        f"{s['hidden']} hidden"
+        if plan.config.recurrent
+        else f"{s['sets']} set{'s' * (s['sets'] > 1)} of weights"
+    )
     return (
         f"{cell}: {s['taxels']} taxels, {middle}, {s['classes']} classes on {lanes}\n"
         f"{s['step_cycles']} cycles a step, ideal {s['ideal_cycles']} (ratio {s['ratio']:.3f}), {busy}"
@@ -218,11 +273,18 @@ def title(plan: Schedule) -> str:
 def text(plan: Schedule) -> str:
     """The schedule to read: the figures, then every run of every unit with its cycles."""
     lines = [title(plan).splitlines()[0], "", *(f"{name:30} {value}" for name, value in figures(plan)), ""]
-    lines += ["Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an operation is issued.", ""]
+    lines += [
+        "Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an "
+        "operation is issued.",
+        "",
+    ]
     lines.append(f"{'cycles':>15}  {'phase':5}  {'unit':17}  {'block':10}  what")
     for span in sorted(spans(plan), key=lambda span: (span.slot, UNITS.index(span.unit))):
         what = f"{span.what}, {_range(span)}"
-        lines.append(f"{f'{span.slot}..{span.last_slot}':>15}  {'AB'[not span.before]:5}  {span.unit:17}  {span.block:10}  {what}")
+        lines.append(
+            f"{f'{span.slot}..{span.last_slot}':>15}  {'AB'[not span.before]:5}  {span.unit:17}  "
+            f"{span.block:10}  {what}"
+        )
     lines.append(f"{plan.step_cycles:>15}  {'B':5}  {CLASSIFIER:17}  {'':10}  decision offered")
     return "\n".join(lines) + "\n"
 
@@ -230,15 +292,24 @@ def text(plan: Schedule) -> str:
 def figures(plan: Schedule) -> list[tuple[str, str]]:
     """The `summary` in words: (name, value with its unit)."""
     s, product = summary(plan), product_cycles(plan.config)
-    prologue = "clears the state, fills the chain" if plan.config.recurrent else "begins the sums with the biases"
+    prologue = (
+        "clears the state, fills the chain" if plan.config.recurrent else "begins the sums with the biases"
+    )
     return [
         ("phase A, before the features", f"{s['phase_a_cycles']} cycles"),
         ("phase B, features to decision", f"{s['decision_cycles']} cycles"),
         ("step", f"{s['step_cycles']} cycles"),
-        ("ideal", f"{s['ideal_cycles']} cycles: {s['multiplies']} multiplies / {s['lanes']} lanes{f' x {product} cycles' * (product > 1)}"),
+        (
+            "ideal",
+            f"{s['ideal_cycles']} cycles: {s['multiplies']} multiplies / {s['lanes']} "
+            f"lanes{f' x {product} cycles' * (product > 1)}",
+        ),
         ("ratio", f"{s['ratio']:.3f}"),
         ("lanes busy", f"{100 * s['busy_share']:.1f} % of {s['lanes']} x {s['step_cycles']} lane cycles"),
-        ("element-wise busy", f"{100 * s['element_share']:.1f} %" + ", on the lane's multiplier" * plan.shared),
+        (
+            "element-wise busy",
+            f"{100 * s['element_share']:.1f} %" + ", on the lane's multiplier" * plan.shared,
+        ),
         ("prologue", f"{s['prologue_cycles']} cycles more, once before a touch: {prologue}"),
         ("lowest clock", f"{s['lowest_clock_hz'] / 1e3:.1f} kHz: every frame taken when due, no window lost"),
     ]
@@ -271,15 +342,17 @@ PALETTE = (
 
 
 def timeline(plan: Schedule):
-    """The picture, a matplotlib Figure: one row a unit (one a lane for the lanes), coloured by block, pale where only the old state is
-    needed; long steps go on in further lines of the same scale."""
+    """The picture, a matplotlib Figure: one row a unit (one a lane for the lanes), coloured by block, pale
+    where only the old state is needed; long steps go on in further lines of the same scale."""
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
     from matplotlib.patches import Patch
 
     found, end = spans(plan), plan.step_cycles + 1
     lines = min(MOST_LINES, -(-end // LINE_SLOTS))
     length = -(-end // lines)
-    names = dict.fromkeys([*map(_gate, (*plan.program.before, *plan.program.after)), *(op.name for op in plan.program.elements)])
+    names = dict.fromkeys(
+        [*map(_gate, (*plan.program.before, *plan.program.after)), *(op.name for op in plan.program.elements)]
+    )
     colours = {name: PALETTE[k % len(PALETTE)] for k, name in enumerate(names)}
 
     tracks = min(plan.config.hardware.lanes, TRACKS_MOST)
@@ -293,7 +366,14 @@ def timeline(plan: Schedule):
     panels[-1].set_xlabel("cycle, from the start of phase A")
     patches = [Patch(color=colour, label=name) for name, colour in colours.items()]
     patches.append(Patch(facecolor=_pale("#777777"), edgecolor="#777777", label="pale: phase A"))
-    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), fontsize=9, frameon=False, handlelength=1.2)
+    figure.legend(
+        handles=patches,
+        loc="outside lower center",
+        ncols=len(patches),
+        fontsize=9,
+        frameon=False,
+        handlelength=1.2,
+    )
     return figure
 
 
@@ -310,7 +390,9 @@ def _luminance(colour: Any) -> float:
     return sum(part * weight for part, weight in zip(to_rgb(colour), (0.3, 0.59, 0.11), strict=True))
 
 
-def _draw_line(axes, plan: Schedule, found: Iterable[Span], colours: dict[str, str], begin: int, length: int) -> None:
+def _draw_line(
+    axes, plan: Schedule, found: Iterable[Span], colours: dict[str, str], begin: int, length: int
+) -> None:
     """One line of the picture: slots ``begin`` to ``begin + length``."""
     config = plan.config
     lanes = config.hardware.lanes
@@ -330,8 +412,12 @@ def _draw_line(axes, plan: Schedule, found: Iterable[Span], colours: dict[str, s
         y, tall = (0.0, span.rows * track) if span.unit == LANES else (tops[span.unit], 1.0)
         colour = _pale(colours[span.block]) if span.before else colours[span.block]
         bars.setdefault((y, tall, colour), []).append((first, wide))
-        label = next((words for words in (span.what.partition(",")[0], span.block) if len(words) + 1 < wide * letters), "")
-        middle = y + (span.rows // 2 + 0.5) * track if span.unit == LANES else y + 0.5  # within a lane, not on a line between two
+        label = next(
+            (words for words in (span.what.partition(",")[0], span.block) if len(words) + 1 < wide * letters),
+            "",
+        )
+        # within a lane, not on a line between two
+        middle = y + (span.rows // 2 + 0.5) * track if span.unit == LANES else y + 0.5
         ink = "white" if _luminance(colour) < 0.45 else "black"
         axes.text(first + wide / 2, middle, label, ha="center", va="center", fontsize=7, color=ink)
     for (y, tall, colour), places in bars.items():
@@ -341,7 +427,10 @@ def _draw_line(axes, plan: Schedule, found: Iterable[Span], colours: dict[str, s
 
     axes.axvspan(left, min(max(left, switch), right), color="#f1f1f1", zorder=-2, linewidth=0)
     room = right - left
-    for mark, until, letter, words in ((0, switch, "A", "the old state is enough"), (switch, decision, "B", "the features are there")):
+    for mark, until, letter, words in (
+        (0, switch, "A", "the old state is enough"),
+        (switch, decision, "B", "the features are there"),
+    ):
         taken = 0.28 * room if letter == "B" and left <= decision < right else 0.0  # by the decision's words
         free = min(until, right) - max(mark, left) - taken
         if free > 0.02 * room:
@@ -353,11 +442,23 @@ def _draw_line(axes, plan: Schedule, found: Iterable[Span], colours: dict[str, s
     if left <= decision < right:
         late = decision > left + 0.75 * room
         words = f"decision in cycle {decision}, {plan.decision_cycles} after the features"
-        axes.text(decision, -0.25, f" {words} ", fontsize=8, va="bottom", ha="right" if late else "left", weight="bold")
+        axes.text(
+            decision,
+            -0.25,
+            f" {words} ",
+            fontsize=8,
+            va="bottom",
+            ha="right" if late else "left",
+            weight="bold",
+        )
 
     axes.set_xlim(left, right)
     axes.set_ylim(bottom, -0.15)
-    ticks = [(lane + 0.5, f"lane {lane}") for lane in range(lanes)] if track == 1 else [(array / 2, f"lanes 0..{lanes - 1}")]
+    ticks = (
+        [(lane + 0.5, f"lane {lane}") for lane in range(lanes)]
+        if track == 1
+        else [(array / 2, f"lanes 0..{lanes - 1}")]
+    )
     shared = {ELEMENTS: "element-wise, on lane 0"} if plan.shared else {}
     ticks += [(top + 0.5, shared.get(unit, unit)) for unit, top in tops.items()]
     axes.set_yticks([mark for mark, _ in ticks], [words for _, words in ticks], fontsize=8)
@@ -368,7 +469,8 @@ def _draw_line(axes, plan: Schedule, found: Iterable[Span], colours: dict[str, s
 
 
 def save_figure(figure, kind: str) -> Callable[[Path], None]:
-    """What writes ``figure`` as ``kind`` (svg or png) to a path of any name; the same figure gives the same file."""
+    """What writes ``figure`` as ``kind`` (svg or png) to a path of any name; the same figure gives the same
+    file."""
 
     def write(path: Path) -> None:
         from matplotlib import rc_context
@@ -393,8 +495,8 @@ def drawing_files(plan: Schedule) -> dict[str, Callable[[Path], None]]:
 
 # ---------------------------------------------------------------------- table
 def resized(config: AcceleratorConfig, *, taxels: int, hidden: int, classes: int) -> AcceleratorConfig:
-    """``config`` for other sizes. No count of cycles depends on its pins, which are left out, or on its clock, which is
-    raised where it would be too slow for the taxels."""
+    """``config`` for other sizes. No count of cycles depends on its pins, which are left out, or on its
+    clock, which is raised where it would be too slow for the taxels."""
     return config.replace(
         taxels=taxels,
         hidden=hidden,
@@ -408,10 +510,12 @@ def resized(config: AcceleratorConfig, *, taxels: int, hidden: int, classes: int
 
 
 def ratio_table(config: AcceleratorConfig) -> tuple[list[dict[str, Any]], list[str]]:
-    """The `summary` of every cell, size and lane count of the table that fits ``config``, whose formats and lane type it
-    has; and for the others sentences that say why not."""
+    """The `summary` of every cell, size and lane count of the table that fits ``config``, whose formats and
+    lane type it has; and for the others sentences that say why not."""
     rows, reasons = [], []
-    for (cell, reset), (taxels, hidden, classes), lanes in itertools.product(TABLE_CELLS, TABLE_SIZES, TABLE_LANES):
+    for (cell, reset), (taxels, hidden, classes), lanes in itertools.product(
+        TABLE_CELLS, TABLE_SIZES, TABLE_LANES
+    ):
         try:
             sized = resized(config, taxels=taxels, hidden=hidden, classes=classes)
             rows.append(summary(schedule(sized.replace(cell=cell, reset=reset, lanes=lanes))))
@@ -421,15 +525,30 @@ def ratio_table(config: AcceleratorConfig) -> tuple[list[dict[str, Any]], list[s
 
 
 RATIO_NOTE = (
-    "Ideal = multiplies / lanes, rounded up, and counts the element-wise products of the cell, which have a multiplier of their own from "
-    "two lanes on: a ratio can be below 1. Cycles of the normaliser's products, of the pipeline and of the decision are overhead."
+    "Ideal = multiplies / lanes, rounded up, and counts the element-wise products of the cell, which have a "
+    "multiplier of their own from "
+    "two lanes on: a ratio can be below 1. Cycles of the normaliser's products, of the pipeline and of the "
+    "decision are overhead."
 )
-RATIO_COLUMNS = ("cell", "taxels", "hidden", "classes", "lanes", "cycles", "ideal", "ratio", "busy share", "features to decision")
+RATIO_COLUMNS = (
+    "cell",
+    "taxels",
+    "hidden",
+    "classes",
+    "lanes",
+    "cycles",
+    "ideal",
+    "ratio",
+    "busy share",
+    "features to decision",
+)
 
 
 def ratio_cells(row: dict[str, Any]) -> tuple[str, ...]:
     """A row of the table as words, by ``RATIO_COLUMNS``."""
-    numbers = (str(row[key]) for key in ("taxels", "hidden", "classes", "lanes", "step_cycles", "ideal_cycles"))
+    numbers = (
+        str(row[key]) for key in ("taxels", "hidden", "classes", "lanes", "step_cycles", "ideal_cycles")
+    )
     last = (f"{row['ratio']:.3f}", f"{100 * row['busy_share']:.1f} %", str(row["decision_cycles"]))
     return (cell_name(row["cell"], row["reset"]), *numbers, *last)
 
@@ -453,5 +572,7 @@ def table_files(rows: Sequence[dict[str, Any]]) -> dict[str, Callable[[Path], No
     return {
         "ratios.json": lambda path: path.write_text(json.dumps(rows, indent=2) + "\n"),
         "ratios.csv": lambda path: write_csv(rows, path),
-        "ratios.md": lambda path: path.write_text(f"{markdown(RATIO_COLUMNS, map(ratio_cells, rows))}\n{RATIO_NOTE}\n"),
+        "ratios.md": lambda path: path.write_text(
+            f"{markdown(RATIO_COLUMNS, map(ratio_cells, rows))}\n{RATIO_NOTE}\n"
+        ),
     }

@@ -1,4 +1,5 @@
-"""Co-simulation from a converter's pins: every stage exact on what the converter gives, faults flagged, nothing decided from them."""
+"""Co-simulation from a converter's pins: every stage exact on what the converter gives, faults flagged,
+nothing decided from them."""
 
 from __future__ import annotations
 
@@ -47,25 +48,69 @@ OTHERS = {
     "ad7476": dict(converter="ad7476"),
     "spi": dict(converter="spi", spi_channels=4, spi_frame_bits=20, spi_channel_bit=18, spi_code_bits=16),
     "spi, late codes with numbers": dict(
-        converter="spi", spi_delay=1, spi_frame_bits=24, spi_channel_bit=3, spi_code_bit=4, spi_code_bits=14, spi_tag_bit=18, spi_tag_bits=3
+        converter="spi",
+        spi_delay=1,
+        spi_frame_bits=24,
+        spi_channel_bit=3,
+        spi_code_bit=4,
+        spi_code_bits=14,
+        spi_tag_bit=18,
+        spi_tag_bits=3,
     ),
     "ddc232": dict(converter="ddc232", clock_hz=6e6, ddc_version="C"),
     "ddc232, 16 bits, other order": dict(
-        converter="ddc232", clock_hz=6e6, ddc_bits=16, ddc_first=3, ddc_ascending=True, code_offset=3000, code_shift=1
+        converter="ddc232",
+        clock_hz=6e6,
+        ddc_bits=16,
+        ddc_first=3,
+        ddc_ascending=True,
+        code_offset=3000,
+        code_shift=1,
     ),
     "matrix": dict(converter="matrix", taxels=20, rows=4, columns=5, sample_rate_hz=500.0),
     "ads7953, other clock and shift": dict(
-        converter="ads7953", clock_hz=1.7e6, sample_rate_hz=700.0, converter_hz=4e5, code_shift=-1, code_offset=-3900
+        converter="ads7953",
+        clock_hz=1.7e6,
+        sample_rate_hz=700.0,
+        converter_hz=4e5,
+        code_shift=-1,
+        code_offset=-3900,
     ),
 }
 
 
 DDC = dict(clock_hz=6e6, sample_rate_hz=1000.0, converter="ddc232")
 ARRAYS = {
-    "mpr121, 13 x 9": dict(converter="mpr121", rows=13, columns=9, code_offset=647, code_shift=-1, sample_rate_hz=50.0),
-    "two mpr121, 13 x 9": dict(converter="mpr121", rows=13, columns=9, mpr_chips=2, code_offset=647, code_shift=-1, sample_rate_hz=100.0),
-    "matrix, 16 x 10": dict(converter="matrix", rows=16, columns=10, code_offset=96, code_shift=0, sample_rate_hz=100.0, converter_hz=1e6),
-    "matrix, 13 x 9": dict(converter="matrix", rows=13, columns=9, code_offset=96, code_shift=0, sample_rate_hz=50.0, converter_hz=1e6),
+    "mpr121, 13 x 9": dict(
+        converter="mpr121", rows=13, columns=9, code_offset=647, code_shift=-1, sample_rate_hz=50.0
+    ),
+    "two mpr121, 13 x 9": dict(
+        converter="mpr121",
+        rows=13,
+        columns=9,
+        mpr_chips=2,
+        code_offset=647,
+        code_shift=-1,
+        sample_rate_hz=100.0,
+    ),
+    "matrix, 16 x 10": dict(
+        converter="matrix",
+        rows=16,
+        columns=10,
+        code_offset=96,
+        code_shift=0,
+        sample_rate_hz=100.0,
+        converter_hz=1e6,
+    ),
+    "matrix, 13 x 9": dict(
+        converter="matrix",
+        rows=13,
+        columns=9,
+        code_offset=96,
+        code_shift=0,
+        sample_rate_hz=50.0,
+        converter_hz=1e6,
+    ),
 }
 """At a clock that is low enough to simulate them in seconds."""
 
@@ -74,7 +119,12 @@ def tell(name: str, scene: str, config: AcceleratorConfig, result) -> None:
     """A row of the table in docs/interface.md."""
     way, clock = result["conversion"], config.hardware.clock_hz
     feature = " to ".join(f"{cycles}" for cycles in dict.fromkeys(way["feature_cycles"]))
-    cells = [name, scene, f"{config.sensor.taxels} at {config.sensor.sample_rate_hz:g} Hz", f"{clock / 1e6:g} MHz"]
+    cells = [
+        name,
+        scene,
+        f"{config.sensor.taxels} at {config.sensor.sample_rate_hz:g} Hz",
+        f"{clock / 1e6:g} MHz",
+    ]
     cells += [result["compared_values"], way["scan_cycles"], f"{way['jitter_cycles']:g}", feature]
     print("\n|", *(f"{cell} |" for cell in cells))
 
@@ -83,7 +133,16 @@ def array_case(name: str) -> tuple[AcceleratorConfig, Recordings]:
     """A configuration for a large array, and five recordings of a touch that slides over it."""
     one = ARRAYS[name]
     rows, columns = one["rows"], one["columns"]
-    rate = dict(hop=6, window=13, touch_frames=60, pretrigger_frames=2, rearm_frames=12, sample_bits=12, band_low=0, band_high=REST + 200)
+    rate = dict(
+        hop=6,
+        window=13,
+        touch_frames=60,
+        pretrigger_frames=2,
+        rearm_frames=12,
+        sample_bits=12,
+        band_low=0,
+        band_high=REST + 200,
+    )
     config = CONFIG.replace(taxels=rows * columns, clock_hz=2e6, **(rate | one))
     parts = []
     for seed in range(5):
@@ -100,7 +159,12 @@ def array_case(name: str) -> tuple[AcceleratorConfig, Recordings]:
 def test_generated_touches_on_large_arrays_from_the_pins(name, tmp_path):
     config, recordings = array_case(name)
     result = cosimulate(random_integer_model(config, 5), recordings, work=tmp_path)
-    assert result["passed"] and result["recordings"] == 5 and result["decisions"] > 10 and result["conversion"]["jitter_cycles"] == 0
+    assert (
+        result["passed"]
+        and result["recordings"] == 5
+        and result["decisions"] > 10
+        and result["conversion"]["jitter_cycles"] == 0
+    )
     tell(name, "generated touches", config, result)
 
 
@@ -111,7 +175,12 @@ PIEZO = {"ddc232": {}, "spi": dict(spi_channels=8, spi_frame_bits=24, spi_channe
 def check(config, tmp_path, lengths=(300, 250)):
     recordings = random_recordings(config, lengths, seed=4)
     result = cosimulate(random_integer_model(config, 5), recordings, work=tmp_path)
-    assert result["mismatch_list"] == [] and result["bit_exact"] and result["passed"] and result["compared_values"] > 300
+    assert (
+        result["mismatch_list"] == []
+        and result["bit_exact"]
+        and result["passed"]
+        and result["compared_values"] > 300
+    )
     assert result["conversion"]["faults"] == result["conversion"]["violations"] == result["overruns"] == 0
     return result
 
@@ -123,7 +192,9 @@ QUICK = CONFIG.replace(converter="ads7953", sample_rate_hz=2500.0)
 def test_ads7953_from_its_pins(tmp_path):
     result = check(QUICK, tmp_path)
     assert result["pace"] == "declared" and result["conversion"]["jitter_cycles"] < 1
-    assert result["conversion"]["scan_cycles"] < 0.9 * 800 and max(result["conversion"]["feature_cycles"]) < 100
+    assert (
+        result["conversion"]["scan_cycles"] < 0.9 * 800 and max(result["conversion"]["feature_cycles"]) < 100
+    )
 
 
 @pytest.mark.slow
@@ -133,16 +204,26 @@ def test_the_others_from_their_pins(name, tmp_path):
     assert result["conversion"]["jitter_cycles"] < 1
 
 
-def play_with_a_fault(config, kind: int, tmp_path, recordings=None, at: int = 150, frames: int = 3, lasts: int = 3):
-    """``frames`` broken frames from ``at`` on, by a fault that lasts so many frames: (fault bits, decisions before, after; golden ones of
-    the good frames before, after). While a chip is set up anew no frame is lost in the simulation: the taxels wait."""
+def play_with_a_fault(
+    config, kind: int, tmp_path, recordings=None, at: int = 150, frames: int = 3, lasts: int = 3
+):
+    """``frames`` broken frames from ``at`` on, by a fault that lasts so many frames: (fault bits, decisions
+    before, after; golden ones of the good frames before, after). While a chip is set up anew no frame is lost
+    in the simulation: the taxels wait."""
     model = random_integer_model(config, 5)
     config = model.config
     recordings, codes = through_converter(recordings or random_recordings(config, (400,), seed=6), config)
     total = len(recordings.samples)
     design = generate(config, model.arrays, tmp_path / "design")
     vectors = write_vectors(tmp_path / "vectors.npz", run(model, recordings), recordings, codes=codes)
-    result = flow.cosim(design, vectors, fault=(at, lasts, kind), waves=False, work=tmp_path / "run", builds=BUILD / "simulators")
+    result = flow.cosim(
+        design,
+        vectors,
+        fault=(at, lasts, kind),
+        waves=False,
+        work=tmp_path / "run",
+        builds=BUILD / "simulators",
+    )
     capture = read_capture(tmp_path / "run")
     stream, rearmed = capture.stages["decision"][0], int(capture.frame_cycles[at + frames - 1])
     halves: tuple[list, list] = [], []
@@ -150,7 +231,9 @@ def play_with_a_fault(config, kind: int, tmp_path, recordings=None, at: int = 15
         halves[cycle > rearmed].append(int(word, 16))
     golden = []
     for low, high in ((0, at), (at + frames, total)):
-        part = dataclasses.replace(recordings, samples=recordings.samples[low:high], offsets=np.array([0, high - low]))
+        part = dataclasses.replace(
+            recordings, samples=recordings.samples[low:high], offsets=np.array([0, high - low])
+        )
         rows, _ = run(model, part).streams["decision"]
         golden.append([pack_decision(row) for row in rows])
     # no end of a recording where the frames break: no partial decision
@@ -196,14 +279,30 @@ def test_the_faults_of_the_others(fields, kind, tmp_path):
         (DDC, 1, ConverterFault.STUCK),
         (DDC, 2, ConverterFault.SILENT),
         (DDC, 3, ConverterFault.READBACK),
-        ({"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0}, 1, ConverterFault.STUCK),
-        ({"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0}, 2, ConverterFault.STUCK),
-        ({"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0}, 3, ConverterFault.ORDER),
+        (
+            {"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0},
+            1,
+            ConverterFault.STUCK,
+        ),
+        (
+            {"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0},
+            2,
+            ConverterFault.STUCK,
+        ),
+        (
+            {"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0},
+            3,
+            ConverterFault.ORDER,
+        ),
     ],
 )
 def test_the_faults_of_chips_that_are_set_up(fields, kind, flagged, tmp_path):
     faults, halves, golden = play_with_a_fault(
-        CONFIG.replace(**fields), kind, tmp_path, frames=1 if fields is DDC else 3, lasts=8 if fields is DDC else 3
+        CONFIG.replace(**fields),
+        kind,
+        tmp_path,
+        frames=1 if fields is DDC else 3,
+        lasts=8 if fields is DDC else 3,
     )
     assert faults & flagged and len(golden[1]) > 3
     assert halves[0] == golden[0] and halves[1] == golden[1]
@@ -221,7 +320,9 @@ def test_the_faults_of_chips_that_are_set_up(fields, kind, flagged, tmp_path):
 )
 def test_the_faults_of_electrodes(name, kind, flagged, tmp_path):
     config, recordings = array_case(name)
-    faults, halves, golden = play_with_a_fault(config, kind, tmp_path, recordings.subset(np.array([0])), at=3, frames=1, lasts=1)
+    faults, halves, golden = play_with_a_fault(
+        config, kind, tmp_path, recordings.subset(np.array([0])), at=3, frames=1, lasts=1
+    )
     assert faults & flagged and len(golden[1]) > 3
     assert halves[0] == golden[0] and halves[1] == golden[1]
 
@@ -251,12 +352,19 @@ def test_the_scene_at_the_declared_pace(converter, tmp_path):
     made = synthetic_recordings(persons=1, trials=2)
     result = cosimulate(random_integer_model(config, 3), beginnings(made, config), work=tmp_path)
     tell(converter, "thesis", config, result)
-    assert result["passed"] and result["recordings"] == 5 and result["conversion"]["jitter_cycles"] == 0 and result["decisions"] > 5
+    assert (
+        result["passed"]
+        and result["recordings"] == 5
+        and result["conversion"]["jitter_cycles"] == 0
+        and result["decisions"] > 5
+    )
 
 
 def test_what_cannot_keep_up_is_refused_with_the_nearest_that_does():
     with pytest.raises(
-        InputError, match=r"16 transfers of 2 chips in series at 1 MHz take 324 us.*data_lines 2.*takes 163 us.*at most 2777 Hz"
+        InputError,
+        match=r"16 transfers of 2 chips in series at 1 MHz take 324 us.*data_lines 2.*takes 163 us.*at most "
+        r"2777 Hz",
     ):
         PRESETS["thesis"].replace(converter="mcp3208x2", data_lines=1)
     PRESETS["thesis"].replace(converter="mcp3208x2", data_lines=1, sample_rate_hz=2777.0)
@@ -270,26 +378,36 @@ def test_what_cannot_keep_up_is_refused_with_the_nearest_that_does():
 
 def test_the_new_converters_that_cannot_keep_up_are_refused_with_what_can():
     thesis, big = PRESETS["thesis"], dict(taxels=160, rows=16, columns=10, sample_rate_hz=100.0)
-    with pytest.raises(InputError, match=r"DVALID comes up to 277 us after CONV \(version C at 5 MHz\).*ddc_version CK.*at most 2235 Hz"):
+    with pytest.raises(
+        InputError,
+        match=r"DVALID comes up to 277 us after CONV \(version C at 5 MHz\).*ddc_version CK.*at most 2235 Hz",
+    ):
         thesis.replace(converter="ddc232", clock_hz=20e6, ddc_version="C")
     thesis.replace(converter="ddc232", clock_hz=20e6, ddc_version="C", sample_rate_hz=2235.0)
     with pytest.raises(InputError, match="32 words of 20 bits at 2 MHz.*ddc_first 0, or"):
         thesis.replace(converter="ddc232", clock_hz=20e6, ddc_first=1)
     with pytest.raises(InputError, match="integrates for 166.5 us at least: give at most 6006"):
         thesis.replace(converter="ddc232", sample_rate_hz=7000.0)
-    with pytest.raises(InputError, match=r"160 cells of 28.8 us, 20 of them to settle, take 4.6 ms.*at most 195 Hz works"):
+    with pytest.raises(
+        InputError, match=r"160 cells of 28.8 us, 20 of them to settle, take 4.6 ms.*at most 195 Hz works"
+    ):
         thesis.replace(converter="matrix", **(big | dict(sample_rate_hz=300.0)))
     thesis.replace(converter="matrix", **(big | dict(sample_rate_hz=195.0)))
-    with pytest.raises(InputError, match="mpr_chips: is 1; 15 rows and 9 columns are 13 electrodes and 12 are there"):
+    with pytest.raises(
+        InputError, match="mpr_chips: is 1; 15 rows and 9 columns are 13 electrodes and 12 are there"
+    ):
         thesis.replace(converter="mpr121", taxels=135, rows=15, columns=9, sample_rate_hz=100.0)
     with pytest.raises(InputError, match="both are odd, or set mpr_chips 2"):
         thesis.replace(converter="mpr121", **big)
-    with pytest.raises(InputError, match=r"12 electrodes over I2C at 375 kHz take 0.799 ms.*at most 1126 Hz works as it is"):
+    with pytest.raises(
+        InputError, match=r"12 electrodes over I2C at 375 kHz take 0.799 ms.*at most 1126 Hz works as it is"
+    ):
         thesis.replace(converter="mpr121", taxels=117, rows=13, columns=9, sample_rate_hz=2000.0)
 
 
 def test_without_a_converter_nothing_of_the_interface_is_built(monkeypatch):
-    """The same Verilog as without the group: nothing of its folder is so much as made, and the fields change no text."""
+    """The same Verilog as without the group: nothing of its folder is so much as made, and the fields change
+    no text."""
     from amaranth.back import rtlil
 
     from eskin.rtl.interface import acquisition
@@ -301,7 +419,10 @@ def test_without_a_converter_nothing_of_the_interface_is_built(monkeypatch):
     monkeypatch.setattr(acquisition.Acquisition, "__init__", refuse)
     model = random_integer_model(CONFIG, 1)
     other = model.config.replace(spi_channels=4, converter_hz=1e6, code_shift=3)
-    texts = [rtlil.convert(BoardTop(config, clock_hz=12e6), name="board_top", emit_src=False) for config in (model.config, other)]
+    texts = [
+        rtlil.convert(BoardTop(config, clock_hz=12e6), name="board_top", emit_src=False)
+        for config in (model.config, other)
+    ]
     assert texts[0] == texts[1] and "converter" not in texts[0] and "cs_n" not in texts[0]
 
 
@@ -310,5 +431,7 @@ def test_generated_files_of_a_configuration_with_a_converter(tmp_path):
     model = random_integer_model(CONFIG.replace(converter="ads7953"), 1)
     folder = generate(model.config, model.arrays, tmp_path / "design")
     assert "module sensing(" in (folder / "sensing.sv").read_text()
-    assert not (generate(model.config.replace(converter="none"), model.arrays, tmp_path / "plain") / "sensing.sv").exists()
+    assert not (
+        generate(model.config.replace(converter="none"), model.arrays, tmp_path / "plain") / "sensing.sv"
+    ).exists()
     assert Path(folder / "accelerator.sv").read_text() == (tmp_path / "plain" / "accelerator.sv").read_text()

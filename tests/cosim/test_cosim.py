@@ -1,4 +1,5 @@
-"""Co-simulation of the generated Verilog, small and on both simulators; what the harness, the runner and the generated folder promise."""
+"""Co-simulation of the generated Verilog, small and on both simulators; what the harness, the runner and the
+generated folder promise."""
 
 from __future__ import annotations
 
@@ -72,7 +73,14 @@ def play(design, vectors, tmp_path):
     """``play(simulator, **options)``: the shared design and vectors, in a work folder of the test's own."""
 
     def call(simulator: str, **options):
-        return flow.cosim(design, options.pop("vectors", vectors), simulator=simulator, work=tmp_path / "work", builds=BUILDS, **options)
+        return flow.cosim(
+            design,
+            options.pop("vectors", vectors),
+            simulator=simulator,
+            work=tmp_path / "work",
+            builds=BUILDS,
+            **options,
+        )
 
     return call
 
@@ -90,14 +98,20 @@ def test_every_stage_is_exact_on_both_simulators_and_takes_the_same_cycles(play,
         assert result["mismatch_list"] == [] and result["bit_exact"] and result["passed"]
         assert result["compared_values"] == values_in(vectors)
         assert result["recordings"] == len(LENGTHS) and result["frames"] == sum(LENGTHS)
-    assert results[0]["simulated_cycles"] == results[1]["simulated_cycles"] and results[0]["cycles"] == results[1]["cycles"]
+    assert (
+        results[0]["simulated_cycles"] == results[1]["simulated_cycles"]
+        and results[0]["cycles"] == results[1]["cycles"]
+    )
     assert stalls == (results[0]["cycles"]["frame_max"] > frame_cycles(CONFIG, ends_window=True))
 
 
 def test_the_device_in_this_process_sees_the_same_in_the_same_cycles(play, model, design, vectors):
     verilated = Design((design / "accelerator.sv").read_text(), BUILDS, "a test")
     map_, boot = register_map(model.config), boot_writes(model.config, model.arrays)
-    here, there = gate_flow.cosim(model.config, lambda seed: verilated, vectors, map_, boot), play("verilator")
+    here, there = (
+        gate_flow.cosim(model.config, lambda seed: verilated, vectors, map_, boot),
+        play("verilator"),
+    )
     assert here["bit_exact"] and here["compared_values"] == values_in(vectors)
     for name in ("stages", "cycles", "frames", "steps", "decisions"):
         assert here[name] == there[name], name
@@ -118,7 +132,11 @@ def test_declared_pace_measures_latency_and_meets_the_budgets(play, vectors, tmp
     clock = 1.0e6
     result = play("verilator", pace="declared", clock_hz=clock)
     assert result["passed"] and result["overruns"] == 0
-    assert {row["name"]: row["met"] for row in result["budgets"] if not row["reference"]} == {"frame": True, "step": True, "decision": True}
+    assert {row["name"]: row["met"] for row in result["budgets"] if not row["reference"]} == {
+        "frame": True,
+        "step": True,
+        "decision": True,
+    }
     with np.load(vectors) as archive:
         expected = dict(archive)
     capture = read_capture(tmp_path / "work")
@@ -134,10 +152,14 @@ NORMALISER_CYCLES = 8
 
 
 def longest_open(capture, taxels: int, classes: int) -> int:
-    """Cycles from a window's last sum to the last logit of it or of windows that came in the meantime, the longest of a run."""
+    """Cycles from a window's last sum to the last logit of it or of windows that came in the meantime, the
+    longest of a run."""
     longest = 0
     for number, sums in capture.stages["sum"].items():
-        begins, ends = sums.cycles[taxels - 1 :: taxels], capture.stages["logit"][number].cycles[classes - 1 :: classes]
+        begins, ends = (
+            sums.cycles[taxels - 1 :: taxels],
+            capture.stages["logit"][number].cycles[classes - 1 :: classes],
+        )
         assert len(begins) == len(ends)
         open_since = None
         for begin, end, following in zip(begins, ends, [*begins[1:], 1 << 62], strict=True):
@@ -153,11 +175,18 @@ def test_the_designs_own_counter_agrees_with_the_harness(play, tmp_path, measure
     result = play("verilator", pace=pace, clock_hz=clock, measure=measure)
     counted, cycles = result["registers"]["LONGEST"], result["cycles"]
     if measure == "windows":
-        seen = longest_open(read_capture(tmp_path / "work"), CONFIG.sensor.taxels, len(CONFIG.network.class_names))
-        assert 0 <= seen - counted <= NORMALISER_CYCLES and counted >= schedule(CONFIG).decision_cycles - logit_to_decision(CONFIG)
+        seen = longest_open(
+            read_capture(tmp_path / "work"), CONFIG.sensor.taxels, len(CONFIG.network.class_names)
+        )
+        assert 0 <= seen - counted <= NORMALISER_CYCLES and counted >= schedule(
+            CONFIG
+        ).decision_cycles - logit_to_decision(CONFIG)
     else:
-        decided = logit_to_decision(CONFIG) - 1 if measure == "step" else 0  # the register counts up to the last logit
-        assert counted + decided == cycles[f"{measure}_max"] and (measure == "frame" or cycles["step_max"] == schedule(CONFIG).step_cycles)
+        # the register counts up to the last logit
+        decided = logit_to_decision(CONFIG) - 1 if measure == "step" else 0
+        assert counted + decided == cycles[f"{measure}_max"] and (
+            measure == "frame" or cycles["step_max"] == schedule(CONFIG).step_cycles
+        )
 
 
 def test_a_clock_below_the_lowest_misses_a_budget(design, vectors, tmp_path):
@@ -166,7 +195,8 @@ def test_a_clock_below_the_lowest_misses_a_budget(design, vectors, tmp_path):
     assert result["passed"] and result["clock_hz"] == clock
     slower = flow.cosim(design, vectors, pace="declared", clock_hz=0.95 * clock, **options)
     assert slower["bit_exact"] and not slower["passed"]
-    # counts that ask for too much, as those of a clock at which steps wait for one another, do not keep the search up there
+    # counts that ask for too much, as those of a clock at which steps wait for one another, do not keep the
+    # search up there
     asking = {name: 3 * count for name, count in result["cycles"].items() if count is not None}
     assert flow.lowest_clock(design, vectors, cycles=asking, **options)[0] == clock
 
@@ -174,7 +204,11 @@ def test_a_clock_below_the_lowest_misses_a_budget(design, vectors, tmp_path):
 @pytest.mark.parametrize("seed", [None, 1, 2, 3, 4])
 def test_a_weight_write_during_a_touch_is_refused_flagged_and_harmless(play, seed):
     result = play("verilator", probe=True, stalls=seed is not None, seed=seed or 0)
-    assert result["probe"]["before"] & 1 == 0 and result["probe"]["after"] & 1 == 1 and result["probe"]["cleared"] & 1 == 0
+    assert (
+        result["probe"]["before"] & 1 == 0
+        and result["probe"]["after"] & 1 == 1
+        and result["probe"]["cleared"] & 1 == 0
+    )
     assert result["passed"]
 
 
@@ -193,7 +227,9 @@ def test_one_golden_word_is_found_and_its_waves_are_kept(play, vectors, tmp_path
     place = f"recording {NUMBERS[1]}, frame {frame}, stage state, index {index} (touch 0, step 3, unit 2)"
     assert sentence.startswith(f"{place}: expected {want}, got {want ^ 1} at cycle ")
     kept = Path(result["waves"])
-    assert json.loads((kept / "signals.json").read_text())["formats"]["harness.state"] == str(CONFIG.formats.state_format)
+    assert json.loads((kept / "signals.json").read_text())["formats"]["harness.state"] == str(
+        CONFIG.formats.state_format
+    )
     assert "harness.state[31:0]" in (kept / "waves.gtkw").read_text()
     waves = (kept / "waves.vcd").read_text()
     assert " state_valid " in waves and waves.count("\n#") > 2 * flow.WAVES_AFTER
@@ -248,7 +284,12 @@ def test_a_hardware_that_does_not_answer(design, vectors, tmp_path, ready, valid
     for name, value in {"READY": ready, "VALID": valid, "PAYLOAD": payload, "ID": identity}.items():
         text = text.replace(f"@{name}@", value)
     (broken / "accelerator.sv").write_text(text)
-    options = {"simulator": "icarus", "work": tmp_path / "work", "builds": tmp_path / "builds", "stalls": True}
+    options = {
+        "simulator": "icarus",
+        "work": tmp_path / "work",
+        "builds": tmp_path / "builds",
+        "stalls": True,
+    }
     if "reg" in said or "accelerator" in said:
         with pytest.raises(runner.SimulationError, match=said):
             flow.cosim(broken, vectors, **options)
@@ -260,7 +301,9 @@ def test_a_hardware_that_does_not_answer(design, vectors, tmp_path, ready, valid
 # ---------------------------------------------------------------- runner
 def test_a_build_is_kept_and_a_changed_source_is_another(tmp_path):
     source = tmp_path / "accelerator.sv"
-    source.write_text(STUB.replace("@READY@", "1").replace("@VALID@", "0").replace("@PAYLOAD@", "0").replace("@ID@", "0"))
+    source.write_text(
+        STUB.replace("@READY@", "1").replace("@VALID@", "0").replace("@PAYLOAD@", "0").replace("@ID@", "0")
+    )
     first = runner.build("icarus", [source], {"TAXELS": 4}, tmp_path / "builds")
     made = (first.folder / "sim.vvp").stat().st_mtime_ns
     assert runner.build("icarus", [source], {"TAXELS": 4}, tmp_path / "builds") == first
@@ -274,7 +317,9 @@ def test_a_failing_build_shows_the_end_of_its_log_and_is_tried_again(tmp_path):
     source = tmp_path / "accelerator.sv"
     source.write_text("module accelerator (input clk;\n")
     for _ in range(2):
-        with pytest.raises(runner.SimulationError, match="(?s)building the simulator failed.*accelerator.sv:1.*syntax error"):
+        with pytest.raises(
+            runner.SimulationError, match="(?s)building the simulator failed.*accelerator.sv:1.*syntax error"
+        ):
             runner.build("icarus", [source], {}, tmp_path / "builds")
 
 
@@ -300,7 +345,10 @@ def test_a_missing_tool_is_named(tmp_path, monkeypatch, tool):
         ({"simulator": "modelsim"}, "--simulator modelsim: is unknown; use verilator or icarus"),
         ({"simulator": "icarus", "measure": "time"}, "measure time: is unknown; use frame, step or windows"),
         ({"simulator": "icarus", "pace": "slow"}, "--pace slow: is unknown; use full or declared"),
-        ({"simulator": "icarus", "pace": "declared", "clock_hz": 9000.0}, "--clock 9000: is too slow for 4 taxels .* at least 12000 Hz"),
+        (
+            {"simulator": "icarus", "pace": "declared", "clock_hz": 9000.0},
+            "--clock 9000: is too slow for 4 taxels .* at least 12000 Hz",
+        ),
     ],
 )
 def test_bad_options_are_one_sentence(play, tmp_path, options, said):
@@ -318,7 +366,9 @@ def test_vectors_of_another_array_are_refused(play, vectors, tmp_path):
 
 
 def test_cosim_needs_neither_torch_nor_amaranth():
-    code = "import sys, eskin.cosim.flow; sys.exit(any(name in sys.modules for name in ('torch', 'amaranth')))"
+    code = (
+        "import sys, eskin.cosim.flow; sys.exit(any(name in sys.modules for name in ('torch', 'amaranth')))"
+    )
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, timeout=60, check=False).returncode == 0
 
 
@@ -329,7 +379,9 @@ def test_generated_testbench_passes_alone_and_fails_on_one_changed_word(model, t
     def simulate() -> subprocess.CompletedProcess:
         command = "iverilog -g2012 -s testbench -o testbench.vvp testbench.sv accelerator.sv && vvp -n testbench.vvp"
         assert f"$ {command}" in (folder / "testbench.sv").read_text()
-        return subprocess.run(command, shell=True, cwd=folder, capture_output=True, text=True, timeout=100, check=False)
+        return subprocess.run(
+            command, shell=True, cwd=folder, capture_output=True, text=True, timeout=100, check=False
+        )
 
     done = simulate()
     assert done.returncode == 0 and "PASSED" in done.stdout and "PASSED: 0 values" not in done.stdout
@@ -340,7 +392,11 @@ def test_generated_testbench_passes_alone_and_fails_on_one_changed_word(model, t
         words[1] = f"{int(words[1], 16) ^ 1:08x}"
         path.write_text("\n".join(words) + "\n")
         done = simulate()
-        assert done.returncode != 0 and "FAILED: 1 differences" in done.stdout and f"stage {stage}, index 1" in done.stdout
+        assert (
+            done.returncode != 0
+            and "FAILED: 1 differences" in done.stdout
+            and f"stage {stage}, index 1" in done.stdout
+        )
         path.write_text(kept)
 
 
@@ -348,7 +404,9 @@ def test_testbench_packs_decisions_as_the_scoreboard_unpacks_them():
     rng = np.random.default_rng(2)
     for _ in range(50):
         row = [int(rng.integers(0, 1 << width)) for _, width in DECISION_FIELDS.values()]
-        assert [pack_decision(row) >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values()] == row
+        assert [
+            pack_decision(row) >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values()
+        ] == row
 
 
 def test_c_header_compiles_and_agrees_with_the_json(tmp_path):
@@ -360,7 +418,9 @@ def test_c_header_compiles_and_agrees_with_the_json(tmp_path):
     checks += [f"ESKIN_MEASURE_{name} == {value}" for name, value in values["measures"].items()]
     assert values["measures"] == {"FRAME": 0, "STEP": 1, "WINDOWS": 2}
     assert tuple(name.lower() for name in values["measures"]) == flow.MEASURES
-    checks += [f"ESKIN_MEMORY_{name} == {value}" for name, value in values["memories"].items() if name != "LANE0"]
+    checks += [
+        f"ESKIN_MEMORY_{name} == {value}" for name, value in values["memories"].items() if name != "LANE0"
+    ]
     asserts = "".join(f'_Static_assert({check}, "{check}");\n' for check in checks)
     (tmp_path / "check.c").write_text(f'#include "registers.h"\n{asserts}')
     command = ["gcc", "-std=c11", "-Wall", "-Werror", "-fsyntax-only", "check.c"]
@@ -370,7 +430,9 @@ def test_c_header_compiles_and_agrees_with_the_json(tmp_path):
 
 def test_memory_images_are_what_is_loaded(model, design):
     writes = [int(word, 16) for word in (design / "load.hex").read_text().split()]
-    data = [word & 0xFFFF for word in writes if word >> 16 == register_map(CONFIG)["registers"]["MEMORY_DATA"]]
+    data = [
+        word & 0xFFFF for word in writes if word >> 16 == register_map(CONFIG)["registers"]["MEMORY_DATA"]
+    ]
     loaded = []
     for name in ("lane0", "lane1", "addends", "constants", "means"):
         for word in (design / "memories" / f"{name}.hex").read_text().split():
@@ -388,7 +450,10 @@ def test_a_folder_with_other_files_is_refused_and_an_earlier_one_replaced(model,
     out = generate(model.config, model.arrays, tmp_path / "out")
     (out / "left_over").write_text("")
     generate(model.config, model.arrays, out)
-    assert not (out / "left_over").exists() and sorted(path.name for path in tmp_path.iterdir()) == ["other", "out"]
+    assert not (out / "left_over").exists() and sorted(path.name for path in tmp_path.iterdir()) == [
+        "other",
+        "out",
+    ]
 
 
 # ---------------------------------------------------------------- larger

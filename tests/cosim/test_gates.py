@@ -1,4 +1,5 @@
-"""The compiled netlist of a chip: what states take at an edge that passes, and what every change is counted with."""
+"""The compiled netlist of a chip: what states take at an edge that passes, and what every change is counted
+with."""
 
 from __future__ import annotations
 
@@ -29,7 +30,9 @@ def module():
         "b": {"type": "ff", "connections": {"CLK": [GCLK], "D": [X], "R": ["1"], "Q": [B]}},
         "l": {"type": "la", "connections": {"G": [GCLK], "D": [A], "Q": [L]}},
     }
-    ports = {name: {"direction": "input", "bits": [net]} for name, net in (("clk", CLK), ("d", D), ("en", EN))}
+    ports = {
+        name: {"direction": "input", "bits": [net]} for name, net in (("clk", CLK), ("d", D), ("en", EN))
+    }
     ports |= {name: {"direction": "output", "bits": [net]} for name, net in (("a", A), ("b", B), ("l", L))}
     return {"cells": cells, "ports": ports}
 
@@ -74,11 +77,20 @@ def test_states_gates_and_what_changes_cost(tmp_path):
 def test_a_flip_flop_with_an_enable_of_its_own(tmp_path, seen):
     cells = dict(read(file(tmp_path, "cells.lib", CELLS + GATE)).cells)
     ff = cells["ff"]
-    pins = ff.pins | {"DE": dataclasses.replace(ff.pins["D"]), "QN": dataclasses.replace(ff.pins["Q"], function="IQN")}
-    cells["edf"] = dataclasses.replace(ff, name="edf", pins=pins, state=ff.state | {"next_state": "(D*DE)+(IQ*!DE)"})
+    pins = ff.pins | {
+        "DE": dataclasses.replace(ff.pins["D"]),
+        "QN": dataclasses.replace(ff.pins["Q"], function="IQN"),
+    }
+    cells["edf"] = dataclasses.replace(
+        ff, name="edf", pins=pins, state=ff.state | {"next_state": "(D*DE)+(IQ*!DE)"}
+    )
     of = {"e": {"type": "edf", "connections": {"CLK": [CLK], "D": [D], "DE": [EN], "R": ["1"], seen: [A]}}}
-    ports = {name: {"direction": "input", "bits": [net]} for name, net in (("clk", CLK), ("d", D), ("en", EN))}
-    chip = Chip({"cells": of, "ports": ports | {"a": {"direction": "output", "bits": [A]}}}, cells, expression, seed=1)
+    ports = {
+        name: {"direction": "input", "bits": [net]} for name, net in (("clk", CLK), ("d", D), ("en", EN))
+    }
+    chip = Chip(
+        {"cells": of, "ports": ports | {"a": {"direction": "output", "bits": [A]}}}, cells, expression, seed=1
+    )
     rng, state = random.Random(3), None
     for _ in range(100):
         d, en = rng.getrandbits(1), rng.getrandbits(1)
@@ -91,11 +103,14 @@ def test_a_flip_flop_with_an_enable_of_its_own(tmp_path, seen):
 
 
 def glitching(tmp_path, first_s: float, second_s: float):
-    """x = a ^ y with y = a ^ 0: nothing from cycle to cycle, a pulse while y is late. ``first_s``: delay of y; ``second_s``: of x."""
+    """x = a ^ y with y = a ^ 0: nothing from cycle to cycle, a pulse while y is late. ``first_s``: delay of
+    y; ``second_s``: of x."""
     cells = dict(read(file(tmp_path, "cells.lib", CELLS + GATE)).cells)
     for name, seconds in (("first", first_s), ("second", second_s)):
         xor = cells["sg13g2_xor2_1"]
-        cells[name] = dataclasses.replace(xor, name=name, pins=xor.pins | {"X": dataclasses.replace(xor.pins["X"], delay_s=seconds)})
+        cells[name] = dataclasses.replace(
+            xor, name=name, pins=xor.pins | {"X": dataclasses.replace(xor.pins["X"], delay_s=seconds)}
+        )
     of = {
         "a": {"type": "ff", "connections": {"CLK": [CLK], "D": [D], "R": ["1"], "Q": [A]}},
         "y": {"type": "first", "connections": {"A": [A], "B": ["0"], "X": [B]}},
@@ -106,9 +121,12 @@ def glitching(tmp_path, first_s: float, second_s: float):
 
 
 @pytest.mark.parametrize(
-    "first_s, second_s, delays, pulses", [(4e-12, 2e-12, "cells", 1), (2e-12, 4e-12, "cells", 0), (2e-12, 4e-12, "unit", 1)]
+    "first_s, second_s, delays, pulses",
+    [(4e-12, 2e-12, "cells", 1), (2e-12, 4e-12, "cells", 0), (2e-12, 4e-12, "unit", 1)],
 )
-def test_a_pulse_counts_apart_unless_it_is_shorter_than_the_cell_is_slow(tmp_path, first_s, second_s, delays, pulses):
+def test_a_pulse_counts_apart_unless_it_is_shorter_than_the_cell_is_slow(
+    tmp_path, first_s, second_s, delays, pulses
+):
     module, cells = glitching(tmp_path, first_s, second_s)
     chip = Chip(module, cells, expression, seed=1, delays=delays)
     joule = np.zeros(2)
@@ -134,7 +152,10 @@ def test_a_pulse_counts_apart_unless_it_is_shorter_than_the_cell_is_slow(tmp_pat
 def test_a_netlist_that_never_rests_is_an_error(tmp_path):
     module, cells = glitching(tmp_path, 1e-12, 1e-12)
     module["cells"]["gate"] = {"type": "gate", "connections": {"C": [CLK], "E": ["1"], "O": [GCLK]}}
-    for name, kind, pins in (("l", "la", {"G": [GCLK], "D": [EN], "Q": [L]}), ("n", "second", {"A": [L], "B": ["1"], "X": [EN]})):
+    for name, kind, pins in (
+        ("l", "la", {"G": [GCLK], "D": [EN], "Q": [L]}),
+        ("n", "second", {"A": [L], "B": ["1"], "X": [EN]}),
+    ):
         module["cells"][name] = {"type": kind, "connections": pins}  # an open latch of its own opposite
     for delays in (None, "cells"):
         with pytest.raises(SimulationError, match="rest"):
@@ -145,9 +166,19 @@ def test_costs_of_a_netlist(tmp_path):
     cells = read(file(tmp_path, "cells.lib", CELLS + GATE)).cells
     wire = WireLoad(lengths={1: 2.0}, slope=1.0, farad=1e-15)
     found = costs(Nets(module(), cells), 2.0, wire)
-    assert found.kind == {D: "input", EN: "input", GCLK: "clock", A: "flip-flop", B: "flip-flop", X: "logic", L: "latch"}
+    assert found.kind == {
+        D: "input",
+        EN: "input",
+        GCLK: "clock",
+        A: "flip-flop",
+        B: "flip-flop",
+        X: "logic",
+        L: "latch",
+    }
     # wires alone: half of C V^2 a change, C V^2 and both edges a cycle; 2 fF of one receiver, 3 of two
-    assert found.joule[X] == pytest.approx(2e-15 * 2**2 / 2) and found.joule[A] == pytest.approx(3e-15 * 2**2 / 2)
+    assert found.joule[X] == pytest.approx(2e-15 * 2**2 / 2) and found.joule[A] == pytest.approx(
+        3e-15 * 2**2 / 2
+    )
     assert found.joule[GCLK] == pytest.approx(3e-15 * 2**2) and found.root_j == pytest.approx(3e-15 * 2**2)
 
 
@@ -157,5 +188,12 @@ def test_the_slowest_path_without_opensta(tmp_path):
         pins = cells[name].pins | {pin: dataclasses.replace(cells[name].pins[pin], delay_s=seconds)}
         cells[name] = dataclasses.replace(cells[name], pins=pins)
     path = estimated(Nets(module(), cells))
-    assert path.fmax_hz == pytest.approx(1 / 5e-9) and path.start in ("a", "b") and path.end == "b" and not path.derated
-    assert estimated(Nets(module(), cells), ["ff"]).fmax_hz == pytest.approx(1 / (2e-9 * MACRO_DERATING + 3e-9))
+    assert (
+        path.fmax_hz == pytest.approx(1 / 5e-9)
+        and path.start in ("a", "b")
+        and path.end == "b"
+        and not path.derated
+    )
+    assert estimated(Nets(module(), cells), ["ff"]).fmax_hz == pytest.approx(
+        1 / (2e-9 * MACRO_DERATING + 3e-9)
+    )

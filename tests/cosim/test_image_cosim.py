@@ -1,4 +1,5 @@
-"""Images through the generated Verilog: every map, logit and decision against the golden model, cycles against the formula."""
+"""Images through the generated Verilog: every map, logit and decision against the golden model, cycles
+against the formula."""
 
 from __future__ import annotations
 
@@ -30,7 +31,9 @@ ROOT = Path(__file__).resolve().parents[2]
 CLASSES = ("cone", "cube", "ball", "ring")
 
 
-def model_of(height: int, width: int, layers, lanes: int, lane_type: str = "plain", classes=CLASSES) -> IntegerModel:
+def model_of(
+    height: int, width: int, layers, lanes: int, lane_type: str = "plain", classes=CLASSES
+) -> IntegerModel:
     config = AcceleratorConfig.of_image(height, width, layers, classes).with_lanes(lanes, lane_type)
     return random_image_model(config, seed=3)
 
@@ -50,7 +53,10 @@ def test_every_map_with_stalls_on_four_state_icarus_while_weights_are_refused(sm
     result = played(small, 4, tmp_path, simulator="icarus", stalls=True, probe=True)
     plan = plan_of(small.config)
     assert result["passed"], result["mismatch_list"]
-    assert result["stages"]["map"] == {"compared_values": 4 * plan.kept_values, "mismatches": 0} and plan.kept_values > 50
+    assert (
+        result["stages"]["map"] == {"compared_values": 4 * plan.kept_values, "mismatches": 0}
+        and plan.kept_values > 50
+    )
     assert result["stages"]["logit"]["compared_values"] == 4 * len(CLASSES)
     assert result["decisions"] == 2 * 4, "a local one and a global one each"
     assert result["cycles"]["step_min"] == result["cycles"]["step_max"] == step_cycles(small.config)
@@ -59,13 +65,26 @@ def test_every_map_with_stalls_on_four_state_icarus_while_weights_are_refused(sm
 
 def test_the_generated_testbench_passes_by_itself_and_sees_a_wrong_weight(small, tmp_path):
     folder = generate_design(small, tmp_path / "design")
-    command = ["iverilog", "-g2012", "-s", "testbench", "-o", "testbench.vvp", "testbench.sv", "accelerator.sv"]
+    command = [
+        "iverilog",
+        "-g2012",
+        "-s",
+        "testbench",
+        "-o",
+        "testbench.vvp",
+        "testbench.sv",
+        "accelerator.sv",
+    ]
     subprocess.run(command, cwd=folder, check=True, timeout=120)
-    run = subprocess.run(["vvp", "-n", "testbench.vvp"], cwd=folder, capture_output=True, text=True, timeout=300)
+    run = subprocess.run(
+        ["vvp", "-n", "testbench.vvp"], cwd=folder, capture_output=True, text=True, timeout=300
+    )
     assert run.returncode == 0 and "PASSED" in run.stdout, run.stdout
     boot = (folder / "load.hex").read_text().split("\n")
     (folder / "load.hex").write_text("\n".join([boot[0], f"{int(boot[1], 16) ^ 0x40:06x}", *boot[2:]]))
-    run = subprocess.run(["vvp", "-n", "testbench.vvp"], cwd=folder, capture_output=True, text=True, timeout=300)
+    run = subprocess.run(
+        ["vvp", "-n", "testbench.vvp"], cwd=folder, capture_output=True, text=True, timeout=300
+    )
     assert run.returncode != 0 and "FAILED" in run.stdout and "stage" in run.stdout
 
 
@@ -81,7 +100,11 @@ DEFENDED = dict(checksum=True, watchdog=True, clock_gate=True)
 @pytest.mark.parametrize("pace", ["full", "declared"])
 def test_defences_and_a_stopping_clock_change_no_value_and_no_cycle(small, tmp_path, pace):
     model = dataclasses.replace(small, config=small.config.replace(**DEFENDED))
-    slow = dict(pace=pace, clock_hz=60 * small.config.sensor.sample_rate_hz) if pace == "declared" else dict(stalls=True)
+    slow = (
+        dict(pace=pace, clock_hz=60 * small.config.sensor.sample_rate_hz)
+        if pace == "declared"
+        else dict(stalls=True)
+    )
     result = played(model, 3, tmp_path, simulator="icarus", **slow)
     assert result["bit_exact"], result["mismatch_list"]
     assert result["registers"]["FAULTS"] & ~Fault.INPUT_STALLED == 0
@@ -115,9 +138,20 @@ def test_images_over_the_serial_pins_of_the_board_with_damaged_packets(small, tm
     vectors = write_image_vectors(tmp_path / "vectors.npz", run_images(small, images).streams, images)
     verilog = tmp_path / "board_top.sv"
     verilog.write_text(export_board(config, clock_hz=12e6, baud=3e6))
-    options = dict(work=tmp_path / "work", builds=ROOT / "build" / "simulators", order=[*range(4), *(k % 4 for k in range(14))])
+    options = dict(
+        work=tmp_path / "work",
+        builds=ROOT / "build" / "simulators",
+        order=[*range(4), *(k % 4 for k in range(14))],
+    )
     result = play_link(
-        verilog, config, register_map(config), boot_writes(config, small.arrays), vectors, corruptions=True, seed=3, **options
+        verilog,
+        config,
+        register_map(config),
+        boot_writes(config, small.arrays),
+        vectors,
+        corruptions=True,
+        seed=3,
+        **options,
     )
     assert not result["wrong"] and result["decisions"] >= 2 * 18
     assert any(any(played["noticed"]) for played in result["played"]), "the line was damaged"
@@ -148,5 +182,11 @@ def test_whole_networks_on_verilator(name, height, width, lanes, tmp_path):
     plan = plan_of(model.config)
     assert result["bit_exact"], result["mismatch_list"]
     assert result["stages"]["map"] == {"compared_values": 10 * plan.kept_values, "mismatches": 0}
-    assert result["passed"] == (lanes > 1), "28 rows at 1000 Hz are over before a single lane at 12 MHz has an image"
-    assert result["cycles"]["step_max"] == step_cycles(model.config) <= (1.15 if lanes == 16 else 1.05) * plan.multiplies / lanes
+    assert result["passed"] == (lanes > 1), (
+        "28 rows at 1000 Hz are over before a single lane at 12 MHz has an image"
+    )
+    assert (
+        result["cycles"]["step_max"]
+        == step_cycles(model.config)
+        <= (1.15 if lanes == 16 else 1.05) * plan.multiplies / lanes
+    )

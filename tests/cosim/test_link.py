@@ -10,7 +10,8 @@ from tests.support.result_case import CONFIG
 
 
 class Behind:
-    """Takes no packet while an answer is under way but another question; the answer to one from before the program's is."""
+    """Takes no packet while an answer is under way but another question; the answer to one from before the
+    program's is."""
 
     def __init__(self) -> None:
         self.unpacker, self.expected, self.writes = link.Unpacker(), 0, 0
@@ -31,7 +32,8 @@ class Behind:
 
 
 def test_a_late_answer_does_not_keep_every_packet_out():
-    """Found by the 500th corruption of the line: each write met the answer under way to the question before."""
+    """Found by the 500th corruption of the line: each write met the answer under way to the question
+    before."""
     registers = register_map(CONFIG)
     device = Behind()
     device.under_way = [device.answer(registers["registers"]["STATUS"])]
@@ -41,7 +43,8 @@ def test_a_late_answer_does_not_keep_every_packet_out():
 
 
 class Late:
-    """Takes everything; with each ``arm`` come two decisions that were under way: one was counted, one was not."""
+    """Takes everything; with each ``arm`` come two decisions that were under way: one was counted, one was
+    not."""
 
     def __init__(self, own: list[int]) -> None:
         self.unpacker, self.expected, self.decisions, self.own, self.out = link.Unpacker(), 0, 0, own, b""
@@ -56,7 +59,9 @@ class Late:
             command, control = body[1], self.registers["bits"]["CONTROL"]
             if command & link.READ:
                 address = command & 0x3F
-                self.out += link.pack(bytes([self.decisions]) + (self.expected << 16 | address << 24).to_bytes(4, "little"))
+                self.out += link.pack(
+                    bytes([self.decisions]) + (self.expected << 16 | address << 24).to_bytes(4, "little")
+                )
             elif body[0] == self.expected:
                 self.expected = self.expected + 1 & 0xFF
                 if command == self.registers["registers"]["CONTROL"] and body[2] & control["ARM"]:

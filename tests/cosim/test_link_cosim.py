@@ -1,4 +1,5 @@
-"""Recordings over the serial pins of the simulated board, by the host's own code, undisturbed and with every kind of damage."""
+"""Recordings over the serial pins of the simulated board, by the host's own code, undisturbed and with every
+kind of damage."""
 
 from __future__ import annotations
 
@@ -42,7 +43,8 @@ LENGTHS = (90, 40, 60, 12, 5)
 
 
 def boarded(folder: Path, model, recordings):
-    """``play(**options)``: the board of ``model`` played with ``recordings``, see play_link; and the golden trace."""
+    """``play(**options)``: the board of ``model`` played with ``recordings``, see play_link; and the golden
+    trace."""
     trace = run(model, recordings)
     vectors = write_vectors(folder / "vectors.npz", trace, recordings)
     verilog = folder / "board_top.sv"
@@ -67,9 +69,15 @@ def boarded(folder: Path, model, recordings):
 def board(tmp_path_factory):
     """The small board."""
     model = random_integer_model(CONFIG, 5)
-    play, trace = boarded(tmp_path_factory.mktemp("board"), model, random_recordings(model.config, LENGTHS, seed=5))
+    play, trace = boarded(
+        tmp_path_factory.mktemp("board"), model, random_recordings(model.config, LENGTHS, seed=5)
+    )
     assert len(trace.streams["decision"][0]) > 10 and trace.partial.any() and (trace.first < 0).any()
-    assert set(trace.global_margin < CONFIG.network.margin_threshold) == {False, True} and trace.touches.faults.any()  # unsure ones too
+    # unsure ones too
+    assert (
+        set(trace.global_margin < CONFIG.network.margin_threshold) == {False, True}
+        and trace.touches.faults.any()
+    )
     return play
 
 
@@ -99,26 +107,33 @@ def test_positions_of_the_hosts_frames_are_read_over_the_link(tmp_path):
         assert played["where"][2] == len(golden)
         if golden:
             last = golden[-1]
-            assert played["where"][:2] == [last.x | last.y << 8, last.peak | last.direction << 8 | last.ended << 11]
+            assert played["where"][:2] == [
+                last.x | last.y << 8,
+                last.peak | last.direction << 8 | last.ended << 11,
+            ]
     assert told > 50
 
 
 def check_corruptions(result, count: int) -> None:
-    """At least ``count`` were done, every recording's decisions are golden, and most were noticed: the line was really damaged."""
+    """At least ``count`` were done, every recording's decisions are golden, and most were noticed: the line
+    was really damaged."""
     done = [played for played in result["played"] if played["done"]]
     kinds = Counter(tuple(played["done"][:2]) for played in done)
     assert len(done) >= count and len(kinds) == len(NoisyPort.KINDS) and not result["wrong"]
     noticed = sum(any(played["noticed"]) for played in done)
     assert noticed > 0.7 * len(done)
     print(
-        f"{len(done)} corruptions, {noticed} noticed, {result['decisions']} decisions, {result['repeated']} packets sent again, "
+        f"{len(done)} corruptions, {noticed} noticed, {result['decisions']} decisions, {result['repeated']} "
+        "packets sent again, "
         f"{result['replayed']} recordings played again, {result['cycles']} cycles in {result['wall_s']:.0f} s"
     )
 
 
 def test_every_kind_of_damage_once_or_twice(board):
     count = 2 * len(NoisyPort.KINDS)
-    check_corruptions(board(order=[*range(5), *(k % 5 for k in range(count))], corruptions=True, seed=3), count)
+    check_corruptions(
+        board(order=[*range(5), *(k % 5 for k in range(count))], corruptions=True, seed=3), count
+    )
 
 
 @pytest.mark.slow
@@ -126,7 +141,9 @@ def test_every_kind_of_damage_once_or_twice(board):
 def test_a_thousand_corruptions(board):
     count = 1000
     # A few are aimed at a packet that their recording does not come to.
-    check_corruptions(board(order=[*range(5), *(k % 5 for k in range(count + 10))], corruptions=True, seed=7), count)
+    check_corruptions(
+        board(order=[*range(5), *(k % 5 for k in range(count + 10))], corruptions=True, seed=7), count
+    )
 
 
 def test_a_model_of_someone_elses_at_the_pins(board):
@@ -143,5 +160,12 @@ def test_five_real_recordings(shared_data, tmp_path, preset, folder):
     play, trace = boarded(tmp_path, model, loaded.subset(loaded.evenly(5)))
     assert (trace.first >= 0).all() and len({*trace.streams["decision"][0][:, 2].tolist()}) > 1
     result = play()
-    assert not result["wrong"] and result["decisions"] >= 5 * 21 and result["repeated"] == result["replayed"] == 0
-    print(f"{trace.touches.recording.size} touches, {result['decisions']} decisions, {result['cycles']} cycles in {result['wall_s']:.0f} s")
+    assert (
+        not result["wrong"]
+        and result["decisions"] >= 5 * 21
+        and result["repeated"] == result["replayed"] == 0
+    )
+    print(
+        f"{trace.touches.recording.size} touches, {result['decisions']} decisions, {result['cycles']} "
+        f"cycles in {result['wall_s']:.0f} s"
+    )

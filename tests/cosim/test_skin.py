@@ -1,4 +1,5 @@
-"""A board without a host: from the converter's pins to the bytes on the stimulator's line, as it goes onto the part."""
+"""A board without a host: from the converter's pins to the bytes on the stimulator's line, as it goes onto
+the part."""
 
 from __future__ import annotations
 
@@ -77,8 +78,11 @@ def wanted_bursts(electrodes: list[int], config: AcceleratorConfig) -> list[byte
     return [b"".join(table_frames(PLACES[e // 4][e % 4], *settings)) for e in electrodes]
 
 
-def plays_as_golden(hardware: Hardware, model: IntegerModel, made: Recordings, work: Path, tail_s: float = TAIL_S, **options) -> int:
-    """Each recording from power-on: every burst on the line and the class on the pins are the golden decisions'. Returns the bursts."""
+def plays_as_golden(
+    hardware: Hardware, model: IntegerModel, made: Recordings, work: Path, tail_s: float = TAIL_S, **options
+) -> int:
+    """Each recording from power-on: every burst on the line and the class on the pins are the golden
+    decisions'. Returns the bursts."""
     config = model.config
     recordings, codes = through_converter(made, config)
     trace = run(model, recordings)
@@ -87,7 +91,15 @@ def plays_as_golden(hardware: Hardware, model: IntegerModel, made: Recordings, w
     bursts = 0
     for number, (low, high) in enumerate(pairwise(offsets)):
         mine = codes[recordings.offsets[number] : recordings.offsets[number + 1]]
-        played = play(hardware, config, mine, tail_s=tail_s, work=work / f"play{number}", builds=BUILD / "simulators", **options)
+        played = play(
+            hardware,
+            config,
+            mine,
+            tail_s=tail_s,
+            work=work / f"play{number}",
+            builds=BUILD / "simulators",
+            **options,
+        )
         whole = rows[low:high, 4] == 0  # no host ends the recording, so nothing is decided early
         wanted = expected_electrodes(rows[low:high][whole], frames[low:high][whole], config, BURST_S)
         stimulator = played.model(config)
@@ -95,17 +107,36 @@ def plays_as_golden(hardware: Hardware, model: IntegerModel, made: Recordings, w
         assert heard_bursts(played) == wanted_bursts(wanted, config)
         bursts += len(wanted)
         if whole.any() and rows[low:high][whole][-1, 0]:  # the last decision is a touch's final one
-            assert stimulator.frames[-1] == "OFF" and played.pins[-1][1:3] == (int(rows[low:high][whole][-1, 2]), True)
+            assert stimulator.frames[-1] == "OFF" and played.pins[-1][1:3] == (
+                int(rows[low:high][whole][-1, 2]),
+                True,
+            )
         assert not any(led for *_, led in played.pins)
     return bursts
 
 
-def breaks_into_off(hardware: Hardware, config: AcceleratorConfig, codes: np.ndarray, fault_frame: int, work: Path, **options) -> None:
+def breaks_into_off(
+    hardware: Hardware, config: AcceleratorConfig, codes: np.ndarray, fault_frame: int, work: Path, **options
+) -> None:
     """The data line breaks while an electrode is on: the lamp, and OFF is the last word."""
-    played = play(hardware, config, codes, tail_s=TAIL_S, work=work, builds=BUILD / "simulators", fault_frame=fault_frame, **options)
+    played = play(
+        hardware,
+        config,
+        codes,
+        tail_s=TAIL_S,
+        work=work,
+        builds=BUILD / "simulators",
+        fault_frame=fault_frame,
+        **options,
+    )
     stimulator = played.model(config)
     assert "ON" in stimulator.frames, "no electrode is on when the line breaks"
-    assert played.pins[-1][3] and stimulator.frames[-1] == "OFF" and not stimulator.is_on and not stimulator.wrong
+    assert (
+        played.pins[-1][3]
+        and stimulator.frames[-1] == "OFF"
+        and not stimulator.is_on
+        and not stimulator.wrong
+    )
 
 
 @pytest.mark.slow
@@ -115,7 +146,9 @@ def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
     board = target("icebreaker")
     model = random_integer_model(CONFIG, 1)
     config = model.config
-    design = Wiring(config=config, target=board, sensing=True).design(memory_images(config, model.arrays), config.hardware.clock_hz, None)
+    design = Wiring(config=config, target=board, sensing=True).design(
+        memory_images(config, model.arrays), config.hardware.clock_hz, None
+    )
     if level == "rtl":
         (tmp_path / "accelerator.v").write_text(_verilog(design, "accelerator"))
         hardware = Hardware((tmp_path / "accelerator.v",))
@@ -123,7 +156,8 @@ def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
         synthesise(design, board.family, tmp_path / "net")
         hardware = netlist_hardware(tmp_path / "net" / "accelerator.v", "ice40", "icebreaker", probes=False)
     made = random_recordings(config, (520, 450, 400), seed=6)
-    for end in made.offsets[1:]:  # nobody touches at the end: the last frame is held until the stimulator is silent
+    # nobody touches at the end: the last frame is held until the stimulator is silent
+    for end in made.offsets[1:]:
         made.samples[end - 150 : end] = made.samples[0]
     assert plays_as_golden(hardware, model, made, tmp_path) >= 3
     breaks_into_off(hardware, config, through_converter(made, config)[1][:520], 200, tmp_path / "broken")
@@ -136,14 +170,19 @@ TWO_CHIPS = CONFIG.replace(
 
 
 def test_one_of_two_electrode_chips_that_reads_0_is_a_fault_and_no_position(tmp_path):
-    """It loses its supply while nobody touches. Its zeros look like the hardest touch; then somebody does touch, row 2, column 5."""
+    """It loses its supply while nobody touches. Its zeros look like the hardest touch; then somebody does
+    touch, row 2, column 5."""
     model = random_integer_model(TWO_CHIPS, 1)
     config = model.config
-    board = PoweredOn(SkinTop(config, memory_images(config, model.arrays), clock_hz=config.hardware.clock_hz), 16)
+    board = PoweredOn(
+        SkinTop(config, memory_images(config, model.arrays), clock_hz=config.hardware.clock_hz), 16
+    )
     (tmp_path / "accelerator.v").write_text(_verilog(board, "accelerator"))
     codes = np.full((14, 13), 700)
     codes[10:13, [5, 7 + 2]] = 300
-    options = dict(tail_s=0.05, work=tmp_path / "play", builds=BUILD / "simulators", fault_frame=5, fault_kind=4)
+    options = dict(
+        tail_s=0.05, work=tmp_path / "play", builds=BUILD / "simulators", fault_frame=5, fault_kind=4
+    )
     played = play(Hardware((tmp_path / "accelerator.v",)), config, codes, **options)
     assert heard_bursts(played) == wanted_bursts([4 * 2 + 4 * (2 * 5 + 1) // (2 * 7)], config)
     assert played.pins[-1][3] and played.violations == 0 and not played.model(config).is_on
@@ -154,7 +193,8 @@ BOARDS = {
     "thesis": dict(decision="vote", steps=3, touch_frames=1229, **SKIN),
     "pvdf": dict(steps=4, feature_shift=(4,), code_offset=-27352, code_shift=0, **SKIN),
 }
-"""Designs at the board's own 12 MHz; fewer steps than the presets' 20, so that a whole touch with its final decision is simulated."""
+"""Designs at the board's own 12 MHz; fewer steps than the presets' 20, so that a whole touch with its final
+decision is simulated."""
 DRAWN = {"thesis": 48, "pvdf": 45}
 """Seeds of random weights that decide for more than one class in three recordings."""
 
@@ -163,16 +203,23 @@ DRAWN = {"thesis": 48, "pvdf": 45}
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", BOARDS)
 def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_path):
-    """What `eskin build --standalone` places on the icebreaker: 16 taxels at 3 kHz (the scene) or 8 at 2 kHz (real recordings)."""
+    """What `eskin build --standalone` places on the icebreaker: 16 taxels at 3 kHz (the scene) or 8 at 2 kHz
+    (real recordings)."""
     board = target("icebreaker")
     model = random_integer_model(PRESETS[name].replace(**BOARDS[name]), DRAWN[name])
-    result, bitstream, verilog = build(BuildRequest(config=model.config, arrays=model.arrays, target=board, standalone=True))
+    result, bitstream, verilog = build(
+        BuildRequest(config=model.config, arrays=model.arrays, target=board, standalone=True)
+    )
     print(name, {what: result[what] for what in ("logic_cells", "bram", "dsp", "fmax_hz", "clock_met")})
     assert result["clock_met"] and bitstream.exists()
     config = model.config.replace(loadable=False)
     model = dataclasses.replace(model, config=config)
     hardware = netlist_hardware(Path(shutil.copy(verilog, tmp_path)), "ice40", "icebreaker", probes=False)
-    made = synthetic_recordings(persons=1, trials=2) if name == "thesis" else load_archive(shared_data / "pvdf_indent" / "recordings.npz")
+    made = (
+        synthetic_recordings(persons=1, trials=2)
+        if name == "thesis"
+        else load_archive(shared_data / "pvdf_indent" / "recordings.npz")
+    )
     before = config.windows.pretrigger_frames + 2 * config.rest_level.rest_frames + 20
     cut = beginnings(made, config, count=3, steps=config.windows.steps, before=before, rest=60)
     bursts = plays_as_golden(hardware, model, cut, tmp_path, tail_s=0.16, limit_s=3600)
@@ -183,7 +230,9 @@ def test_the_placed_netlist_of_a_board_at_its_own_clock(name, shared_data, tmp_p
 def from_flash(level: str, work: Path) -> tuple[Hardware, IntegerModel]:
     """A board that reads its model from the flash, as RTL or as its netlist, and the model."""
     board, made = target("icebreaker"), random_integer_model(CONFIG.replace(loadable=True), 1)
-    design = Wiring(config=made.config, target=board, sensing=True, flash=True).design(None, made.config.hardware.clock_hz, None)
+    design = Wiring(config=made.config, target=board, sensing=True, flash=True).design(
+        None, made.config.hardware.clock_hz, None
+    )
     if level == "netlist":
         synthesise(design, board.family, work / "net")
         return netlist_hardware(work / "net" / "accelerator.v", "ice40", "icebreaker", probes=False), made
@@ -206,7 +255,9 @@ def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(level, tmp_path):
     for bit in (3, *rng.sample(range(48, 8 * len(image)), 3)):
         damaged = bytearray(image)
         damaged[bit // 8] ^= 0x80 >> bit % 8
-        options = dict(tail_s=TAIL_S, builds=BUILD / "simulators", flash=bytes(damaged), limit=load_cycles + 5000)
+        options = dict(
+            tail_s=TAIL_S, builds=BUILD / "simulators", flash=bytes(damaged), limit=load_cycles + 5000
+        )
         played = play(hardware, config, codes, work=tmp_path / f"bit{bit}", **options)
         assert not played.begun and played.pins[-1][3], f"bit {bit}: the lamp is on and no scan begins"
         assert set(played.model(config).frames) == {"OFF"}
@@ -216,8 +267,9 @@ def test_the_model_out_of_the_flash_and_a_flipped_bit_refused(level, tmp_path):
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_with_a_host_that_loads_listens_and_asks(tmp_path):
-    """The link and the converter together: a host writes the model and an amplitude above its limit, arms, hears each decision on frames
-    from the converter's pins, and reads registers at the end; the stimulator gets the limit."""
+    """The link and the converter together: a host writes the model and an amplitude above its limit, arms,
+    hears each decision on frames from the converter's pins, and reads registers at the end; the stimulator
+    gets the limit."""
     clocks = 4
     model = random_integer_model(CONFIG.replace(loadable=True), 1)
     config, board = model.config, target("icebreaker")
@@ -226,35 +278,54 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     )
     (tmp_path / "accelerator.v").write_text(_verilog(design, "accelerator"))
     names = register_map(config)["registers"]
-    writes = [*boot_writes(config, model.arrays), (names["STIM_AMPLITUDE"], 255), (int(Register.CONTROL), int(Control.ARM))]
+    writes = [
+        *boot_writes(config, model.arrays),
+        (names["STIM_AMPLITUDE"], 255),
+        (int(Register.CONTROL), int(Control.ARM)),
+    ]
     sent = b"".join(ordered_packet(number, address, [word]) for number, (address, word) in enumerate(writes))
     asked = ["CONVERTER_FAULTS", "FAULTS", "STIM_AMPLITUDE"]
     last = b"".join(read_packet(names[name]) + b"\x7e" * 40 for name in asked)  # time for each answer
     made = random_recordings(config, (650,), seed=6)
-    made.samples[370:] = made.samples[0]  # so that it may end anywhere behind frame 520: the board goes on with the last frame
+    # so that it may end anywhere behind frame 520: the board goes on with the last frame
+    made.samples[370:] = made.samples[0]
     recordings, codes = through_converter(made, config)
     trace = run(model, recordings)
     rows, frames = trace.streams["decision"][0], completing_frames(trace)
     whole = rows[:, 4] == 0
     options = dict(tail_s=TAIL_S, work=tmp_path / "played", builds=BUILD / "simulators", limit=3_000_000)
-    played = play(Hardware((tmp_path / "accelerator.v",)), config, codes[:520], host=(sent, last), host_clocks=clocks, **options)
+    played = play(
+        Hardware((tmp_path / "accelerator.v",)),
+        config,
+        codes[:520],
+        host=(sent, last),
+        host_clocks=clocks,
+        **options,
+    )
     told = [parse(body) for body in Unpacker().feed(played.host)]
     decisions = [one.payload for one in told if isinstance(one, Decision)]
-    assert decisions == pack_decisions(rows[whole])[: len(decisions)] and len(decisions) >= sum(frames[whole] <= 520) > 3
+    assert (
+        decisions == pack_decisions(rows[whole])[: len(decisions)]
+        and len(decisions) >= sum(frames[whole] <= 520) > 3
+    )
     answers = {one.address: one.value for one in told if isinstance(one, Answer)}
     assert [answers[names[name]] for name in asked] == [0, 0, 255]
     loud = dataclasses.replace(model, config=config.replace(stim_amplitude=config.interface.amplitude_limit))
     heard = len(decisions)
     wanted = expected_electrodes(rows[whole][:heard], frames[whole][:heard], config, BURST_S)
     assert wanted and heard_bursts(played) == wanted_bursts(wanted, loud.config)
-    assert not played.model(config).wrong and played.violations == 0 and not any(led for *_, led in played.pins)
+    assert (
+        not played.model(config).wrong and played.violations == 0 and not any(led for *_, led in played.pins)
+    )
 
 
 def test_pins_and_wiring():
     board = target("icebreaker")
     wiring = Wiring(config=CONFIG, target=board, sensing=True)
     pins = wiring.sites()
-    assert [pins[name] for name in ("pins__cs_n", "pins__mosi", "pins__miso", "pins__sclk")] == list(board.pins[:4])
+    assert [pins[name] for name in ("pins__cs_n", "pins__mosi", "pins__miso", "pins__sclk")] == list(
+        board.pins[:4]
+    )
     assert pins["stim_tx"] == board.pins[8] and len(set(pins.values())) == len(pins)
     assert {"port": "stim_tx", "site": board.pins[8], "to": "stimulator, RX (115200 baud)"} in wiring.table()
     with pytest.raises(InputError, match="has 16 free pins, and converter, stimulator and 3 classes need 24"):

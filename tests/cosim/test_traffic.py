@@ -1,4 +1,5 @@
-"""What no good host does: traffic of every kind at any time, resets in the middle of anything, and registers that start unknown."""
+"""What no good host does: traffic of every kind at any time, resets in the middle of anything, and registers
+that start unknown."""
 
 from __future__ import annotations
 
@@ -8,7 +9,17 @@ import pytest
 
 from eskin.golden.model.model import with_network
 from tests.support.traffic import changed, initial_values
-from tests.support.traffic_case import CONFIG, Case, judge, meddling, power_up, recovery, resets, small_case, x_script
+from tests.support.traffic_case import (
+    CONFIG,
+    Case,
+    judge,
+    meddling,
+    power_up,
+    recovery,
+    resets,
+    small_case,
+    x_script,
+)
 
 BUILDS = Path(__file__).resolve().parents[2] / "build" / "simulators"
 
@@ -16,7 +27,8 @@ BUILDS = Path(__file__).resolve().parents[2] / "build" / "simulators"
 def check_power_up(case: Case, folder: Path, seeds: int) -> None:
     """No register and no word of a memory that anything writes needs its initial value.
 
-    An X gets through where a DSP block can add a product only: what the state memory held before the first touch, times 0.
+    An X gets through where a DSP block can add a product only: what the state memory held before the first
+    touch, times 0.
     """
     power = power_up(case, folder, BUILDS, seeds)
     assert power.total > 200 and power.bits > 2000
@@ -61,7 +73,9 @@ def test_rubbish_on_the_bus_and_then_a_recording(tmp_path, number):
 @pytest.mark.parametrize("number", range(4))
 def test_meddling_with_a_recording_changes_nothing(tmp_path, number):
     case = small_case()
-    assert judge(meddling(case, f"test/{number}", case.open_frames(tmp_path)), case, tmp_path, BUILDS) == {1: []}
+    assert judge(meddling(case, f"test/{number}", case.open_frames(tmp_path)), case, tmp_path, BUILDS) == {
+        1: []
+    }
 
 
 VARIANTS = {
@@ -86,7 +100,9 @@ VARIANTS = {
         onset_threshold=300,
         compand="log",
     ),
-    "immediate": dict(onset="immediate", rest="initial", rest_frames=3, pretrigger_frames=0, decision="early"),
+    "immediate": dict(
+        onset="immediate", rest="initial", rest_frames=3, pretrigger_frames=0, decision="early"
+    ),
 }
 
 

@@ -1,4 +1,5 @@
-"""Weights of 16 bits: accumulators of more than 32, addends in three words of the host's, bit-exact from the frames to the decisions."""
+"""Weights of 16 bits: accumulators of more than 32, addends in three words of the host's, bit-exact from the
+frames to the decisions."""
 
 from __future__ import annotations
 
@@ -51,7 +52,8 @@ class Peak(Fixed):
 
 
 def model_at_the_ends(config: AcceleratorConfig, seed: int) -> IntegerModel:
-    """Random weights; half of the rows of W at an end of their format and features three times as large, so that sums leave 32 bits."""
+    """Random weights; half of the rows of W at an end of their format and features three times as large, so
+    that sums leave 32 bits."""
     rng, model = np.random.default_rng(seed), random_integer_model(config, seed)
     arrays = dict(model.arrays)
     for name in (name for name in arrays if name[0] == "W"):
@@ -91,9 +93,13 @@ def test_the_host_loads_an_addend_in_three_words_where_it_has_more_than_32_bits(
     writes = load_writes(model.config, model.arrays)
     begin = next(k for k, (_, word) in enumerate(writes) if word == Memory.ADDENDS) + 1
     words = [word for _, word in writes[begin : begin + 3 * len(addends)]]
-    read = [sum(word << 16 * k for k, word in enumerate(words[3 * n : 3 * n + 3])) for n in range(len(addends))]
+    read = [
+        sum(word << 16 * k for k, word in enumerate(words[3 * n : 3 * n + 3])) for n in range(len(addends))
+    ]
     assert [word - (word >> 47 << 48) for word in read] == addends and max(map(abs, addends)) > 1 << 24
-    assert writes[begin + 3 * len(addends)][1] == Memory.CONSTANTS and load_words(model.config) >= 3 * len(addends)
+    assert writes[begin + 3 * len(addends)][1] == Memory.CONSTANTS and load_words(model.config) >= 3 * len(
+        addends
+    )
 
 
 @pytest.mark.parametrize(
@@ -106,12 +112,18 @@ def test_the_host_loads_an_addend_in_three_words_where_it_has_more_than_32_bits(
     ],
 )
 def test_the_accumulator_holds_the_worst_row_and_a_bit_less_does_not(formats):
-    """By construction: every operand at the end of its format that is largest, all signs agreeing, added up one by one."""
+    """By construction: every operand at the end of its format that is largest, all signs agreeing, added up
+    one by one."""
     config = WIDE.replace(**formats)
     c = config.formats
     feature, state = c.feature_format.min_code << config.feature_align, c.state_format.min_code
-    gate = [c.weight_format.min_code * feature] * config.sensor.taxels + [c.recurrent_format.min_code * state] * config.network.hidden
-    gate += [-c.bias_format.min_code << config.bias_shift, 1 << max(config.sigmoid_shift, config.tanh_shift, config.value_shift) - 1]
+    gate = [c.weight_format.min_code * feature] * config.sensor.taxels + [
+        c.recurrent_format.min_code * state
+    ] * config.network.hidden
+    gate += [
+        -c.bias_format.min_code << config.bias_shift,
+        1 << max(config.sigmoid_shift, config.tanh_shift, config.value_shift) - 1,
+    ]
     dense = [c.dense_format.min_code * state] * config.network.hidden
     dense += [-c.dense_bias_format.min_code << config.dense_bias_shift, 1 << config.logit_shift - 1]
     worst = max(sum(gate), sum(dense))
@@ -120,7 +132,14 @@ def test_the_accumulator_holds_the_worst_row_and_a_bit_less_does_not(formats):
 
 
 def test_what_no_hardware_holds_is_refused_in_a_sentence():
-    with pytest.raises(InputError, match="field lane_type: is 'dsp', whose accumulator has 32 bits, and these formats need 3.; take plain"):
+    with pytest.raises(
+        InputError,
+        match="field lane_type: is 'dsp', whose accumulator has 32 bits, and these formats need 3.; take "
+        "plain",
+    ):
         WIDE.with_lanes(4, "dsp")
-    with pytest.raises(InputError, match="field weight_format: the worst case needs a .*-bit accumulator and there are 48 bits"):
+    with pytest.raises(
+        InputError,
+        match="field weight_format: the worst case needs a .*-bit accumulator and there are 48 bits",
+    ):
         WIDE.replace(bias_format=QFormat(31, -15))

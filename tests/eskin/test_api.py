@@ -1,4 +1,5 @@
-"""eskin/api.py, what ``import eskin`` shows: a model in Python, its stream against its predictions and the simulated hardware."""
+"""eskin/api.py, what ``import eskin`` shows: a model in Python, its stream against its predictions and the
+simulated hardware."""
 
 import subprocess
 import sys
@@ -57,9 +58,14 @@ def test_every_form_of_frames_gives_the_same(model):
     assert model.predict([array.tolist() for array in arrays[:2]]).tolist() == expected[:2].tolist()
     assert [model.predict(array).tolist() for array in arrays] == [[label] for label in expected.tolist()]
     longest = max(len(array) for array in arrays)
-    held = np.stack([np.pad(array, ((0, longest - len(array)), (0, 0)), mode="edge") for array in arrays[2:4]])
+    held = np.stack(
+        [np.pad(array, ((0, longest - len(array)), (0, 0)), mode="edge") for array in arrays[2:4]]
+    )
     assert len(model.predict(held)) == 2
-    assert model.predict(recordings, integer=False).tolist() == float_run(model.real, recordings).decision.tolist()
+    assert (
+        model.predict(recordings, integer=False).tolist()
+        == float_run(model.real, recordings).decision.tolist()
+    )
 
 
 def test_scores_are_those_that_decide(model):
@@ -70,13 +76,18 @@ def test_scores_are_those_that_decide(model):
         assert np.isnan(scores[decided < 0]).all() and (decided < 0).any()
         assert np.argmax(scores[decided >= 0], axis=1).tolist() == decided[decided >= 0].tolist()
         ordered = np.sort(scores, axis=1)
-        assert np.array_equal(model.margin(recordings, integer=integer), ordered[:, -1] - ordered[:, -2], equal_nan=True)
+        assert np.array_equal(
+            model.margin(recordings, integer=integer), ordered[:, -1] - ordered[:, -2], equal_nan=True
+        )
     last = SMALL.replace(decision="last")
     arrays = dict(model.integer.arrays)
     other = eskin.Model()
     other._integer = type(model.integer)(model.config.replace(decision=last.network.decision), arrays)
     trace = other.trace(recordings)
-    logits = trace.logits[trace.first[2], trace.global_step[trace.first[2]]] / 2.0**other.config.formats.logit_format.frac_bits
+    logits = (
+        trace.logits[trace.first[2], trace.global_step[trace.first[2]]]
+        / 2.0**other.config.formats.logit_format.frac_bits
+    )
     assert other.decision_function(recordings)[2].tolist() == logits.tolist()
 
 
@@ -104,7 +115,11 @@ def test_no_decision_has_a_name_of_its_own(model):
     decided = model.predict(scene(12, seed=5))
     names = model.classes_[decided]
     assert (names[decided < 0] == "none").all() and set(names[decided >= 0]) <= {"rise", "fall", "pulse"}
-    assert model.classes_[-1] == "none" and model.classes_[2] == "pulse" and model.classes_[1:].tolist() == ["fall", "pulse"]
+    assert (
+        model.classes_[-1] == "none"
+        and model.classes_[2] == "pulse"
+        and model.classes_[1:].tolist() == ["fall", "pulse"]
+    )
     assert model.classes_.tolist() == ["rise", "fall", "pulse"] and len(model.classes_) == 3
 
 
@@ -112,8 +127,14 @@ def test_a_saved_model_is_the_same(model, tmp_path):
     model.save(tmp_path / "model")
     again = eskin.Model.load(tmp_path / "model")
     recordings = scene(12, seed=5)
-    assert again.config == model.config and again.training_["seed"] == 0 and again.classes_.tolist() == ["rise", "fall", "pulse"]
-    assert np.array_equal(again.decision_function(recordings), model.decision_function(recordings), equal_nan=True)
+    assert (
+        again.config == model.config
+        and again.training_["seed"] == 0
+        and again.classes_.tolist() == ["rise", "fall", "pulse"]
+    )
+    assert np.array_equal(
+        again.decision_function(recordings), model.decision_function(recordings), equal_nan=True
+    )
     (tmp_path / "model" / "weights.npz").unlink()
     floats = eskin.Model.load(tmp_path / "model")
     assert "not quantised" in repr(floats) and len(floats.predict(recordings, integer=False)) == 12
@@ -139,7 +160,11 @@ def test_a_model_of_real_samples_takes_real_samples():
     trained = eskin.train(arrays, whole.labels, sample_rate_hz=1000, cell="linear", folds=0)
     worth = trained.config.sensor.volt_per_code
     codes = [np.rint(array / worth).astype(int) for array in arrays]
-    assert worth > 0 and trained.predict(arrays).tolist() == trained.predict(codes).tolist() and trained.score(arrays, whole.labels) > 0.6
+    assert (
+        worth > 0
+        and trained.predict(arrays).tolist() == trained.predict(codes).tolist()
+        and trained.score(arrays, whole.labels) > 0.6
+    )
     stream = trained.stream()
     for array, label in zip(arrays[:6], trained.predict(arrays[:6]), strict=True):
         stream.arm(), stream.push(array), stream.finish()
@@ -176,13 +201,25 @@ def test_frames_that_do_not_fit_are_refused(model, frames, word):
 @each_row(
     "call, words",
     [
-        (lambda model: model.cosim([np.zeros((9, 4), int)], simulator="x"), "simulator: is 'x'; give one of verilator, icarus"),
-        (lambda model: model.cosim([np.zeros((9, 4), int)], level="x"), "level: is 'x'; give one of rtl, netlist, bitstream"),
-        (lambda model: model.cosim([np.zeros((9, 4), int)], pace="x"), "pace: is 'x'; give one of full, declared"),
+        (
+            lambda model: model.cosim([np.zeros((9, 4), int)], simulator="x"),
+            "simulator: is 'x'; give one of verilator, icarus",
+        ),
+        (
+            lambda model: model.cosim([np.zeros((9, 4), int)], level="x"),
+            "level: is 'x'; give one of rtl, netlist, bitstream",
+        ),
+        (
+            lambda model: model.cosim([np.zeros((9, 4), int)], pace="x"),
+            "pace: is 'x'; give one of full, declared",
+        ),
         (lambda model: eskin.load(None), "recordings: are of type NoneType"),
         (lambda model: eskin.Model.load(None), "model: is of type NoneType"),
         (lambda model: eskin.Model(SMALL, hidden=10**9, folds=0).fit(scene(12)), "hidden: is 1000000000"),
-        (lambda model: eskin.Model(SMALL, groups="nobody", folds=2).fit(scene(12)), "has no group array 'nobody'"),
+        (
+            lambda model: eskin.Model(SMALL, groups="nobody", folds=2).fit(scene(12)),
+            "has no group array 'nobody'",
+        ),
     ],
 )
 def test_what_cannot_be_is_one_sentence(model, call, words):
@@ -191,7 +228,8 @@ def test_what_cannot_be_is_one_sentence(model, call, words):
 
 
 def check_stream(model, recordings, work, *, one_by_one, simulator="verilator"):
-    """Stream, prediction and simulated hardware: the same rows of decisions, and of each recording the same class."""
+    """Stream, prediction and simulated hardware: the same rows of decisions, and of each recording the same
+    class."""
     result = cosimulate(model.integer, recordings, work=work, builds=work / "simulators", simulator=simulator)
     assert result["bit_exact"] and result["recordings"] == len(recordings)
     hardware = read_capture(work / "run").stages["decision"]
@@ -206,14 +244,20 @@ def check_stream(model, recordings, work, *, one_by_one, simulator="verilator"):
         decisions += stream.finish()
         assert stream.decision == predicted[index]
         payloads = [int(word, 16) for word in hardware[index].words] if index in hardware else []
-        fields = [tuple(payload >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values()) for payload in payloads]
+        fields = [
+            tuple(payload >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values())
+            for payload in payloads
+        ]
         assert [decision.row() for decision in decisions] == fields
         compared += len(fields)
     return compared
 
 
 def test_stream_prediction_and_hardware_agree(model, tmp_path):
-    assert check_stream(model, scene(9, seed=4), tmp_path, one_by_one=lambda index: True, simulator="icarus") > 40
+    assert (
+        check_stream(model, scene(9, seed=4), tmp_path, one_by_one=lambda index: True, simulator="icarus")
+        > 40
+    )
 
 
 @pytest.mark.slow
@@ -222,7 +266,8 @@ def test_stream_prediction_and_hardware_agree_on_real_recordings(shared_data, tm
     model = eskin.Model()
     model._integer = random_integer_model(PRESETS["pvdf"], 1)
     some = recordings.subset(recordings.evenly(3))
-    about = [slice(max(onset - 500, 0), onset + 700) for onset in find_onsets(model.config, some)]  # Icarus is slow
+    # Icarus is slow
+    about = [slice(max(onset - 500, 0), onset + 700) for onset in find_onsets(model.config, some)]
     cut = [some.recording(index)[span] for index, span in enumerate(about)]
     sample = eskin.Recordings.of(cut, class_names=model.classes_, sample_rate_hz=some.sample_rate_hz)
     assert check_stream(model, sample, tmp_path, one_by_one=lambda index: index == 0, simulator="icarus") > 10
@@ -251,7 +296,9 @@ def test_a_network_for_images_predicts_from_arrays():
     classes = model.predict(images)
     assert len(set(classes.tolist())) > 1 and model.predict(images[2]).tolist() == [classes[2]]
     assert model.predict(images / 255.0).tolist() == classes.tolist()
-    assert (model.decision_function(images).argmax(axis=1) == classes).all() and (model.margin(images) >= 0).all()
+    assert (model.decision_function(images).argmax(axis=1) == classes).all() and (
+        model.margin(images) >= 0
+    ).all()
     assert model.score(images, classes) == 1.0 and "7 x 9 pixels" in repr(model)
     for wrong, words in (
         (images[:, :6], "images of 6 x 9 pixels and configuration 'few' takes 7 x 9"),

@@ -1,4 +1,5 @@
-"""scripts/baselines_page.py: the figures of docs/baselines.md come from results, and nothing else of the page changes."""
+"""scripts/baselines_page.py: the figures of docs/baselines.md come from results, and nothing else of the page
+changes."""
 
 from __future__ import annotations
 
@@ -12,7 +13,14 @@ from eskin.golden.baselines.rows import row_of
 from eskin.golden.core.errors import InputError
 from scripts import baselines_page as page
 
-COMMON = {"recordings": 20, "classes": 3, "config": {"name": "x"}, "shape": [2, 2], "folds": 2, "left_out": []}
+COMMON = {
+    "recordings": 20,
+    "classes": 3,
+    "config": {"name": "x"},
+    "shape": [2, 2],
+    "folds": 2,
+    "left_out": [],
+}
 TEXT = f"# Words\n\nbefore\n{page.BEGIN}\nold figures\n{page.END}\nafter\n"
 
 
@@ -40,16 +48,33 @@ def write(monkeypatch, tmp_path, *scenes: str) -> str:
 
 
 def test_folders_of_a_scene_are_joined_into_one_table(tmp_path, monkeypatch):
-    first = folder(tmp_path / "a", row("svm", 0.9, 0.7), row("gru12-n20", 0.5, 0.4), row("forest", 0.6, 0.6, multiplies=0))
+    first = folder(
+        tmp_path / "a",
+        row("svm", 0.9, 0.7),
+        row("gru12-n20", 0.5, 0.4),
+        row("forest", 0.6, 0.6, multiplies=0),
+    )
     again = folder(tmp_path / "b", row("gru12-n20", 0.9, 0.8), row("gru12-n256", 0.3, 0.5))
     text = write(monkeypatch, tmp_path, f"mine:my sensor={first},{again}")
     assert text.startswith("# Words\n\nbefore\n") and text.endswith("\nafter\n") and "old figures" not in text
     lines = text.splitlines()
-    table = [line.split(" | ") for line in lines if (line.startswith("| ") and "neurons" in line) or line.startswith("| R")]
-    assert [cells[2] for cells in table if len(cells) > 6] == ["85.0 ± 5.0", "80.0 ± 10.0", "40.0 ± 10.0"], "the later folder's row"
+    table = [
+        line.split(" | ")
+        for line in lines
+        if (line.startswith("| ") and "neurons" in line) or line.startswith("| R")
+    ]
+    assert [cells[2] for cells in table if len(cells) > 6] == ["85.0 ± 5.0", "80.0 ± 10.0", "40.0 ± 10.0"], (
+        "the later folder's row"
+    )
     assert "| random forest, window means | 1 | 60.0 ± 0.0 | 0, 7 comparisons |" in text
-    assert "| my sensor | person | GRU20, 12 neurons, thesis's protocol, 85.0 % | GRU20, 12 neurons, thesis's protocol, 85.0 %," in text
-    assert "| my sensor, person | GRU20 above GRU256 | gru12-n20 85.0 ± 5.0 % | gru12-n256 40.0 ± 10.0 % | +45.0 ± 15.0 | holds |" in lines
+    assert (
+        "| my sensor | person | GRU20, 12 neurons, thesis's protocol, 85.0 % | GRU20, 12 neurons, thesis's "
+        "protocol, 85.0 %," in text
+    )
+    assert (
+        "| my sensor, person | GRU20 above GRU256 | gru12-n20 85.0 ± 5.0 % | gru12-n256 40.0 ± 10.0 % | "
+        "+45.0 ± 15.0 | holds |" in lines
+    )
     assert (tmp_path / "baselines_mine.svg").read_text().startswith("<?xml")
 
 
@@ -60,7 +85,14 @@ def test_a_scene_that_cannot_be_read_is_refused(argument):
 
 
 def test_folders_of_different_front_ends_are_not_joined(tmp_path, monkeypatch, capsys):
-    first, other = folder(tmp_path / "a", row("svm", 0.9)), folder(tmp_path / "b", row("svm", 0.9), config={"name": "y"})
+    first, other = (
+        folder(tmp_path / "a", row("svm", 0.9)),
+        folder(tmp_path / "b", row("svm", 0.9), config={"name": "y"}),
+    )
     with pytest.raises(SystemExit) as end:
         write(monkeypatch, tmp_path, f"mine:my sensor={first},{other}")
-    assert end.value.code == 2 and "different" in capsys.readouterr().err and (tmp_path / "page.txt").read_text() == TEXT
+    assert (
+        end.value.code == 2
+        and "different" in capsys.readouterr().err
+        and (tmp_path / "page.txt").read_text() == TEXT
+    )

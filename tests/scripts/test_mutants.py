@@ -1,4 +1,5 @@
-"""``make mutants`` on a project of one file and one test: what a test sees is killed, what it does not see survives and is explained."""
+"""``make mutants`` on a project of one file and one test: what a test sees is killed, what it does not see
+survives and is explained."""
 
 from __future__ import annotations
 
@@ -67,7 +68,8 @@ def project(tmp_path):
         "tests/test_unit.py": TEST,
         "tests/conftest.py": STUMBLES,
         "tests/mutants.toml": SCOPE,
-        "pyproject.toml": "[tool.pytest.ini_options]\npythonpath = ['.']\nmarkers = ['slow: x']\naddopts = \"-m 'not slow'\"\n",
+        "pyproject.toml": "[tool.pytest.ini_options]\npythonpath = ['.']\nmarkers = ['slow: x']\naddopts = "
+        "\"-m 'not slow'\"\n",
     }.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
@@ -90,7 +92,11 @@ def run(project: Path, *words: str) -> tuple[int, str, dict]:
         timeout=120,
     )
     result = out / "mutants.json"
-    return done.returncode, done.stdout + done.stderr, json.loads(result.read_text()) if result.exists() else {}
+    return (
+        done.returncode,
+        done.stdout + done.stderr,
+        json.loads(result.read_text()) if result.exists() else {},
+    )
 
 
 def test_killed_survived_timeout_and_equivalent(project):
@@ -100,23 +106,37 @@ def test_killed_survived_timeout_and_equivalent(project):
     assert outcomes["while value != 3:", "while value != 4:"] == "killed"
     assert outcomes["value += 1", "value += 0"] == "timeout"
     assert outcomes["return not flag", "return (flag)"] == "survived"
-    assert all("10**6" not in was and "1 + 1" not in was and "int = 1" not in was for was, _ in outcomes), "texts, refusals, defaults"
+    assert all("10**6" not in was and "1 + 1" not in was and "int = 1" not in was for was, _ in outcomes), (
+        "texts, refusals, defaults"
+    )
     assert all(row["compared"] == (row["outcome"] == "killed") for row in result["mutants"])
     assert [row["outcome"] for row in result["mutants"] if row["kind"] == "named"] == ["killed"]
-    assert status == 1 and result["counts"]["survived"] == 1 and "+ return (flag)" in shown and "no reason given" in shown
+    assert (
+        status == 1
+        and result["counts"]["survived"] == 1
+        and "+ return (flag)" in shown
+        and "no reason given" in shown
+    )
     verdicts = {path.name: path.stat().st_mtime_ns for path in (project / "build/mutants/verdicts").iterdir()}
     survivor = '[[survivor]]\nfile = "golden/unit.py"\nwas = "return not flag"\nnow = "return (flag)"\n'
     survivor += 'equivalent = true\nreason = "never run"\n'
     (project / "tests/mutants.toml").write_text(SCOPE + survivor)
     status, shown, again = run(project)
-    assert status == 0 and again["score"] == 1.0 and again["counts"]["equivalent"] == 1 and "never run" in shown
-    assert {path.name: path.stat().st_mtime_ns for path in (project / "build/mutants/verdicts").iterdir()} == verdicts, "judged twice"
+    assert (
+        status == 0 and again["score"] == 1.0 and again["counts"]["equivalent"] == 1 and "never run" in shown
+    )
+    assert {
+        path.name: path.stat().st_mtime_ns for path in (project / "build/mutants/verdicts").iterdir()
+    } == verdicts, "judged twice"
     assert (project / "golden/unit.py").read_text() == CODE
 
 
 def test_only_draws_all_mutants_from_the_files_asked_for(project):
-    """Two of two: drawn from all files first and left out afterwards, most of them would be of the other file."""
-    (project / "golden/other.py").write_text("".join(f"def f{k}(x):\n    return x + {k}\n\n\n" for k in range(2, 20)))
+    """Two of two: drawn from all files first and left out afterwards, most of them would be of the other
+    file."""
+    (project / "golden/other.py").write_text(
+        "".join(f"def f{k}(x):\n    return x + {k}\n\n\n" for k in range(2, 20))
+    )
     (project / "tests/mutants.toml").write_text(SCOPE + '"golden/other.py" = ["tests/test_unit.py"]\n')
     _, shown, _ = run(project, "--only", "unit", "--count", "2")
     assert "mutants: 2 of 2" in shown and "other.py" not in shown, shown
@@ -162,7 +182,9 @@ def test_every_mutant_of_the_project_is_one_fault_and_kinds_and_files_are_even()
     texts = {file: (ROOT / file).read_text() for file in scope.tests}
     chosen = choose(texts, 168, 1, scope.skip)
     assert len({(one.file, one.begin, one.old, one.new) for one in chosen}) == 168
-    assert {one.file for one in chosen} == set(texts) and all(is_fault(one, texts[one.file]) for one in chosen)
+    assert {one.file for one in chosen} == set(texts) and all(
+        is_fault(one, texts[one.file]) for one in chosen
+    )
     assert min(sum(one.kind == kind for one in chosen) for kind in KINDS) >= 10
 
 

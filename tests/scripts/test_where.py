@@ -17,8 +17,13 @@ BLOCKS = {
     "decision/classifier": "pipeline",
     "host/uart_link": "",
 }
-"""Blocks with a proof, and the file of golden/model that says the same; the link's model is its host, in cosim/."""
-STAGES = {"feature": "frontend/normaliser", "logit": "engine/compact_engine", "decision": "decision/classifier"}
+"""Blocks with a proof, and the file of golden/model that says the same; the link's model is its host, in
+cosim/."""
+STAGES = {
+    "feature": "frontend/normaliser",
+    "logit": "engine/compact_engine",
+    "decision": "decision/classifier",
+}
 VERBS = {
     "cosim": "eskin/verbs/cosim_job",
     "run": "eskin/verbs/main_job",
@@ -31,7 +36,10 @@ VERBS = {
 
 def told(name: str) -> set[str]:
     """Paths on the card of ``name``."""
-    found = {line.split()[-1] if line.startswith(" ") else line.partition(":")[0] for line in where.card(where.index()[name])}
+    found = {
+        line.split()[-1] if line.startswith(" ") else line.partition(":")[0]
+        for line in where.card(where.index()[name])
+    }
     assert all((docs_site.ROOT / path).exists() for path in found)
     return found
 
@@ -40,7 +48,9 @@ def told(name: str) -> set[str]:
 def test_a_block_leads_to_its_test_proof_and_model(block):
     folder, name = block.split("/")
     model = f"golden/model/{BLOCKS[block]}.py" if BLOCKS[block] else "cosim/link.py"
-    assert {f"rtl/{block}.py", f"tests/rtl/{folder}/test_{name}.py", f"formal/{block}.py", model} <= told(name)
+    assert {f"rtl/{block}.py", f"tests/rtl/{folder}/test_{name}.py", f"formal/{block}.py", model} <= told(
+        name
+    )
 
 
 @pytest.mark.parametrize("stage", STAGES)
@@ -57,12 +67,17 @@ def test_a_verb_leads_to_its_module_and_test(verb):
 
 def test_every_compared_stage_has_its_block():
     assert set(where.STAGES) == {*FLAT_STAGES, "decision"}
-    top = "".join(path.read_text() for path in docs_site.packages()["eskin.rtl.top"] + docs_site.packages()["eskin.rtl.frontend"])
+    top = "".join(
+        path.read_text()
+        for path in docs_site.packages()["eskin.rtl.top"] + docs_site.packages()["eskin.rtl.frontend"]
+    )
     for block in where.STAGES.values():
         assert (docs_site.ROOT / block).stem in top, "the chain does not use this block"
 
 
 def test_an_unknown_name_gives_the_nearest_and_status_two():
-    ran = subprocess.run([sys.executable, "-m", "scripts.where", "clasifier"], capture_output=True, text=True, timeout=120)
+    ran = subprocess.run(
+        [sys.executable, "-m", "scripts.where", "clasifier"], capture_output=True, text=True, timeout=120
+    )
     assert ran.returncode == 2 and "near it: classifier" in ran.stderr
     assert where.main([]) == 2

@@ -1,4 +1,5 @@
-"""Touches on an array with their truth: a bump of force that moves from one place to another while it is pressed."""
+"""Touches on an array with their truth: a bump of force that moves from one place to another while it is
+pressed."""
 
 from __future__ import annotations
 
@@ -8,7 +9,8 @@ REST, TOP = 5, 255
 
 
 def touches(rows: int, columns: int, *, count: int, seed: int, width: float = 0.9, frames: int = 12):
-    """(samples (frames, taxels), truth: for every frame None or (x, y) in cells, ways: for every touch (dx, dy) in cells)."""
+    """(samples (frames, taxels), truth: for every frame None or (x, y) in cells, ways: for every touch (dx,
+    dy) in cells)."""
     rng = np.random.default_rng(seed)
     down, across = np.mgrid[:rows, :columns]
     samples, truth, ways = [], [], []

@@ -1,4 +1,5 @@
-"""Broken variants of the modes that play recordings into the hardware: the generated Verilog, changed in one place."""
+"""Broken variants of the modes that play recordings into the hardware: the generated Verilog, changed in one
+place."""
 
 from __future__ import annotations
 
@@ -39,7 +40,9 @@ def _never_waits(text: str) -> str:
 def _never_locks(text: str) -> str:
     """Every word that is written to MEMORY_DATA reaches a memory."""
     taken = f"assign load__enable = bus__w_stb & (bus__addr == {int(Register.MEMORY_DATA)});"
-    return _replaced(r"(\\accelerator\.control  control [^;]*\.load__enable\()load__enable(\))", rf"{taken}\n  \1\2", text)
+    return _replaced(
+        r"(\\accelerator\.control  control [^;]*\.load__enable\()load__enable(\))", rf"{taken}\n  \1\2", text
+    )
 
 
 BROKEN_DESIGNS: dict[str, Callable[[str], str]] = {"stalls": _never_waits, "probe": _never_locks}

@@ -76,13 +76,19 @@ def _loud(bench: Bench) -> Bench:
 
 def _wrapping_normaliser(config, sums, completed, mean, scale, faults=None):
     which = list(config.length_index[: sums.shape[1]])
-    mean, scale, shift = by_input(config, mean)[which], by_input(config, scale)[which], shifts_by_input(config)[which]
+    mean, scale, shift = (
+        by_input(config, mean)[which],
+        by_input(config, scale)[which],
+        shifts_by_input(config)[which],
+    )
     centred = narrow((sums - mean) >> shift, 0, config.centred_format, overflow="WRAP")
     return narrow(centred * scale, config.formats.gate_frac, config.formats.feature_format, overflow="WRAP")
 
 
 def _no_weights(bench: Bench) -> Bench:
-    return bench.changed(arrays={name: np.zeros_like(bench.model.arrays[name]) for name in network_formats(bench.config)})
+    return bench.changed(
+        arrays={name: np.zeros_like(bench.model.arrays[name]) for name in network_formats(bench.config)}
+    )
 
 
 def _unsigned_normaliser(config, sums, completed, mean, scale, faults=None):
@@ -93,8 +99,12 @@ def last_sample_windows(config: AcceleratorConfig, recordings: Recordings, **opt
     """A broken front end: a window is its last frame times its length, so nothing is averaged."""
     streams = [recordings.recording(i) for i in range(len(recordings))]
     hop = config.windows.hop
-    held = [stream[np.minimum(np.arange(len(stream)) // hop * hop + hop - 1, len(stream) - 1)] for stream in streams]
-    return find_touches(config.replace(fault_frames=0), rebuilt(recordings, held), **options)  # which would take it for a taxel that sticks
+    held = [
+        stream[np.minimum(np.arange(len(stream)) // hop * hop + hop - 1, len(stream) - 1)]
+        for stream in streams
+    ]
+    # which would take it for a taxel that sticks
+    return find_touches(config.replace(fault_frames=0), rebuilt(recordings, held), **options)
 
 
 def lowest_bits(config, logits, completed):
@@ -110,7 +120,9 @@ def _sensitive(bench: Bench) -> Bench:
     if config.onset_rule.onset == "band":
         level = (config.onset_rule.band_low + config.onset_rule.band_high) // 2
         return bench.changed({"band_low": level, "band_high": level})
-    return bench.changed({"onset_threshold": 1, "onset_mean_frames": config.onset_rule.onset_check_frames, "clip": 0})
+    return bench.changed(
+        {"onset_threshold": 1, "onset_mean_frames": config.onset_rule.onset_check_frames, "clip": 0}
+    )
 
 
 def full_scale(bench: Bench) -> Bench:
@@ -168,7 +180,9 @@ def _with(**changes: Any) -> Variant:
 
 def _frozen_rest(bench: Bench) -> Bench:
     tracked = bench.config.rest_level.rest == "tracked"
-    return bench.changed({"rest": "initial"} if tracked else {"band_low": bench.config.onset_rule.band_low + 1})
+    return bench.changed(
+        {"rest": "initial"} if tracked else {"band_low": bench.config.onset_rule.band_low + 1}
+    )
 
 
 def _noise_is_silence(bench: Bench) -> Bench:
@@ -190,7 +204,9 @@ BY_VARIANT: dict[Variant, tuple[str, ...]] = {
     _with(arithmetic=SignOnly): ("state bits",),
     # features lose their sign
     _with(normalise=_unsigned_normaliser): ("feature bits",),
-    lambda bench: bench.changed(arrays={"scale": np.full_like(bench.model.arrays["scale"], 1)}): ("normaliser constant bit flips",),
+    lambda bench: bench.changed(arrays={"scale": np.full_like(bench.model.arrays["scale"], 1)}): (
+        "normaliser constant bit flips",
+    ),
     # the lowest bits of the last logits decide
     _with(decide=lowest_bits): (
         "touch at frame 1",
@@ -221,7 +237,12 @@ BY_VARIANT: dict[Variant, tuple[str, ...]] = {
         "clipped signals",
     ),
     # a window is one sample and seven of eight frames are lost
-    _with(find_touches=_thinned): ("frames lost", "frames repeated", "a gap in the touch", "wrong sample rate"),
+    _with(find_touches=_thinned): (
+        "frames lost",
+        "frames repeated",
+        "a gap in the touch",
+        "wrong sample rate",
+    ),
     # a network that hears one taxel
     _one_listener: (
         "one dead taxel, mean",

@@ -1,4 +1,5 @@
-"""A real browser without a screen: Chromium of the distribution, driven by selenium. Tests are skipped where there is none."""
+"""A real browser without a screen: Chromium of the distribution, driven by selenium. Tests are skipped where
+there is none."""
 
 from __future__ import annotations
 
@@ -12,12 +13,21 @@ import pytest
 
 def programs() -> tuple[str, str] | None:
     """(browser, driver), None where one of them is missing."""
-    browser = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+    browser = next(
+        (
+            found
+            for name in ("chromium", "chromium-browser", "google-chrome")
+            if (found := shutil.which(name))
+        ),
+        None,
+    )
     driver = shutil.which("chromedriver")
     return (browser, driver) if browser and driver else None
 
 
-needs_browser = pytest.mark.skipif(programs() is None, reason="no Chromium here: apt-get install chromium chromium-driver")
+needs_browser = pytest.mark.skipif(
+    programs() is None, reason="no Chromium here: apt-get install chromium chromium-driver"
+)
 
 
 @contextlib.contextmanager
@@ -49,7 +59,9 @@ def opened(width: int = 1500, height: int = 1150) -> Iterator:
 
 def console_errors(driver) -> list[str]:
     """What the page's console said so far that is an error or a warning."""
-    return [entry["message"] for entry in driver.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")]
+    return [
+        entry["message"] for entry in driver.get_log("browser") if entry["level"] in ("SEVERE", "WARNING")
+    ]
 
 
 def requests(driver) -> list[str]:

@@ -1,4 +1,5 @@
-"""What the front end must do, read off docs/specification.md section 2 frame by frame, and small cases that exercise each rule."""
+"""What the front end must do, read off docs/specification.md section 2 frame by frame, and small cases that
+exercise each rule."""
 
 from __future__ import annotations
 
@@ -14,20 +15,33 @@ REST = 500
 
 BASE = dict(taxels=4, sample_bits=12, hidden=4, sample_rate_hz=1000.0, feature_shift=())
 BAND = dict(onset="band", band_low=REST - 100, band_high=REST + 100)
-TOUCH = dict(window_mode="touch", pretrigger_frames=4, touch_frames=40, hop=7, window=15, steps=5, rearm_frames=13)
+TOUCH = dict(
+    window_mode="touch", pretrigger_frames=4, touch_frames=40, hop=7, window=15, steps=5, rearm_frames=13
+)
 FREE = dict(window_mode="free", pretrigger_frames=0, hop=6, window=12, steps=4, rearm_frames=9)
 FAULTS = dict(fault_frames=8, fault_activity=25)
-TRACKED = dict(rest="tracked", rest_frames=8, onset="baseline", onset_check_frames=4, onset_mean_frames=8, onset_threshold=30)
+TRACKED = dict(
+    rest="tracked",
+    rest_frames=8,
+    onset="baseline",
+    onset_check_frames=4,
+    onset_mean_frames=8,
+    onset_threshold=30,
+)
 
 CASES: dict[str, AcceleratorConfig] = {
     name: AcceleratorConfig.of(name=name, **(BASE | fields))
     for name, fields in {
         "thesis": BAND | TOUCH,
-        "thesis 6 taxels": BAND | TOUCH | dict(taxels=6, pretrigger_frames=7, touch_frames=33, hop=8, window=17, steps=4, rearm_frames=16),
+        "thesis 6 taxels": BAND
+        | TOUCH
+        | dict(taxels=6, pretrigger_frames=7, touch_frames=33, hop=8, window=17, steps=4, rearm_frames=16),
         "two end together": BAND | TOUCH | dict(hop=5, window=11, touch_frames=20, steps=4),
         "three end together": BAND | TOUCH | dict(hop=5, window=11, touch_frames=21, steps=5),
         "even windows together": BAND | TOUCH | dict(hop=5, window=10, touch_frames=21, steps=5),
-        "short first window": BAND | TOUCH | dict(pretrigger_frames=2, hop=9, window=19, touch_frames=10, steps=1, rearm_frames=11),
+        "short first window": BAND
+        | TOUCH
+        | dict(pretrigger_frames=2, hop=9, window=19, touch_frames=10, steps=1, rearm_frames=11),
         "no pretrigger": BAND | TOUCH | dict(pretrigger_frames=0, rearm_frames=9),
         "immediate touch": TOUCH | dict(onset="immediate", pretrigger_frames=0, taxels=5),
         "band clipped": BAND | TOUCH | dict(clip=90, taxels=5),
@@ -37,29 +51,48 @@ CASES: dict[str, AcceleratorConfig] = {
         "pvdf": TRACKED | FREE | dict(taxels=8, clip=60),
         "pvdf 64": TRACKED | FREE | dict(rest_frames=64, clip=60, onset_mean_frames=32, onset_threshold=9),
         "one block": TRACKED | FREE | dict(onset_mean_frames=4, rest_frames=1),
-        "every frame": TRACKED | FREE | dict(onset_check_frames=1, onset_mean_frames=4, onset_threshold=45, rest_frames=5, clip=200),
+        "every frame": TRACKED
+        | FREE
+        | dict(onset_check_frames=1, onset_mean_frames=4, onset_threshold=45, rest_frames=5, clip=200),
         "thesis faults": BAND | TOUCH | FAULTS | dict(taxels=5, onset_hits=2, onset_span=2),
         "two end together, faults": BAND | TOUCH | FAULTS | dict(hop=5, window=11, touch_frames=20, steps=4),
-        "immediate touch, faults": TOUCH | FAULTS | dict(onset="immediate", pretrigger_frames=0, fault_frames=2, fault_activity=1),
+        "immediate touch, faults": TOUCH
+        | FAULTS
+        | dict(onset="immediate", pretrigger_frames=0, fault_frames=2, fault_activity=1),
         "band clipped, faults": BAND | TOUCH | FAULTS | dict(clip=90, fault_frames=16, masked_taxels=(1,)),
         "synthetic faults": TRACKED | TOUCH | FAULTS | dict(rest_frames=6, onset_hits=3, onset_span=4),
         "pvdf faults": TRACKED | FREE | FAULTS | dict(taxels=8, clip=60, onset_hits=2, onset_span=3),
-        "every frame, 5 of 7": TRACKED | FREE | dict(onset_check_frames=1, onset_mean_frames=2, rest_frames=5, onset_hits=5, onset_span=7),
-        "fabric": FREE | dict(rest="initial", rest_frames=5, onset="immediate", sample_signed=True, taxels=6, sample_bits=16),
+        "every frame, 5 of 7": TRACKED
+        | FREE
+        | dict(onset_check_frames=1, onset_mean_frames=2, rest_frames=5, onset_hits=5, onset_span=7),
+        "fabric": FREE
+        | dict(
+            rest="initial", rest_frames=5, onset="immediate", sample_signed=True, taxels=6, sample_bits=16
+        ),
     }.items()
 }
 
 
 def make_stream(config: AcceleratorConfig, frames: int, seed: int, *, touches=None) -> np.ndarray:
-    """Codes (frames, taxels): rest with noise and drift, and now and then (or at frames ``touches``, from 1) a touch."""
+    """Codes (frames, taxels): rest with noise and drift, and now and then (or at frames ``touches``, from 1)
+    a touch."""
     rng = np.random.default_rng(seed)
-    stream = REST + rng.integers(-20, 21, (frames, config.sensor.taxels)) + np.linspace(0, 12, frames).astype(int)[:, None]
-    begins = np.flatnonzero(rng.random(frames) < 0.04) if touches is None else [frame - 1 for frame in touches]
+    stream = (
+        REST
+        + rng.integers(-20, 21, (frames, config.sensor.taxels))
+        + np.linspace(0, 12, frames).astype(int)[:, None]
+    )
+    begins = (
+        np.flatnonzero(rng.random(frames) < 0.04) if touches is None else [frame - 1 for frame in touches]
+    )
     for begin in begins:
         taxel = rng.integers(config.sensor.taxels)
         length = int(rng.integers(1, 30))
-        stream[begin : begin + length, taxel] += int(rng.choice([-1, 1])) * rng.integers(120, 480, len(stream[begin : begin + length]))
-    if config.faults.fault_frames:  # one taxel is silent from some frame on, one swings between the ends of the range for a while
+        stream[begin : begin + length, taxel] += int(rng.choice([-1, 1])) * rng.integers(
+            120, 480, len(stream[begin : begin + length])
+        )
+    # one taxel is silent from some frame on, one swings between the ends of the range for a while
+    if config.faults.fault_frames:
         silent, swings = rng.permutation(config.sensor.taxels)[:2]
         begin, other = rng.integers(frames // 4, frames // 2, 2)
         stream[begin:, silent] = stream[begin, silent]
@@ -71,8 +104,9 @@ def make_stream(config: AcceleratorConfig, frames: int, seed: int, *, touches=No
 
 
 def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNamespace:
-    """Section 2 read frame by frame: ``values`` (T, D), per-frame flags ``onset, touch, end, hop_last, emit``, ``armed`` after each
-    frame, ``touches`` as (f, s, e), ``masked`` (T, D): out of use in this frame, by mask or by flag, ``flagged`` (D)."""
+    """Section 2 read frame by frame: ``values`` (T, D), per-frame flags ``onset, touch, end, hop_last,
+    emit``, ``armed`` after each frame, ``touches`` as (f, s, e), ``masked`` (T, D): out of use in this frame,
+    by mask or by flag, ``flagged`` (D)."""
     frames = len(stream)
     masked = {*masked, *config.sensor.masked_taxels}
     out_of_use = np.zeros(stream.shape, dtype=int)
@@ -105,7 +139,9 @@ def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNa
         if t > settle:
             rest = (baseline + 8) >> 4 if settle else 0
             e = frame - rest
-            values[t - 1] = np.clip(e, -config.rest_level.clip, config.rest_level.clip) if config.rest_level.clip else e
+            values[t - 1] = (
+                np.clip(e, -config.rest_level.clip, config.rest_level.clip) if config.rest_level.clip else e
+            )
             if config.rest_level.rest == "tracked" and state == "armed":
                 baseline = baseline + np.sign(16 * frame - baseline)
         elif t == settle:
@@ -113,16 +149,26 @@ def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNa
         judged, met = t > settle and not config.opens_at_once, False
         live = np.flatnonzero(out_of_use[t - 1] == 0)
         if config.onset_rule.onset == "band":
-            met = judged and bool(((frame[live] < config.onset_rule.band_low) | (frame[live] > config.onset_rule.band_high)).any())
+            met = judged and bool(
+                (
+                    (frame[live] < config.onset_rule.band_low) | (frame[live] > config.onset_rule.band_high)
+                ).any()
+            )
         elif config.onset_rule.onset == "baseline":
             judged = judged and t % config.onset_rule.onset_check_frames == 0
             sums = values[max(0, t - config.onset_rule.onset_mean_frames) : t][:, live].sum(axis=0)
-            met = judged and bool((abs(sums) > config.onset_rule.onset_threshold * config.onset_rule.onset_mean_frames).any())
+            met = judged and bool(
+                (abs(sums) > config.onset_rule.onset_threshold * config.onset_rule.onset_mean_frames).any()
+            )
         if judged:
             hits.append(met)
             met = sum(hits[-config.onset_rule.onset_span :]) >= config.onset_rule.onset_hits
         if state == "touch":
-            if config.windows.window_mode == "free" and t % config.windows.hop == 0 and t > config.windows.hop:
+            if (
+                config.windows.window_mode == "free"
+                and t % config.windows.hop == 0
+                and t > config.windows.hop
+            ):
                 flags["emit"][t - 1] = 1
             if t == end_frame:
                 flags["end"][t - 1] = 1
@@ -133,7 +179,12 @@ def detect(config: AcceleratorConfig, stream: np.ndarray, masked=()) -> SimpleNa
             touches.append((t, start, end_frame))
             state = "touch"
         elif state == "rearm" and judged:
-            quiet = 0 if met else quiet + (config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 1)
+            quiet = (
+                0
+                if met
+                else quiet
+                + (config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 1)
+            )
             if quiet >= config.onset_rule.rearm_frames:
                 state = "armed"
         flags["armed"][t - 1] = int(state == "armed")
@@ -170,8 +221,14 @@ def frame_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     for t, frame in enumerate(seen.values):
         for taxel, value in enumerate(frame):
             last = int(taxel == config.sensor.taxels - 1)
-            beat = {"complement": ~int(value)} | {name: getattr(seen, name)[t] for name in names} | mark(config, seen, t, taxel)
-            beats.append(beat | ({"onset": seen.onset[t] & last} if config.windows.window_mode == "touch" else {}))
+            beat = (
+                {"complement": ~int(value)}
+                | {name: getattr(seen, name)[t] for name in names}
+                | mark(config, seen, t, taxel)
+            )
+            beats.append(
+                beat | ({"onset": seen.onset[t] & last} if config.windows.window_mode == "touch" else {})
+            )
     return beats
 
 
@@ -181,7 +238,8 @@ def mark(config: AcceleratorConfig, seen: SimpleNamespace, t: int, taxel: int) -
 
 
 def touch_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
-    """Expected beats of ``eskin.rtl.common.layouts.touch_layout``: frames s..e of each touch, as far as the stream goes."""
+    """Expected beats of ``eskin.rtl.common.layouts.touch_layout``: frames s..e of each touch, as far as the
+    stream goes."""
     return [
         {"complement": ~int(value)} | mark(config, seen, t, taxel)
         for _, start, end in seen.touches
@@ -193,7 +251,12 @@ def touch_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
 def sum_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     """Expected beats of ``eskin.rtl.frontend.window_averager.sum_layout``, as far as the stream goes."""
     return [
-        {"complement": ~int(value), "taxel": taxel, "length": config.length_index[k], "final": int(k == config.windows.steps - 1)}
+        {
+            "complement": ~int(value),
+            "taxel": taxel,
+            "length": config.length_index[k],
+            "final": int(k == config.windows.steps - 1),
+        }
         | mark(config, seen, start + last - 2, taxel)
         for _, start, _ in seen.touches
         for k, (first, last) in enumerate(config.window_spans)

@@ -1,5 +1,6 @@
-"""What the fuzzer feeds in: good inputs, ways to damage them, command lines. All that is random comes from ``rng``, which in the tests is
-drawn by Hypothesis (``st.randoms()``): so a failing input is made smaller and kept."""
+"""What the fuzzer feeds in: good inputs, ways to damage them, command lines. All that is random comes from
+``rng``, which in the tests is drawn by Hypothesis (``st.randoms()``): so a failing input is made smaller and
+kept."""
 
 from __future__ import annotations
 
@@ -37,14 +38,23 @@ from tests.support.image_scenes import random_image_model
 from tests.support.watched import KEPT
 
 DIGITS = "9" * 5000
-NUMBERS = (*"0 1 2 3 -1 5 1000000 2147483648 9223372036854775808 1e400 nan -inf 0x10 ١٢ ² 1.5 1-99999999999".split(), "", " ", DIGITS)
+NUMBERS = (
+    *"0 1 2 3 -1 5 1000000 2147483648 9223372036854775808 1e400 nan -inf 0x10 ١٢ ² 1.5 1-99999999999".split(),
+    "",
+    " ",
+    DIGITS,
+)
 WORDS = (
-    *"- -- all synthetic [red]x[/red] [/] a,b , person person,person ../.. /dev/null \udcff icebreaker:4 icebreaker:0".split(),
+    *"- -- all synthetic [red]x[/red] [/] a,b , person person,person ../.. /dev/null \udcff icebreaker:4 "
+    "icebreaker:0".split(),
     *"icebreaker ulx3s:x:dsp pvdf ä tcp://127.0.0.1:1 lowest 0 4x4 ٤x٤".split(),
     *("", " ", "\n", "x" * 5000, f"{DIGITS}x1"),
 )
 VALUES = [
-    *json.loads("[null, true, false, 0, 1, -1, 3, 2147483648, 9223372036854775808, 1e30, -1e30, 0.5, -0.0, 1e308, NaN, Infinity]"),
+    *json.loads(
+        "[null, true, false, 0, 1, -1, 3, 2147483648, 9223372036854775808, 1e30, -1e30, 0.5, -0.0, 1e308, "
+        "NaN, Infinity]"
+    ),
     *json.loads('["SQ(3,5)", "SQ(99,1)", "SQ(-3,5)", "UQ(3,5)", [], [[]], [1, 2], ["a", "a"], {}, {"a": 1}]'),
     *("", "x", "../../x", "1e9999", "9" * 40, 10**30, -(10**30)),
 ]
@@ -52,7 +62,17 @@ CELLS = (
     *"nan inf -1e999 abc 1e5 -3 1_0 ١ 0x1 1,5 1,234".split(),
     *("", "9" * 400, DIGITS, f"x{DIGITS}", "1\t" * 2000, "1" * 131_073, f'"{"1" * 131_073}"'),
 )
-LINES = ("***End_of_Header***", "Channels\t4", "\t\t\t", "0\t1", "x\ty", "1;2;3;4;5", "1,5\t2,5", "\x0c", "0,1,2,3,4")
+LINES = (
+    "***End_of_Header***",
+    "Channels\t4",
+    "\t\t\t",
+    "0\t1",
+    "x\ty",
+    "1;2;3;4;5",
+    "1,5\t2,5",
+    "\x0c",
+    "0,1,2,3,4",
+)
 NAMES = "file labels samples offsets class_names sample_rate_hz images lsb_volt label class time person channel_names data fs y".split()
 """Names of columns and arrays: many mean something to the archive."""
 STEMS = (*NAMES, "p9_t9_t", "p99999999999999999999_t", "[b]", "\udcff", "", " ")
@@ -73,11 +93,18 @@ LIBERTY_WORDS = (
 
 # ---------------------------------------------------------------------- good inputs
 def make_corpus(folder: Path) -> Path:
-    """Recordings in every form, configurations, grids, networks, model folders, a result folder, cells of a chip."""
+    """Recordings in every form, configurations, grids, networks, model folders, a result folder, cells of a
+    chip."""
     result_case.make_result(folder / "result")
-    config = result_case.CONFIG.replace(class_names=("rough", "smooth"))  # in the order in which a folder of classes gives them
+    # in the order in which a folder of classes gives them
+    config = result_case.CONFIG.replace(class_names=("rough", "smooth"))
     loaded = dataclasses.replace(result_case.recordings(), class_names=config.network.class_names)
-    _models(folder / "model", FloatModel(config, result_case.float_model().arrays), random_integer_model(config, 2), loaded)
+    _models(
+        folder / "model",
+        FloatModel(config, result_case.float_model().arrays),
+        random_integer_model(config, 2),
+        loaded,
+    )
     _archive(folder / "recordings.npz", config, samples=loaded.samples.astype(np.uint16), offsets=loaded.offsets, labels=loaded.labels,
              person=loaded.groups["person"], sample_rate_hz=500.0)  # fmt: skip
     (folder / "config.json").write_text(config.to_json())
@@ -85,15 +112,33 @@ def make_corpus(folder: Path) -> Path:
     layers: torch.nn.Module = torch.nn.ModuleDict({"cell": torch.nn.GRU(4, 4), "head": torch.nn.Linear(4, 2)})
     torch.save(layers.state_dict(), folder / "network.pt")
     rng = np.random.default_rng(1)
-    np.savez(folder / "keras.npz", *(rng.normal(0, 0.5, shape) for shape in ((4, 12), (4, 12), (2, 12), (4, 2), (2,))))
+    np.savez(
+        folder / "keras.npz",
+        *(rng.normal(0, 0.5, shape) for shape in ((4, 12), (4, 12), (2, 12), (4, 2), (2,))),
+    )
     _tables(folder, loaded)
     image = AcceleratorConfig.of_image(12, 14, ("conv 3 4", "pool", "dense 2"), ("cup", "ball"), name="small")
     integer = random_image_model(image, 1)
-    _models(folder / "image_model", FloatModel(image, {name: array / 64.0 for name, array in integer.arrays.items()}), integer, None)
-    _archive(folder / "images.npz", image, images=random_images(image, 12, 2), labels=np.arange(12) % 2, person=np.arange(12) // 3)
+    _models(
+        folder / "image_model",
+        FloatModel(image, {name: array / 64.0 for name, array in integer.arrays.items()}),
+        integer,
+        None,
+    )
+    _archive(
+        folder / "images.npz",
+        image,
+        images=random_images(image, 12, 2),
+        labels=np.arange(12) % 2,
+        person=np.arange(12) // 3,
+    )
     (folder / "image.json").write_text(image.to_json())
-    (folder / "image_grid.json").write_text('{"size": ["12x14", "6x7"], "layers": ["four", ["conv 3 4", "pool"]]}')
-    layers = torch.nn.Sequential(torch.nn.Conv2d(1, 4, 3, padding=1), torch.nn.BatchNorm2d(4), torch.nn.Linear(6 * 7 * 4, 2))
+    (folder / "image_grid.json").write_text(
+        '{"size": ["12x14", "6x7"], "layers": ["four", ["conv 3 4", "pool"]]}'
+    )
+    layers = torch.nn.Sequential(
+        torch.nn.Conv2d(1, 4, 3, padding=1), torch.nn.BatchNorm2d(4), torch.nn.Linear(6 * 7 * 4, 2)
+    )
     torch.save(layers.state_dict(), folder / "image.pt")
     (folder / "cells.lib").write_text(LIBERTY)
     (folder / "cells.lib.gz").write_bytes(gzip.compress(LIBERTY.encode()))
@@ -110,13 +155,23 @@ def _archive(file: Path, config: AcceleratorConfig, **arrays: Any) -> None:
 
 
 def _tables(folder: Path, loaded: Recordings) -> None:
-    """The first recordings as ``.lvm`` and CSV files, half of them real numbers, as one long table and as a ``.mat`` file."""
+    """The first recordings as ``.lvm`` and CSV files, half of them real numbers, as one long table and as a
+    ``.mat`` file."""
     cells, long = np.empty((1, 4), dtype=object), ["recording,person,class,time,a,b,c,d"]
     for index in range(4):
         samples, name = loaded.recording(index)[:60], loaded.class_names[loaded.labels[index]]
-        volts = [f"{frame / 500:.4f}\t" + "\t".join(f"{code / 1000:.6f}" for code in row) for frame, row in enumerate(samples)]
-        rows = [f"{frame / 500:.4f}," + ",".join(str(code / 7 if index > 1 else code) for code in row) for frame, row in enumerate(samples)]
-        headers = {"lvm": "LabVIEW Measurement\n***End_of_Header***\nX_Value\tV0\tV1\tV2\tV3", "csv": "time,a,b,c,d"}
+        volts = [
+            f"{frame / 500:.4f}\t" + "\t".join(f"{code / 1000:.6f}" for code in row)
+            for frame, row in enumerate(samples)
+        ]
+        rows = [
+            f"{frame / 500:.4f}," + ",".join(str(code / 7 if index > 1 else code) for code in row)
+            for frame, row in enumerate(samples)
+        ]
+        headers = {
+            "lvm": "LabVIEW Measurement\n***End_of_Header***\nX_Value\tV0\tV1\tV2\tV3",
+            "csv": "time,a,b,c,d",
+        }
         for kind, lines in (("lvm", volts), ("csv", rows)):
             path = folder / kind / name / f"p{index}_t1.{kind}"
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -125,20 +180,34 @@ def _tables(folder: Path, loaded: Recordings) -> None:
         cells[0, index] = samples.astype(float)
     (folder / "table.csv").write_text("\n".join(long) + "\n")
     names = np.array(loaded.class_names, dtype=object)
-    savemat(folder / "r.mat", {"samples": cells, "labels": loaded.labels[:4] + 1, "class_names": names, "fs": 500.0})
+    savemat(
+        folder / "r.mat",
+        {"samples": cells, "labels": loaded.labels[:4] + 1, "class_names": names, "fs": 500.0},
+    )
 
 
 # ---------------------------------------------------------------------- damage
 def damage_bytes(data: bytes, rng: random.Random) -> bytes:
     """Bits flipped, cut off, cut out, repeated, or made up."""
-    begin, length, made = rng.randrange(len(data) + 1), rng.randint(1, 64), bytes(rng.randrange(256) for _ in range(rng.randrange(9)))
+    begin, length, made = (
+        rng.randrange(len(data) + 1),
+        rng.randint(1, 64),
+        bytes(rng.randrange(256) for _ in range(rng.randrange(9))),
+    )
     changed = bytearray(data)
     for _ in range(rng.choice((1, 1, 2, 8, 64)) if data else 0):
         # the ends of a zip archive and the heads of its members decide most
         at = rng.choice((begin - 1, rng.randrange(128), -1 - rng.randrange(400))) % len(data)
         changed[at] = rng.choice((0, 0xFF, 0x7F, changed[at] ^ 1 << rng.randrange(8)))
     part = data[begin : begin + length]
-    kinds = (made, made * 600, data[:begin], data[:begin] + data[begin + length :], data[:begin] + part * 3 + data[begin:], data + made)
+    kinds = (
+        made,
+        made * 600,
+        data[:begin],
+        data[:begin] + data[begin + length :],
+        data[:begin] + part * 3 + data[begin:],
+        data + made,
+    )
     return rng.choice((*kinds, bytes(changed), bytes(changed), bytes(changed)))
 
 
@@ -146,7 +215,9 @@ def damage_json(text: str, rng: random.Random) -> str:
     """One to three fields of other values or types, gone, or new; now and then damage of the text itself."""
     broken = damage_bytes(text.encode(), rng).decode("latin-1")
     if rng.randrange(7) == 6:
-        return rng.choice((broken, broken, broken, "[" * 100_000, '{"a":' * 50_000, "null", "[]", "3", '"x"', DIGITS))
+        return rng.choice(
+            (broken, broken, broken, "[" * 100_000, '{"a":' * 50_000, "null", "[]", "3", '"x"', DIGITS)
+        )
     value = json.loads(text)
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
         holder, key = {"": value}, ""
@@ -170,14 +241,24 @@ def damage_json(text: str, rng: random.Random) -> str:
 def damage_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
     """Another type, another shape, other values."""
     number = array.dtype.kind in "iuf"
-    ends = [np.iinfo(array.dtype).min, np.iinfo(array.dtype).max, 1] if array.dtype.kind in "iu" else [math.nan, math.inf, -1e300, 1e-320]
+    ends = (
+        [np.iinfo(array.dtype).min, np.iinfo(array.dtype).max, 1]
+        if array.dtype.kind in "iu"
+        else [math.nan, math.inf, -1e300, 1e-320]
+    )
     changed = array.copy()
     for _ in range(rng.randint(1, 3) if number and array.size else 0):
         changed.flat[rng.randrange(array.size)] = rng.choice(ends)
     return rng.choice(
         (
-            lambda: array.astype(rng.choice(("f8", "f2", "c16", "i1", "u8", "i8", "?", "U8", "S4"))) if number else array[:0],
-            lambda: np.zeros(array.shape, dtype=rng.choice(("M8[s]", "m8[ns]", "V8", [("a", "i4"), ("b", "f8")]))),
+            lambda: (
+                array.astype(rng.choice(("f8", "f2", "c16", "i1", "u8", "i8", "?", "U8", "S4")))
+                if number
+                else array[:0]
+            ),
+            lambda: np.zeros(
+                array.shape, dtype=rng.choice(("M8[s]", "m8[ns]", "V8", [("a", "i4"), ("b", "f8")]))
+            ),
             lambda: np.array([{"a": 1}, None], dtype=object),
             lambda: array.reshape(rng.choice(((-1,), (1, -1), (-1, 1), (1, 1, *array.shape)))),
             lambda: array[: rng.randrange(len(array) + 1)] if array.ndim else np.zeros(0),
@@ -216,10 +297,13 @@ def damage_archive(data: bytes, rng: random.Random) -> bytes:
 
 
 def _odd_zip(arrays: dict[str, np.ndarray], rng: random.Random) -> bytes:
-    """Members that numpy would not write: lying headers, bombs, paths out of the folder, double names, pickles, odd methods."""
+    """Members that numpy would not write: lying headers, bombs, paths out of the folder, double names,
+    pickles, odd methods."""
     file, victim, kind = io.BytesIO(), rng.choice(sorted(arrays)), rng.randrange(7)
     shapes = ((10**9, 4), (2**62,), (2**63, 2**63), (-1, 4), (0, 10**18), (10**12,))
-    with zipfile.ZipFile(file, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA))) as archive:
+    with zipfile.ZipFile(
+        file, "w", rng.choice((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA))
+    ) as archive:
         for name, array in arrays.items():
             content, called = _member(array), f"{name}.npy"
             if name == victim and kind == 0:
@@ -227,15 +311,27 @@ def _odd_zip(arrays: dict[str, np.ndarray], rng: random.Random) -> bytes:
             elif name == victim and kind == 1:  # 400 MB of zeros in 400 kB
                 content = header((400_000_000 // 16, 4)) + bytes(400_000_000)
             elif name == victim and kind == 2:
-                content = rng.choice((b"\x80\x04N.", b"cos\nsystem\n(S'touch pickled'\ntR.", b"", b"\x93NUMPY\x09\x09", content[:40]))
+                content = rng.choice(
+                    (
+                        b"\x80\x04N.",
+                        b"cos\nsystem\n(S'touch pickled'\ntR.",
+                        b"",
+                        b"\x93NUMPY\x09\x09",
+                        content[:40],
+                    )
+                )
             elif name == victim and kind == 3:
-                called = rng.choice(("../../outside.npy", "/tmp/outside.npy", "..\\x.npy", "a/b.npy", "x" * 3000 + ".npy"))
+                called = rng.choice(
+                    ("../../outside.npy", "/tmp/outside.npy", "..\\x.npy", "a/b.npy", "x" * 3000 + ".npy")
+                )
             archive.writestr(called, content)
         if kind == 4:
             for extra in (f"{victim}.npy", "folder/", "readme"):
                 archive.writestr(extra, b"" if extra.endswith("/") else b"second")
     # encrypted, or an unknown method, in every directory entry and member
-    return lying_zip(file.getvalue(), rng.choice(((8, 1), (10, 1), (10, 97)))) if kind > 4 else file.getvalue()
+    return (
+        lying_zip(file.getvalue(), rng.choice(((8, 1), (10, 1), (10, 97)))) if kind > 4 else file.getvalue()
+    )
 
 
 def _member(array: np.ndarray) -> bytes:
@@ -245,7 +341,8 @@ def _member(array: np.ndarray) -> bytes:
 
 
 def lying_zip(data: bytes, change: tuple[int, int]) -> bytes:
-    """An archive with the field at an offset of its directory's entries set to a value, and in its members too."""
+    """An archive with the field at an offset of its directory's entries set to a value, and in its members
+    too."""
     (offset, value), changed = change, bytearray(data)
     for found in re.finditer(rb"PK(\x01\x02|\x03\x04)", data):
         changed[found.start() + offset - (2 if found[1] == b"\x03\x04" else 0)] = value
@@ -267,7 +364,13 @@ def damage_lines(data: bytes, rng: random.Random, mark: str, cells: tuple[str, .
         exchanged = {mark: rng.choice(";, "), ".": ",", "\n": rng.choice(("\r", "\r\n", "\n\0"))}
         old = rng.choice(sorted(exchanged))
         return rng.choice(
-            (text.encode("utf-16"), text.replace(old, exchanged[old]).encode(), b"\xef\xbb\xbf" + data, data + b"1" * 200_000, data * 40)
+            (
+                text.encode("utf-16"),
+                text.replace(old, exchanged[old]).encode(),
+                b"\xef\xbb\xbf" + data,
+                data + b"1" * 200_000,
+                data * 40,
+            )
         )
     lines = text.split("\n")
     for _ in range(rng.choice((1, 1, 2, 5))):
@@ -279,7 +382,8 @@ def damage_lines(data: bytes, rng: random.Random, mark: str, cells: tuple[str, .
         elif kind == 1 and len(lines) > 12:
             del lines[at:][: rng.randint(1, 10)]
         elif kind == 2:
-            lines = [mark.join([*line.split(mark), rng.choice(("0", "1", "a", "b"))]) for line in lines]  # a column more
+            # a column more
+            lines = [mark.join([*line.split(mark), rng.choice(("0", "1", "a", "b"))]) for line in lines]
         else:
             row[place] = rng.choice(NAMES if kind == 3 else cells)
             lines[at] = mark.join(row[: place + 1] if kind == 4 else row)
@@ -306,7 +410,8 @@ def damage(path: Path, rng: random.Random) -> None:
     data = path.read_bytes()
     if path.suffix == ".mat" and rng.randrange(2):
         arrays = {name: value for name, value in loadmat(path).items() if not name.startswith("__")}
-        with contextlib.suppress(TypeError, ValueError):  # what MATLAB's format cannot hold ends the file where it stands
+        # what MATLAB's format cannot hold ends the file where it stands
+        with contextlib.suppress(TypeError, ValueError):
             savemat(path, damage_arrays(arrays, rng))
         return
     by_suffix: dict[str, Callable[[], bytes]] = {
@@ -315,7 +420,12 @@ def damage(path: Path, rng: random.Random) -> None:
         ".csv": lambda: damage_lines(data, rng, ","),
         ".lvm": lambda: damage_lines(data, rng, "\t"),
         ".lib": lambda: damage_lines(data, rng, " ", LIBERTY_WORDS),
-        ".gz": lambda: rng.choice((damage_bytes(data, rng), gzip.compress(damage_lines(gzip.decompress(data), rng, " ", LIBERTY_WORDS)))),
+        ".gz": lambda: rng.choice(
+            (
+                damage_bytes(data, rng),
+                gzip.compress(damage_lines(gzip.decompress(data), rng, " ", LIBERTY_WORDS)),
+            )
+        ),
     }
     path.write_bytes(by_suffix.get(path.suffix, lambda: damage_bytes(data, rng))())
 
@@ -393,13 +503,15 @@ READERS = {
     "r.mat": CONVERTED,
     "model": MODEL,
     "config.json": CONFIGURED,
-    "grid.json": "sweep --data ../in/recordings.npz --grid @\nsweep --data ../in/recordings.npz --grid @ --config ../in/config.json",
+    "grid.json": "sweep --data ../in/recordings.npz --grid @\nsweep --data ../in/recordings.npz --grid @ "
+    "--config ../in/config.json",
     "network.pt": "import @ --out made --config ../in/config.json --mean # --std #",
     "keras.npz": "import @ --out made --config ../in/config.json --mean # --std #",
     "result": "report result",
     "images.npz": IMAGES,
     "image_model": MODEL.replace("recordings.npz", "images.npz"),
-    "image.json": "import ../in/image.pt --out made --config @ --mean 0 --std 255\nrun --data ../in/images.npz --config @",
+    "image.json": "import ../in/image.pt --out made --config @ --mean 0 --std 255\nrun --data "
+    "../in/images.npz --config @",
     "image_grid.json": "sweep --data ../in/images.npz --grid @ --folds 2 --out swept",
     "image.pt": "import @ --out made --config ../in/image.json --mean # --std #",
     "cells.lib": "asic ../in/model --pdk ihp-sg13g2 --liberty @\nasic ../in/model --pdk sky130hd --liberty @",
@@ -427,13 +539,43 @@ def damaged(case: Path, rng: random.Random) -> list[str]:
 
 
 def interfaces(case: Path, rng: random.Random) -> list[str]:
-    """A model whose configuration has an interface of good, borderline and odd values, under a verb that makes hardware of it."""
+    """A model whose configuration has an interface of good, borderline and odd values, under a verb that
+    makes hardware of it."""
     file = case / "in" / "model" / "config.json"
     values = json.loads(file.read_text())
     chips = "ads7953 mcp3208x2 ad7476 spi ddc232 mpr121 matrix none".split()
-    fields: dict[str, Any] = {"converter": rng.choice(chips), "stimulator": rng.choice(("none", "decisions")), "rows": 2, "columns": 2}
-    numbers = (*range(5), 7, 8, 12, 16, 17, 24, 31, 32, 33, 255, 256, 4095, 65535, 65536, -1, 1 << 24, 1e-6, 1e6, 20e6, 0.3)
-    for name in rng.sample([field.name for field in dataclasses.fields(Interface)], rng.choice((0, 0, 1, 1, 3))):
+    fields: dict[str, Any] = {
+        "converter": rng.choice(chips),
+        "stimulator": rng.choice(("none", "decisions")),
+        "rows": 2,
+        "columns": 2,
+    }
+    numbers = (
+        *range(5),
+        7,
+        8,
+        12,
+        16,
+        17,
+        24,
+        31,
+        32,
+        33,
+        255,
+        256,
+        4095,
+        65535,
+        65536,
+        -1,
+        1 << 24,
+        1e-6,
+        1e6,
+        20e6,
+        0.3,
+    )
+    for name in rng.sample(
+        [field.name for field in dataclasses.fields(Interface)], rng.choice((0, 0, 1, 1, 3))
+    ):
         fields[name] = rng.choice(rng.choice((numbers, numbers, numbers, VALUES)))
     values["interface"] = {"mpr_chips": 2} | fields
     values["sensor"]["sample_rate_hz"] = rng.choice((500.0, 500.0, 500.0, 50.0, 6000.0))
@@ -447,7 +589,11 @@ def _reader(case: Path, name: str, rng: random.Random) -> list[str]:
     if name in words or "model" in words:  # written in place
         shutil.rmtree(case / "out" / words[1], ignore_errors=True)
         shutil.copytree(case / "in" / name, case / "out" / words[1], symlinks=True, copy_function=_copy)
-    filled = {"@": f"../in/{name}", "#": rng.choice(("1", "100", *NUMBERS)), "$": rng.choice((*NAMES, *WORDS))}
+    filled = {
+        "@": f"../in/{name}",
+        "#": rng.choice(("1", "100", *NUMBERS)),
+        "$": rng.choice((*NAMES, *WORDS)),
+    }
     return [filled.get(word, word) for word in words]
 
 
@@ -464,7 +610,8 @@ def commands(case: Path, rng: random.Random) -> list[str]:
     verb = rng.choice(sorted(_verbs()))
     arguments, options = [], []
     for parameter in _verbs()[verb].params:
-        often = 39 if parameter.required else 36 if parameter.name == "data" else 6  # without data: the synthetic scene, which is large
+        # without data: the synthetic scene, which is large
+        often = 39 if parameter.required else 36 if parameter.name == "data" else 6
         if rng.randrange(40) < often:
             value = _value(verb, parameter, rng)
             if parameter.param_type_name == "argument":
@@ -474,7 +621,9 @@ def commands(case: Path, rng: random.Random) -> list[str]:
             else:
                 options += [[parameter.opts[0], value]] * rng.choice((1, 1, 1, 1, 1, 1, 2))
     if rng.randrange(16) == 15:
-        options.append([rng.choice(("--unknown", "--help", "-x", "--", "--out", "--json", "-", "--=", *WORDS))])
+        options.append(
+            [rng.choice(("--unknown", "--help", "-x", "--", "--out", "--json", "-", "--=", *WORDS))]
+        )
     rng.shuffle(options)
     words = [verb, *arguments, *(word for option in options for word in option)]
     odd = [rng.choice((*WORDS, "--version", "--help", verb[:-1], verb.upper())), rng.choice(WORDS)]
@@ -514,7 +663,9 @@ def _value(verb: str, parameter: Any, rng: random.Random) -> str:
     if rng.randrange(24) == 23:
         return rng.choice((*WORDS, *NUMBERS, "x" * 300, *(f"../in/{place}" for place in INPUTS)))
     if name == "model":
-        return rng.choice(("model",) if verb == "quantise" else ("../in/model", "../in/model", "../in/image_model"))
+        return rng.choice(
+            ("model",) if verb == "quantise" else ("../in/model", "../in/model", "../in/image_model")
+        )
     if name in GOOD:
         return rng.choice(GOOD[name].split())
     if isinstance(kind, type) and issubclass(kind, StrEnum):

@@ -8,19 +8,28 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.scene import _grid
 
 GRIP_COUNTS, GRIP_NOISE, GRIP_OFFSET = 24.0, 0.6, 3.0
-"""Counts that a firm grip gives the taxel under its middle; standard deviation of a sample's noise; counts of a taxel that nothing
-touches."""
+"""Counts that a firm grip gives the taxel under its middle; standard deviation of a sample's noise; counts of
+a taxel that nothing touches."""
 
 
 def gripped_recordings(
-    *, persons: int = 10, trials: int = 5, seed: int = 1, rows: int = 5, columns: int = 8, classes: int = 5, sample_rate_hz: float = 200.0
+    *,
+    persons: int = 10,
+    trials: int = 5,
+    seed: int = 1,
+    rows: int = 5,
+    columns: int = 8,
+    classes: int = 5,
+    sample_rate_hz: float = 200.0,
 ) -> Recordings:
-    """Objects held in a grip on a capacitive array: a sensor unlike the presets' (persons x classes x trials, 2.2 to 3 s each).
+    """Objects held in a grip on a capacitive array: a sensor unlike the presets' (persons x classes x trials,
+    2.2 to 3 s each).
 
-    The hand holds the object from the first frame to the last, so there is no lead-in and no touch to wait for, and a taxel gives
-    few counts. An object is where it presses: two bumps whose places and widths belong to the class (drawn from ``seed``), a little
-    apart in every trial. The level that the first frame has already is therefore all there is to tell classes by. The rest is the
-    hand's: force that differs by person and trial, sways by a tenth and trembles at 5 to 9 Hz, drift of each taxel, noise.
+    The hand holds the object from the first frame to the last, so there is no lead-in and no touch to wait
+    for, and a taxel gives few counts. An object is where it presses: two bumps whose places and widths belong
+    to the class (drawn from ``seed``), a little apart in every trial. The level that the first frame has
+    already is therefore all there is to tell classes by. The rest is the hand's: force that differs by person
+    and trial, sways by a tenth and trembles at 5 to 9 Hz, drift of each taxel, noise.
 
     Parameters
     ----------
@@ -59,7 +68,12 @@ def gripped_recordings(
                 tremor = 1 + 0.04 * np.sin(2 * np.pi * (rng.uniform(5, 9) * time + rng.uniform()))
                 force = firm * np.exp(rng.normal(0, 0.15)) * sway * tremor
                 drift = 0.5 * rng.normal(0, 1, len(grid)) * time / 3
-                counts = GRIP_OFFSET + GRIP_COUNTS * force * shape + drift + GRIP_NOISE * rng.standard_normal((len(time), len(grid)))
+                counts = (
+                    GRIP_OFFSET
+                    + GRIP_COUNTS * force * shape
+                    + drift
+                    + GRIP_NOISE * rng.standard_normal((len(time), len(grid)))
+                )
                 parts.append(np.clip(np.rint(counts), 0, 255).astype(np.int32))
                 labels.append(label)
                 of_person.append(person)

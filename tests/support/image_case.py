@@ -1,4 +1,5 @@
-"""Random image networks, and what they compute by a reference of its own: sums written out, no shared code."""
+"""Random image networks, and what they compute by a reference of its own: sums written out, no shared
+code."""
 
 from __future__ import annotations
 
@@ -26,7 +27,9 @@ class ImageCase:
     def image(self, seed: int) -> np.ndarray:
         """Random pixels, a third of them 0."""
         rng = np.random.default_rng(seed)
-        return rng.integers(0, 256, (self.height, self.width)) * (rng.random((self.height, self.width)) < 0.67)
+        return rng.integers(0, 256, (self.height, self.width)) * (
+            rng.random((self.height, self.width)) < 0.67
+        )
 
     def expected(self, image: np.ndarray) -> tuple[list[int], list[int]]:
         """(values of all maps in their order, logits) of an image."""
@@ -64,23 +67,30 @@ def make_case(
     logit_shift: int | None = None,
     **options,
 ) -> ImageCase:
-    """Random weights of any size, shifts that leave most values inside the format and some outside; the last one as given."""
+    """Random weights of any size, shifts that leave most values inside the format and some outside; the last
+    one as given."""
     rng = np.random.default_rng(seed)
     stages = stages_of(height, width, [parse_layer(text) for text in layers])
     weighted = [stage for stage in stages if stage.weights]
-    shifts = [max(0, int(np.log2(stage.products) / 2) + weight_bits - 1 + int(rng.integers(-1, 2))) for stage in weighted]
+    shifts = [
+        max(0, int(np.log2(stage.products) / 2) + weight_bits - 1 + int(rng.integers(-1, 2)))
+        for stage in weighted
+    ]
     shifts[-1] = shifts[-1] if logit_shift is None else logit_shift
     top = 1 << weight_bits - 1
     arrays = {}
     for stage in weighted:
         arrays[f"W_{stage.number}"] = rng.integers(-top, top, stage.weight_shape)
         arrays[f"b_{stage.number}"] = rng.integers(-20 * top, 150 * top, stage.outputs)
-    plan = make_plan(stages, weight_bits=weight_bits, shifts=shifts, logit_format=LOGIT, lanes=lanes, **options)
+    plan = make_plan(
+        stages, weight_bits=weight_bits, shifts=shifts, logit_format=LOGIT, lanes=lanes, **options
+    )
     return ImageCase(plan, arrays, height, width)
 
 
 def random_case(seed: int, most_cycles: int) -> ImageCase:
-    """A small random network: any kernels, pools, widths that no lane count divides, one or two dense layers."""
+    """A small random network: any kernels, pools, widths that no lane count divides, one or two dense
+    layers."""
     rng = random.Random(seed)
     while True:
         height, width = rng.randint(1, 7), rng.randint(1, 7)

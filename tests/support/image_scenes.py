@@ -1,4 +1,5 @@
-"""Small pressure images of three shapes that a small network tells apart after few epochs; networks with random weights."""
+"""Small pressure images of three shapes that a small network tells apart after few epochs; networks with
+random weights."""
 
 from __future__ import annotations
 
@@ -24,7 +25,11 @@ def shapes(count: int, seed: int, size: tuple[int, int] = (8, 8)) -> Recordings:
     for label, _ in enumerate(SHAPES):
         for _ in range(count):
             image = np.zeros(size)
-            top, left, strength = rng.integers(0, height - 5), rng.integers(0, width - 5), rng.integers(120, 250)
+            top, left, strength = (
+                rng.integers(0, height - 5),
+                rng.integers(0, width - 5),
+                rng.integers(120, 250),
+            )
             if label == 0:
                 image[top + 2, left : left + 6] = strength
             elif label == 1:
@@ -38,8 +43,9 @@ def shapes(count: int, seed: int, size: tuple[int, int] = (8, 8)) -> Recordings:
 
 
 def random_image_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
-    """A model with random weights, for tests: as trained ones are, or (one array in four) spread over the whole format. Its formats are
-    chosen so that random images reach the ends of every map, and logits differ."""
+    """A model with random weights, for tests: as trained ones are, or (one array in four) spread over the
+    whole format. Its formats are chosen so that random images reach the ends of every map, and logits
+    differ."""
     rng = np.random.default_rng(seed)
     bits = int(rng.choice([4, 8], p=[0.2, 0.8]))
     top = 2 ** (bits - 1) - 1
@@ -51,7 +57,11 @@ def random_image_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
             values = pooled(values)
             continue
         whole = rng.random() < 0.25
-        drawn = rng.integers(-top - 1, top + 1, stage.weight_shape) if whole else np.rint(rng.normal(0.0, 0.3 * top, stage.weight_shape))
+        drawn = (
+            rng.integers(-top - 1, top + 1, stage.weight_shape)
+            if whole
+            else np.rint(rng.normal(0.0, 0.3 * top, stage.weight_shape))
+        )
         codes = np.clip(drawn, -top - 1, top).astype(np.int64)
         sums = accumulators(stage, values, codes, np.zeros(stage.outputs))
         centre = sums.mean(axis=(0, 1, 2))  # as batch norm does, so that no channel is always 0

@@ -1,6 +1,7 @@
 """The cocotb bench at the board's pins: the host's own code (cosim/link.py) over cocotbext-uart.
 
-It runs in the simulator's own Python in the work folder, takes its settings from ``link_bench.json`` there and answers in ``result.json``.
+It runs in the simulator's own Python in the work folder, takes its settings from ``link_bench.json`` there
+and answers in ``result.json``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""A board in Python behind a pseudo-terminal: docs/specification.md section 9, with the golden model for an accelerator."""
+"""A board in Python behind a pseudo-terminal: docs/specification.md section 9, with the golden model for an
+accelerator."""
 
 from __future__ import annotations
 
@@ -29,7 +30,8 @@ class Device:
     registers:
         Values instead of the usual ones.
     loses:
-        Called with the running number of every packet, from (True) or to (False) the device: whether it gets lost.
+        Called with the running number of every packet, from (True) or to (False) the device: whether it gets
+        lost.
     frames_limit:
         Frames after which the port goes away.
     """
@@ -44,7 +46,13 @@ class Device:
         frames_limit: int | None = None,
         deaf: bool = False,
     ) -> None:
-        self.config, self.decide, self.loses, self.limit, self.deaf = config, decide, loses, frames_limit, deaf
+        self.config, self.decide, self.loses, self.limit, self.deaf = (
+            config,
+            decide,
+            loses,
+            frames_limit,
+            deaf,
+        )
         self.registers = {Register.ID: ID_VALUE, Register.VERSION: VERSION_VALUE} | (registers or {})
         self.writes: list[tuple[int, int]] = []
         self.frames: list[np.ndarray] = []
@@ -62,7 +70,9 @@ class Device:
         self.thread.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         os.write(self.stop_write, b"x")
         self.thread.join(20)
         for handle in {self.master, self.slave, self.stop_read, self.stop_write} - {-1}:
@@ -97,7 +107,9 @@ class Device:
         if command & link.READ:
             address = command & 0x3F
             self._send(self.registers.get(address, 0) | self.expected << 16 | address << 24)
-        elif number == self.expected and len(words) == (self.config.sensor.taxels if command & link.FRAME else 1):
+        elif number == self.expected and len(words) == (
+            self.config.sensor.taxels if command & link.FRAME else 1
+        ):
             self.expected = self.expected + 1 & 0xFF
             if command & link.FRAME:
                 self.frames.append(words)
@@ -128,7 +140,8 @@ class Device:
 
 
 def golden_decisions(model, recordings: Recordings) -> Callable[[np.ndarray], tuple[np.ndarray, int]]:
-    """``decide`` of Device by the golden model; only for exactly these recordings, so that a shifted one is noticed."""
+    """``decide`` of Device by the golden model; only for exactly these recordings, so that a shifted one is
+    noticed."""
     from eskin.golden.model.image_network import images_of, run_images
     from eskin.golden.model.pipeline import run
 
@@ -140,7 +153,10 @@ def golden_decisions(model, recordings: Recordings) -> Callable[[np.ndarray], tu
         rows, offsets = trace.streams["decision"]
         touches = np.bincount(trace.touches.recording, minlength=len(recordings))
     known = {
-        recordings.recording(index).astype(np.int32).tobytes(): (rows[offsets[index] : offsets[index + 1]], int(touches[index]))
+        recordings.recording(index).astype(np.int32).tobytes(): (
+            rows[offsets[index] : offsets[index + 1]],
+            int(touches[index]),
+        )
         for index in range(len(recordings))
     }
     return lambda samples: known[samples.tobytes()]

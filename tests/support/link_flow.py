@@ -1,4 +1,5 @@
-"""Plays recordings through the serial pins of the simulated board and compares its decisions with the golden model's."""
+"""Plays recordings through the serial pins of the simulated board and compares its decisions with the golden
+model's."""
 
 from __future__ import annotations
 
@@ -21,7 +22,8 @@ from eskin.golden.core.config import AcceleratorConfig
 from tests.support.noisy_port import NoisyPort
 
 TIMEOUT_BYTES = 60
-"""Byte times to wait for an answer: a packet of decision and one of answer, and the cycles in between, take half of that."""
+"""Byte times to wait for an answer: a packet of decision and one of answer, and the cycles in between, take
+half of that."""
 HARNESS = Path(__file__).with_name("link_harness.sv")
 
 
@@ -113,7 +115,10 @@ def play_link(
         or played["touches"] != expected["touches"][played["position"]]
         or played["faults"] & UNEXPECTED_FAULTS
     ]
-    result["decisions"], result["wall_s"] = sum(len(played["decisions"]) for played in result["played"]), wall_s
+    result["decisions"], result["wall_s"] = (
+        sum(len(played["decisions"]) for played in result["played"]),
+        wall_s,
+    )
     return result
 
 
@@ -129,7 +134,11 @@ def converse(port, settings: dict, pins: Callable[[], int]) -> dict:
     played = []
     lengths: dict[int, dict[str, int]] = {}  # bytes each way of a recording played undisturbed
     for turn, position in enumerate(settings["order"]):
-        kind = NoisyPort.KINDS[turn % len(NoisyPort.KINDS)] if settings["corruptions"] and position in lengths else None
+        kind = (
+            NoisyPort.KINDS[turn % len(NoisyPort.KINDS)]
+            if settings["corruptions"] and position in lengths
+            else None
+        )
         noisy.arm(kind or ("none", "none"), rng.randrange(lengths[position][kind[1]]) if kind else 0)
         counts = link.repeated, link.replayed, link.unanswered, link.damaged
         got = link.play(samples[offsets[position] : offsets[position + 1]])
@@ -145,7 +154,17 @@ def converse(port, settings: dict, pins: Callable[[], int]) -> dict:
                 "done": noisy.done,
                 "noticed": [new - old for new, old in zip(after, counts, strict=True)],
                 "pins": pins(),
-                "where": [link.read(name) for name in ("POSITION", "POSITION_PEAK", "POSITIONS") if name in settings["map"]["registers"]],
+                "where": [
+                    link.read(name)
+                    for name in ("POSITION", "POSITION_PEAK", "POSITIONS")
+                    if name in settings["map"]["registers"]
+                ],
             }
         )
-    return {"played": played, "repeated": link.repeated, "replayed": link.replayed, "unanswered": link.unanswered, "damaged": link.damaged}
+    return {
+        "played": played,
+        "repeated": link.repeated,
+        "replayed": link.replayed,
+        "unanswered": link.unanswered,
+        "damaged": link.damaged,
+    }

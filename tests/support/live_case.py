@@ -15,7 +15,8 @@ from eskin.live.sources import Listener, Source
 
 
 class Stage:
-    """A player with a hub and a viewer who takes everything; ``go`` plays to the end, ``start`` in a thread."""
+    """A player with a hub and a viewer who takes everything; ``go`` plays to the end, ``start`` in a
+    thread."""
 
     def __init__(
         self,
@@ -31,13 +32,24 @@ class Stage:
     ) -> None:
         config = source.config
         numbers = range(len(recordings) if recordings else 0) if numbers is None else numbers
-        told = hello(config, recordings, numbers, source=source.kind, shape=list(shape or (1, config.sensor.taxels)))
+        told = hello(
+            config, recordings, numbers, source=source.kind, shape=list(shape or (1, config.sensor.taxels))
+        )
         self.hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image)
         self.controls = Controls(speed=speed)
         self.messages: list[dict] = []
         self._texts: list[str] = []
         self.viewer = self.hub.attach(self._take)
-        self.player = Player(source, recordings, numbers, self.hub, self.controls, recorder=recorder, once=once, apart_s=apart_s)
+        self.player = Player(
+            source,
+            recordings,
+            numbers,
+            self.hub,
+            self.controls,
+            recorder=recorder,
+            once=once,
+            apart_s=apart_s,
+        )
         self.thread = threading.Thread(target=self.player.run, daemon=True)
         self.viewer.take()
 

@@ -23,8 +23,8 @@ def flip_lut_bit(verilog: str, family: str, seed: int, within: str = "") -> str:
     Parameters
     ----------
     seed:
-        Chooses table and bit among tables that are a parity of two inputs or more, such as an adder's sum: there every input pattern
-        occurs. Of other tables many bits are never read.
+        Chooses table and bit among tables that are a parity of two inputs or more, such as an adder's sum:
+        there every input pattern occurs. Of other tables many bits are never read.
     within:
         Beginning of the cell's name, such as a block's.
     """

@@ -10,13 +10,17 @@ from eskin.cosim.link import read_packet
 class NoisyPort:
     """Another port, with one thing done to its bytes when it is told to.
 
-    Kinds, towards the device: ``flip`` a bit, ``drop`` a byte, ``double`` it, ``broken`` stop bit, ``break``: the line low for three
-    bytes, ``cut`` a run of bytes, ``garbage`` bytes in between, ``swap`` two neighbours, ``overrun``: a read in between, during whose
-    answer the device drops what comes. From it: ``flip``, ``drop``, ``double``, ``cut``, ``garbage``.
+    Kinds, towards the device: ``flip`` a bit, ``drop`` a byte, ``double`` it, ``broken`` stop bit, ``break``:
+    the line low for three bytes, ``cut`` a run of bytes, ``garbage`` bytes in between, ``swap`` two
+    neighbours, ``overrun``: a read in between, during whose answer the device drops what comes. From it:
+    ``flip``, ``drop``, ``double``, ``cut``, ``garbage``.
     """
 
     KINDS = (
-        *((kind, "to") for kind in ("flip", "drop", "double", "broken", "break", "cut", "garbage", "swap", "overrun")),
+        *(
+            (kind, "to")
+            for kind in ("flip", "drop", "double", "broken", "break", "cut", "garbage", "swap", "overrun")
+        ),
         *((kind, "from") for kind in ("flip", "drop", "double", "cut", "garbage")),
     )
 
@@ -65,8 +69,13 @@ class NoisyPort:
             self.port.write(data[:place] + bytes(3) + data[place:], frozenset(range(place, place + 3)))
         else:
             if self.done[0] == "overrun":
-                place = data.find(0x7E, place) + 1 or place  # between packets: a read that is not itself damaged
-            self.port.write(self._damage(self.done[0], data, place) if place < len(data) else data + read_packet(self.address))
+                # between packets: a read that is not itself damaged
+                place = data.find(0x7E, place) + 1 or place
+            self.port.write(
+                self._damage(self.done[0], data, place)
+                if place < len(data)
+                else data + read_packet(self.address)
+            )
 
     def read(self, timeout_s: float) -> bytes:
         """As the port's."""

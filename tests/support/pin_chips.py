@@ -1,11 +1,13 @@
-"""Chips for benches of the Amaranth simulator: a DDC232 and an MPR121 at their pins, as much of them as a frame needs."""
+"""Chips for benches of the Amaranth simulator: a DDC232 and an MPR121 at their pins, as much of them as a
+frame needs."""
 
 from __future__ import annotations
 
 
 class DdcSlave:
-    """Answers with ``words`` (each ``bits`` wide, in the order of the wire) so many cycles after each edge of CONV. spoil(name, value) may
-    change "readback" (the 88 bits) and "dvalid" (whether it comes). configurations: what was latched."""
+    """Answers with ``words`` (each ``bits`` wide, in the order of the wire) so many cycles after each edge of
+    CONV. spoil(name, value) may change "readback" (the 88 bits) and "dvalid" (whether it comes).
+    configurations: what was latched."""
 
     def __init__(self, pins, words, bits, delay=40, spoil=lambda name, value: value) -> None:
         self.pins, self.words, self.bits, self.delay, self.spoil = pins, words, bits, delay, spoil
@@ -49,8 +51,9 @@ class DdcSlave:
 
 
 class MprSlave:
-    """Chips on one bus, by address: ``electrodes(address)`` gives twelve codes. silent: addresses that do not acknowledge. ecr: register
-    0x5E, by address; where that is 0 electrodes read 0. written: (address, register, value) in their order."""
+    """Chips on one bus, by address: ``electrodes(address)`` gives twelve codes. silent: addresses that do not
+    acknowledge. ecr: register 0x5E, by address; where that is 0 electrodes read 0. written: (address,
+    register, value) in their order."""
 
     def __init__(self, pins, electrodes, config2=0x24) -> None:
         self.pins, self.electrodes, self.config2 = pins, electrodes, config2
@@ -94,7 +97,9 @@ class MprSlave:
                     elif mode == "write":
                         if pointer >= 0:
                             self.written.append((address, pointer, word))
-                            self.ecr[address] = word if pointer == 0x5E else 0 if pointer == 0x80 else self.ecr[address]
+                            self.ecr[address] = (
+                                word if pointer == 0x5E else 0 if pointer == 0x80 else self.ecr[address]
+                            )
                         pointer = word if pointer < 0 else pointer + 1
                     bits = word = 0
                 if mode == "read" and bits < 8:

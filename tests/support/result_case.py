@@ -47,7 +47,10 @@ def recordings(count: int = 12) -> Recordings:
     """Recordings with an onset each, in two groups."""
     made = random_recordings(CONFIG, [300] * count, seed=3)
     return dataclasses.replace(
-        made, source="made-up <set>", groups={"person": np.arange(count) // 4}, volt_per_code=CONFIG.sensor.volt_per_code
+        made,
+        source="made-up <set>",
+        groups={"person": np.arange(count) // 4},
+        volt_per_code=CONFIG.sensor.volt_per_code,
     )
 
 
@@ -73,10 +76,23 @@ def training_record(loaded: Recordings) -> dict[str, Any]:
         "integer_spread": 0.0234,
         "logit_error": {"mean": 0.0312, "max": 1.57},
         "per_step": [
-            {"step": k + 1, "time_s": float(time), "float_accuracy": 0.5 + 0.09 * k, "integer_accuracy": 0.5 + 0.08 * k}
+            {
+                "step": k + 1,
+                "time_s": float(time),
+                "float_accuracy": 0.5 + 0.09 * k,
+                "integer_accuracy": 0.5 + 0.08 * k,
+            }
             for k, time in enumerate(times)
         ],
-        "per_fold": [{"held_out": "person 0", "recordings": 4, "integer_accuracy": 0.75, "float_accuracy": 0.8, "agreement": 0.9}],
+        "per_fold": [
+            {
+                "held_out": "person 0",
+                "recordings": 4,
+                "integer_accuracy": 0.75,
+                "float_accuracy": 0.8,
+                "agreement": 0.9,
+            }
+        ],
         "confusion": [[17, 1, 0], [0, 15, 3]],
         "per_class": {"smooth": 17 / 18, "rough<b>": 15 / 18},
     }
@@ -108,11 +124,21 @@ def evaluation(count: int, *, agreement: float = 0.9954) -> dict[str, Any]:
     }
 
 
-def cosimulation(count: int, *, pace: str = "full", clock_hz: float = 12e6, mismatches: int = 0, missed: str = "") -> dict[str, Any]:
+def cosimulation(
+    count: int, *, pace: str = "full", clock_hz: float = 12e6, mismatches: int = 0, missed: str = ""
+) -> dict[str, Any]:
     """What eskin.cosim.flow says."""
-    cycles = {"frame_max": 16, "step_min": 91, "step_max": 97, "step_ideal": CONFIG.step_ideal, "decision_latency_max": 73}
+    cycles = {
+        "frame_max": 16,
+        "step_min": 91,
+        "step_max": 97,
+        "step_ideal": CONFIG.step_ideal,
+        "decision_latency_max": 73,
+    }
     names = ("step",) if pace == "full" else ("frame", "step", "decision")
-    rows = [(name, 8e-3, 97 / clock_hz, name != missed, False) for name in names] + [("reference: LSTM on a GPU", 5e-3, 6e-3, False, True)]
+    rows = [(name, 8e-3, 97 / clock_hz, name != missed, False) for name in names] + [
+        ("reference: LSTM on a GPU", 5e-3, 6e-3, False, True)
+    ]
     fields = ("name", "limit_s", "measured_s", "met", "reference")
     stages = {stage: {"compared_values": n, "mismatches": 0} for stage, n in STAGE_COUNTS.items()}
     stages["state"]["mismatches"] = mismatches

@@ -1,4 +1,5 @@
-"""A part that does nothing: its ports, for a bench that tests the wiring around it and plays its outputs by hand."""
+"""A part that does nothing: its ports, for a bench that tests the wiring around it and plays its outputs by
+hand."""
 
 from __future__ import annotations
 

@@ -20,9 +20,9 @@ BAUD = 115200
 
 @dataclass(frozen=True)
 class Played:
-    """What a recording made of the board. stim: (byte, cycle of its stop bit) on the stimulator's line, 256 more where that was low. pins:
-    (cycle, class or -1, valid, led) whenever one changes. violations: of the converter's data sheet. begun: a scan has begun. host: bytes
-    on the line to the host."""
+    """What a recording made of the board. stim: (byte, cycle of its stop bit) on the stimulator's line, 256
+    more where that was low. pins: (cycle, class or -1, valid, led) whenever one changes. violations: of the
+    converter's data sheet. begun: a scan has begun. host: bytes on the line to the host."""
 
     stim: list[tuple[int, int]]
     pins: list[tuple[int, int, bool, bool]]
@@ -61,17 +61,22 @@ def play(
     config:
         With the clock that the board was built for; a frame must be a whole number of cycles.
     fault_frame, fault_kind:
-        From this frame on the converter misbehaves as its model in cosim/converters says; kind 1: its data line stays low.
+        From this frame on the converter misbehaves as its model in cosim/converters says; kind 1: its data
+        line stays low.
     flash:
         What the board's flash holds at the image's place; the design reads its model there.
     host, host_clocks:
-        For a design with the link: what a host sends at the beginning and in the middle of the tail, and the clocks of a bit.
+        For a design with the link: what a host sends at the beginning and in the middle of the tail, and the
+        clocks of a bit.
     limit:
         Cycles after which it ends although no scan has begun.
     """
     clock = config.hardware.clock_hz
     parameters = converter_parameters(config) | {"TAXELS": config.sensor.taxels, "CLASSES": config.classes}
-    parameters |= {"PERIOD": round(clock / config.sensor.sample_rate_hz), "CLOCKS_PER_BIT": round(clock / BAUD)}
+    parameters |= {
+        "PERIOD": round(clock / config.sensor.sample_rate_hz),
+        "CLOCKS_PER_BIT": round(clock / BAUD),
+    }
     parameters |= {"HOST_CLOCKS": host_clocks} if host else {}
     models, options = converter_model(config)
     macros = ["-DFLASH"] * (flash is not None) + ["-DHOST"] * (host is not None)
@@ -87,23 +92,35 @@ def play(
     work.mkdir(parents=True, exist_ok=True)
     codes.astype(">u4").tofile(work / "codes.bin")
     settings = {"frames": len(codes), "tail": round(tail_s * clock), "fault_kind": fault_kind}
-    settings |= {name: value for name, value in (("fault_frame", fault_frame), ("limit", limit)) if value is not None}
+    settings |= {
+        name: value for name, value in (("fault_frame", fault_frame), ("limit", limit)) if value is not None
+    }
     if flash is not None:
         (work / "flash.bin").write_bytes(flash)
     if host is not None:
         (work / "host.bin").write_bytes(host[0])
         (work / "last.bin").write_bytes(host[1])
     runner.run(simulator, work, settings, limit_s=limit_s, bench="tests.support.skin_bench")
-    stim = [(int(word, 16), int(cycle)) for word, cycle in (line.split() for line in (work / "stim.txt").read_text().splitlines())]
+    stim = [
+        (int(word, 16), int(cycle))
+        for word, cycle in (line.split() for line in (work / "stim.txt").read_text().splitlines())
+    ]
     *lines, end = (line.split() for line in (work / "pins.txt").read_text().splitlines())
-    pins = [(int(cycle), int(one_hot, 2).bit_length() - 1, valid == "1", led == "1") for cycle, one_hot, valid, led in lines]
-    heard = bytes(int(word, 16) for word in (work / "host.txt").read_text().split()) if host is not None else b""
+    pins = [
+        (int(cycle), int(one_hot, 2).bit_length() - 1, valid == "1", led == "1")
+        for cycle, one_hot, valid, led in lines
+    ]
+    heard = (
+        bytes(int(word, 16) for word in (work / "host.txt").read_text().split()) if host is not None else b""
+    )
     return Played(stim, pins, int(end[-1]), end[3] == "1", heard)
 
 
-def expected_electrodes(rows: np.ndarray, frames: np.ndarray, config: AcceleratorConfig, burst_s: float) -> list[int]:
-    """Electrodes (0..23) that are switched on, in their order, for golden decisions that fall due with these frames: each that is not the
-    one before, where that is still held, and that lasts for a burst."""
+def expected_electrodes(
+    rows: np.ndarray, frames: np.ndarray, config: AcceleratorConfig, burst_s: float
+) -> list[int]:
+    """Electrodes (0..23) that are switched on, in their order, for golden decisions that fall due with these
+    frames: each that is not the one before, where that is still held, and that lasts for a burst."""
     one, rate = config.interface, config.sensor.sample_rate_hz
     table = one.electrodes or tuple(range(1, config.classes + 1))
     events = [(frame / rate, table[row[2]]) for row, frame in zip(rows, frames, strict=True)]

@@ -1,4 +1,5 @@
-"""A chip on an SPI port for benches of the Amaranth simulator: what it hears and says, bit by bit, out of a function of the command."""
+"""A chip on an SPI port for benches of the Amaranth simulator: what it hears and says, bit by bit, out of a
+function of the command."""
 
 from __future__ import annotations
 
@@ -6,8 +7,9 @@ from collections.abc import Callable
 
 
 class SpiSlave:
-    """One chip for each data line. ``answers(line)`` is asked when select falls and gives the word that the line says, highest bit first;
-    heard: the words that came in, a list for every transfer; edges: cycles of every change of select and clock."""
+    """One chip for each data line. ``answers(line)`` is asked when select falls and gives the word that the
+    line says, highest bit first; heard: the words that came in, a list for every transfer; edges: cycles of
+    every change of select and clock."""
 
     def __init__(self, pins, bits: int, answers: Callable[[int, int], int]) -> None:
         self.pins, self.bits, self.answers = pins, bits, answers
@@ -36,6 +38,10 @@ class SpiSlave:
                 self.edges.append((cycle, "clock", level))
             select, clock = now, level
             place = self.bits - 1 - said
-            value = (1 << lines) - 1 if now == idle or place < 0 else sum((words[k] >> place & 1) << k for k in range(lines))
+            value = (
+                (1 << lines) - 1
+                if now == idle or place < 0
+                else sum((words[k] >> place & 1) << k for k in range(lines))
+            )
             ctx.set(pins.miso, value)
             cycle += 1

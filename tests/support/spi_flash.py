@@ -1,14 +1,15 @@
-"""A serial flash at its pins, by a data sheet's words (W25Q128: commands 0xAB and 0x03), for Amaranth's simulator."""
+"""A serial flash at its pins, by a data sheet's words (W25Q128: commands 0xAB and 0x03), for Amaranth's
+simulator."""
 
 from __future__ import annotations
 
 
 class SpiFlash:
-    """Asleep until 0xAB: while it sleeps it hears nothing else and its output is high. Command, address and data highest bit first; it
-    reads DI when CLK rises and changes DO when CLK falls.
+    """Asleep until 0xAB: while it sleeps it hears nothing else and its output is high. Command, address and
+    data highest bit first; it reads DI when CLK rises and changes DO when CLK falls.
 
-    contents: byte by address, 0xFF where it holds nothing. wake_cycles: from the end of 0xAB until it hears the next command. early:
-    commands that came before that.
+    contents: byte by address, 0xFF where it holds nothing. wake_cycles: from the end of 0xAB until it hears
+    the next command. early: commands that came before that.
     """
 
     def __init__(self, pins, offset: int, image: bytes, wake_cycles: int) -> None:

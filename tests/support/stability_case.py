@@ -1,4 +1,5 @@
-"""A tiny array with three touches that six taxels tell apart with room to spare, and a network trained on it, for the failure modes."""
+"""A tiny array with three touches that six taxels tell apart with room to spare, and a network trained on it,
+for the failure modes."""
 
 from __future__ import annotations
 
@@ -40,20 +41,25 @@ CONFIG = AcceleratorConfig.of(
     fault_activity=3,
     clock_hz=1e6,
 )
-KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", activity_block=8, integral_knee=5)
+KINDS = dict(
+    feature_kinds=("mean", "activity", "integral"), activity_rule="change", activity_block=8, integral_knee=5
+)
 NOISE = 1.5
 PATTERNS = np.array([[1, -1, 1, -1, 1, -1], [-1, 1, -1, 1, -1, 1], [1, 1, -1, -1, 1, 1]], dtype=float)
 
 
 def recordings(count: int = 24, seed: int = 1) -> Recordings:
-    """Touches of 50 to 105 codes on every taxel, a slow swing with the sign of its class's pattern; groups ``trial``."""
+    """Touches of 50 to 105 codes on every taxel, a slow swing with the sign of its class's pattern; groups
+    ``trial``."""
     rng = np.random.default_rng(seed)
     labels = np.arange(count) % 3
     streams = []
     for label in labels:
         lead, touch = int(rng.integers(120, 170)), CONFIG.last_frame
         time = np.arange(lead + 2 * touch)
-        shape = np.where(time >= lead, np.sin(np.clip((time - lead) / (1.5 * touch), 0, 1) * np.pi) ** 0.3, 0.0)
+        shape = np.where(
+            time >= lead, np.sin(np.clip((time - lead) / (1.5 * touch), 0, 1) * np.pi) ** 0.3, 0.0
+        )
         height = rng.uniform(60, 90) * rng.uniform(0.85, 1.15, CONFIG.sensor.taxels)
         streams.append(
             29000
@@ -78,8 +84,12 @@ def bench() -> Bench:
     data = recordings()
     recipe = dataclasses.replace(recipes.RECIPES["robust"], updates=200)
     held = datasets.find_dataset(data, CONFIG, recipe)
-    (model,) = fitting.fit_networks(held, CONFIG, recipe, [datasets.touch_rows(held, np.arange(len(data)))], 1, lambda done, total: None)
-    return Bench(quantise_model(model, profile(model, held.touches)), model, data, few=9, points=1, long=200, flips=96)
+    (model,) = fitting.fit_networks(
+        held, CONFIG, recipe, [datasets.touch_rows(held, np.arange(len(data)))], 1, lambda done, total: None
+    )
+    return Bench(
+        quantise_model(model, profile(model, held.touches)), model, data, few=9, points=1, long=200, flips=96
+    )
 
 
 def model_folder(folder: Path) -> Path:
@@ -96,5 +106,9 @@ def linear_bench() -> Bench:
     data, config = recordings(), with_network(CONFIG, cell="linear").replace(**KINDS)
     recipe = dataclasses.replace(recipes.RECIPES["linear"], updates=4)
     held = datasets.find_dataset(data, config, recipe)
-    (model,) = fitting.fit_networks(held, config, recipe, [datasets.touch_rows(held, np.arange(len(data)))], 1, lambda done, total: None)
-    return Bench(quantise_model(model, profile(model, held.touches)), model, data, few=9, points=1, long=200, flips=96)
+    (model,) = fitting.fit_networks(
+        held, config, recipe, [datasets.touch_rows(held, np.arange(len(data)))], 1, lambda done, total: None
+    )
+    return Bench(
+        quantise_model(model, profile(model, held.touches)), model, data, few=9, points=1, long=200, flips=96
+    )

@@ -1,20 +1,33 @@
-"""A model of the electro-tactile stimulator: it decodes the bytes on its line and refuses what its protocol forbids.
+"""A model of the electro-tactile stimulator: it decodes the bytes on its line and refuses what its protocol
+forbids.
 
-Written from the protocol's table alone: frames begin with '>' and end with '<'; ON, OFF and T have no body; SD has four bytes, SF and SW
-two, C1 and C2 sixteen amplitudes, SA sixty-four channel bytes, of which byte n - 1 is n - 1 for channel n or 0xFF for off.
+Written from the protocol's table alone: frames begin with '>' and end with '<'; ON, OFF and T have no body;
+SD has four bytes, SF and SW two, C1 and C2 sixteen amplitudes, SA sixty-four channel bytes, of which byte n -
+1 is n - 1 for channel n or 0xFF for off.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-LENGTHS = {b">ON": 4, b">OFF": 5, b">T": 3, b">SD;": 9, b">SF;": 7, b">SW;": 7, b">C1;": 21, b">C2;": 21, b">SA;": 69}
+LENGTHS = {
+    b">ON": 4,
+    b">OFF": 5,
+    b">T": 3,
+    b">SD;": 9,
+    b">SF;": 7,
+    b">SW;": 7,
+    b">C1;": 21,
+    b">C2;": 21,
+    b">SA;": 69,
+}
 PLACES = ((11, 6, 27, 22), (10, 7, 1, 23), (9, 8, 2, 24), (12, 5, 28, 21), (13, 4, 29, 20), (14, 3, 30, 19))
 """Channel under each electrode, by row and column."""
 
 
 def table_frames(channel: int, amplitude: int, delay: int, frequency: int, width: int) -> list[bytes]:
-    """The frames of one stimulation of ``channel`` as the protocol's table has them, in the order SD, SF, SW, SA, C1, C2, ON."""
+    """The frames of one stimulation of ``channel`` as the protocol's table has them, in the order SD, SF, SW,
+    SA, C1, C2, ON."""
     select = bytearray(b"\xff" * 64)
     select[channel - 1] = channel - 1
     banks = [bytearray(16), bytearray(16)]
@@ -34,8 +47,8 @@ def table_frames(channel: int, amplitude: int, delay: int, frequency: int, width
 class StimulatorModel:
     """Bytes in, frames out.
 
-    limits: (amplitude, delay, frequency, width) that no frame may exceed. frames: names of the frames taken. wrong: what was against the
-    protocol, in words; a frame that is wrong is not taken. is_on: current flows.
+    limits: (amplitude, delay, frequency, width) that no frame may exceed. frames: names of the frames taken.
+    wrong: what was against the protocol, in words; a frame that is wrong is not taken. is_on: current flows.
     """
 
     limits: tuple[int, int, int, int]
@@ -95,7 +108,9 @@ class StimulatorModel:
         self.set_since_off.add(name)
         if name == "SA":
             self.selected = [place + 1 for place, byte in enumerate(body) if byte != 0xFF]
-            self.wrong += [f"SA byte {place} is {byte}" for place, byte in enumerate(body) if byte not in (0xFF, place)]
+            self.wrong += [
+                f"SA byte {place} is {byte}" for place, byte in enumerate(body) if byte not in (0xFF, place)
+            ]
         elif name in ("C1", "C2"):
             low = 0 if name == "C1" else 16
             self.amplitudes[low : low + 16] = body

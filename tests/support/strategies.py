@@ -1,7 +1,9 @@
-"""Hypothesis strategies of configurations and whole designs, and the number of examples: few in ``make test``, many in long runs.
+"""Hypothesis strategies of configurations and whole designs, and the number of examples: few in ``make
+test``, many in long runs.
 
-Two profiles (tests/conftest.py): "quick" draws the same examples every time; "long", of ``make fuzz`` and ``make designs``, draws new
-ones, after those that failed before (Hypothesis keeps them in .hypothesis and makes them smaller).
+Two profiles (tests/conftest.py): "quick" draws the same examples every time; "long", of ``make fuzz`` and
+``make designs``, draws new ones, after those that failed before (Hypothesis keeps them in .hypothesis and
+makes them smaller).
 """
 
 from __future__ import annotations
@@ -37,7 +39,8 @@ GATED_CYCLES = 40
 
 
 def examples(quick: int, long: int) -> settings:
-    """So many examples, each of which may take seconds; only long runs make a failing one smaller, which may take minutes."""
+    """So many examples, each of which may take seconds; only long runs make a failing one smaller, which may
+    take minutes."""
     health = dict(deadline=None, suppress_health_check=list(HealthCheck))
     if LONG:
         return settings(max_examples=long, **health)
@@ -80,12 +83,17 @@ FIELDS: dict[str, tuple[Any, ...]] = {
 }
 """Fields that depend on no other, the simplest value first: a failing design is made smaller towards it."""
 KINDS = [kinds for size in (1, 2, 3) for kinds in combinations(FEATURE_KINDS, size)]
-RESTS = {"band": ("none", "initial", "tracked"), "baseline": ("tracked", "initial"), "immediate": ("none", "initial")}
+RESTS = {
+    "band": ("none", "initial", "tracked"),
+    "baseline": ("tracked", "initial"),
+    "immediate": ("none", "initial"),
+}
 
 
 @st.composite
 def configurations(draw: st.DrawFn) -> AcceleratorConfig:
-    """Configurations of recordings that the project takes, without converter: cells, sizes, formats, windows, onsets, lanes."""
+    """Configurations of recordings that the project takes, without converter: cells, sizes, formats, windows,
+    onsets, lanes."""
 
     def pick(*options: Any) -> Any:
         return draw(st.sampled_from(options))
@@ -106,7 +114,9 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     rest = pick(*RESTS[onset])
     hits, of_frames = pick((1, 1), (2, 3), (3, 3))
     fields = {name: draw(st.sampled_from(options)) for name, options in FIELDS.items()}
-    fields |= {name: QFormat(*(draw(st.sampled_from(bits)) for bits in options)) for name, options in FORMATS.items()}
+    fields |= {
+        name: QFormat(*(draw(st.sampled_from(bits)) for bits in options)) for name, options in FORMATS.items()
+    }
     fields |= dict(
         name="random",
         taxels=taxels,
@@ -145,7 +155,11 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         config = AcceleratorConfig.of(**fields)
         block = max(1, math.gcd(hop, *config.window_lengths) // pick(1, 2, 3, 64))
         kinds = pick(*KINDS)
-        return config.replace(feature_kinds=kinds, activity_block=block, **({"compand": "none"} if kinds == ("integral",) else {}))
+        return config.replace(
+            feature_kinds=kinds,
+            activity_block=block,
+            **({"compand": "none"} if kinds == ("integral",) else {}),
+        )
     except InputError:
         reject()
 
@@ -194,13 +208,16 @@ def designs(draw: st.DrawFn) -> Design:
 
 
 def _behind(pick: Callable[..., Any], config: AcceleratorConfig, chip: str) -> AcceleratorConfig:
-    """The configuration behind a converter: frames come at its pace, at a clock that is low enough for Icarus.
+    """The configuration behind a converter: frames come at its pace, at a clock that is low enough for
+    Icarus.
 
-    Not the ddc232 and mpr121: their frames take thousands of cycles. The shift is the default, either way as the widths are: by another
-    most samples would lie beyond the converter's ends.
+    Not the ddc232 and mpr121: their frames take thousands of cycles. The shift is the default, either way as
+    the widths are: by another most samples would lie beyond the converter's ends.
     """
     taxels, clock, rate = config.sensor.taxels, pick(2e6, 1.7e6), pick(2000.0, 3000.0, 900.0)
-    fields: dict[str, Any] = dict(converter=chip, clock_hz=clock, sample_rate_hz=rate, code_offset=pick(None, 0, 60, -40))
+    fields: dict[str, Any] = dict(
+        converter=chip, clock_hz=clock, sample_rate_hz=rate, code_offset=pick(None, 0, 60, -40)
+    )
     if chip == "mcp3208x2":
         fields["data_lines"] = pick(0, 1)
     elif chip == "matrix":
@@ -209,8 +226,12 @@ def _behind(pick: Callable[..., Any], config: AcceleratorConfig, chip: str) -> A
     elif chip == "spi":
         code, bits, numbered = pick(0, 2), pick(12, 8, 14), pick(0, 5)
         end = code + bits + numbered
-        fields |= dict(spi_channels=pick(taxels, 1, 2, 4), spi_delay=pick(0, 1, 2), spi_code_bit=code, spi_code_bits=bits)
-        fields |= dict(spi_tag_bit=code + bits, spi_tag_bits=numbered, spi_frame_bits=end + 6, spi_channel_bit=end)
+        fields |= dict(
+            spi_channels=pick(taxels, 1, 2, 4), spi_delay=pick(0, 1, 2), spi_code_bit=code, spi_code_bits=bits
+        )
+        fields |= dict(
+            spi_tag_bit=code + bits, spi_tag_bits=numbered, spi_frame_bits=end + 6, spi_channel_bit=end
+        )
         fields["data_lines"] = pick(0, 1, 2)
     config = config.replace(**fields)
     if lowest_clock_hz(config) > clock:
@@ -219,7 +240,8 @@ def _behind(pick: Callable[..., Any], config: AcceleratorConfig, chip: str) -> A
 
 
 def _of_images(pick: Callable[..., Any], config: AcceleratorConfig) -> AcceleratorConfig:
-    """A network for images: up to three convolutions, each with or without a pool, one or two dense layers."""
+    """A network for images: up to three convolutions, each with or without a pool, one or two dense
+    layers."""
     layers: list[str] = []
     for _ in range(pick(1, 0, 2, 3)):
         layers += [f"conv {pick(3, 1, 5)} {pick(4, 1, 3, 5, 9)}", *["pool"] * pick(1, 0)]
@@ -227,28 +249,35 @@ def _of_images(pick: Callable[..., Any], config: AcceleratorConfig) -> Accelerat
     layers += [*pick((), ("dense 5",), ("dense 8",)), f"dense {classes}"]
     names, kept = tuple(f"c{k}" for k in range(classes)), config.hardware
     made = AcceleratorConfig.of_image(pick(4, 5, 6, 9), pick(4, 5, 7, 10), layers, names, clock_hz=12e6)
-    return made.with_lanes(pick(4, 8, 1, 2, 16), pick("plain", "dsp")).replace(checksum=kept.checksum, watchdog=kept.watchdog)
+    return made.with_lanes(pick(4, 8, 1, 2, 16), pick("plain", "dsp")).replace(
+        checksum=kept.checksum, watchdog=kept.watchdog
+    )
 
 
 def _never_stuck(recordings: Recordings, config: AcceleratorConfig) -> Recordings:
-    """Every second taxel kept off the ends of the converter's range: a line that is all at one end is a fault, its frame is dropped."""
+    """Every second taxel kept off the ends of the converter's range: a line that is all at one end is a
+    fault, its frame is dropped."""
     codes, step = codes_of(recordings.samples, config), 1 << max(code_shift(config), 0)
     codes[:, ::2] = np.clip(codes[:, ::2], step, code_format(config).max_code - step)
     return replace(recordings, samples=samples_of(codes, config))
 
 
 def differences(design: Design, folder: Path) -> list[str]:
-    """What of a few short recordings is not golden at every stage, on Icarus, which builds fastest; behind a converter also broken frames
-    and limits of its data sheet that are not kept."""
+    """What of a few short recordings is not golden at every stage, on Icarus, which builds fastest; behind a
+    converter also broken frames and limits of its data sheet that are not kept."""
     model = design.model
     config = model.config
-    options: dict[str, Any] = dict(simulator="icarus", stalls=design.stalls, seed=design.seed, work=folder, builds=folder / "simulators")
+    options: dict[str, Any] = dict(
+        simulator="icarus", stalls=design.stalls, seed=design.seed, work=folder, builds=folder / "simulators"
+    )
     if config.is_image:
         recordings = image_recordings(config, random_images(config, 3, design.seed))
     else:
         rest = config.rest_level.rest_frames
         whole = rest + config.windows.pretrigger_frames + config.last_frame + 2 * config.windows.hop
-        recordings = random_recordings(config, (2 * whole + config.onset_rule.rearm_frames + 20, whole + 10, rest + 3), design.seed)
+        recordings = random_recordings(
+            config, (2 * whole + config.onset_rule.rearm_frames + 20, whole + 10, rest + 3), design.seed
+        )
     if config.interface.converter != "none":
         recordings = _never_stuck(recordings, config)
     if config.hardware.clock_gate:  # which stops the clock between frames only

@@ -1,4 +1,5 @@
-"""Benches on Amaranth's simulator: beats in, beats out, random stalls on both sides, a protocol check, a timeout.
+"""Benches on Amaranth's simulator: beats in, beats out, random stalls on both sides, a protocol check, a
+timeout.
 
 A bench is short::
 
@@ -8,8 +9,9 @@ A bench is short::
     bench.run()
     assert values(out) == expected
 
-A run ends when every driver is done and nothing has moved for ``quiet`` cycles, so ``collect`` also shows beats too many. Collected
-streams are checked: once ``valid`` is up, ``valid`` and payload must hold until ``ready``.
+A run ends when every driver is done and nothing has moved for ``quiet`` cycles, so ``collect`` also shows
+beats too many. Collected streams are checked: once ``valid`` is up, ``valid`` and payload must hold until
+``ready``.
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ from amaranth.sim import Simulator
 
 
 class Beat(NamedTuple):
-    """One transfer: the cycle (0 = first clock edge) whose edge took it, and the payload (int, or dict of ints for a struct)."""
+    """One transfer: the cycle (0 = first clock edge) whose edge took it, and the payload (int, or dict of
+    ints for a struct)."""
 
     cycle: int
     value: Any
@@ -43,10 +46,15 @@ def pack(shape: Any, value: Any, where: str = "payload") -> int:
         unknown = set(value) - {name for name, _ in shape}
         if unknown:
             raise ValueError(f"{where} has no {sorted(unknown)}")
-        return sum(pack(field.shape, value.get(name, 0), f"{where}.{name}") << field.offset for name, field in shape)
+        return sum(
+            pack(field.shape, value.get(name, 0), f"{where}.{name}") << field.offset for name, field in shape
+        )
     if isinstance(shape, data.ArrayLayout):
         width = Shape.cast(shape.elem_shape).width
-        return sum(pack(shape.elem_shape, item, f"{where}[{index}]") << width * index for index, item in enumerate(value))
+        return sum(
+            pack(shape.elem_shape, item, f"{where}[{index}]") << width * index
+            for index, item in enumerate(value)
+        )
     width, is_signed = Shape.cast(shape).width, Shape.cast(shape).signed
     low, high = (-(1 << width - 1), (1 << width - 1) - 1) if is_signed else (0, (1 << width) - 1)
     if not low <= value <= high:
@@ -92,10 +100,11 @@ class Bench:
         self._sim.add_clock(1e-6)
 
     def drive(self, stream, beats, *, stall: float = 0.0, gaps=None, after: int = 0) -> list[int]:
-        """Send ``beats`` (ints, or dicts for a struct) one by one; returns the list of cycles in which they were taken.
+        """Send ``beats`` (ints, or dicts for a struct) one by one; returns the list of cycles in which they
+        were taken.
 
-        stall: chance of an idle cycle before each beat, repeated. gaps: idle cycles before each beat, instead (0 for the rest).
-        after: cycle before which nothing is sent.
+        stall: chance of an idle cycle before each beat, repeated. gaps: idle cycles before each beat, instead
+        (0 for the rest). after: cycle before which nothing is sent.
         """
         rng, taken, payload = random.Random(self._random.random()), [], Value.cast(stream.payload)
         pauses = iter(gaps or ())
@@ -127,7 +136,8 @@ class Bench:
         return taken
 
     def collect(self, stream, *, stall: float = 0.0) -> list[Beat]:
-        """Take everything ``stream`` offers; ``ready`` is low with chance ``stall``, drawn anew each cycle. Protocol checked."""
+        """Take everything ``stream`` offers; ``ready`` is low with chance ``stall``, drawn anew each cycle.
+        Protocol checked."""
         rng, out, shape = random.Random(self._random.random()), [], stream.payload.shape()
 
         async def taker(ctx):
@@ -140,7 +150,9 @@ class Bench:
                 _, _, valid, bits = await tick
                 if held is not None:
                     assert valid, f"cycle {self.cycle}: valid fell before ready"
-                    assert bits == held, f"cycle {self.cycle}: payload changed while stalled from {unpack(shape, held)}"
+                    assert bits == held, (
+                        f"cycle {self.cycle}: payload changed while stalled from {unpack(shape, held)}"
+                    )
                 held = bits if valid and stalled else None
                 if valid and ready:
                     out.append(Beat(self.cycle, unpack(shape, bits)))
@@ -180,7 +192,9 @@ class Bench:
             tick = ctx.tick()
             while self._busy or self.cycle - self._moved < self.quiet:
                 await tick
-                assert self.cycle < self.max_cycles, f"timeout: {self._busy} drivers still busy after {self.cycle} cycles"
+                assert self.cycle < self.max_cycles, (
+                    f"timeout: {self._busy} drivers still busy after {self.cycle} cycles"
+                )
 
         async def count(ctx):
             # added last: the others see the number of the cycle whose edge they woke at

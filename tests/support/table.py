@@ -1,4 +1,5 @@
-"""A table of cheap cases as one test, where collecting and naming every row apart tells no more than the row itself."""
+"""A table of cheap cases as one test, where collecting and naming every row apart tells no more than the row
+itself."""
 
 from __future__ import annotations
 
@@ -35,7 +36,9 @@ def each_row(names: str | tuple[str, ...], table: Iterable[Any]) -> Callable[[Ca
                         raise
 
         parameters = inspect.signature(test).parameters
-        play.__signature__ = inspect.Signature([parameter for name, parameter in parameters.items() if name not in columns])  # type: ignore[attr-defined]
+        play.__signature__ = inspect.Signature(
+            [parameter for name, parameter in parameters.items() if name not in columns]
+        )  # type: ignore[attr-defined]
         return play
 
     return decorate

@@ -1,4 +1,5 @@
-"""A process of a dozen cells and one memory, made up, in Liberty files as a chip's tests need them; the real one where it is beside us."""
+"""A process of a dozen cells and one memory, made up, in Liberty files as a chip's tests need them; the real
+one where it is beside us."""
 
 from __future__ import annotations
 
@@ -45,7 +46,9 @@ def _output(name: str, function: str, of: str, kind: str, times: float, more: st
         TABLE.format(0.03 * times, 0.05 * times, 0.1 * times, name=table)
         for table in ("cell_rise", "cell_fall", "rise_transition", "fall_transition")
     )
-    power = TABLE.format(0.004, 0.004, 0.004, name="rise_power") + TABLE.format(0.002, 0.002, 0.002, name="fall_power")
+    power = TABLE.format(0.004, 0.004, 0.004, name="rise_power") + TABLE.format(
+        0.002, 0.002, 0.002, name="fall_power"
+    )
     timing = "".join(f'timing () {{ related_pin : "{pin}"; {kind} {delays} }}\n' for pin in of)
     says = f'function : "{function}";' if function else ""
     return f"pin ({name}) {{ direction : output; {says} max_capacitance : 0.3; {more} {timing} internal_power () {{ {power} }} }}\n"
@@ -70,13 +73,27 @@ def library(corner: str) -> str:
         text += _cell(name, area, *map(_input, pins), _output(out, function, pins, "", times))
     clock = _input("CLK", "clock : true;")
     state = 'ff (IQ, IQN) { clocked_on : "CLK"; next_state : "D"; clear : "!RESET_B"; }\n'
-    text += _cell("dfrbpq_1", 49, state, clock, _input("D", SETUP), _input("RESET_B"), _output("Q", "IQ", ["CLK"], edge, times))
+    text += _cell(
+        "dfrbpq_1",
+        49,
+        state,
+        clock,
+        _input("D", SETUP),
+        _input("RESET_B"),
+        _output("Q", "IQ", ["CLK"], edge, times),
+    )
     state = 'latch (IQ, IQN) { enable : "GATE"; data_in : "D"; }\n'
     text += _cell("dlhq_1", 31, state, _input("GATE"), _input("D"), _output("Q", "IQ", ["GATE"], edge, times))
     gate = 'clock_gating_integrated_cell : "latch_posedge";\n'
-    pins = _input("CLK", "clock : true; clock_gate_clock_pin : true;") + _input("GATE", "clock_gate_enable_pin : true;")
+    pins = _input("CLK", "clock : true; clock_gate_clock_pin : true;") + _input(
+        "GATE", "clock_gate_enable_pin : true;"
+    )
     text += _cell(
-        "lgcp_1", 27, gate, pins, _output("GCLK", "", ["CLK"], "timing_sense : positive_unate;", times, "clock_gate_out_pin : true;")
+        "lgcp_1",
+        27,
+        gate,
+        pins,
+        _output("GCLK", "", ["CLK"], "timing_sense : positive_unate;", times, "clock_gate_out_pin : true;"),
     )
     for name, pin, value in (("tiehi", "L_HI", 1), ("tielo", "L_LO", 0)):
         text += _cell(name, 7.3, f'pin ({pin}) {{ direction : output; function : "{value}"; }}\n')

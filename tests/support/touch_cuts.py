@@ -12,10 +12,16 @@ from eskin.golden.model.preprocess import find_onsets
 
 
 def beginnings(
-    recordings: Recordings, config: AcceleratorConfig, count: int = 5, steps: int = 3, before: int | None = None, rest: int = 0
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    count: int = 5,
+    steps: int = 3,
+    before: int | None = None,
+    rest: int = 0,
 ) -> Recordings:
-    """Of ``count`` recordings, spread over the classes, the part from ``before`` frames ahead of the onset (default: what the ring keeps
-    and 400) to the end of the touch's first ``steps`` windows, then ``rest`` times their first frame."""
+    """Of ``count`` recordings, spread over the classes, the part from ``before`` frames ahead of the onset
+    (default: what the ring keeps and 400) to the end of the touch's first ``steps`` windows, then ``rest``
+    times their first frame."""
     few = recordings.subset(recordings.evenly(count))
     windows = config.windows
     before = windows.pretrigger_frames + 400 if before is None else before

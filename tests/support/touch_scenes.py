@@ -1,4 +1,5 @@
-"""Small made-up recordings with known touches, and the configuration that finds them: for the tests of model, pipeline and training."""
+"""Small made-up recordings with known touches, and the configuration that finds them: for the tests of model,
+pipeline and training."""
 
 import numpy as np
 
@@ -28,14 +29,16 @@ SMALL = AcceleratorConfig.of(
 
 
 def touch(kind: int, rng: np.random.Generator, frames: int = 110) -> np.ndarray:
-    """Deviation (frames, 4) of one touch: a level that rises, that falls, or that comes and goes; strength and speed vary."""
+    """Deviation (frames, 4) of one touch: a level that rises, that falls, or that comes and goes; strength
+    and speed vary."""
     x = np.clip(np.arange(frames) / frames * rng.uniform(0.9, 1.2), 0, 1)
     course = (30 + 90 * x, 120 - 90 * x, 60 + 60 * np.sin(6 * np.pi * x))[kind]
     return course[:, None] * rng.uniform(0.7, 1.3, 4) * np.array([1, 1, -1, 0.5])
 
 
 def scene(recordings: int = 60, seed: int = 0) -> Recordings:
-    """Recordings of 0 to 2 touches. Group ``person``: 5 values. Recording 0 is never touched; recording 1 ends inside its touch."""
+    """Recordings of 0 to 2 touches. Group ``person``: 5 values. Recording 0 is never touched; recording 1
+    ends inside its touch."""
     rng = np.random.default_rng(seed)
     labels = np.arange(recordings) % 3
     parts = []
@@ -49,7 +52,9 @@ def scene(recordings: int = 60, seed: int = 0) -> Recordings:
             if index % 4 == 0:
                 pieces += [touch(rng.integers(3), rng), np.zeros((40, 4))]
         part = np.concatenate(pieces)
-        parts.append(np.rint(1000 + rng.integers(-50, 50, 4) + part + rng.normal(0, 2, part.shape)).astype(np.int32))
+        parts.append(
+            np.rint(1000 + rng.integers(-50, 50, 4) + part + rng.normal(0, 2, part.shape)).astype(np.int32)
+        )
     return Recordings(
         samples=np.concatenate(parts),
         offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64),

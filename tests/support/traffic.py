@@ -1,6 +1,8 @@
-"""Bus traffic, frames and resets out of a script, on Icarus: what harness.sv, which plays recordings as a good host does, never does.
+"""Bus traffic, frames and resets out of a script, on Icarus: what harness.sv, which plays recordings as a
+good host does, never does.
 
-Also what makes a simulation start in another state than the initial one, in X above all: `initial_values`, `changed`.
+Also what makes a simulation start in another state than the initial one, in X above all: `initial_values`,
+`changed`.
 """
 
 from __future__ import annotations
@@ -61,8 +63,11 @@ class Script:
         """A reset so many cycles from now; what then is left up to the next mark is not done."""
         self.add(7, cycles, 3)
 
-    def recording(self, samples: np.ndarray, sample_bits: int, *, arm: tuple[int, int], finish: tuple[int, int]) -> None:
-        """A recording (frames, taxels) as a good host plays it; arm, finish: (address, word) of the commands."""
+    def recording(
+        self, samples: np.ndarray, sample_bits: int, *, arm: tuple[int, int], finish: tuple[int, int]
+    ) -> None:
+        """A recording (frames, taxels) as a good host plays it; arm, finish: (address, word) of the
+        commands."""
         self.write(*arm)
         self.until_idle()
         for frame in samples:
@@ -78,7 +83,15 @@ def beat(sample: int, sample_bits: int, *, first: bool, last: bool) -> int:
     return sample & (1 << sample_bits) - 1 | first << sample_bits | last << sample_bits + 1
 
 
-def run(script: Script, design: Sequence[Path], sample_bits: int, work: Path, builds: Path, *, limit_s: float = 1200.0) -> list[list[str]]:
+def run(
+    script: Script,
+    design: Sequence[Path],
+    sample_bits: int,
+    work: Path,
+    builds: Path,
+    *,
+    limit_s: float = 1200.0,
+) -> list[list[str]]:
     """Run ``script`` on ``design``; the words of every line that the harness wrote.
 
     Raises
@@ -91,12 +104,19 @@ def run(script: Script, design: Sequence[Path], sample_bits: int, work: Path, bu
     (work / "script.txt").write_text("\n".join(script.lines) + "\n")
     try:
         ended = subprocess.run(
-            ["vvp", "-n", str(simulator.folder / "sim.vvp")], cwd=work, capture_output=True, text=True, timeout=limit_s, check=False
+            ["vvp", "-n", str(simulator.folder / "sim.vvp")],
+            cwd=work,
+            capture_output=True,
+            text=True,
+            timeout=limit_s,
+            check=False,
         )
     except subprocess.TimeoutExpired:
         raise SimulationError(f"the simulation took longer than {limit_s:.0f} s in {work}") from None
     if ended.returncode:
-        raise SimulationError(f"the simulation failed (status {ended.returncode}) in {work}\n{ended.stdout}{ended.stderr}")
+        raise SimulationError(
+            f"the simulation failed (status {ended.returncode}) in {work}\n{ended.stdout}{ended.stderr}"
+        )
     return [line.split() for line in (work / "said.txt").read_text().splitlines()]
 
 
@@ -113,24 +133,34 @@ def by_mark(said: Sequence[Sequence[str]]) -> dict[int, list[list[str]]]:
 
 
 def differences(lines: Sequence[Sequence[str]], expected: Mapping[str, np.ndarray], index: int) -> list[str]:
-    """What of one recording, number ``index`` of the vectors, is not as the golden model says; an X anywhere is a difference."""
+    """What of one recording, number ``index`` of the vectors, is not as the golden model says; an X anywhere
+    is a difference."""
     found = [" ".join(line) for line in lines if line[0] in ("stuck", "unknown", "unstable")]
     for stage in (*FLAT_STAGES, "decision"):
         words = [line[1] for line in lines if line[0] == stage]
         low, high = expected[f"{stage}_offsets"][index : index + 2]
         wanted = expected[stage][low:high]
         if stage == "decision":
-            wanted = [sum(int(value) << low for value, (low, _) in zip(row, DECISION_FIELDS.values(), strict=True)) for row in wanted]
+            wanted = [
+                sum(int(value) << low for value, (low, _) in zip(row, DECISION_FIELDS.values(), strict=True))
+                for row in wanted
+            ]
         wanted = [f"{int(value) & 0xFFFFFFFF:08x}" for value in wanted]
         if words != wanted:
-            place = next((k for k, pair in enumerate(zip(words, wanted, strict=False)) if pair[0] != pair[1]), min(len(words), len(wanted)))
+            place = next(
+                (k for k, pair in enumerate(zip(words, wanted, strict=False)) if pair[0] != pair[1]),
+                min(len(words), len(wanted)),
+            )
             pair = [row[place] if place < len(row) else "nothing" for row in (wanted, words)]
-            found.append(f"{stage} {place}: expected {pair[0]}, got {pair[1]} ({len(wanted)} and {len(words)} in all)")
+            found.append(
+                f"{stage} {place}: expected {pair[0]}, got {pair[1]} ({len(wanted)} and {len(words)} in all)"
+            )
     return found
 
 
 def initial_values(verilog: str) -> list[int]:
-    """Line numbers of every initial value of a register and of a word of a memory that is written; other memories are constants."""
+    """Line numbers of every initial value of a register and of a word of a memory that is written; other
+    memories are constants."""
     written = set(re.findall(r"^\s*(\\?[^\s\[]+)\s*\[.*\] <=", verilog, re.MULTILINE))
     found = []
     for number, line in enumerate(verilog.split("\n")):
@@ -141,10 +171,15 @@ def initial_values(verilog: str) -> list[int]:
 
 
 def changed(verilog: str, unknown: Iterable[int] = (), drawn: Mapping[int, int] | None = None) -> str:
-    """``verilog`` with X for the initial values in the lines ``unknown``, and with other ones, by line number, in those of ``drawn``."""
+    """``verilog`` with X for the initial values in the lines ``unknown``, and with other ones, by line
+    number, in those of ``drawn``."""
     lines = verilog.split("\n")
     for number in unknown:
-        lines[number] = re.sub(r" *= \d+'h\w+;$", " ;", lines[number]) if lines[number].lstrip().startswith("reg ") else ""
+        lines[number] = (
+            re.sub(r" *= \d+'h\w+;$", " ;", lines[number])
+            if lines[number].lstrip().startswith("reg ")
+            else ""
+        )
     for number, value in (drawn or {}).items():
         width = width_of(lines[number])
         lines[number] = re.sub(r"'h\w+;$", f"'h{value & (1 << width) - 1:x};", lines[number])

@@ -1,4 +1,5 @@
-"""A small accelerator under scripts of tests/support/traffic.py: any bus traffic, resets, and registers and memories that start as X."""
+"""A small accelerator under scripts of tests/support/traffic.py: any bus traffic, resets, and registers and
+memories that start as X."""
 
 from __future__ import annotations
 
@@ -45,11 +46,18 @@ class Case:
     def __init__(self, config: AcceleratorConfig = CONFIG) -> None:
         self.model: IntegerModel = random_integer_model(config, 5)
         self.config = self.model.config
-        whole = config.rest_level.rest_frames + config.windows.pretrigger_frames + config.last_frame + 2 * config.windows.hop
+        whole = (
+            config.rest_level.rest_frames
+            + config.windows.pretrigger_frames
+            + config.last_frame
+            + 2 * config.windows.hop
+        )
         for seed in range(200):
             self.recordings: Recordings = random_recordings(self.config, (2 * whole, whole), seed)
             trace = golden_run(self.model, self.recordings)
-            if (trace.first >= 0).all() and trace.touches.completed[trace.first].min() == config.windows.steps:
+            if (trace.first >= 0).all() and trace.touches.completed[
+                trace.first
+            ].min() == config.windows.steps:
                 break
         else:
             raise AssertionError("no seed gives both recordings a whole touch")
@@ -75,10 +83,13 @@ class Case:
 
     def play(self, script: Script, index: int) -> None:
         """A recording as a good host plays it."""
-        script.recording(self.recordings.recording(index), self.config.sensor.sample_bits, arm=ARM, finish=FINISH)
+        script.recording(
+            self.recordings.recording(index), self.config.sensor.sample_bits, arm=ARM, finish=FINISH
+        )
 
     def open_frames(self, folder: Path) -> range:
-        """Frames of recording 1 after which its first touch is surely open: from its first step on, up to the last but one."""
+        """Frames of recording 1 after which its first touch is surely open: from its first step on, up to the
+        last but one."""
         vectors = self.vectors(folder)
         low, high = vectors["decision_offsets"][1:3]
         rows, frames = vectors["decision"][low:high], vectors["decision_frame"][low:high]
@@ -93,7 +104,8 @@ def small_case() -> Case:
 
 
 def rubbish(case: Case, script: Script, rng: random.Random) -> None:
-    """Traffic as no host makes it: commands at any time, half frames, wrong first and last, any word to any address."""
+    """Traffic as no host makes it: commands at any time, half frames, wrong first and last, any word to any
+    address."""
     words = (0, 1, 2, 3, 4, 7, 0xFFFF, 0x40, 0x41, 0x42, 0x5A5A)
     bits = case.config.sensor.sample_bits
     for _ in range(rng.randint(20, 150)):
@@ -114,7 +126,9 @@ def rubbish(case: Case, script: Script, rng: random.Random) -> None:
                 script.beat(beat(sample, bits, first=taxel == 0, last=taxel == len(frame) - 1))
         else:
             for _ in range(rng.randint(1, 9)):
-                script.beat(beat(rng.randrange(1 << bits), bits, first=rng.random() < 0.3, last=rng.random() < 0.3))
+                script.beat(
+                    beat(rng.randrange(1 << bits), bits, first=rng.random() < 0.3, last=rng.random() < 0.3)
+                )
 
 
 def recovery(case: Case, seed: str) -> Script:
@@ -135,7 +149,8 @@ def recovery(case: Case, seed: str) -> Script:
 
 
 def meddling(case: Case, seed: str, open_frames: range) -> Script:
-    """Recording 1 with harmless bus traffic at every turn: reads, writes that change nothing, weights while the touch is open, stalls."""
+    """Recording 1 with harmless bus traffic at every turn: reads, writes that change nothing, weights while
+    the touch is open, stalls."""
     rng, script = random.Random(seed), Script()
     case.load(script)
     script.mark(1)
@@ -164,7 +179,8 @@ def meddling(case: Case, seed: str, open_frames: range) -> Script:
 
 
 def resets(case: Case, count: int, seed: int) -> Script:
-    """``count`` times: recording 0 (now and then the loading) is broken off by a reset in a random cycle; recording 1 is marked."""
+    """``count`` times: recording 0 (now and then the loading) is broken off by a reset in a random cycle;
+    recording 1 is marked."""
     rng, script = random.Random(seed), Script()
     cycles = len(case.recordings.recording(0)) * case.config.sensor.taxels + 60
     case.load(script)
@@ -207,13 +223,18 @@ def those_that_matter(lines: list[int], fails: Callable[[list[int]], bool]) -> l
     if not lines or not fails(lines):
         return []
     half = len(lines) // 2
-    return lines if len(lines) == 1 else those_that_matter(lines[:half], fails) + those_that_matter(lines[half:], fails)
+    return (
+        lines
+        if len(lines) == 1
+        else those_that_matter(lines[:half], fails) + those_that_matter(lines[half:], fails)
+    )
 
 
 @dataclass(frozen=True)
 class Power:
-    """What initial values mean. constants: lines whose value is used before it is written. multiplied: lines of words that only an X gets
-    through, because it comes out of a product with 0 as X. text: of all lines; total, bits: of all initial values."""
+    """What initial values mean. constants: lines whose value is used before it is written. multiplied: lines
+    of words that only an X gets through, because it comes out of a product with 0 as X. text: of all lines;
+    total, bits: of all initial values."""
 
     constants: list[int]
     multiplied: list[int]
@@ -223,7 +244,8 @@ class Power:
 
 
 def power_up(case: Case, folder: Path, builds: Path, seeds: int) -> Power:
-    """Start in another state: which initial values matter, and that with all others X, or at random, everything is golden.
+    """Start in another state: which initial values matter, and that with all others X, or at random,
+    everything is golden.
 
     Raises AssertionError when it is not.
     """

@@ -1,7 +1,7 @@
 """One command line in a forked child whose file accesses are watched, and what became of it.
 
-It passes when it ends with a status of the command line's own, or reaches work that is known to be long (training, a tool in a process of
-its own): that far everything given was read and checked.
+It passes when it ends with a status of the command line's own, or reaches work that is known to be long
+(training, a tool in a process of its own): that far everything given was read and checked.
 """
 
 from __future__ import annotations
@@ -41,9 +41,26 @@ ENDS = {0: "done", 1: "check not held", 2: "refused", "long work": "long work"}
 KEPT = ("keep", "foreign/keep")
 """Files in ``out`` that no refused command may touch."""
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
-CHANGING = {"os.remove": 1, "os.rename": 2, "os.mkdir": 1, "os.rmdir": 1, "os.link": 2, "os.symlink": 2, "os.truncate": 1, "os.chmod": 1}
+CHANGING = {
+    "os.remove": 1,
+    "os.rename": 2,
+    "os.mkdir": 1,
+    "os.rmdir": 1,
+    "os.link": 2,
+    "os.symlink": 2,
+    "os.truncate": 1,
+    "os.chmod": 1,
+}
 """Audit events that change the file system, and how many of their arguments are paths."""
-PROCESSES = ("subprocess.Popen", "os.system", "os.posix_spawn", "os.fork", "os.exec", "socket.connect", "socket.bind")
+PROCESSES = (
+    "subprocess.Popen",
+    "os.system",
+    "os.posix_spawn",
+    "os.fork",
+    "os.exec",
+    "socket.connect",
+    "socket.bind",
+)
 
 
 class Verdict(NamedTuple):
@@ -57,7 +74,8 @@ class Verdict(NamedTuple):
 def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) -> None:
     """Note what is written outside ``out`` and ``tmp``, and what is unpickled; ``stop`` at long work.
 
-    Long work: a gradient, another process, a server, a mode of the stability suite, and unless ``draws`` a drawing.
+    Long work: a gradient, another process, a server, a mode of the stability suite, and unless ``draws`` a
+    drawing.
     """
     allowed = (*(f"{os.path.realpath(case / name)}/" for name in ("out", "tmp")), "/dev/")
 
@@ -94,7 +112,8 @@ def _child(case: Path, words: list[str], draws: bool, answer: Connection) -> Non
     sys.stdout, sys.stderr = open(1, "w"), open(2, "w", errors="backslashreplace")  # noqa: SIM115
     warnings.simplefilter("ignore")
     os.environ |= {"HOME": str(case / "tmp"), "TMPDIR": str(case / "tmp"), "COLUMNS": "200"}
-    os.environ["TORCHINDUCTOR_CACHE_DIR"] = str(case / "tmp" / "torch")  # torch settles it when it is imported, for good
+    # torch settles it when it is imported, for good
+    os.environ["TORCHINDUCTOR_CACHE_DIR"] = str(case / "tmp" / "torch")
     tempfile.tempdir = None
     os.chdir(case / "out")
     used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -149,12 +168,18 @@ def _judged(case: Path, before: dict[str, str], status: Any, said: str) -> Verdi
     left = [str(path.relative_to(case)) for path in (case / "tmp").rglob("*")]
     left += [str(path.relative_to(case)) for path in (case / "out").rglob(".*") if ".work" not in path.name]
     defects = {
-        "input changed": sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name)),
+        "input changed": sorted(
+            name for name in before.keys() | after.keys() if before.get(name) != after.get(name)
+        ),
         "wrote outside": sorted(strays),
         "odd status": [] if status in ENDS else [f"status {status}", said],
         "traceback": [said] if "Traceback (most recent call last)" in said else [],
-        "no sentence": [] if status != 2 or any(word in said for word in ("eskin: ", "Error", "Usage")) else [said],
-        "written by a refused command": [name for name in KEPT if status == 2 and (case / "out" / name).read_bytes() != b"keep"],
+        "no sentence": []
+        if status != 2 or any(word in said for word in ("eskin: ", "Error", "Usage"))
+        else [said],
+        "written by a refused command": [
+            name for name in KEPT if status == 2 and (case / "out" / name).read_bytes() != b"keep"
+        ],
         "left behind": left if status == 2 else [],
     }
     bad = next((outcome for outcome, details in defects.items() if details), "")
@@ -165,23 +190,38 @@ def _tree(folder: Path) -> dict[str, str]:
     """Every entry below ``folder``: its kind, and of files the hash."""
     entries = {}
     for path in sorted(folder.rglob("*")):
-        kind = "link" if path.is_symlink() else "folder" if path.is_dir() else "" if path.is_file() else "other"
-        entries[str(path.relative_to(folder)).encode("utf-8", "replace").decode()] = kind or hashlib.sha256(path.read_bytes()).hexdigest()
+        kind = (
+            "link" if path.is_symlink() else "folder" if path.is_dir() else "" if path.is_file() else "other"
+        )
+        entries[str(path.relative_to(folder)).encode("utf-8", "replace").decode()] = (
+            kind or hashlib.sha256(path.read_bytes()).hexdigest()
+        )
     return entries
 
 
 def of_its_own(case: Path, words: list[str]) -> Verdict:
-    """As `watched`, the command line in a Python of its own; work that takes long is interrupted, as with Ctrl-C."""
+    """As `watched`, the command line in a Python of its own; work that takes long is interrupted, as with
+    Ctrl-C."""
     before = _tree(case / "in")
     words = [word for word in words if "\0" not in word]
-    environment = {**os.environ, "HOME": str(case / "tmp"), "TMPDIR": str(case / "tmp"), "PYTHONPATH": str(ROOT), "COLUMNS": "200"}
-    environment["XDG_CACHE_HOME"] = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")  # where Yosys is kept, compiled
-    environment["MPLCONFIGDIR"] = matplotlib.get_configdir()  # its list of fonts is made once, not for every input
+    environment = {
+        **os.environ,
+        "HOME": str(case / "tmp"),
+        "TMPDIR": str(case / "tmp"),
+        "PYTHONPATH": str(ROOT),
+        "COLUMNS": "200",
+    }
+    # where Yosys is kept, compiled
+    environment["XDG_CACHE_HOME"] = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    # its list of fonts is made once, not for every input
+    environment["MPLCONFIGDIR"] = matplotlib.get_configdir()
     command = [sys.executable, "-m", "eskin.cli.main", *words]
     status: Any = None
     with (case / "said.txt").open("w") as said:
         streams: dict[str, Any] = dict(stdin=subprocess.DEVNULL, stdout=said, stderr=said)
-        process = subprocess.Popen(command, cwd=case / "out", env=environment, start_new_session=True, **streams)
+        process = subprocess.Popen(
+            command, cwd=case / "out", env=environment, start_new_session=True, **streams
+        )
     for grace in (12, 20):
         try:
             status = process.wait(grace)

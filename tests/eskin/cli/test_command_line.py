@@ -1,4 +1,5 @@
-"""The command line: what each verb prints and writes, and that every bad input ends in one sentence, status 2 and no changed file."""
+"""The command line: what each verb prints and writes, and that every bad input ends in one sentence, status 2
+and no changed file."""
 
 from __future__ import annotations
 
@@ -68,7 +69,8 @@ CONFIG = AcceleratorConfig.of(
 
 
 def arrays(**changes) -> dict[str, np.ndarray]:
-    """Eight recordings of 100 frames that CONFIG's onset rule opens, with ``changes``; None leaves an array out."""
+    """Eight recordings of 100 frames that CONFIG's onset rule opens, with ``changes``; None leaves an array
+    out."""
     rng = np.random.default_rng(11)
     samples = rng.normal(1000, 2, (8, 100, 4))
     for i in range(8):
@@ -112,7 +114,8 @@ def model(folder) -> Path:
 
 @pytest.fixture
 def call(monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
-    """``call("inspect", "data.npz")`` -> (status, standard output, standard error), as the installed command would end."""
+    """``call("inspect", "data.npz")`` -> (status, standard output, standard error), as the installed command
+    would end."""
 
     def run(*words: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["eskin", *map(str, words)])
@@ -127,11 +130,16 @@ def call(monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
 
 def everything(folder: Path) -> dict[str, bytes]:
     """Every file below ``folder`` and what is in it."""
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
 
 
 def refused(call, folder: Path, words: list[object], *parts: str) -> None:
-    """The command ends with 2, one line on standard error that has every part, nothing on standard output, and no file changed."""
+    """The command ends with 2, one line on standard error that has every part, nothing on standard output,
+    and no file changed."""
     before = everything(folder)
     status, out, err = call(*words)
     assert status == 2, (status, err)
@@ -149,16 +157,25 @@ def write_tables(folder: Path) -> None:
         file = folder / str(good["class_names"][index % 2]) / f"trial{index // 2}.csv"
         file.parent.mkdir(parents=True, exist_ok=True)
         samples = good["samples"][100 * index : 100 * (index + 1)]
-        rows = [",".join([f"{frame / 200:.3f}", *map(str, row)]) for frame, row in enumerate(samples.tolist())]
+        rows = [
+            ",".join([f"{frame / 200:.3f}", *map(str, row)]) for frame, row in enumerate(samples.tolist())
+        ]
         file.write_text("\n".join(["time,a,b,c,d", *rows]))
 
 
 def test_convert_says_what_it_understood_and_writes_the_same_recordings(call, folder):
     write_tables(folder / "csv")
     status, out, _ = call("convert", "csv", "--out", "made.npz")
-    assert status == 0 and "2 folders are classes, 8 files recordings" in out and "200 Hz" in out and "eskin inspect made.npz" in out
+    assert (
+        status == 0
+        and "2 folders are classes, 8 files recordings" in out
+        and "200 Hz" in out
+        and "eskin inspect made.npz" in out
+    )
     with np.load("made.npz") as made:
-        samples = np.concatenate([arrays()["samples"][100 * n : 100 * (n + 1)] for n in (0, 2, 4, 6, 1, 3, 5, 7)])
+        samples = np.concatenate(
+            [arrays()["samples"][100 * n : 100 * (n + 1)] for n in (0, 2, 4, 6, 1, 3, 5, 7)]
+        )
         assert np.array_equal(made["samples"], samples) and made["trial"].tolist() == [0, 1, 2, 3] * 2
     assert call("evaluate", "nothing", "--data", "csv")[0] == 2
     assert call("inspect", "csv", "--config", "config.json")[0] == 0
@@ -194,7 +211,11 @@ def test_a_bad_matlab_file_is_refused_in_a_sentence(call, folder):
 # ---------------------------------------------------------------------- help and usage
 def test_help_lists_the_verbs_of_this_release_and_no_others(call):
     status, out, _ = call("--help")
-    listed = [line.split()[1] for line in out.partition("Commands")[2].splitlines() if line.startswith("│ ") and line[2] != " "]
+    listed = [
+        line.split()[1]
+        for line in out.partition("Commands")[2].splitlines()
+        if line.startswith("│ ") and line[2] != " "
+    ]
     assert status == 0 and sorted(listed) == sorted(VERBS)
 
 
@@ -224,11 +245,25 @@ def test_bad_usage_ends_with_2(call, folder, words):
 
 
 # ---------------------------------------------------------------------- the verbs
-def test_stability_runs_the_asked_modes_and_ends_with_1_when_one_is_beyond_its_bound(call, folder, model, monkeypatch):
+def test_stability_runs_the_asked_modes_and_ends_with_1_when_one_is_beyond_its_bound(
+    call, folder, model, monkeypatch
+):
     import dataclasses
 
     name = "weight bit flips, mean"
-    words = ["stability", model, "--data", "data.npz", "--out", "s", "--no-cosim", "--mode", name, "--mode", "mains hum"]
+    words = [
+        "stability",
+        model,
+        "--data",
+        "data.npz",
+        "--out",
+        "s",
+        "--no-cosim",
+        "--mode",
+        name,
+        "--mode",
+        "mains hum",
+    ]
     status, out, _ = call(*words)
     assert status == 0 and "2 failure modes" in out and "held" in out and Path("s/stability.html").is_file()
     result = json.loads(Path("s/stability.json").read_text())
@@ -245,7 +280,13 @@ def test_stability_runs_the_asked_modes_and_ends_with_1_when_one_is_beyond_its_b
 def test_stability_refuses_before_it_writes(call, folder, model):
     base = ["stability", model, "--data", "data.npz", "--out", "s", "--no-cosim"]
     refused(call, folder, [*base, "--mode", "tie"], "mode 'tie'", "unknown")
-    refused(call, folder, ["stability", folder / "none", "--data", "data.npz", "--out", "s"], "none", "config.json")
+    refused(
+        call,
+        folder,
+        ["stability", folder / "none", "--data", "data.npz", "--out", "s"],
+        "none",
+        "config.json",
+    )
     Path("s").write_text("a file")
     refused(call, folder, [*base, "--mode", "mains hum"], "s is a file")
 
@@ -254,7 +295,11 @@ def test_inspect_shows_the_archive_and_writes_picture_and_figures(call, folder):
     status, out, _ = call("inspect", "data.npz", "--config", "config.json", "--json", "figures.json")
     assert status == 0
     figures = json.loads(Path("figures.json").read_text())
-    assert figures["recordings"] == 8 and figures["taxels"] == 4 and figures["classes"] == {"rough": 4, "smooth": 4}
+    assert (
+        figures["recordings"] == 8
+        and figures["taxels"] == 4
+        and figures["classes"] == {"rough": 4, "smooth": 4}
+    )
     assert figures["groups"] == {"trial": 4} and figures["lengths"] == {"min": 100, "median": 100, "max": 100}
     assert [taxel["state"] for taxel in figures["taxel"]] == ["ok"] * 4
     onsets = figures["onset_frames"]
@@ -287,7 +332,12 @@ def test_inspect_lists_few_recordings_and_says_what_next(call, folder):
     good = arrays()
     np.savez(
         "data.npz",
-        **arrays(samples=np.tile(good["samples"], (4, 1)), offsets=np.arange(0, 3201, 100), labels=np.arange(32) % 2, trial=None),
+        **arrays(
+            samples=np.tile(good["samples"], (4, 1)),
+            offsets=np.arange(0, 3201, 100),
+            labels=np.arange(32) % 2,
+            trial=None,
+        ),
     )
     _, out, _ = call("inspect", "data.npz", "--config", "config.json")
     assert "onsets of 10 recordings" in out and "no group says which recordings are alike" in out
@@ -296,14 +346,20 @@ def test_inspect_lists_few_recordings_and_says_what_next(call, folder):
     assert len(json.loads(Path("figures.json").read_text())["onset_frames"]) == 32
     np.savez("data.npz", **good)
     _, out, _ = call("inspect", "data.npz", "--config", "config.json")
-    assert "next: eskin run --data data.npz --group trial" in out and "fewer than 5 recordings of rough, smooth" in out
+    assert (
+        "next: eskin run --data data.npz --group trial" in out
+        and "fewer than 5 recordings of rough, smooth" in out
+    )
 
 
 def test_inspect_describes_an_archive_that_gives_no_configuration(call, folder):
     np.savez("data.npz", **arrays(samples=arrays()["samples"][:, :2]))
     assert call("inspect", "data.npz", "--json", "figures.json")[0] == 0
     figures = json.loads(Path("figures.json").read_text())
-    assert figures["onset_frames"] is None and "taxels: is 2; it must lie in 4..160" in figures["configuration"]["reasons"][0]
+    assert (
+        figures["onset_frames"] is None
+        and "taxels: is 2; it must lie in 4..160" in figures["configuration"]["reasons"][0]
+    )
 
 
 def test_names_with_markup_are_shown_as_they_are(call, folder):
@@ -313,13 +369,26 @@ def test_names_with_markup_are_shown_as_they_are(call, folder):
 
 
 def test_compare_sets_float_against_integer(call, folder, model):
-    status, out, err = call("compare", "model", "--data", "data.npz", "--out", "page", "--json", "compare.json")
+    status, out, err = call(
+        "compare", "model", "--data", "data.npz", "--out", "page", "--json", "compare.json"
+    )
     assert status == 0, err
     result = json.loads(Path("compare.json").read_text())
-    assert [one["stage"] for one in result["stages"]] == ["features", "accumulators", "gates", "hidden state", "logits"]
+    assert [one["stage"] for one in result["stages"]] == [
+        "features",
+        "accumulators",
+        "gates",
+        "hidden state",
+        "logits",
+    ]
     signals = {one["signal"]: one for one in result["signals"]}
-    assert {"W_z", "U_n", "V", "b_y", "features", "logits"} <= set(signals) and signals["logits"]["values"] == 2 * result["steps"]
-    assert result["logit_error"]["max"] == pytest.approx(signals["logits"]["error_max"]) and "page/compare.html" in out
+    assert {"W_z", "U_n", "V", "b_y", "features", "logits"} <= set(signals) and signals["logits"][
+        "values"
+    ] == 2 * result["steps"]
+    assert (
+        result["logit_error"]["max"] == pytest.approx(signals["logits"]["error_max"])
+        and "page/compare.html" in out
+    )
     page = Path("page/compare.html").read_text()
     assert "data:image/svg" in page and 'src="http' not in page and all(name in page for name in signals)
     assert call("compare", "model", "--out", "page")[0] == 0
@@ -336,7 +405,15 @@ def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model
     assert {"accelerator.sv", "registers.h", "registers.json", "testbench.sv"} <= set(os.listdir("design"))
     status, out, err = call("evaluate", "model", "--data", "data.npz", "--json", "evaluate.json")
     result = json.loads(Path("evaluate.json").read_text())
-    assert {"recordings", "float_accuracy", "integer_accuracy", "agreement", "per_step", "per_class", "not_touched"} <= set(result)
+    assert {
+        "recordings",
+        "float_accuracy",
+        "integer_accuracy",
+        "agreement",
+        "per_step",
+        "per_class",
+        "not_touched",
+    } <= set(result)
     bad = result["float_accuracy"] - result["integer_accuracy"] > 0.01 or result["agreement"] < 0.98
     assert status == int(bad), err
     assert result["recordings"] == 8 and result["not_touched"] == 0 and len(result["per_step"]) == 4
@@ -344,16 +421,36 @@ def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model
 
 @pytest.mark.timeout(240)
 def test_cosim_compares_and_a_spoiled_weight_ends_with_1(call, folder, model, monkeypatch):
-    words = ["cosim", "model", "--data", "data.npz", "--recordings", "2", "--simulator", "icarus", "--lanes", "2", "--json", "c.json"]
+    words = [
+        "cosim",
+        "model",
+        "--data",
+        "data.npz",
+        "--recordings",
+        "2",
+        "--simulator",
+        "icarus",
+        "--lanes",
+        "2",
+        "--json",
+        "c.json",
+    ]
     status, out, err = call(*words)
     result = json.loads(Path("c.json").read_text())
     assert status == 0 and result["bit_exact"] and result["recordings"] == 2 and result["steps"] == 8, err
-    assert result["lanes"] == 2 and result["simulator"] == "icarus" and "bit-exact" in out and os.listdir("build/cosim") == []
+    assert (
+        result["lanes"] == 2
+        and result["simulator"] == "icarus"
+        and "bit-exact" in out
+        and os.listdir("build/cosim") == []
+    )
 
     from eskin.verbs import flow
 
     true_generate = flow.generate
-    spoiled = lambda config, arrays, *rest, **more: true_generate(config, {**arrays, "b_y": arrays["b_y"] + [64, 0]}, *rest, **more)  # noqa: E731
+    spoiled = lambda config, arrays, *rest, **more: true_generate(
+        config, {**arrays, "b_y": arrays["b_y"] + [64, 0]}, *rest, **more
+    )
     monkeypatch.setattr(flow, "generate", spoiled)
     status, out, _ = call(*words)
     result = json.loads(Path("c.json").read_text())
@@ -365,9 +462,15 @@ def test_cosim_compares_and_a_spoiled_weight_ends_with_1(call, folder, model, mo
     ("words", "sentence"),
     [
         (["--logit-error", "0.5"], "give --data with it, and no width"),
-        (["--logit-error", "0.5", "--data", "data.npz", "--weight-bits", "8"], "give --data with it, and no width"),
+        (
+            ["--logit-error", "0.5", "--data", "data.npz", "--weight-bits", "8"],
+            "give --data with it, and no width",
+        ),
         (["--group", "person"], "--group says what --logit-error leaves out; give both"),
-        (["--logit-error", "-1", "--data", "data.npz"], "field logit_error: is -1; give the largest difference of a logit, 0.5 say"),
+        (
+            ["--logit-error", "-1", "--data", "data.npz"],
+            "field logit_error: is -1; give the largest difference of a logit, 0.5 say",
+        ),
         (["--logit-error", "0.5", "--data", "data.npz", "--group", "nobody"], "has no group array 'nobody'"),
     ],
 )
@@ -375,8 +478,13 @@ def test_widths_by_error_are_refused_where_they_cannot_be_chosen(call, folder, m
     refused(call, folder, ["quantise", "model", *words], sentence)
 
 
-@each_row(("float_accuracy", "agreement", "status"), [(0.9, 1.0, 0), (0.91, 0.98, 0), (0.9101, 1.0, 1), (0.9, 0.979, 1)])
-def test_evaluate_ends_with_1_when_integers_lose_more_than_they_may(call, folder, model, monkeypatch, float_accuracy, agreement, status):
+@each_row(
+    ("float_accuracy", "agreement", "status"),
+    [(0.9, 1.0, 0), (0.91, 0.98, 0), (0.9101, 1.0, 1), (0.9, 0.979, 1)],
+)
+def test_evaluate_ends_with_1_when_integers_lose_more_than_they_may(
+    call, folder, model, monkeypatch, float_accuracy, agreement, status
+):
     import eskin.golden.training.evaluate
 
     figures = {"float_accuracy": float_accuracy, "integer_accuracy": 0.9, "agreement": agreement}
@@ -389,7 +497,10 @@ def test_train_writes_a_model_and_says_what_it_chose(call, folder, monkeypatch):
     import eskin.golden.training.fit
     import eskin.golden.training.recipe
 
-    quick = {name: eskin.golden.training.recipe.Recipe(name=name, updates=3, batch=4) for name in eskin.golden.training.recipe.RECIPES}
+    quick = {
+        name: eskin.golden.training.recipe.Recipe(name=name, updates=3, batch=4)
+        for name in eskin.golden.training.recipe.RECIPES
+    }
     monkeypatch.setattr(eskin.golden.training.recipe, "RECIPES", quick)
     options = ["--folds", "2", "--group", "trial", "--hidden", "4", "--seed", "3"]
     status, out, err = call("train", "--data", "data.npz", "--out", "fresh", *options)
@@ -406,23 +517,41 @@ def test_quantisation_aware_training_writes_integers_of_the_asked_widths(call, f
     import eskin.golden.training.recipe
     from eskin.golden.model.model import IntegerModel
 
-    quick = {name: eskin.golden.training.recipe.Recipe(name=name, updates=3, batch=4) for name in eskin.golden.training.recipe.RECIPES}
+    quick = {
+        name: eskin.golden.training.recipe.Recipe(name=name, updates=3, batch=4)
+        for name in eskin.golden.training.recipe.RECIPES
+    }
     monkeypatch.setattr(eskin.golden.training.recipe, "RECIPES", quick)
     monkeypatch.setattr(eskin.golden.training.fit, "FINE_TUNING_UPDATES", 3)
-    asked = ["--folds", "0", "--hidden", "4", "--quantisation-aware", "--weight-bits", "3", "--table-entries", "128"]
+    asked = [
+        "--folds",
+        "0",
+        "--hidden",
+        "4",
+        "--quantisation-aware",
+        "--weight-bits",
+        "3",
+        "--table-entries",
+        "128",
+    ]
     status, _, err = call("train", "--data", "data.npz", "--out", "fresh", *asked)
     assert status == 0, err
     made = IntegerModel.load("fresh").config
     assert (made.weight_bits, made.formats.state_format.width, made.formats.table_entries) == (3, 12, 128)
     status, _, err = call("train", "--data", "data.npz", "--out", "other", "--state-bits", "12")
-    assert status == 2 and "--state-bits" in err and "--quantisation-aware" in err and not Path("other").exists()
+    assert (
+        status == 2 and "--state-bits" in err and "--quantisation-aware" in err and not Path("other").exists()
+    )
 
 
 # ---------------------------------------------------------------------- bad input (issue 2)
 BAD_ARCHIVES = {
     "without offsets": (dict(offsets=None), "array offsets: is missing"),
     "label outside": (dict(labels=np.full(8, 2)), "array labels: gives recording 0 class 2"),
-    "samples that are no number": (dict(samples=np.full((800, 4), np.nan)), "array samples: holds nan at row 0, taxel 0"),
+    "samples that are no number": (
+        dict(samples=np.full((800, 4), np.nan)),
+        "array samples: holds nan at row 0, taxel 0",
+    ),
 }
 
 
@@ -447,14 +576,24 @@ def test_a_bad_archive_is_refused_by_every_verb_that_reads_one(call, folder, mod
 @each_row(("text", "where"), [("NaN", "NaN is not a finite number"), ("broken", "'broken' is no number")])
 def test_bad_lvm_text_is_refused(call, folder, text, where):
     (folder / "lvm" / "brush").mkdir(parents=True, exist_ok=True)
-    (folder / "lvm" / "brush" / "p1_t1.lvm").write_text(f"0,000\t1,650\t1,651\n0,001\t{text}\t1,651\n0,002\t1,650\t1,651\n")
+    (folder / "lvm" / "brush" / "p1_t1.lvm").write_text(
+        f"0,000\t1,650\t1,651\n0,001\t{text}\t1,651\n0,002\t1,650\t1,651\n"
+    )
     refused(call, folder, ["inspect", "lvm"], "p1_t1.lvm", "line 2, column 2", where)
-    refused(call, folder, ["train", "--data", "lvm", "--out", "model"], "p1_t1.lvm", "line 2, column 2", where)
+    refused(
+        call, folder, ["train", "--data", "lvm", "--out", "model"], "p1_t1.lvm", "line 2, column 2", where
+    )
 
 
 OTHER_DATA = {
-    "other taxels": (dict(samples=np.ones((800, 6), np.uint16)), "array samples: has 6 taxels and configuration 'small'"),
-    "other classes": (dict(class_names=np.array(["a", "b"])), "array class_names: is a, b and configuration 'small' has rough, smooth"),
+    "other taxels": (
+        dict(samples=np.ones((800, 6), np.uint16)),
+        "array samples: has 6 taxels and configuration 'small'",
+    ),
+    "other classes": (
+        dict(class_names=np.array(["a", "b"])),
+        "array class_names: is a, b and configuration 'small' has rough, smooth",
+    ),
 }
 
 
@@ -474,7 +613,9 @@ def test_recordings_of_another_sensor_or_task_are_refused(call, folder, model, c
 
 def test_a_short_recording_is_no_error(call, folder, model):
     keep = np.r_[0:70, 100:800]  # the first recording ends 30 frames after its touch began
-    np.savez("short.npz", **arrays(samples=arrays()["samples"][keep], offsets=np.r_[0, np.arange(70, 771, 100)]))
+    np.savez(
+        "short.npz", **arrays(samples=arrays()["samples"][keep], offsets=np.r_[0, np.arange(70, 771, 100)])
+    )
     status, _, err = call("evaluate", "model", "--data", "short.npz", "--json", "e.json")
     assert status in (0, 1), err
     assert json.loads(Path("e.json").read_text())["recordings"] == 8
@@ -511,7 +652,10 @@ BAD_CONFIGURATIONS = {
         dict(lane_type="dsp", weight_format="SQ(8,8)", recurrent_format="SQ(8,8)"),
         "field lane_type: is 'dsp', whose accumulator has 32 bits, and these formats need",
     ),
-    "clock too slow": (dict(clock_hz=1000.0), "field clock_hz: is 1000: 5 cycles a frame cannot take 4 taxels"),
+    "clock too slow": (
+        dict(clock_hz=1000.0),
+        "field clock_hz: is 1000: 5 cycles a frame cannot take 4 taxels",
+    ),
     "unknown field": (dict(hopp=3), "unknown field hopp"),
 }
 
@@ -550,18 +694,50 @@ def test_folders_that_are_not_theirs_are_left_alone(call, folder, model):
 
 
 def test_other_bad_options_are_refused(call, folder, model):
-    refused(call, folder, ["train", "--data", "data.npz", "--out", "new", "--group", "person"], "has no group array 'person'; it has trial")
-    refused(call, folder, ["cosim", "model", "--data", "data.npz", "--recordings", "0"], "--recordings 0: is no number of recordings")
-    refused(call, folder, ["cosim", "model", "--data", "data.npz", "--recordings", "few"], "--recordings few: is no number of recordings")
-    refused(call, folder, ["generate", "model", "--out", "design", "--lanes", "0"], "field lanes: is 0; it must lie in 1..64")
+    refused(
+        call,
+        folder,
+        ["train", "--data", "data.npz", "--out", "new", "--group", "person"],
+        "has no group array 'person'; it has trial",
+    )
+    refused(
+        call,
+        folder,
+        ["cosim", "model", "--data", "data.npz", "--recordings", "0"],
+        "--recordings 0: is no number of recordings",
+    )
+    refused(
+        call,
+        folder,
+        ["cosim", "model", "--data", "data.npz", "--recordings", "few"],
+        "--recordings few: is no number of recordings",
+    )
+    refused(
+        call,
+        folder,
+        ["generate", "model", "--out", "design", "--lanes", "0"],
+        "field lanes: is 0; it must lie in 1..64",
+    )
     for clock in ("0", "nan", "-1", "fast"):
-        refused(call, folder, ["cosim", "model", "--data", "data.npz", "--clock", clock], "is no clock; give hertz")
+        refused(
+            call,
+            folder,
+            ["cosim", "model", "--data", "data.npz", "--clock", clock],
+            "is no clock; give hertz",
+        )
     lowest = ["cosim", "model", "--data", "data.npz", "--clock", "lowest"]
-    refused(call, folder, lowest, "--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared")
+    refused(
+        call,
+        folder,
+        lowest,
+        "--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared",
+    )
     slow = ["cosim", "model", "--data", "data.npz", "--pace", "declared", "--clock", "700"]
     refused(call, folder, slow, "--clock 700: is too slow for 4 taxels at 200 Hz")
     refused(call, folder, ["inspect", "nothing.npz"], "nothing.npz", "is not there")
-    refused(call, folder, ["inspect", "data.npz", "--config", "fabrik"], "configuration 'fabrik'", "give a preset")
+    refused(
+        call, folder, ["inspect", "data.npz", "--config", "fabrik"], "configuration 'fabrik'", "give a preset"
+    )
 
 
 # ---------------------------------------------------------------------- interrupts and full disks
@@ -571,13 +747,14 @@ def test_an_interrupt_ends_with_130_and_one_sentence(folder):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     command = [sys.executable, "-m", "eskin.cli.main", "inspect", "data.npz", "--config", "pipe.json"]
     # a background job inherits an ignored SIGINT; a user at a terminal does not
-    reset = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)  # noqa: E731
+    reset = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
     child = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment, preexec_fn=reset)
     try:
         writer, deadline = None, time.monotonic() + 60
         while writer is None and time.monotonic() < deadline:
             try:
-                writer = os.open("pipe.json", os.O_WRONLY | os.O_NONBLOCK)  # succeeds once the command waits for data
+                # succeeds once the command waits for data
+                writer = os.open("pipe.json", os.O_WRONLY | os.O_NONBLOCK)
             except OSError:
                 time.sleep(0.05)
         assert writer is not None and child.poll() is None
@@ -601,7 +778,9 @@ def test_a_full_disk_ends_with_2_and_leaves_the_old_file(folder):
         env={**os.environ, "PYTHONPATH": str(ROOT), "PYTHONDONTWRITEBYTECODE": "1"},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096)),
     )
-    assert done.returncode == 2 and done.stderr.startswith("eskin: ") and done.stderr.count("\n") == 1, done.stderr
+    assert done.returncode == 2 and done.stderr.startswith("eskin: ") and done.stderr.count("\n") == 1, (
+        done.stderr
+    )
     assert "File too large" in done.stderr and everything(folder) == before
 
 

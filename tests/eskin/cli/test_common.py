@@ -36,7 +36,11 @@ def here(tmp_path, monkeypatch) -> None:
 
 def inputs_and_outputs(verb: str) -> tuple[list[str], list[str]]:
     hints = get_type_hints(COMMANDS[verb])
-    inputs = [name for name, kind in hints.items() if name not in OUTPUTS and (name in INPUT_WORDS or "Path" in str(kind))]
+    inputs = [
+        name
+        for name, kind in hints.items()
+        if name not in OUTPUTS and (name in INPUT_WORDS or "Path" in str(kind))
+    ]
     return inputs, [name for name in OUTPUTS if name in hints]
 
 
@@ -48,9 +52,19 @@ def test_every_output_of_every_verb_is_held_against_every_input(verb):
     for output in outputs:
         for name in inputs:
             several = "list[" in str(get_type_hints(COMMANDS[verb])[name])
-            for place, path in (("mine.npz", "mine.npz"), ("link.npz", "mine.npz"), ("./in/../hard.npz", "mine.npz"), ("in/c.csv", "in")):
-                given = dict.fromkeys(parameters) | {name: [Path(path)] if several else path if name in INPUT_WORDS else Path(path)}
-                with pytest.raises(InputError, match=rf"^--{output} .*{Path(place).name}: is .* which would be lost; give another name"):
+            for place, path in (
+                ("mine.npz", "mine.npz"),
+                ("link.npz", "mine.npz"),
+                ("./in/../hard.npz", "mine.npz"),
+                ("in/c.csv", "in"),
+            ):
+                given = dict.fromkeys(parameters) | {
+                    name: [Path(path)] if several else path if name in INPUT_WORDS else Path(path)
+                }
+                with pytest.raises(
+                    InputError,
+                    match=rf"^--{output} .*{Path(place).name}: is .* which would be lost; give another name",
+                ):
                     COMMANDS[verb](**given | {output: Path(place)})
 
 
@@ -68,11 +82,19 @@ def test_what_may_be_a_file_is_known_as_one(verb):
 @each_row(
     ("verb", "given", "said"),
     [
-        ("generate", {"model": "in/model", "out": "in"}, "is replaced as a whole and holds the input in/model"),
+        (
+            "generate",
+            {"model": "in/model", "out": "in"},
+            "is replaced as a whole and holds the input in/model",
+        ),
         ("compare", {"model": "in/model", "out": "in"}, None),
         ("train", {"data": "in", "out": "in/new"}, None),
         ("train", {"data": "synthetic", "out": "synthetic"}, None),
-        ("evaluate", {"model": "in/model", "json": "in/model/config.json"}, "is a file of the input in/model"),
+        (
+            "evaluate",
+            {"model": "in/model", "json": "in/model/config.json"},
+            "is a file of the input in/model",
+        ),
         ("evaluate", {"model": "in/model", "json": "in/model/new.json"}, None),
         ("inspect", {"data": "mine.npz", "out": "a", "json": "./a"}, "--out a: is what --json names, too"),
         ("convert", {"source": "absent.csv", "out": "absent.csv"}, None),
@@ -90,8 +112,14 @@ def test_folders_and_words(verb, given, said):
 
 @each_row("text", ["9" * 5000, "-1", "x", "1_0"])
 def test_numbers_that_are_none_are_one_short_sentence(text):
-    shapes = (image_size, lambda shape: asked_shape(shape, 16), lambda shape: array_shape(PRESETS["thesis"], shape))
+    shapes = (
+        image_size,
+        lambda shape: asked_shape(shape, 16),
+        lambda shape: array_shape(PRESETS["thesis"], shape),
+    )
     for reader in (how_many, _touch_counts, parse_configuration, *shapes):
-        words = f"{text}x9" if reader in shapes else f"icestick:{text}" if reader is parse_configuration else text
+        words = (
+            f"{text}x9" if reader in shapes else f"icestick:{text}" if reader is parse_configuration else text
+        )
         with pytest.raises(InputError, match="^.{20,250}$"):
             reader(words)

@@ -1,4 +1,5 @@
-"""eskin/live/hub.py: thinning loses no peak, queues are bounded, drops are counted, late viewers get what they need."""
+"""eskin/live/hub.py: thinning loses no peak, queues are bounded, drops are counted, late viewers get what
+they need."""
 
 from __future__ import annotations
 
@@ -62,7 +63,12 @@ def test_events_keep_their_place_among_frames(hub):
     hub.publish(frames(26, 10))
     got = messages(viewer)
     assert [message["k"] for message in got] == ["hello", "begin", "frames", "frames", "onset", "frames"]
-    assert [bucket[:2] for message in got if message["k"] == "frames" for bucket in message["b"]] == [[1, 10], [11, 10], [21, 5], [26, 10]]
+    assert [bucket[:2] for message in got if message["k"] == "frames" for bucket in message["b"]] == [
+        [1, 10],
+        [11, 10],
+        [21, 5],
+        [26, 10],
+    ]
 
 
 def test_a_viewer_who_does_not_take_fills_no_memory_and_is_counted(hub):
@@ -75,7 +81,9 @@ def test_a_viewer_who_does_not_take_fills_no_memory_and_is_counted(hub):
         taken += sum(len(message["b"]) for message in messages(quick) if message["k"] == "frames")
     got = messages(slow)
     kept = sum(len(message["b"]) for message in got if message["k"] == "frames")
-    assert kept == module.WAITING_FRAMES and slow.dropped == 3000 - kept and (quick.dropped, taken) == (0, 3000)
+    assert (
+        kept == module.WAITING_FRAMES and slow.dropped == 3000 - kept and (quick.dropped, taken) == (0, 3000)
+    )
     assert len(got) == kept + module.WAITING_EVENTS and slow.lost == 3000 + 2 - module.WAITING_EVENTS
     assert got[-1]["touch"] == 2999, "the newest stay"
     assert hub.dropped == slow.dropped
@@ -95,7 +103,14 @@ def test_a_late_viewer_gets_this_recording_and_the_results_before_it(hub):
     hub.tally(Tally(frames=900))
     late = hub.attach()
     got = messages(late)
-    assert [message["k"] for message in got] == ["hello", "state", "tally", "result", "begin", "frames"] and got[4]["number"] == 7
+    assert [message["k"] for message in got] == [
+        "hello",
+        "state",
+        "tally",
+        "result",
+        "begin",
+        "frames",
+    ] and got[4]["number"] == 7
     assert got[2]["frames"] == 900, "after the last recording no other tally comes"
     assert len(got[5]["b"]) == 400 > module.WAITING_FRAMES and late.dropped == 0
     hub.tally(Tally(frames=901, mismatches=2))
@@ -107,11 +122,17 @@ def test_a_faster_source_is_thinned_out_more(hub):
     viewer = hub.attach()
     hub.pace(50_000.0)
     hub.publish(frames(1, 1000))
-    assert [bucket[1] for message in messages(viewer) if message["k"] == "frames" for bucket in message["b"]] == [500, 500]
+    assert [
+        bucket[1] for message in messages(viewer) if message["k"] == "frames" for bucket in message["b"]
+    ] == [500, 500]
 
 
 def test_large_arrays_get_fewer_display_frames():
-    assert Hub({}, 3000.0, 16).bucket(1.0) == 30 and Hub({}, 3000.0, 160).bucket(1.0) == 150 and Hub({}, 50.0, 160).bucket(1.0) == 2
+    assert (
+        Hub({}, 3000.0, 16).bucket(1.0) == 30
+        and Hub({}, 3000.0, 160).bucket(1.0) == 150
+        and Hub({}, 50.0, 160).bucket(1.0) == 2
+    )
 
 
 def test_only_events_have_messages():

@@ -1,4 +1,5 @@
-"""eskin/live/player.py and sources.py: every decision is golden's at every pace, controls act, nothing waits for a viewer."""
+"""eskin/live/player.py and sources.py: every decision is golden's at every pace, controls act, nothing waits
+for a viewer."""
 
 from __future__ import annotations
 
@@ -53,14 +54,23 @@ def test_what_is_shown_is_what_golden_says(recordings, cell, piece, monkeypatch)
             case "onset":
                 touches += 1
                 row = np.flatnonzero(trace.touches.recording == len(shown) - 1)[touches]
-                assert (message["frame"], message["start"]) == (trace.touches.onset_frame[row], trace.touches.start_frame[row])
+                assert (message["frame"], message["start"]) == (
+                    trace.touches.onset_frame[row],
+                    trace.touches.start_frame[row],
+                )
             case "step":
                 shown[-1].append([0, message["step"], message["label"], message["margin"], 0, 0])
                 row = np.flatnonzero(trace.touches.recording == len(shown) - 1)[touches]
-                for name, values in (("features", trace.features), ("hidden", trace.hidden), ("logits", trace.logits)):
+                for name, values in (
+                    ("features", trace.features),
+                    ("hidden", trace.hidden),
+                    ("logits", trace.logits),
+                ):
                     assert message[name] == values[row, message["step"]].tolist()
             case "decided":
-                shown[-1].append([1, *(int(message[name]) for name in ("step", "label", "margin", "partial", "unsure"))])
+                shown[-1].append(
+                    [1, *(int(message[name]) for name in ("step", "label", "margin", "partial", "unsure"))]
+                )
                 if message["touch"] == 0 and not message["partial"]:
                     assert message["since"] == pytest.approx(times[len(shown) - 1])
     assert shown == rows and sum(map(len, rows)) > 30
@@ -68,7 +78,10 @@ def test_what_is_shown_is_what_golden_says(recordings, cell, piece, monkeypatch)
     assert [message["decision"] for message in results] == trace.decision.tolist()
     tally = stage.player.tally
     assert (tally.frames, tally.recordings, tally.touches) == (recordings.frames, 9, len(trace.touches))
-    assert tally.correct == np.sum(trace.decision == recordings.labels) and tally.undecided == np.sum(trace.decision < 0) > 0
+    assert (
+        tally.correct == np.sum(trace.decision == recordings.labels)
+        and tally.undecided == np.sum(trace.decision < 0) > 0
+    )
 
 
 def test_nothing_is_thinned_out_for_the_model_and_the_record(model, recordings, tmp_path):
@@ -78,7 +91,9 @@ def test_nothing_is_thinned_out_for_the_model_and_the_record(model, recordings, 
     stage.go()
     assert stage.player._recorder.close()
     with np.load(tmp_path / "mine.npz") as archive:
-        assert (archive["samples"] == recordings.samples).all() and (archive["labels"] == recordings.labels).all()
+        assert (archive["samples"] == recordings.samples).all() and (
+            archive["labels"] == recordings.labels
+        ).all()
         assert archive["decision"][:, 0].tolist() == run(model, recordings).decision.tolist()
 
 
@@ -91,7 +106,8 @@ def test_its_own_pace(model, recordings):
 
 
 class FakeTime:
-    """A clock that only `Controls.wait` moves; ``asked(controls, times)`` may do something in each wait and end it early."""
+    """A clock that only `Controls.wait` moves; ``asked(controls, times)`` may do something in each wait and
+    end it early."""
 
     def __init__(self, monkeypatch, controls, asked=lambda controls, times: None) -> None:
         self.start = self.now = time.monotonic()
@@ -131,8 +147,16 @@ def toggled(controls, times: int) -> None:
         (lambda controls, times: None, 0.0, lambda whole, piece: whole),
         (lambda controls, times: controls.pause(False), 0.0, lambda whole, piece: whole),
         (lambda controls, times: controls.choose(-1), 0.0, lambda whole, piece: whole),
-        (lambda controls, times: controls.pace(2.0 if times % 2 else 1.0), 0.0, lambda whole, piece: whole / 1.5),
-        (lambda controls, times: times == 5 and controls.pace(0.5), 0.0, lambda whole, piece: 2 * whole - 4 * piece),
+        (
+            lambda controls, times: controls.pace(2.0 if times % 2 else 1.0),
+            0.0,
+            lambda whole, piece: whole / 1.5,
+        ),
+        (
+            lambda controls, times: times == 5 and controls.pace(0.5),
+            0.0,
+            lambda whole, piece: 2 * whole - 4 * piece,
+        ),
         (toggled, 0.0, lambda whole, piece: 2 * whole),
         (lambda controls, times: None, module.BEHIND_S - 0.05, lambda whole, piece: whole),  # caught up
         (lambda controls, times: None, 0.8, lambda whole, piece: whole + 0.8 - piece),  # not hurried
@@ -192,7 +216,8 @@ def test_a_source_that_fails_ends_the_player_and_leaves_a_record(model, recordin
 
 
 class Endless:
-    """``frames`` frames of a sensor that are made when they are asked for: noise, and a touch now and then."""
+    """``frames`` frames of a sensor that are made when they are asked for: noise, and a touch now and
+    then."""
 
     def __init__(self, config, frames: int) -> None:
         scene = random_recordings(config, (3000,), seed=1)
@@ -206,8 +231,8 @@ class Endless:
 
 
 def played(frames: int) -> tuple[Stage, int]:
-    """A 16-taxel stream at 3 kHz of so many frames, as fast as it goes, with a viewer who takes nothing; bytes that memory grew after the
-    first tenth."""
+    """A 16-taxel stream at 3 kHz of so many frames, as fast as it goes, with a viewer who takes nothing;
+    bytes that memory grew after the first tenth."""
     from eskin.golden.core.config import PRESETS
 
     model = random_integer_model(PRESETS["synthetic"], 1)
@@ -243,5 +268,8 @@ def test_ten_minutes_of_3_kHz_do_not_fill_memory(capsys):
     stage, growth = played(1_800_000)
     rate = 1_800_000 / (time.monotonic() - begin)
     with capsys.disabled():
-        print(f"1 800 000 frames at {rate:.0f} a second; memory grew {growth / 1e6:.1f} MB; {stage.player.tally.touches} touches")
+        print(
+            f"1 800 000 frames at {rate:.0f} a second; memory grew {growth / 1e6:.1f} MB; "
+            f"{stage.player.tally.touches} touches"
+        )
     assert stage.player.tally.frames == 1_800_000 and growth < 16e6 and rate > 3000

@@ -1,4 +1,5 @@
-"""eskin/live/server.py: the page, its messages, commands that are not understood, viewers that stall or vanish, ports that are taken."""
+"""eskin/live/server.py: the page, its messages, commands that are not understood, viewers that stall or
+vanish, ports that are taken."""
 
 from __future__ import annotations
 
@@ -43,7 +44,12 @@ def test_the_page_brings_all_that_it_needs(served):
     server, _, _ = served
     with urllib.request.urlopen(server.address) as answer:
         body, policy = answer.read(), answer.headers["Content-Security-Policy"]
-    assert body == page() and b"<script src" not in body and b"url(" not in body and b"//" not in body.split(b"</style>")[0]
+    assert (
+        body == page()
+        and b"<script src" not in body
+        and b"url(" not in body
+        and b"//" not in body.split(b"</style>")[0]
+    )
     assert policy.startswith("default-src 'none';") and "http" not in policy
     with pytest.raises(urllib.error.HTTPError, match="404"):
         urllib.request.urlopen(server.address + "/etc/passwd")
@@ -59,7 +65,12 @@ def test_messages_come_and_commands_are_obeyed(served):
         assert [message["k"] for message in first] == ["hello", "mine"] and first[0]["name"] == "made"
         hub.publish(Begin(3, 1, 0, np.zeros(160)))
         assert json.loads(viewer.recv(timeout=5))[0]["number"] == 3
-        for command in ({"do": "pause", "on": True}, {"do": "speed", "times": 2.5}, {"do": "class", "index": 2}, {"do": "next"}):
+        for command in (
+            {"do": "pause", "on": True},
+            {"do": "speed", "times": 2.5},
+            {"do": "class", "index": 2},
+            {"do": "next"},
+        ):
             viewer.send(json.dumps(command))
         wait(lambda: controls.skip)
         assert (controls.paused, controls.speed, controls.label) == (True, 2.5, 2)
@@ -90,18 +101,36 @@ def test_another_sites_page_may_not_watch(served):
 
 
 KEY = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n"
-BY_NAME = {"localhost": 101, "127.0.0.1:9": 101, "[::1]:9": 101, socket.gethostname(): 101, "": 403, "evil.example": 403}
-BY_NAME |= {"127.0.0.1.evil.example": 403, "evil.example@localhost": 403, "[": 400, "localhost:x": 400, "localhost:99999": 400}
+BY_NAME = {
+    "localhost": 101,
+    "127.0.0.1:9": 101,
+    "[::1]:9": 101,
+    socket.gethostname(): 101,
+    "": 403,
+    "evil.example": 403,
+}
+BY_NAME |= {
+    "127.0.0.1.evil.example": 403,
+    "evil.example@localhost": 403,
+    "[": 400,
+    "localhost:x": 400,
+    "localhost:99999": 400,
+}
 
 
 @each_row("host", ["127.0.0.1", "0.0.0.0"])
 def test_only_names_of_this_machine_are_answered(host, capfd):
-    """Another site's name that was made to lead here reads nothing, whatever --host; what cannot be read is one sentence."""
+    """Another site's name that was made to lead here reads nothing, whatever --host; what cannot be read is
+    one sentence."""
     server = PageServer(page(), Hub({}, 1000.0, 4), Controls(), host=host, port=0)
     try:
         for name, status in (BY_NAME | {"192.168.0.7": 101 if host == "0.0.0.0" else 403}).items():
             assert answer(server.port, f"Host: {name}\r\nOrigin: http://{name}\r\n{KEY}") == status, name
-        for headers in ("", "Host: localhost\r\nHost: localhost\r\n", "Host: localhost\r\nOrigin: http://[\r\n"):
+        for headers in (
+            "",
+            "Host: localhost\r\nHost: localhost\r\n",
+            "Host: localhost\r\nOrigin: http://[\r\n",
+        ):
             assert answer(server.port, headers + KEY) == 400
         for origin in ("null", "", "http://evil.example", "http://localhost:1"):
             assert answer(server.port, f"Host: localhost\r\nOrigin: {origin}\r\n{KEY}") == 403
@@ -146,12 +175,15 @@ def test_a_viewer_who_answers_no_ping_is_gone(monkeypatch):
 
 
 def test_a_viewer_who_stops_reading_stalls_nobody(served):
-    """A browser that hangs: its socket fills, its queue fills, frames are dropped for it, and another viewer gets every one."""
+    """A browser that hangs: its socket fills, its queue fills, frames are dropped for it, and another viewer
+    gets every one."""
     server, hub, _ = served
     with socket.create_connection(("127.0.0.1", server.port)) as stuck:
         stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         stuck.sendall(f"GET /events HTTP/1.1\r\nHost: 127.0.0.1\r\n{KEY}\r\n".encode())
-        with connect(server.address.replace("http", "ws") + "/events", max_queue=None, max_size=None) as quick:
+        with connect(
+            server.address.replace("http", "ws") + "/events", max_queue=None, max_size=None
+        ) as quick:
             wait(lambda: hub.viewers == 2)
             hub.publish(Begin(0, 0, 0, np.zeros(160)))
             longest, total = 0.0, 0
@@ -159,7 +191,8 @@ def test_a_viewer_who_stops_reading_stalls_nobody(served):
                 begin = time.monotonic()
                 hub.publish(Frames(50 * number + 1, np.full((50, 160), 30000)))
                 longest = max(longest, time.monotonic() - begin)
-                if number % 100 == 99:  # as fast as the quick one takes them, so that only the stuck one is too slow
+                # as fast as the quick one takes them, so that only the stuck one is too slow
+                if number % 100 == 99:
                     while total < number - 100:
                         total += taken(quick)
             while total < 4000:
@@ -170,21 +203,38 @@ def test_a_viewer_who_stops_reading_stalls_nobody(served):
 
 def taken(viewer) -> int:
     """Display frames in the next message."""
-    return sum(len(message["b"]) for message in json.loads(viewer.recv(timeout=20)) if message["k"] == "frames")
+    return sum(
+        len(message["b"]) for message in json.loads(viewer.recv(timeout=20)) if message["k"] == "frames"
+    )
 
 
 def test_a_port_that_is_taken_and_an_interface_that_is_not_there(served):
     server, hub, controls = served
-    with pytest.raises(InputError, match=f"--host-port {server.port}: another program uses it; give another one"):
+    with pytest.raises(
+        InputError, match=f"--host-port {server.port}: another program uses it; give another one"
+    ):
         PageServer(page(), hub, controls, host="127.0.0.1", port=server.port)
     with pytest.raises(InputError, match=r"--host 203.0.113.7, --host-port 0: cannot be opened"):
         PageServer(page(), hub, controls, host="203.0.113.7", port=0)
 
 
 def test_shapes():
-    wanted = {4: (2, 2), 8: (2, 4), 16: (4, 4), 160: (10, 16), 117: (9, 13), 19: (4, 5), 7: (2, 4), 12: (3, 4), 64: (8, 8), 40: (5, 8)}
+    wanted = {
+        4: (2, 2),
+        8: (2, 4),
+        16: (4, 4),
+        160: (10, 16),
+        117: (9, 13),
+        19: (4, 5),
+        7: (2, 4),
+        12: (3, 4),
+        64: (8, 8),
+        40: (5, 8),
+    }
     assert {taxels: guessed_shape(taxels) for taxels in wanted} == wanted
-    assert all(rows * columns >= taxels for taxels in range(4, 161) for rows, columns in [guessed_shape(taxels)])
+    assert all(
+        rows * columns >= taxels for taxels in range(4, 161) for rows, columns in [guessed_shape(taxels)]
+    )
     assert asked_shape("2X8", 16) == (2, 8)
     for text, sentence in {
         "4": "is no shape",

@@ -1,4 +1,5 @@
-"""eskin/live/sources.py: hardware beside the model, value by value; every kind of difference is seen; a board that is only heard."""
+"""eskin/live/sources.py: hardware beside the model, value by value; every kind of difference is seen; a board
+that is only heard."""
 
 from __future__ import annotations
 
@@ -45,7 +46,8 @@ def recordings(model):
 
 
 class Twin:
-    """In place of the simulator: the model's own values, some of them spoiled by ``spoil(frame, stage, values)``."""
+    """In place of the simulator: the model's own values, some of them spoiled by ``spoil(frame, stage,
+    values)``."""
 
     def __init__(self, model, spoil=lambda frame, stage, values: values) -> None:
         self.stream, self.spoil, self.closed = Stream(model), spoil, False
@@ -82,14 +84,20 @@ def expected_values(model, recordings) -> int:
     from eskin.golden.model.pipeline import run
 
     streams = run(model, recordings).streams
-    return sum(len(streams[stage][0]) for stage in ("sum", "fault", "feature", "state", "logit")) + 6 * len(streams["decision"][0])
+    return sum(len(streams[stage][0]) for stage in ("sum", "fault", "feature", "state", "logit")) + 6 * len(
+        streams["decision"][0]
+    )
 
 
 def test_a_twin_is_equal_in_every_value(model, recordings):
     twin = Twin(model)
     stage = Stage(SimulationSource(model, twin), recordings).go()
     tally = stage.player.tally
-    assert (tally.mismatches, tally.said) == (0, []) and tally.compared == expected_values(model, recordings) > 500 and twin.closed
+    assert (
+        (tally.mismatches, tally.said) == (0, [])
+        and tally.compared == expected_values(model, recordings) > 500
+        and twin.closed
+    )
     steps = [message for message in stage.messages if message["k"] == "step"]
     sides = [message for message in stage.messages if message["k"] == "hardware" and not message["closing"]]
     assert [(step["features"], step["logits"]) for step in steps] == [
@@ -101,7 +109,11 @@ SPOILT = {
     "one value": ("feature", lambda values: [values[0] + 1, *values[1:]], "1 values differ (feature)"),
     "one missing": ("state", lambda values: values[:-1], "1 values differ (state)"),
     "all missing": ("logit", lambda values: [], "values differ (logit)"),
-    "one too many": ("sum", lambda values: [*values, 7], "gave 1 values of stage sum that the model does not have"),
+    "one too many": (
+        "sum",
+        lambda values: [*values, 7],
+        "gave 1 values of stage sum that the model does not have",
+    ),
     "another class": ("decision", lambda values: [values[0] ^ 1, *values[1:]], "1 values differ (decision)"),
     "no decision": ("decision", lambda values: [], "6 values differ (decision)"),
 }
@@ -133,7 +145,8 @@ def test_registers_that_do_not_fit_are_seen(model, recordings):
 
 @pytest.mark.timeout(600)
 def test_the_simulated_rtl_is_equal_in_lock_step(model, recordings):
-    """Several touches, a partial one, none; a fault detector that masks; decisions by vote. Then a word of the model is spoilt."""
+    """Several touches, a partial one, none; a fault detector that masks; decisions by vote. Then a word of
+    the model is spoilt."""
     config = model.config
     design, registers = export(config, model.arrays), register_map(config)
     simulator = LiveSimulator(design, config, registers, boot_writes(config, model.arrays), BUILDS)
@@ -196,16 +209,28 @@ class Heard:
 
 
 def test_a_board_by_itself_is_heard(model):
-    rows = [[0, 0, 1, 9, 0, 0], [0, 1, 2, 5, 0, 0], [1, 1, 2, 5, 0, 1], [0, 0, 0, 3, 0, 0], [0, 1, 0, 4, 0, 0], [1, 1, 0, 4, 1, 0]]
+    rows = [
+        [0, 0, 1, 9, 0, 0],
+        [0, 1, 2, 5, 0, 0],
+        [1, 1, 2, 5, 0, 1],
+        [0, 0, 0, 3, 0, 0],
+        [0, 1, 0, 4, 0, 0],
+        [1, 1, 0, 4, 1, 0],
+    ]
     stage = Stage(Listener(model.config, Heard(pack_decisions(np.array(rows))), "port"), None).start()
     stage.until(lambda: len(stage.seen("decided")) == 2)
     stage.stop()
     steps, decided = stage.seen("step"), stage.seen("decided")
-    assert [(step["touch"], step["step"], step["label"]) for step in steps] == [(0, 0, 1), (0, 1, 2), (1, 0, 0), (1, 1, 0)]
-    assert [(end["touch"], end["label"], end["margin"], end["unsure"], end["partial"], end["since"]) for end in decided] == [
-        (0, 2, 5, True, False, -1.0),
-        (1, 0, 4, False, True, -1.0),
+    assert [(step["touch"], step["step"], step["label"]) for step in steps] == [
+        (0, 0, 1),
+        (0, 1, 2),
+        (1, 0, 0),
+        (1, 1, 0),
     ]
+    assert [
+        (end["touch"], end["label"], end["margin"], end["unsure"], end["partial"], end["since"])
+        for end in decided
+    ] == [(0, 2, 5, True, False, -1.0), (1, 0, 4, False, True, -1.0)]
 
 
 class Placed(Heard):
@@ -219,7 +244,9 @@ class Placed(Heard):
         if register == "POSITIONS":
             self.turn = next(self.counts)
             return self.turn
-        return {"POSITION": 0x1200 + self.turn, "POSITION_PEAK": self.turn | 2 << 8 | (self.turn == 3) << 11}[register]
+        return {"POSITION": 0x1200 + self.turn, "POSITION_PEAK": self.turn | 2 << 8 | (self.turn == 3) << 11}[
+            register
+        ]
 
 
 def test_where_a_board_by_itself_is_touched_is_told_once_and_never_mixed(model):
@@ -227,7 +254,10 @@ def test_where_a_board_by_itself_is_touched_is_told_once_and_never_mixed(model):
     stage = Stage(Listener(config, Placed([]), "port"), None).start()
     stage.until(lambda: len(stage.seen("where")) == 2)
     stage.stop()
-    told = [(where["x"], where["y"], where["peak"], where["direction"], where["ended"]) for where in stage.seen("where")]
+    told = [
+        (where["x"], where["y"], where["peak"], where["direction"], where["ended"])
+        for where in stage.seen("where")
+    ]
     assert told == [(1, 0x12, 1, 2, False), (3, 0x12, 3, 2, True)]
 
 
@@ -260,7 +290,9 @@ def image_case():
     from eskin.golden.core.config import AcceleratorConfig
     from eskin.golden.model.image_network import image_recordings, random_images
 
-    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "conv 1 3", "dense 3"), ("cup", "ball", "ring"))
+    config = AcceleratorConfig.of_image(
+        5, 7, ("conv 3 4", "pool", "conv 1 3", "dense 3"), ("cup", "ball", "ring")
+    )
     made = random_image_model(config.with_lanes(4, "plain"), seed=3)
     return made, image_recordings(made.config, random_images(made.config, 5, seed=2))
 
@@ -275,20 +307,28 @@ class ImageTwin(Twin):
 
 def image_values(model, images) -> int:
     streams = run_images(model, images_of(images)).streams
-    return sum(len(values) for name, (values, _) in streams.items() if name != "decision") + 6 * len(streams["decision"][0])
+    return sum(len(values) for name, (values, _) in streams.items() if name != "decision") + 6 * len(
+        streams["decision"][0]
+    )
 
 
 def test_every_map_of_an_image_is_compared_and_every_row_shown(image_case):
     model, images = image_case
     stage = Stage(SimulationSource(model, ImageTwin(model)), images).go()
     tally = stage.player.tally
-    assert (tally.mismatches, tally.said, tally.touches) == (0, [], 5) and tally.compared == image_values(model, images) > 5 * 70
+    assert (tally.mismatches, tally.said, tally.touches) == (0, [], 5) and tally.compared == image_values(
+        model, images
+    ) > 5 * 70
     assert stage.player.decisions == dict(enumerate(run_images(model, images_of(images)).decision.tolist()))
-    (hello,) = [message for message in stage.messages if message["k"] == "hello"] or [json.loads(stage.hub._hello)]
+    (hello,) = [message for message in stage.messages if message["k"] == "hello"] or [
+        json.loads(stage.hub._hello)
+    ]
     assert hello["image"] == [5, 7] and hello["steps"] == 1 and "conv 3 4" in hello["network"]
     rows = [bucket for message in stage.messages if message["k"] == "frames" for bucket in message["b"]]
-    assert [bucket[4] for bucket in rows] == images.samples.tolist() and all(bucket[1] == 1 for bucket in rows)
-    spoil = lambda frame, stage, values: [values[0], values[1] ^ 1, *values[2:]] if stage == "map" else values  # noqa: E731
+    assert [bucket[4] for bucket in rows] == images.samples.tolist() and all(
+        bucket[1] == 1 for bucket in rows
+    )
+    spoil = lambda frame, stage, values: [values[0], values[1] ^ 1, *values[2:]] if stage == "map" else values
     spoilt = Stage(SimulationSource(model, ImageTwin(model, spoil)), images).go().player.tally
     assert spoilt.mismatches == 5 and all("(map)" in said for said in spoilt.said)
 
@@ -297,7 +337,13 @@ def test_every_map_of_an_image_is_compared_and_every_row_shown(image_case):
 def test_the_simulated_hardware_of_images_is_equal(image_case, tmp_path):
     model, images = image_case
     config = model.config
-    simulator = LiveSimulator(export(config, model.arrays), config, register_map(config), boot_writes(config, model.arrays), tmp_path)
+    simulator = LiveSimulator(
+        export(config, model.arrays),
+        config,
+        register_map(config),
+        boot_writes(config, model.arrays),
+        tmp_path,
+    )
     tally = Stage(SimulationSource(model, simulator), images).go().player.tally
     assert (tally.mismatches, tally.said) == (0, []) and tally.compared == image_values(model, images)
 
@@ -309,7 +355,11 @@ def test_a_board_is_given_images_row_by_row(image_case):
         source = board_source(model, transport, device.port, 2000000, True)
         tally = Stage(source, images).go().player.tally
         transport.close()
-    assert (tally.mismatches, tally.said, tally.recordings) == (0, [], 5) and device.taken == 25 and tally.compared == 5 * 12
+    assert (
+        (tally.mismatches, tally.said, tally.recordings) == (0, [], 5)
+        and device.taken == 25
+        and tally.compared == 5 * 12
+    )
 
 
 def test_the_terminal_draws_an_image(image_case):
@@ -331,7 +381,9 @@ def test_images_come_apart_so_that_their_decisions_are_seen(image_case):
         begin = time.monotonic()
         stage.go()
         took = time.monotonic() - begin
-        assert stage.player.tally.recordings == 5 and least <= took and (math.isfinite(speed) or took < 4 * 0.15)
+        assert (
+            stage.player.tally.recordings == 5 and least <= took and (math.isfinite(speed) or took < 4 * 0.15)
+        )
     stage = Stage(ModelSource(model), images, speed=1.0, apart_s=60.0).start()
     for number in range(5):
         stage.until(lambda number=number: len(stage.seen("result")) == number + 1)

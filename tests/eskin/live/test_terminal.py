@@ -26,7 +26,9 @@ def model():
 
 
 def drawn(screen: Screen) -> str:
-    console = Console(file=io.StringIO(), width=140, force_terminal=True, color_system="truecolor", record=True)
+    console = Console(
+        file=io.StringIO(), width=140, force_terminal=True, color_system="truecolor", record=True
+    )
     console.print(screen.draw())
     return console.export_text()
 
@@ -44,8 +46,15 @@ def test_the_screen_shows_what_the_page_shows(model):
         screen.feed(message)
         if message["k"] == "decided":
             text = drawn(screen)
-            assert f"{names[message['label']]} decided" in text and f"{message['since']:.3f} s after the onset" in text
-            assert text.count("■") == len(screen.steps) == message["step"] + 1 and "logits" in text and "hidden state" in text
+            assert (
+                f"{names[message['label']]} decided" in text
+                and f"{message['since']:.3f} s after the onset" in text
+            )
+            assert (
+                text.count("■") == len(screen.steps) == message["step"] + 1
+                and "logits" in text
+                and "hidden state" in text
+            )
         if message["k"] == "step":
             assert names[message["label"]] in drawn(screen)
     assert screen.lines[0].startswith("recording 0: no touch") and len(screen.lines) == 5
@@ -66,15 +75,33 @@ def test_hardware_that_differs_is_said(model):
     screen.feed({"k": "begin", "number": 4, "label": 1, "frames": 90, "level": [0, 0, 0, 0]})
     screen.feed({"k": "frames", "b": [[1, 9, [-5] * 4, [9] * 4, [3] * 4]]})
     screen.feed({"k": "onset", "touch": 0, "frame": 3, "start": 1})
-    step = {"touch": 0, "step": 0, "frame": 9, "features": [1], "hidden": [], "logits": [5, 6, 7], "label": 2, "margin": 1}
+    step = {
+        "touch": 0,
+        "step": 0,
+        "frame": 9,
+        "features": [1],
+        "hidden": [],
+        "logits": [5, 6, 7],
+        "label": 2,
+        "margin": 1,
+    }
     screen.feed({"k": "step", **step})
-    screen.feed({"k": "hardware", "touch": 0, "step": 0, "closing": False, "stages": {"logit": {"values": [5, 6, 8], "wrong": [2]}}})
+    screen.feed(
+        {
+            "k": "hardware",
+            "touch": 0,
+            "step": 0,
+            "closing": False,
+            "stages": {"logit": {"values": [5, 6, 8], "wrong": [2]}},
+        }
+    )
     screen.feed({"k": "said", "sentence": "touch 0, step 1: 1 values differ (logit)", "mismatch": True})
     assert "DIFFERS" in drawn(screen) and "✗" in drawn(screen) and "1 values differ (logit)" in drawn(screen)
     screen.feed({"k": "result", "number": 4, "label": 1, "decision": 1, "since": 0.5, "wrong": 1})
     assert (
         screen.lines[-1]
-        == f"recording 4: {SMALL.network.class_names[1]}, as labelled, 0.500 s after the onset, HARDWARE DIFFERS in 1 values"
+        == f"recording 4: {SMALL.network.class_names[1]}, as labelled, 0.500 s after the onset, HARDWARE "
+        "DIFFERS in 1 values"
     )
 
 
@@ -82,7 +109,9 @@ def test_hardware_that_differs_is_said(model):
 def test_it_ends_with_the_player(model, terminal):
     recordings = scene(4, seed=2)
     stage = Stage(ModelSource(model), recordings)
-    stage.hub._hello = json.dumps({"k": "hello", **hello(model.config, recordings, range(4), source="recordings", shape=[2, 2])})
+    stage.hub._hello = json.dumps(
+        {"k": "hello", **hello(model.config, recordings, range(4), source="recordings", shape=[2, 2])}
+    )
     out = io.StringIO()
     console = Console(file=out, force_terminal=terminal, width=120)
     thread = threading.Thread(target=stage.player.run, daemon=True)
@@ -96,7 +125,13 @@ def test_it_ends_with_the_player(model, terminal):
 
 def test_keys():
     controls = Controls()
-    for key, what in ((" ", ("paused", True)), ("+", ("speed", 2.0)), ("-", ("speed", 1.0)), ("-", ("speed", 0.5)), ("c", ("label", 0))):
+    for key, what in (
+        (" ", ("paused", True)),
+        ("+", ("speed", 2.0)),
+        ("-", ("speed", 1.0)),
+        ("-", ("speed", 0.5)),
+        ("c", ("label", 0)),
+    ):
         press(controls, key, 2)
         assert getattr(controls, what[0]) == what[1]
     for _ in range(9):

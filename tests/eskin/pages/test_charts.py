@@ -13,8 +13,16 @@ SHARES = st.lists(st.tuples(st.floats(0, 1), st.none() | st.floats(0, 1)), min_s
 def test_no_bar_leaves_the_range_of_a_share(pairs):
     shares, spreads = zip(*pairs, strict=True)
     down, up = share_bars(shares, spreads)
-    assert (down >= 0).all() and (up >= 0).all() and (shares - down >= 0).all() and (shares + up <= 1 + 1e-12).all()
+    assert (
+        (down >= 0).all()
+        and (up >= 0).all()
+        and (shares - down >= 0).all()
+        and (shares + up <= 1 + 1e-12).all()
+    )
 
 
 def test_a_bar_inside_the_range_is_the_spread():
-    assert np.array_equal(share_bars([0.5, 0.98, 0.01, 0.5], [0.1, 0.05, 0.05, None]), [[0.1, 0.05, 0.01, 0], [0.1, 1 - 0.98, 0.05, 0]])
+    assert np.array_equal(
+        share_bars([0.5, 0.98, 0.01, 0.5], [0.1, 0.05, 0.05, None]),
+        [[0.1, 0.05, 0.01, 0], [0.1, 1 - 0.98, 0.05, 0]],
+    )

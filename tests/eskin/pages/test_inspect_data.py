@@ -1,4 +1,5 @@
-"""The picture of an archive: lines of few taxels, a heat map of many, in which a short event stays visible."""
+"""The picture of an archive: lines of few taxels, a heat map of many, in which a short event stays
+visible."""
 
 import matplotlib.image
 import numpy as np
@@ -22,7 +23,8 @@ def test_many_taxels_are_a_heat_map(make_recordings, tmp_path, taxels):
     recordings.samples[100:150, 2] += 300
     draw(recordings, [20, -1], tmp_path / "p.png", count=2)
     picture = matplotlib.image.imread(tmp_path / "p.png")[..., :3]
-    red = (picture[..., 0] > 0.35) & (picture[..., 1] < 0.15) & (picture[..., 2] < 0.25)  # the far end of the map's colours
+    # the far end of the map's colours
+    red = (picture[..., 0] > 0.35) & (picture[..., 1] < 0.15) & (picture[..., 2] < 0.25)
     assert bool(red.sum() > 100) == (taxels == MANY_TAXELS)
 
 
@@ -33,5 +35,6 @@ def test_held_needs_a_stretch_and_others_that_move(make_recordings):
     samples[:, 1] = np.where(np.arange(800) % 2, 2000, samples[:, 1])  # no stretch
     held = held_shares(recordings)
     assert held[0] == pytest.approx(0.3, abs=0.15) and held[1] == 0
-    samples[:, 1:] = np.where((np.arange(800) % 100 < 30)[:, None], 1000, samples[:, 1:])  # now the others stand still there
+    # now the others stand still there
+    samples[:, 1:] = np.where((np.arange(800) % 100 < 30)[:, None], 1000, samples[:, 1:])
     assert held_shares(recordings)[0] == 0

@@ -60,7 +60,9 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attributes):
         self.tags.add(tag)
-        self.addresses += [value for name, value in attributes if name in ("src", "href", "data", "srcset", "action")]
+        self.addresses += [
+            value for name, value in attributes if name in ("src", "href", "data", "srcset", "action")
+        ]
 
     def handle_data(self, data):
         self.text += data.replace("\u00a0", " ") + " "
@@ -83,7 +85,10 @@ def test_the_training_curve_is_drawn_of_trained_networks_only(result):
     assert draw_training([split]) is None
     assert "has no training curve" in Page(write_report(result)).text
     (axes,) = draw_training([split | {"training_curve": curve}, split]).axes
-    assert [list(line.get_ydata()) for line in axes.lines] == [[1.5, 0.5], [1.25, 0.75]] and axes.get_xlabel() == "updates of the weights"
+    assert [list(line.get_ydata()) for line in axes.lines] == [
+        [1.5, 0.5],
+        [1.25, 0.75],
+    ] and axes.get_xlabel() == "updates of the weights"
     edit(result / "model/training.json", cross_validation=[split | {"training_curve": curve}, *others])
     words = Page(write_report(result)).text
     assert "has no training curve" not in words and "learns its recordings by heart" in words
@@ -129,13 +134,24 @@ def test_the_banner_is_green_only_without_a_doubt(result):
     assert 'class="verdict good"' not in page and 'class="verdict warn"' in page and "a class is lost" in page
     edit(result / "run.json", checks=[{"name": "one", "held": False, "detail": "why"}])
     page = write_report(result).read_text()
-    assert 'class="verdict bad"' in page and 'class="verdict warn"' in page and "hardware and model agree" not in page
+    assert (
+        'class="verdict bad"' in page
+        and 'class="verdict warn"' in page
+        and "hardware and model agree" not in page
+    )
 
 
 def test_chance_and_the_best_baseline_stand_beside_the_accuracy(result):
     assert "chance 50.0 %; integer network" in plain(Page(write_report(result)).text)
     rows = [
-        {"name": name, "groups": groups, "accuracy": accuracy, "standard_error": 0.01, "multiplies": 77, "hardware": hardware}
+        {
+            "name": name,
+            "groups": groups,
+            "accuracy": accuracy,
+            "standard_error": 0.01,
+            "multiplies": 77,
+            "hardware": hardware,
+        }
         for name, groups, accuracy, hardware in (
             ("linear classifier", ["person"], 0.91, True),
             ("RBF-SVM", ["person"], 0.93, False),
@@ -151,14 +167,22 @@ def test_chance_and_the_best_baseline_stand_beside_the_accuracy(result):
 
 def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothing(result):
     training = json.loads((result / "model/training.json").read_text())
-    nested = {"groups": ["person"], "folds": 3, "seeds": [0], "integer_accuracy": 0.8712, "float_accuracy": 0.8823, "agreement": 0.99}
+    nested = {
+        "groups": ["person"],
+        "folds": 3,
+        "seeds": [0],
+        "integer_accuracy": 0.8712,
+        "float_accuracy": 0.8823,
+        "agreement": 0.99,
+    }
     nested |= {"standard_error": 0.0345, "wall_s": 12.0}
     nested["shuffled"] = {"count": 20, "mean": 0.51, "largest": 0.63, "right": 0.86, "as_good": 1 / 21}
     first, *others = training["cross_validation"]
     edit(result / "model/training.json", cross_validation=[first | {"nested": nested}, *others])
     words = plain(Page(write_report(result)).text)
     assert (
-        "accuracy, unseen person 87.1 %" in words and "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 % 51.0 %, at most 63.0 % of 20" in words
+        "accuracy, unseen person 87.1 %" in words
+        and "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 % 51.0 %, at most 63.0 % of 20" in words
     )
     assert "person left out 3 96.4 %" in words and "unseen person 3 96.4 %" not in words
     assert "the network taken, on the folds it was chosen on, 96.4 %" in words
@@ -172,7 +196,10 @@ def test_recordings_held_back_stand_apart(result):
     held = evaluation(44) | {"source": "held.npz", "per_class": {"smooth": row}}
     edit(result / "run.json", test=held | {"integer_accuracy": 0.8123})
     words = plain(Page(write_report(result)).text)
-    assert "accuracy, recordings held back 81.2 % integer network, judged once on 44" in words and "smooth 20 80.0 % 90.0 %" in words
+    assert (
+        "accuracy, recordings held back 81.2 % integer network, judged once on 44" in words
+        and "smooth 20 80.0 % 90.0 %" in words
+    )
 
 
 def test_class_by_class_the_worst_first(result):
@@ -184,7 +211,9 @@ def test_many_classes_are_drawn_without_figures():
     split = {"groups": [], "confusion": np.eye(30, 31, dtype=int).tolist()}
     figure = draw_confusion([split], [f"class {n}" for n in range(30)])
     assert not figure.axes[0].texts and figure.get_size_inches()[1] < 7
-    figure = draw_confusion([{"groups": [], "confusion": np.eye(12, 13, dtype=int).tolist()}], [f"class {n}" for n in range(12)])
+    figure = draw_confusion(
+        [{"groups": [], "confusion": np.eye(12, 13, dtype=int).tolist()}], [f"class {n}" for n in range(12)]
+    )
     assert len(figure.axes[0].texts) == 12
 
 
@@ -196,7 +225,11 @@ def test_many_classes_are_drawn_without_figures():
         ("cosim_declared.json", {"clock_hz": 6e6}, "12.2 µs"),
         ("cosim_lowest.json", {"clock_hz": 1.25e6}, "1.25 MHz"),
         ("evaluate.json", {"integer_accuracy": 0.4321}, "43.2 %"),
-        ("run.json", {"checks": [{"name": "one", "held": False, "detail": "why it fell"}]}, "1 of 1 checks did not hold"),
+        (
+            "run.json",
+            {"checks": [{"name": "one", "held": False, "detail": "why it fell"}]},
+            "1 of 1 checks did not hold",
+        ),
     ],
 )
 def test_a_changed_file_changes_the_page(words_before, result, file, change, expected):
@@ -246,7 +279,15 @@ def test_the_summary_has_the_headline(made):
     out = io.StringIO()
     Console(file=out, width=140).print(summary(made))
     shown = out.getvalue().replace("\u00a0", " ")
-    for words in ("made-up <set>", "bit-exact", "96.4 %", "711 kHz", "met", "for comparison", "held   hardware equals model"):
+    for words in (
+        "made-up <set>",
+        "bit-exact",
+        "96.4 %",
+        "711 kHz",
+        "met",
+        "for comparison",
+        "held   hardware equals model",
+    ):
         assert words in shown, words
     assert "MISSED" not in shown and "FAILED" not in shown
 
@@ -281,7 +322,12 @@ def test_a_missing_or_damaged_file_is_named(result, name, damage):
 
 @each_row(
     ("name", "field"),
-    [("cosim.json", "stages"), ("cosim_declared.json", "budgets"), ("run.json", "timings"), ("model/training.json", "cross_validation")],
+    [
+        ("cosim.json", "stages"),
+        ("cosim_declared.json", "budgets"),
+        ("run.json", "timings"),
+        ("model/training.json", "cross_validation"),
+    ],
 )
 def test_a_missing_field_is_named(result, name, field):
     whole = (result / name).read_bytes()
@@ -310,17 +356,27 @@ def test_the_drawing_shows_the_codes_of_the_trace(made):
     figure = draw_trace(result.trace, CONFIG)
     raw, features, hidden, logits, decisions = figure.axes[:5]
     done = int(result.trace["completed"])
-    assert len([line for line in raw.lines if len(line.get_xdata()) == len(result.trace["samples"])]) == CONFIG.sensor.taxels
-    np.testing.assert_array_equal(
-        features.images[0].get_array(), result.trace["features"][:done].T / 2.0**CONFIG.formats.feature_format.frac_bits
+    assert (
+        len([line for line in raw.lines if len(line.get_xdata()) == len(result.trace["samples"])])
+        == CONFIG.sensor.taxels
     )
     np.testing.assert_array_equal(
-        hidden.images[0].get_array(), result.trace["hidden"][:done].T / 2.0**CONFIG.formats.state_format.frac_bits
+        features.images[0].get_array(),
+        result.trace["features"][:done].T / 2.0**CONFIG.formats.feature_format.frac_bits,
+    )
+    np.testing.assert_array_equal(
+        hidden.images[0].get_array(),
+        result.trace["hidden"][:done].T / 2.0**CONFIG.formats.state_format.frac_bits,
     )
     for index, line in enumerate(logits.lines):
-        np.testing.assert_array_equal(line.get_ydata(), result.trace["logits"][:done, index] / 2.0**CONFIG.formats.logit_format.frac_bits)
+        np.testing.assert_array_equal(
+            line.get_ydata(),
+            result.trace["logits"][:done, index] / 2.0**CONFIG.formats.logit_format.frac_bits,
+        )
     heights = [bar.get_height() for bars in decisions.containers for bar in bars]
-    np.testing.assert_allclose(sorted(heights), sorted(result.trace["margin"][:done] / 2.0**CONFIG.formats.logit_format.frac_bits))
+    np.testing.assert_allclose(
+        sorted(heights), sorted(result.trace["margin"][:done] / 2.0**CONFIG.formats.logit_format.frac_bits)
+    )
     assert CONFIG.network.class_names[int(result.trace["global_decision"])] in decisions.get_title(loc="left")
 
 

@@ -3,7 +3,14 @@
 from eskin.pages.tables import rows_of
 from tests.support.table import each_row
 
-RECORD = {"name": "[b]a", "share": 0.12345, "time_s": 2.5e-5, "met": False, "none": None, "splits": [{"spread": 0.5}]}
+RECORD = {
+    "name": "[b]a",
+    "share": 0.12345,
+    "time_s": 2.5e-5,
+    "met": False,
+    "none": None,
+    "splits": [{"spread": 0.5}],
+}
 
 
 @each_row(

@@ -1,4 +1,5 @@
-"""Runs that look done and are not: each is made on purpose, and its banner says what was seen and what helps."""
+"""Runs that look done and are not: each is made on purpose, and its banner says what was seen and what
+helps."""
 
 from __future__ import annotations
 
@@ -22,7 +23,10 @@ GROUPS = ["person"]
 SAYS = {
     "worse than a baseline": ("the linear classifier on the same features decides", "points less"),
     "lost onsets": ("of 60 recordings show no touch, and count as wrong", "eskin inspect"),
-    "lost class": ("pulse is found no more often than by guessing (pulse is mostly taken for", "record more of it, or join the classes"),
+    "lost class": (
+        "pulse is found no more often than by guessing (pulse is mostly taken for",
+        "record more of it, or join the classes",
+    ),
 }
 
 
@@ -62,7 +66,10 @@ def test_a_doubtful_run_shows_its_banner_and_a_sound_one_none(kind, tmp_path, mo
     result = make_result(tmp_path / "result")
     edit(result / "run.json", warnings=warnings)
     page = write_report(result).read_text()
-    assert ('class="verdict warn"' in page, 'class="verdict good"' in page) == (kind != "sound", kind == "sound"), warnings
+    assert ('class="verdict warn"' in page, 'class="verdict good"' in page) == (
+        kind != "sound",
+        kind == "sound",
+    ), warnings
     found = [sentence for sentence in warnings if all(part in sentence for part in SAYS.get(kind, ("",)))]
     assert len(found) == (kind != "sound"), warnings
     assert all(part in page for part in SAYS.get(kind, ()))

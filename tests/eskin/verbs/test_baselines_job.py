@@ -1,4 +1,5 @@
-"""eskin baselines: table, chart and JSON; finished runs are not done again; bad input is one sentence before anything is trained."""
+"""eskin baselines: table, chart and JSON; finished runs are not done again; bad input is one sentence before
+anything is trained."""
 
 from __future__ import annotations
 
@@ -27,12 +28,26 @@ def archive(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     seen = []
     real = judging.judge
-    monkeypatch.setattr(judging, "judge", lambda scene, piece: seen.append(piece.method.name) or real(scene, piece))
+    monkeypatch.setattr(
+        judging, "judge", lambda scene, piece: seen.append(piece.method.name) or real(scene, piece)
+    )
     return seen
 
 
 def call(*words):
-    common = ["baselines", "--data", "data.npz", "--config", "c.json", "--jobs", "1", "--seeds", "1", "--out", "out"]
+    common = [
+        "baselines",
+        "--data",
+        "data.npz",
+        "--config",
+        "c.json",
+        "--jobs",
+        "1",
+        "--seeds",
+        "1",
+        "--out",
+        "out",
+    ]
     return CliRunner().invoke(app, [*common, *words])
 
 
@@ -43,13 +58,34 @@ def test_table_chart_and_json(archive, tmp_path):
     result = json.loads((tmp_path / "out" / "baselines.json").read_text())
     assert [row["method"] for row in result["rows"]] == ["logistic", "boosting", "least-squares"]
     assert [row["hardware"] for row in result["rows"]] == [False, False, True]
-    contract = {"method", "split", "accuracy", "spread", "parameters", "multiplies", "bytes", "train_s", "decision_us", "hardware"}
+    contract = {
+        "method",
+        "split",
+        "accuracy",
+        "spread",
+        "parameters",
+        "multiplies",
+        "bytes",
+        "train_s",
+        "decision_us",
+        "hardware",
+    }
     assert all(contract <= set(row) and row["split"] == "person" for row in result["rows"])
     assert result["left_out"][0]["method"] == "gru12-n200" and "70 frames" in result["left_out"][0]["reason"]
     assert result["nearest"][0]["network"] == "least-squares"
-    assert "linear cell, least squares" in done.output and "best of all" in done.output and "comparisons" in done.output
+    assert (
+        "linear cell, least squares" in done.output
+        and "best of all" in done.output
+        and "comparisons" in done.output
+    )
     picture = (tmp_path / "out" / "baselines.svg").read_text()
-    for words_ in ("multiplies a decision", "accuracy (%)", "eskin puts it into hardware", "least-squares", "unseen person"):
+    for words_ in (
+        "multiplies a decision",
+        "accuracy (%)",
+        "eskin puts it into hardware",
+        "least-squares",
+        "unseen person",
+    ):
         assert words_ in picture
     assert (tmp_path / "out" / "baselines.png").stat().st_size > 10_000
     assert archive == ["logistic", "boosting", "least-squares", "gru12-n200"]
@@ -62,7 +98,9 @@ def test_changed_code_of_a_family_judges_that_family_again(archive, monkeypatch)
     assert call("--group", "person", "--methods", "logistic,least-squares").exit_code == 0
     real = baselines_job.code_version
     changed = "golden/baselines/simple.py"
-    monkeypatch.setattr(baselines_job, "code_version", lambda *names: real(*names) + ("changed" if changed in names else ""))
+    monkeypatch.setattr(
+        baselines_job, "code_version", lambda *names: real(*names) + ("changed" if changed in names else "")
+    )
     assert call("--group", "person", "--methods", "logistic,least-squares").exit_code == 0
     assert archive == ["logistic", "least-squares", "logistic"]
 

@@ -1,4 +1,5 @@
-"""Energy of a chip: what is made of the counts of frames, and a small netlist played from random contents, whole and with a wrong cell."""
+"""Energy of a chip: what is made of the counts of frames, and a small netlist played from random contents,
+whole and with a wrong cell."""
 
 from __future__ import annotations
 
@@ -36,7 +37,11 @@ def test_a_step_costs_what_frames_around_its_decision_cost_more():
     for number, row in enumerate((150, 200, 250, 300)):
         rows[row, 2] = 1 + (number == 3)
         joule[row - 1 : row + 1] += step / 2
-    parts = {("logic", "engine"): 0.75 * joule, ("clock", "engine"): 0.125 * joule, ("clock", "ring"): 0.125 * joule}
+    parts = {
+        ("logic", "engine"): 0.75 * joule,
+        ("clock", "engine"): 0.125 * joule,
+        ("clock", "ring"): 0.125 * joule,
+    }
     found = chip_energy.summary(CONFIG, rows, parts, 100, 1e-14, 4e-6, 627e3)
     period, rate = 627e3 / 3000, 3000
     assert found["step_j"] == pytest.approx(step)
@@ -70,22 +75,43 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
     assert 0 < whole["glitches"]["step_j"] < 2 * whole["step_j"]
     unit = played(delays="unit")
-    assert unit["bit_exact"] and unit["step_j"] == pytest.approx(whole["step_j"])  # glitches apart, nothing depends on delays
-    assert sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"]) and "engine.lane" in whole["step_blocks_j"]
-    parities = sorted(name for name, cell in nets.cells.items() if "xor2" in cell.name or "xnor2" in cell.name)
+    # glitches apart, nothing depends on delays
+    assert unit["bit_exact"] and unit["step_j"] == pytest.approx(whole["step_j"])
+    assert (
+        sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"])
+        and "engine.lane" in whole["step_blocks_j"]
+    )
+    parities = sorted(
+        name for name, cell in nets.cells.items() if "xor2" in cell.name or "xnor2" in cell.name
+    )
     broken = played(wrong=random.Random(3).choice(parities))
     assert not broken["bit_exact"]
     # every stage, at the declared pace too, and as placed; one wrong cell is seen
     chip = {"pdk": "ihp-sg13g2", "liberty": [str(path) for path in paths], "rom": rom}
     options = {"level": "netlist", "target": "asic", "simulator": "compiled"}
     for pace in ("full", "declared"):
-        played = cosimulate(model, case.recordings, chip=chip, work=tmp_path / pace, pace=pace, clock_hz=1e6, **options)
-        assert played["passed"] and played["recordings"] == 2 and all(not row["mismatches"] for row in played["stages"].values())
+        played = cosimulate(
+            model, case.recordings, chip=chip, work=tmp_path / pace, pace=pace, clock_hz=1e6, **options
+        )
+        assert (
+            played["passed"]
+            and played["recordings"] == 2
+            and all(not row["mismatches"] for row in played["stages"].values())
+        )
         assert {"sum", "feature", "state", "logit", "decision", "status"} <= {
             n for n, row in played["stages"].items() if row["compared_values"]
         }
-        assert played["without_probes"]["bit_exact"] and played["cycles"]["step_max"] == schedule(case.config).step_cycles
-    flipped = cosimulate(model, case.recordings, chip=chip | {"flipped": 5, "placed": False}, work=tmp_path / "flipped", **options)
+        assert (
+            played["without_probes"]["bit_exact"]
+            and played["cycles"]["step_max"] == schedule(case.config).step_cycles
+        )
+    flipped = cosimulate(
+        model,
+        case.recordings,
+        chip=chip | {"flipped": 5, "placed": False},
+        work=tmp_path / "flipped",
+        **options,
+    )
     assert flipped["mismatches"] and not flipped["passed"]
 
 
@@ -101,10 +127,20 @@ def test_a_chip_beside_the_boards(tmp_path):
     }
     energy |= {"battery_hours": 757000.0, "clock_hz": 627e3, "method": "nets that change"}
     path = tmp_path / "asic.json"
-    path.write_text(json.dumps({"pdk": "ihp-sg13g2", "lanes": 4, "rom": True, "corner": "typ 1.2 V 25 C", "energy": energy}))
+    path.write_text(
+        json.dumps(
+            {"pdk": "ihp-sg13g2", "lanes": 4, "rom": True, "corner": "typ 1.2 V 25 C", "energy": energy}
+        )
+    )
     row = chip_energy.chip_row(path)
-    assert row["name"] == "chip ihp-sg13g2, 4 lanes, ROM" and row["per_step_j"] == 1.56e-8 and row["static_w"] == 3.8e-6
-    assert row["choices"][0]["average_w"] == 6.6e-6 and row["choices"][0]["touches"] == pytest.approx(18000 / 2e-5)
+    assert (
+        row["name"] == "chip ihp-sg13g2, 4 lanes, ROM"
+        and row["per_step_j"] == 1.56e-8
+        and row["static_w"] == 3.8e-6
+    )
+    assert row["choices"][0]["average_w"] == 6.6e-6 and row["choices"][0]["touches"] == pytest.approx(
+        18000 / 2e-5
+    )
     activity = Activity(
         recordings=1,
         step_toggles=100.0,
@@ -120,7 +156,11 @@ def test_a_chip_beside_the_boards(tmp_path):
     text = render(compare([board]) | {"chips": [row]})
     assert "chip ihp-sg13g2, 4 lanes, ROM" in text and "15.6\xa0nJ" in text and "nets that change" in text
     assert "<h2>Chips</h2>" not in render(compare([board]))
-    for content, words in (("[]", "no result of eskin asic"), (json.dumps({"pdk": "x"}), "no result"), ("{", "no result")):
+    for content, words in (
+        ("[]", "no result of eskin asic"),
+        (json.dumps({"pdk": "x"}), "no result"),
+        ("{", "no result"),
+    ):
         path.write_text(content)
         with pytest.raises(InputError, match=words):
             chip_energy.chip_row(path)

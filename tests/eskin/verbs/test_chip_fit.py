@@ -15,7 +15,10 @@ from eskin.golden.studies.sweep import make_points
 from eskin.verbs import asic_job, chip_fit
 from tests.support.table import each_row
 
-GRID = [{"cell": "linear", "lanes": 1}, {"cell": "gru", "hidden": [4, 8, 12, 16, 20], "weight_bits": [8, 4], "state_bits": 12, "lanes": 1}]
+GRID = [
+    {"cell": "linear", "lanes": 1},
+    {"cell": "gru", "hidden": [4, 8, 12, 16, 20], "weight_bits": [8, 4], "state_bits": 12, "lanes": 1},
+]
 ACCURACY = {"linear": 0.90, 4: 0.93, 8: 0.975, 12: 0.97, 16: 0.99, 20: 0.995}
 
 
@@ -24,8 +27,16 @@ def sweep(tmp_path, error: float = 0.01):
     rows = []
     for point in make_points(base, GRID):
         network = point.config.network
-        accuracy = ACCURACY["linear" if network.cell == "linear" else network.hidden] - 0.035 * (point.config.weight_bits == 4)
-        row = {"name": point.name, "config": point.to_dict(), "widths": dict(point.widths), "accuracy": accuracy, "standard_error": error}
+        accuracy = ACCURACY["linear" if network.cell == "linear" else network.hidden] - 0.035 * (
+            point.config.weight_bits == 4
+        )
+        row = {
+            "name": point.name,
+            "config": point.to_dict(),
+            "widths": dict(point.widths),
+            "accuracy": accuracy,
+            "standard_error": error,
+        }
         rows.append(row | {"cycles_step": 100})
     path = tmp_path / "sweep.json"
     path.write_text(json.dumps({"base": base.to_dict(), "points": rows}))
@@ -49,13 +60,19 @@ def search(path, monkeypatch, room=2e5, **options):
     return chip_fit.searched(chip_fit.points_of(path), "1x1", area_of(asked), rom=True, **options), asked
 
 
-def test_the_smallest_of_those_as_good_as_the_best_that_fits_and_no_synthesis_beyond_a_misfit(tmp_path, monkeypatch):
+def test_the_smallest_of_those_as_good_as_the_best_that_fits_and_no_synthesis_beyond_a_misfit(
+    tmp_path, monkeypatch
+):
     result, asked = search(sweep(tmp_path), monkeypatch)
     rows = result["rows"]
     assert len(rows) == 11 and len(asked) == 10  # GRU 20 of 8 bits is not asked for: 16 was too large
     assert all(not config.hardware.loadable for config in asked)
     fits = {row["name"]: row["fits"] for row in rows}
-    assert fits["GRU 12, 8 bit, 1 lane"] and not fits["GRU 16, 8 bit, 1 lane"] and not fits["GRU 20, 8 bit, 1 lane"]
+    assert (
+        fits["GRU 12, 8 bit, 1 lane"]
+        and not fits["GRU 16, 8 bit, 1 lane"]
+        and not fits["GRU 20, 8 bit, 1 lane"]
+    )
     assert fits["GRU 20, 4 bit, 1 lane"]
     assert rows[result["best"]]["name"] == rows[result["chosen"]]["name"] == "GRU 8, 8 bit, 1 lane"
     assert rows[-1]["area_um2"] is None and "does not fit" in chip_fit.table(result)[-1][3]
@@ -69,7 +86,9 @@ def test_an_error_decides_how_much_less_is_enough(tmp_path, monkeypatch):
 
 def test_nothing_fits(tmp_path, monkeypatch):
     result, _ = search(sweep(tmp_path), monkeypatch, room=1e4)
-    assert result["best"] is None and result["chosen"] is None and not any(row["fits"] for row in result["rows"])
+    assert (
+        result["best"] is None and result["chosen"] is None and not any(row["fits"] for row in result["rows"])
+    )
 
 
 def test_lanes_asked_for_make_each_network_one_point(tmp_path, monkeypatch):
@@ -88,7 +107,10 @@ def test_lanes_are_halved_until_they_fit():
 
 
 def test_tiles_by_their_number():
-    assert asic_job.room_um2(8, 2) == pytest.approx(0.7 * 0.541e6, rel=1e-3) and chip_fit.tiles_of("8x2") == (8, 2)
+    assert asic_job.room_um2(8, 2) == pytest.approx(0.7 * 0.541e6, rel=1e-3) and chip_fit.tiles_of("8x2") == (
+        8,
+        2,
+    )
     for text in ("8", "0x2", "8x", "axb", "8x2x1"):
         with pytest.raises(InputError, match="--fit"):
             chip_fit.tiles_of(text)
@@ -116,7 +138,10 @@ def test_the_verb_writes_and_tells(tmp_path, monkeypatch):
         ("[]", "is no result of eskin sweep"),
         (json.dumps({"points": []}), "is no result of eskin sweep"),
         (json.dumps({"base": PRESETS["thesis"].to_dict(), "points": []}), "has no point"),
-        (json.dumps({"base": PRESETS["thesis"].to_dict(), "points": [{"config": {}, "accuracy": "x"}]}), "is no result of eskin sweep"),
+        (
+            json.dumps({"base": PRESETS["thesis"].to_dict(), "points": [{"config": {}, "accuracy": "x"}]}),
+            "is no result of eskin sweep",
+        ),
     ],
 )
 def test_another_file_is_refused_in_a_sentence(tmp_path, content, said):

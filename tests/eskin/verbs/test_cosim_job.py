@@ -51,10 +51,14 @@ def here(tmp_path, monkeypatch) -> Path:
 def test_parts_give_what_a_whole_gives(model, here, monkeypatch):
     monkeypatch.setitem(cosim_job.PART, "verilator", 4)
     recordings, numbers = scene(10), list(range(30, 40))
-    whole = flow.cosimulate(model, recordings, numbers=numbers, work=here / "whole", pace="declared", clock_hz=1e5, stalls=True)
+    whole = flow.cosimulate(
+        model, recordings, numbers=numbers, work=here / "whole", pace="declared", clock_hz=1e5, stalls=True
+    )
     moves = []
     options = {"pace": "declared", "clock_hz": 1e5, "stalls": True, "work": here / "work"}
-    parts = cosim_job.cosimulate(model, recordings, numbers, jobs=Jobs(workers=1, progress=lambda *move: moves.append(move)), **options)
+    parts = cosim_job.cosimulate(
+        model, recordings, numbers, jobs=Jobs(workers=1, progress=lambda *move: moves.append(move)), **options
+    )
     assert moves[-1] == ("parts co-simulated", 3, 3)
     gaps = ("cycles", "budgets")  # random stalls begin anew in each part
     assert without(parts, *TIMES, *LOADING, *gaps) == without(whole, *TIMES, *LOADING, *gaps)
@@ -98,35 +102,86 @@ def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, m
     where = {"jobs": Jobs(workers=1), "work": here / "work"}
     result = cosim_job.cosimulate(model, scene(6), [20, 21, 22, 23, 24, 25], simulator="icarus", **where)
     assert not result["bit_exact"] and not result["passed"]
-    assert result["mismatches"] == result["stages"]["logit"]["mismatches"] == result["stages"]["logit"]["compared_values"] > 0
+    assert (
+        result["mismatches"]
+        == result["stages"]["logit"]["mismatches"]
+        == result["stages"]["logit"]["compared_values"]
+        > 0
+    )
     assert result["mismatch_list"][0].startswith("recording 21,") and Path(result["waves"]).is_dir()
 
 
 def test_joined_counts_and_extremes():
     one = {
-        **dict.fromkeys(("recordings", "frames", "steps", "decisions", "simulated_cycles", "input_stalls"), 3),
-        **{"compared_values": 5, "mismatches": 0, "overruns": 0, "wall_s": 2.0, "cycles_per_s": 2, "pace": "declared", "clock_hz": 1e6},
-        "cycles": {"frame_max": 9, "step_min": 30, "step_max": 40, "step_ideal": 20, "decision_latency_max": 50},
+        **dict.fromkeys(
+            ("recordings", "frames", "steps", "decisions", "simulated_cycles", "input_stalls"), 3
+        ),
+        **{
+            "compared_values": 5,
+            "mismatches": 0,
+            "overruns": 0,
+            "wall_s": 2.0,
+            "cycles_per_s": 2,
+            "pace": "declared",
+            "clock_hz": 1e6,
+        },
+        "cycles": {
+            "frame_max": 9,
+            "step_min": 30,
+            "step_max": 40,
+            "step_ideal": 20,
+            "decision_latency_max": 50,
+        },
         "stages": {"sum": {"compared_values": 5, "mismatches": 0}},
         "registers": {"STATUS": 1, "FAULTS": 8, "TOUCHES": 2, "LONGEST": 40},
         "mismatch_list": [],
     }
-    none = {"frame_max": 12, "step_min": None, "step_max": None, "step_ideal": 20, "decision_latency_max": None}
-    other = {**one, "overruns": 1, "cycles": none, "registers": {"STATUS": 3, "FAULTS": 16, "TOUCHES": 0, "LONGEST": 7}}
+    none = {
+        "frame_max": 12,
+        "step_min": None,
+        "step_max": None,
+        "step_ideal": 20,
+        "decision_latency_max": None,
+    }
+    other = {
+        **one,
+        "overruns": 1,
+        "cycles": none,
+        "registers": {"STATUS": 3, "FAULTS": 16, "TOUCHES": 0, "LONGEST": 7},
+    }
     found = joined(SMALL, [one, other])
-    assert found["cycles"] == {"frame_max": 12, "step_min": 30, "step_max": 40, "step_ideal": 20, "decision_latency_max": 50}
+    assert found["cycles"] == {
+        "frame_max": 12,
+        "step_min": 30,
+        "step_max": 40,
+        "step_ideal": 20,
+        "decision_latency_max": 50,
+    }
     assert found["registers"] == {"STATUS": 3, "FAULTS": 24, "TOUCHES": 0, "LONGEST": 40}
     assert (found["recordings"], found["wall_s"], found["stages"]["sum"]["compared_values"]) == (6, 4.0, 10)
     assert found["bit_exact"] and not found["passed"], "an overrun misses the frame's budget"
     assert joined(SMALL, [one, one])["passed"]
     wrong = {**one, "mismatches": 1, "mismatch_list": ["x"]}
-    assert joined(SMALL, [one, wrong])["mismatch_list"] == ["x"] and not joined(SMALL, [one, wrong])["bit_exact"]
+    assert (
+        joined(SMALL, [one, wrong])["mismatch_list"] == ["x"] and not joined(SMALL, [one, wrong])["bit_exact"]
+    )
 
 
 def test_the_lowest_clock_is_not_looked_for_on_a_cluster(model, here):
     from eskin.cli.main import app
 
-    words = ["cosim", "model", "--data", "d.npz", "--pace", "declared", "--clock", "lowest", "--dask", "tcp://here:1"]
+    words = [
+        "cosim",
+        "model",
+        "--data",
+        "d.npz",
+        "--pace",
+        "declared",
+        "--clock",
+        "lowest",
+        "--dask",
+        "tcp://here:1",
+    ]
     done = CliRunner().invoke(app, words)
     assert isinstance(done.exception, InputError) and "leave --dask out" in str(done.exception)
 
@@ -134,7 +189,8 @@ def test_the_lowest_clock_is_not_looked_for_on_a_cluster(model, here):
 # ---------------------------------------------------------------------- a real scheduler
 @pytest.fixture
 def cluster(here):
-    """Address of a scheduler in a process of its own, with two workers in theirs; each has a working folder of its own."""
+    """Address of a scheduler in a process of its own, with two workers in theirs; each has a working folder
+    of its own."""
     pytest.importorskip("distributed")
     address, started = f"tcp://127.0.0.1:{20000 + os.getpid() % 20000}", []
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
@@ -146,7 +202,13 @@ def cluster(here):
             (folder / "build").mkdir(parents=True)
             (folder / "build" / "simulators").symlink_to(ROOT / "build" / "simulators")
             with (folder / "log").open("w") as log:
-                process = subprocess.Popen([sys.executable, "-m", "dask", *words], cwd=folder, env=environment, stdout=log, stderr=log)
+                process = subprocess.Popen(
+                    [sys.executable, "-m", "dask", *words],
+                    cwd=folder,
+                    env=environment,
+                    stdout=log,
+                    stderr=log,
+                )
             started.append(process)
         limit = time.monotonic() + 90
         while sum("Registered to" in (here / f"dask{number}" / "log").read_text() for number in (1, 2)) < 2:
@@ -188,7 +250,21 @@ def test_a_real_cluster_gives_the_local_results(cluster, model, here):
     )
     (here / "c.json").write_text(SMALL.to_json())
     (here / "g.json").write_text('{"hidden": [4, 5], "weight_bits": [4, 8]}')
-    sweep = ["sweep", "--data", "d.npz", "--config", "c.json", "--grid", "g.json", "--group", "person", "--folds", "2", "--seeds", "1"]
+    sweep = [
+        "sweep",
+        "--data",
+        "d.npz",
+        "--config",
+        "c.json",
+        "--grid",
+        "g.json",
+        "--group",
+        "person",
+        "--folds",
+        "2",
+        "--seeds",
+        "1",
+    ]
     for where, options in (("local", []), ("cluster", ["--dask", cluster])):
         eskin("cosim", "model", "--data", "d.npz", "--json", f"{where}.json", *options)
         shutil.rmtree("build/sweep_points", ignore_errors=True)

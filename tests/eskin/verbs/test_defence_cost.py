@@ -47,7 +47,10 @@ def asked(monkeypatch) -> dict:
 def test_the_defended_design_itself_is_placed_and_played(asked, recordings):
     cost = defence_cost.hardware_cost(DEFENDED, recordings)
     assert asked["built"] == asked["played"] and asked["part"].name == "icebreaker" and not asked["link"]
-    assert asked["built"].replace(feature_shift=(), lane_type="plain") == DEFENDED and asked["built"].hardware.lane_type == "dsp"
+    assert (
+        asked["built"].replace(feature_shift=(), lane_type="plain") == DEFENDED
+        and asked["built"].hardware.lane_type == "dsp"
+    )
     assert asked["recordings"] == defence_cost.PLAYED
     assert costs_in_words(cost) == ["900", "29", "22", "220", "170"] and len(COSTS) == 5 and cost["bit_exact"]
 
@@ -63,13 +66,22 @@ def test_a_board_has_a_pin_for_unsure_decisions_where_there_is_a_threshold():
     board, pins = target("icebreaker"), {}
     for config in (PVDF, DEFENDED):
         pins[bool(config.network.margin_threshold)] = Wiring(config=config, target=board, link=True).sites()
-    assert set(pins[True]) - set(pins[False]) == {"unsure"} and len(set(pins[True].values())) == len(pins[True])
+    assert set(pins[True]) - set(pins[False]) == {"unsure"} and len(set(pins[True].values())) == len(
+        pins[True]
+    )
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_defences_cost_cells_and_no_cycles(recordings, tmp_path):
-    plain, defended = (defence_cost.hardware_cost(config, recordings, cache=tmp_path) for config in (PVDF, DEFENDED))
+    plain, defended = (
+        defence_cost.hardware_cost(config, recordings, cache=tmp_path) for config in (PVDF, DEFENDED)
+    )
     assert plain["bit_exact"] and defended["bit_exact"]
-    assert plain["logic_cells"] < defended["logic_cells"] < plain["logic_cells"] + 150 and defended["bram"] == plain["bram"] + 1
-    assert np.array_equal([plain[key] for key in COSTS if "cycles" in key], [defended[key] for key in COSTS if "cycles" in key])
+    assert (
+        plain["logic_cells"] < defended["logic_cells"] < plain["logic_cells"] + 150
+        and defended["bram"] == plain["bram"] + 1
+    )
+    assert np.array_equal(
+        [plain[key] for key in COSTS if "cycles" in key], [defended[key] for key in COSTS if "cycles" in key]
+    )

@@ -21,12 +21,16 @@ LAYERS = ("conv 3 9", "pool", "conv 3 5", "dense 4")
 
 @pytest.fixture(scope="module")
 def case():
-    model = random_image_model(AcceleratorConfig.of_image(6, 7, LAYERS, ("cone", "cube", "ball", "ring")), seed=3)
+    model = random_image_model(
+        AcceleratorConfig.of_image(6, 7, LAYERS, ("cone", "cube", "ball", "ring")), seed=3
+    )
     return model, image_recordings(model.config, random_images(model.config, 6, seed=2))
 
 
 def measured(case, tmp_path, *configurations):
-    return job(*case, configurations, count=2, out=tmp_path / "out", work=tmp_path / "work", notify=lambda *_: None)
+    return job(
+        *case, configurations, count=2, out=tmp_path / "out", work=tmp_path / "work", notify=lambda *_: None
+    )
 
 
 @each_row(
@@ -46,7 +50,8 @@ def test_what_images_do_not_have_is_refused_before_any_work(case, tmp_path, conf
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_activity_of_images_is_counted_in_the_netlist(case, tmp_path):
-    """The lanes multiply in nearly every cycle of an image, and not while rows come; the maps' memories are one read, one written."""
+    """The lanes multiply in nearly every cycle of an image, and not while rows come; the maps' memories are
+    one read, one written."""
     result = measured(case, tmp_path, "icebreaker:8")
     (row,) = result["configurations"]
     config = case[0].config.with_lanes(8, "dsp")
@@ -57,7 +62,9 @@ def test_the_activity_of_images_is_counted_in_the_netlist(case, tmp_path):
     assert 0.5 * plan.lanes * taps < activity["step_multiplies"] < 1.05 * plan.lanes * taps
     assert activity["large_uses"] > 0.4
     assert row["per_touch_j"] == pytest.approx(
-        activity["step_cycles"] * 52e-12 + activity["step_toggles"] * 0.2e-12 + activity["step_multiplies"] * 24e-12
+        activity["step_cycles"] * 52e-12
+        + activity["step_toggles"] * 0.2e-12
+        + activity["step_multiplies"] * 24e-12
     )
     assert "Energy of an image" in (tmp_path / "out/energy.html").read_text()
     assert json.loads((tmp_path / "out/energy.json").read_text())["what"] == "image"

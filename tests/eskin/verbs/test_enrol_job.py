@@ -1,4 +1,5 @@
-"""eskin enrol: the verb, its evaluation kept by content, and an enrolled model in the board of the old one."""
+"""eskin enrol: the verb, its evaluation kept by content, and an enrolled model in the board of the old
+one."""
 
 from __future__ import annotations
 
@@ -66,7 +67,8 @@ def call(monkeypatch, capsys):
 
 
 def test_the_board_of_the_old_model_runs_the_new_one(call, files, tmp_path, monkeypatch):
-    """The device is of the old configuration; replay loads the new weights, and the decisions are the new model's."""
+    """The device is of the old configuration; replay loads the new weights, and the decisions are the new
+    model's."""
     status, out, errors = call(
         files / "model",
         "--data",
@@ -83,14 +85,19 @@ def test_the_board_of_the_old_model_runs_the_new_one(call, files, tmp_path, monk
     old, new = IntegerModel.load(files / "model"), IntegerModel.load(tmp_path / "m2")
     assert new.config == old.config
     few = REST.subset(np.arange(6))
-    assert (run_model(old, few).decision != run_model(new, few).decision).any()  # else the test could not tell them apart
+    assert (
+        run_model(old, few).decision != run_model(new, few).decision
+    ).any()  # else the test could not tell them apart
     monkeypatch.setattr(replay_job, "ANSWER_S", 0.1)
     with Device(old.config, golden_decisions(new, few)) as device:
-        result = replay_job.replay(new, few, numbers=range(6), port=device.port, baud=2_000_000, progress=lambda done, total: None)
+        result = replay_job.replay(
+            new, few, numbers=range(6), port=device.port, baud=2_000_000, progress=lambda done, total: None
+        )
     assert result["passed"] and result["recordings"] == 6
     loads = {name: boot_writes(model.config, model.arrays) for name, model in (("old", old), ("new", new))}
     assert device.writes[1 : 1 + len(loads["new"])] == loads["new"] != loads["old"]
-    assert [address for address, _ in loads["new"]] == [address for address, _ in loads["old"]]  # the same memories, other words
+    # the same memories, other words
+    assert [address for address, _ in loads["new"]] == [address for address, _ in loads["old"]]
 
 
 def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
@@ -111,11 +118,27 @@ def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
     status, out, errors = call(*options, "--seeds", "1", "--json", tmp_path / "one.json")
     assert status == 0 and "mounting" in out and "Traceback" not in errors
     one = json.loads((tmp_path / "one.json").read_text())
-    assert {"group", "value", "k", "layers", "before", "after", "others_before", "others_after", "recordings"} <= set(one["rows"][0])
-    assert set(one["mean"]) == {"1"} and one["mean"]["1"]["after"] > one["mean"]["1"]["before"] and one["seeds"] == [0]
+    assert {
+        "group",
+        "value",
+        "k",
+        "layers",
+        "before",
+        "after",
+        "others_before",
+        "others_after",
+        "recordings",
+    } <= set(one["rows"][0])
+    assert (
+        set(one["mean"]) == {"1"}
+        and one["mean"]["1"]["after"] > one["mean"]["1"]["before"]
+        and one["seeds"] == [0]
+    )
 
     judged = []
-    monkeypatch.setattr(enrolling, "judge", lambda recordings, question: judged.append(question.seed) or one_seed(one))
+    monkeypatch.setattr(
+        enrolling, "judge", lambda recordings, question: judged.append(question.seed) or one_seed(one)
+    )
 
     def one_seed(result):
         names = ("value", "k", "before", "after", "others_before", "others_after", "recordings", "others")
@@ -130,10 +153,19 @@ def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
 @each_row(
     ("arguments", "says"),
     [
-        (("--evaluate", "--data", "both.npz", "--group", "person", "--config", "small.json"), "no group array 'person'; it has mounting"),
+        (
+            ("--evaluate", "--data", "both.npz", "--group", "person", "--config", "small.json"),
+            "no group array 'person'; it has mounting",
+        ),
         (("--evaluate", "--data", "both.npz", "--config", "small.json"), "option --group: is missing"),
-        (("--evaluate", "--data", "both.npz", "--group", "mounting", "-k", "0"), "-k 0: is no list of touches a class"),
-        (("model", "--evaluate", "--data", "both.npz", "--group", "mounting"), "MODEL: belongs to no --evaluate"),
+        (
+            ("--evaluate", "--data", "both.npz", "--group", "mounting", "-k", "0"),
+            "-k 0: is no list of touches a class",
+        ),
+        (
+            ("model", "--evaluate", "--data", "both.npz", "--group", "mounting"),
+            "MODEL: belongs to no --evaluate",
+        ),
         (("model", "--data", "few.npz"), "option --out: is missing"),
         (("--data", "few.npz", "--out", "m"), "MODEL: is missing"),
         (("model", "--data", "few.npz", "--out", "m", "--hidden", "4"), "option --hidden: needs --evaluate"),
@@ -144,7 +176,9 @@ def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
 def test_bad_usage_is_one_sentence(call, files, monkeypatch, arguments, says):
     monkeypatch.chdir(files)
     status, _, errors = call(*arguments)
-    assert status == 2 and says in errors and len(errors.strip().splitlines()) <= 2 and "Traceback" not in errors, errors
+    assert (
+        status == 2 and says in errors and len(errors.strip().splitlines()) <= 2 and "Traceback" not in errors
+    ), errors
     assert not (files / "m").exists()
 
 

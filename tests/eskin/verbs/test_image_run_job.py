@@ -33,7 +33,9 @@ def test_images_go_through_the_whole_job(tmp_path):
     assert "bit-exact" in page and "conv 3 4" in page and "dot" in page
     cycles = json.loads((tmp_path / "out/run.json").read_text())["layer_cycles"]
     # to the engine and from it 5 cycles; of its 4 lanes one has no class
-    assert sorted(cycles) == ["0", "2"] and sum(cycles.values()) == cosim["cycles"]["decision_latency_max"] - 4
+    assert (
+        sorted(cycles) == ["0", "2"] and sum(cycles.values()) == cosim["cycles"]["decision_latency_max"] - 4
+    )
     assert all(f">{count(value)}<" in page for value in cycles.values()) and "by chance 33.3" in page
     write_report(tmp_path / "out")
     assert (tmp_path / "out/report.html").read_text() == page
@@ -45,7 +47,10 @@ def test_images_go_through_the_whole_job(tmp_path):
 
 @each_row(
     ("options", "words"),
-    [({"cell": "lstm"}, "--cell lstm: reads recordings, and .* holds images"), ({"group": ["person"]}, "has no group array 'person'")],
+    [
+        ({"cell": "lstm"}, "--cell lstm: reads recordings, and .* holds images"),
+        ({"group": ["person"]}, "has no group array 'person'"),
+    ],
 )
 def test_what_cannot_work_is_refused_before_any_stage(tmp_path, options, words):
     data, config = archive(tmp_path)
@@ -57,5 +62,7 @@ def test_what_cannot_work_is_refused_before_any_stage(tmp_path, options, words):
 def test_images_of_another_size_than_the_configuration_are_refused(tmp_path):
     _, config = archive(tmp_path)
     save_archive(shapes(4, 0, (9, 10)), tmp_path / "tall.npz")
-    with pytest.raises(InputError, match="holds images of 9 x 10 pixels and configuration 'tiny' takes 8 x 10"):
+    with pytest.raises(
+        InputError, match="holds images of 9 x 10 pixels and configuration 'tiny' takes 8 x 10"
+    ):
         run(str(tmp_path / "tall.npz"), config, None, tmp_path / "out")

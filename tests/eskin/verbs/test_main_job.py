@@ -1,4 +1,5 @@
-"""The main job's order, its memory and its last rename; the stages are stand-ins except in the slow run of everything."""
+"""The main job's order, its memory and its last rename; the stages are stand-ins except in the slow run of
+everything."""
 
 from __future__ import annotations
 
@@ -42,7 +43,9 @@ class Chain:
         self.played: dict[str, tuple[list[int], int]] = {}
         stand_ins = {
             "load_recordings": lambda data, config: self.recordings,
-            "configure": lambda loaded, asked, **options: Plan(self.config, ["made up"], ["person"], "the archive's first group"),
+            "configure": lambda loaded, asked, **options: Plan(
+                self.config, ["made up"], ["person"], "the archive's first group"
+            ),
             "choose_network.train_chosen": self.train,
             "quantise.quantise": self.quantise,
             "evaluate.evaluate": self.evaluate,
@@ -100,7 +103,9 @@ class Chain:
     def cosim(self, design, vectors, *, work, builds, progress, pace="full"):
         name = {"full": "cosim", "declared": "declared"}[pace]
         self.play(name, design, vectors)
-        outcome = cosimulation(len(self.played[name][0]), pace=pace, **(self.full if pace == "full" else self.declared))
+        outcome = cosimulation(
+            len(self.played[name][0]), pace=pace, **(self.full if pace == "full" else self.declared)
+        )
         if outcome["mismatches"]:
             waves = work / "waves_recording3"
             waves.mkdir(parents=True)
@@ -128,7 +133,11 @@ def run(out: Path, **options):
 
 
 def files(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
 
 
 ORDER = ["train", "quantise", "evaluate", "yardsticks", "generate", "cosim", "declared", "lowest", "report"]
@@ -166,7 +175,8 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("stage", "stop"), [(stage, (KeyboardInterrupt, SimulationError)[number % 2]) for number, stage in enumerate(ORDER)]
+    ("stage", "stop"),
+    [(stage, (KeyboardInterrupt, SimulationError)[number % 2]) for number, stage in enumerate(ORDER)],
 )
 def test_an_interrupted_run_leaves_the_old_result_and_goes_on_where_it_stopped(chain, tmp_path, stage, stop):
     out = tmp_path / "run"
@@ -183,7 +193,9 @@ def test_an_interrupted_run_leaves_the_old_result_and_goes_on_where_it_stopped(c
     chain.stop_at = ""
     record = run(out)
     assert chain.calls == ORDER[ORDER.index(stage) :]
-    assert [timing["cached"] for timing in record["timings"]] == [name not in chain.calls for name in ORDER[:-1]]
+    assert [timing["cached"] for timing in record["timings"]] == [
+        name not in chain.calls for name in ORDER[:-1]
+    ]
     assert record["data"]["recordings"] == 10
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
@@ -287,7 +299,8 @@ def test_waves_of_a_mismatch_come_with_the_result(chain, tmp_path):
 def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
     frames, loaded = CONFIG.last_frame + CONFIG.windows.hop, result_case.recordings()
     touches = main_job.find_touches(CONFIG, loaded)
-    ends = int(touches.onset_frame[touches.first_touch()[0]]) + CONFIG.windows.hop  # within the touch of recording 0
+    # within the touch of recording 0
+    ends = int(touches.onset_frame[touches.first_touch()[0]]) + CONFIG.windows.hop
     chain.recordings = dataclasses.replace(
         loaded,
         samples=np.concatenate([loaded.recording(0)[:ends], loaded.samples[300:]]),
@@ -298,8 +311,12 @@ def test_runs_at_the_pace_of_the_sensor_are_short(chain, monkeypatch, tmp_path):
     numbers, length = chain.played["declared"]
     assert numbers == list(range(12))
     starts = touches.start_frame[touches.first_touch()]
-    assert length == sum(min(ends if number == 0 else 300, int(starts[number]) - 1 + frames) for number in numbers)
-    monkeypatch.setattr(main_job, "DECLARED_CYCLES", 3.2 * 80 * CONFIG.hardware.clock_hz / CONFIG.sensor.sample_rate_hz)
+    assert length == sum(
+        min(ends if number == 0 else 300, int(starts[number]) - 1 + frames) for number in numbers
+    )
+    monkeypatch.setattr(
+        main_job, "DECLARED_CYCLES", 3.2 * 80 * CONFIG.hardware.clock_hz / CONFIG.sensor.sample_rate_hz
+    )
     run(tmp_path / "run")
     numbers, length = chain.played["declared"]
     assert 1 <= len(numbers) < 12 and set(numbers) <= set(range(12))
@@ -316,7 +333,9 @@ def test_a_recording_without_a_touch_is_no_one_to_time(chain, monkeypatch, tmp_p
     loaded = result_case.recordings()
     still = np.repeat(loaded.recording(0)[:1], 10, axis=0)  # short, and nothing moves
     chain.recordings = dataclasses.replace(
-        loaded, samples=np.concatenate([still, loaded.samples[300:]]), offsets=np.concatenate([[0], 10 + 300 * np.arange(12)])
+        loaded,
+        samples=np.concatenate([still, loaded.samples[300:]]),
+        offsets=np.concatenate([[0], 10 + 300 * np.arange(12)]),
     )
     monkeypatch.setattr(main_job, "DECLARED_CYCLES", 1.0)
     run(tmp_path / "run")
@@ -341,11 +360,17 @@ def test_cycles_of_candidates_that_are_other_cells_than_the_one_taken(chain, mon
     with pytest.raises(InputError, match="finer than the dense products"):
         main_job.choose_network.network(fine, "linear", None)
     rows = [{"cell": "linear", "hidden": 0}, {"cell": "gru", "hidden": 8}]
-    chain.train = lambda loaded, asked, *, out, seed, progress, **network: float_model().save(out, training | {"candidates": rows})
+    chain.train = lambda loaded, asked, *, out, seed, progress, **network: float_model().save(
+        out, training | {"candidates": rows}
+    )
     monkeypatch.setattr(main_job.choose_network, "train_chosen", chain.train)
-    monkeypatch.setattr(main_job.quantise, "quantise", lambda folder: random_integer_model(fine, seed=2).save(folder))
+    monkeypatch.setattr(
+        main_job.quantise, "quantise", lambda folder: random_integer_model(fine, seed=2).save(folder)
+    )
     found = run(tmp_path / "run")["candidates"]
-    assert [row["cell"] for row in found] == ["linear", "gru"] and 0 < found[0]["decision_cycles"] < found[1]["decision_cycles"]
+    assert [row["cell"] for row in found] == ["linear", "gru"] and 0 < found[0]["decision_cycles"] < found[1][
+        "decision_cycles"
+    ]
 
 
 def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch, tmp_path):
@@ -353,14 +378,18 @@ def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch
     held = dataclasses.replace(loaded, samples=loaded.samples + 1, source="held")
     monkeypatch.setattr(main_job, "load_recordings", lambda data, config: held if data == "held" else loaded)
     judged = []
-    monkeypatch.setattr(main_job.evaluate, "evaluate", lambda folder, given: judged.append(given.source) or chain.evaluation)
+    monkeypatch.setattr(
+        main_job.evaluate, "evaluate", lambda folder, given: judged.append(given.source) or chain.evaluation
+    )
     record = run(tmp_path / "run", test="held")
     assert judged.count("held") == 1
     assert record["test"]["source"] == "held" and record["test"]["seen_in_training"] == 0
     assert not any("held back" in sentence for sentence in record["warnings"])
     held = dataclasses.replace(loaded, source="held")
     record = run(tmp_path / "again", test="held")
-    assert record["test"]["seen_in_training"] == 12 and any("held back" in sentence for sentence in record["warnings"])
+    assert record["test"]["seen_in_training"] == 12 and any(
+        "held back" in sentence for sentence in record["warnings"]
+    )
     held = dataclasses.replace(loaded, class_names=("a", "b"))
     with pytest.raises(InputError, match="field class_names"):
         run(tmp_path / "third", test="held")
@@ -369,8 +398,16 @@ def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch
 
 def test_a_baseline_that_is_better_is_a_warning(chain, monkeypatch, tmp_path):
     first = training_record(chain.recordings)["cross_validation"][0]
-    row = {"name": "RBF-SVM on the same features", "groups": first["groups"], "standard_error": 0.001, "multiplies": 5, "hardware": False}
-    monkeypatch.setattr(main_job.yardsticks, "yardsticks", lambda *given: [row | {"accuracy": 0.9642 + 0.0009}])
+    row = {
+        "name": "RBF-SVM on the same features",
+        "groups": first["groups"],
+        "standard_error": 0.001,
+        "multiplies": 5,
+        "hardware": False,
+    }
+    monkeypatch.setattr(
+        main_job.yardsticks, "yardsticks", lambda *given: [row | {"accuracy": 0.9642 + 0.0009}]
+    )
     assert run(tmp_path / "run")["warnings"] == []
     monkeypatch.setattr(main_job.yardsticks, "yardsticks", lambda *given: [row | {"accuracy": 0.9842}])
     record = run(tmp_path / "other")
@@ -440,18 +477,23 @@ def test_bad_input_in_training_leaves_nothing(chain, tmp_path):
 def test_the_whole_job_on_a_small_scene(tmp_path, monkeypatch):
     from eskin.golden.data.scene import synthetic_recordings
 
-    monkeypatch.setattr(main_job, "load_recordings", lambda data, config: synthetic_recordings(persons=6, trials=2))
+    monkeypatch.setattr(
+        main_job, "load_recordings", lambda data, config: synthetic_recordings(persons=6, trials=2)
+    )
     record = main_job.run(out=tmp_path / "run", recordings=3, console=QUIET)
     outcome = json.loads((tmp_path / "run/cosim.json").read_text())
     assert outcome["bit_exact"] and outcome["recordings"] == 3 and outcome["frames"] == 27000
     assert [check["name"] for check in record["checks"] if not check["held"]] == []
-    assert (tmp_path / "run/rtl/accelerator.sv").exists() and (tmp_path / "run/report.html").stat().st_size > 100_000
+    assert (tmp_path / "run/rtl/accelerator.sv").exists() and (
+        tmp_path / "run/report.html"
+    ).stat().st_size > 100_000
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
-    """40 taxels at 200 Hz with a few counts each, in contact from the first frame on: no option but --data."""
+    """40 taxels at 200 Hz with a few counts each, in contact from the first frame on: no option but
+    --data."""
     from tests.support.gripped_scene import gripped_recordings
 
     made = gripped_recordings(persons=5, trials=2)
@@ -464,10 +506,16 @@ def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
     np.savez_compressed(tmp_path / "grip.npz", sample_rate_hz=made.sample_rate_hz, **arrays, **made.groups)
     record = main_job.run(str(tmp_path / "grip.npz"), out=tmp_path / "run", recordings=5, console=QUIET)
     assert record["passed"] and not record["warnings"]
-    assert record["front_end"]["chosen"]["rest"] == "none" and record["front_end"]["chosen"]["onset"] == "immediate"
+    assert (
+        record["front_end"]["chosen"]["rest"] == "none"
+        and record["front_end"]["chosen"]["onset"] == "immediate"
+    )
     (chosen,) = (row for row in record["candidates"] if row["chosen"])
     assert chosen["accuracy"] >= 0.95 and chosen["decision_cycles"] > 0
     assert len(record["baselines"]) == 3
-    assert all(chosen["accuracy"] >= baseline["accuracy"] - baseline["standard_error"] for baseline in record["baselines"])
+    assert all(
+        chosen["accuracy"] >= baseline["accuracy"] - baseline["standard_error"]
+        for baseline in record["baselines"]
+    )
     page = (tmp_path / "run/report.html").read_text()
     assert "The smallest network that is enough" in page and "The front end and its rivals" in page

@@ -1,4 +1,5 @@
-"""eskin replay against a board in Python behind a pseudo-terminal: equal and differing decisions, losses, everything that can go wrong."""
+"""eskin replay against a board in Python behind a pseudo-terminal: equal and differing decisions, losses,
+everything that can go wrong."""
 
 from __future__ import annotations
 
@@ -49,7 +50,16 @@ def call(model, recordings, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(replay_job, "ANSWER_S", 0.1)
 
     def run(port: str, *options: str) -> tuple[int, str, str]:
-        arguments = ["eskin", "replay", str(tmp_path / "model"), "--port", port, "--data", str(tmp_path / "data.npz"), *options]
+        arguments = [
+            "eskin",
+            "replay",
+            str(tmp_path / "model"),
+            "--port",
+            port,
+            "--data",
+            str(tmp_path / "data.npz"),
+            *options,
+        ]
         arguments += [] if {"--build", "--baud", "no build"} & set(options) else ["--baud", "2000000"]
         arguments = [word for word in arguments if word != "no build"]
         monkeypatch.setattr(sys, "argv", arguments)
@@ -69,8 +79,12 @@ def test_equal_decisions(call, model, recordings, tmp_path):
         status, out, errors = call(device.port, "--json", str(tmp_path / "replay.json"))
     assert (status, errors) == (0, "") and "equal" in out
     result = json.loads((tmp_path / "replay.json").read_text())
-    assert result["bit_exact"] and result["passed"] and result["mismatches"] == 0 and result["recordings"] == 5
-    assert result["frames"] == recordings.frames == device.taken and result["decisions"] == device.decisions > 10
+    assert (
+        result["bit_exact"] and result["passed"] and result["mismatches"] == 0 and result["recordings"] == 5
+    )
+    assert (
+        result["frames"] == recordings.frames == device.taken and result["decisions"] == device.decisions > 10
+    )
     assert result["repeated"] == result["replayed"] == result["unanswered"] == result["damaged"] == 0
     loads = boot_writes(model.config, model.arrays)
     assert device.writes[1 : 1 + len(loads)] == loads
@@ -96,7 +110,12 @@ def test_one_differing_decision_is_found(call, model, recordings, column, field)
     with Device(model.config, decide) as device:
         status, out, _ = call(device.port)
     mismatches = [line for line in out.splitlines() if line.startswith("mismatch: ")]
-    assert status == 1 and len(mismatches) == 1 and mismatches[0].startswith("mismatch: recording 2") and field in mismatches[0]
+    assert (
+        status == 1
+        and len(mismatches) == 1
+        and mismatches[0].startswith("mismatch: recording 2")
+        and field in mismatches[0]
+    )
 
 
 @each_row("way", ["missing", "extra", "touches"])
@@ -121,7 +140,11 @@ def test_decisions_too_few_or_many_are_found(call, model, recordings, way):
 @each_row("sent", [False, True])
 def test_lost_packets_change_nothing(call, model, recordings, tmp_path, sent):
     every = 31 if sent else 57
-    with Device(model.config, golden_decisions(model, recordings), loses=lambda number, out: out == sent and number % every == 0) as device:
+    with Device(
+        model.config,
+        golden_decisions(model, recordings),
+        loses=lambda number, out: out == sent and number % every == 0,
+    ) as device:
         status, _, _ = call(device.port, "--json", str(tmp_path / "replay.json"))
     result = json.loads((tmp_path / "replay.json").read_text())
     assert status == 0 and result["bit_exact"]
@@ -175,18 +198,23 @@ def test_no_port_and_no_number_of_recordings(call):
 
 def built(folder, **changes) -> None:
     folder.mkdir(parents=True)
-    (folder / "build.json").write_text(json.dumps({"link": True, "baud": 25e6 / 13, "lanes": 1, "lane_type": "plain"} | changes))
+    (folder / "build.json").write_text(
+        json.dumps({"link": True, "baud": 25e6 / 13, "lanes": 1, "lane_type": "plain"} | changes)
+    )
 
 
 @each_row("way", ["named", "the only one"])
 def test_the_rate_and_the_lanes_are_the_builds(call, model, recordings, tmp_path, monkeypatch, way):
-    """An ulx3s's link runs at 1.923 Mbaud by default; replay spoke at 2, which is 4 % off where 2 % are allowed."""
+    """An ulx3s's link runs at 1.923 Mbaud by default; replay spoke at 2, which is 4 % off where 2 % are
+    allowed."""
     monkeypatch.chdir(tmp_path)
     built(tmp_path / "build/board/ulx3s")
     with Device(model.config, golden_decisions(model, recordings)) as device:
         options = ("--build", "build/board/ulx3s") if way == "named" else ("no build",)
         status, _, errors = call(device.port, *options, "--json", "replay.json")
-    assert (status, errors) == (0, "") and json.loads((tmp_path / "replay.json").read_text())["baud"] == 1923077
+    assert (status, errors) == (0, "") and json.loads((tmp_path / "replay.json").read_text())[
+        "baud"
+    ] == 1923077
 
 
 def test_a_build_that_does_not_tell_is_refused(call, tmp_path, monkeypatch):
@@ -215,7 +243,9 @@ def test_a_build_and_its_replay_speak_at_one_rate(tmp_path, name):
     for asked in (None, 115200, 921600):
         wanted = asked or build_job.default_baud(board.clock_hz)
         real = build_job.real_baud(board.clock_hz, asked)
-        assert abs(real / wanted - 1) <= RATE_ERROR_MAX and board.clock_hz / real == uart_divisor(board.clock_hz, wanted)
+        assert abs(real / wanted - 1) <= RATE_ERROR_MAX and board.clock_hz / real == uart_divisor(
+            board.clock_hz, wanted
+        )
         built(tmp_path / f"{asked}", baud=real)
         assert abs(build_job.link_of(tmp_path / f"{asked}")[0] / real - 1) < 1e-5
 
@@ -250,7 +280,18 @@ MAP = {
 
 
 def test_late_answers_are_asked_again_and_a_reset_is_noticed():
-    talk = link.Link(Script([[answer(0, 7, 200)], [answer(1, 1, 200)], [answer(3, 0, 199)], [answer(1, 1, 201)], [answer(3, 0, 201)]]), MAP)
+    talk = link.Link(
+        Script(
+            [
+                [answer(0, 7, 200)],
+                [answer(1, 1, 200)],
+                [answer(3, 0, 199)],
+                [answer(1, 1, 201)],
+                [answer(3, 0, 201)],
+            ]
+        ),
+        MAP,
+    )
     talk.connect()
     talk.write([(2, 1)])  # the answer that names 199 is from before; that for register 1 is none
     assert talk.unanswered == 1 and talk.repeated == 0
@@ -265,7 +306,9 @@ def image_case():
     from eskin.golden.core.config import AcceleratorConfig
     from eskin.golden.model.image_network import image_recordings, random_images
 
-    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring")).with_lanes(4, "plain")
+    config = AcceleratorConfig.of_image(
+        5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring")
+    ).with_lanes(4, "plain")
     made = random_image_model(config, seed=3)
     return made, image_recordings(made.config, random_images(made.config, 6, seed=2))
 
@@ -276,11 +319,21 @@ def test_images_are_played_row_by_row_and_their_decisions_compared():
 
     def wrong(samples):
         rows, touches = golden(samples)
-        return rows + (samples.tobytes() == images.recording(4).astype(np.int32).tobytes()) * np.array([0, 0, 0, 1, 0, 0]), touches
+        return rows + (samples.tobytes() == images.recording(4).astype(np.int32).tobytes()) * np.array(
+            [0, 0, 0, 1, 0, 0]
+        ), touches
 
     for decide, mismatches in ((golden, 0), (wrong, 2)):
         with Device(made.config, decide) as device:
-            result = replay_job.replay(made, images, numbers=range(6), port=device.port, baud=2000000, progress=lambda *_: None)
-        assert result["passed"] == (not mismatches) and result["mismatches"] == mismatches, result["mismatch_list"]
-        assert (result["recordings"], result["frames"], result["decisions"]) == (6, 30, 12) and device.taken == 30
+            result = replay_job.replay(
+                made, images, numbers=range(6), port=device.port, baud=2000000, progress=lambda *_: None
+            )
+        assert result["passed"] == (not mismatches) and result["mismatches"] == mismatches, result[
+            "mismatch_list"
+        ]
+        assert (result["recordings"], result["frames"], result["decisions"]) == (
+            6,
+            30,
+            12,
+        ) and device.taken == 30
     assert all(sentence.startswith("recording 4") for sentence in result["mismatch_list"])

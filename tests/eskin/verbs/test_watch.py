@@ -1,4 +1,5 @@
-"""eskin watch as a user meets it: the page in a real browser, the verb's options, what it refuses, how it ends."""
+"""eskin watch as a user meets it: the page in a real browser, the verb's options, what it refuses, how it
+ends."""
 
 from __future__ import annotations
 
@@ -40,7 +41,8 @@ def wait(condition: Callable[[], bool], seconds: float = 60.0) -> None:
 
 
 class Watched:
-    """``with Watched(model, recordings, ...) as watched``: eskin watch in a thread; its address, controls and, afterwards, its result."""
+    """``with Watched(model, recordings, ...) as watched``: eskin watch in a thread; its address, controls
+    and, afterwards, its result."""
 
     def __init__(self, model, recordings: Recordings, **options) -> None:
         numbers, ready = list(range(len(recordings))), threading.Event()
@@ -79,8 +81,8 @@ def text(driver, name: str) -> str:
 @browser.needs_browser
 @pytest.mark.timeout(300)
 def test_the_page_in_a_browser():
-    """16 taxels at 3 kHz: heat map and decisions change while a recording plays, pause stops them, the decision is golden's, the console is
-    silent, and nothing but this program is asked for anything."""
+    """16 taxels at 3 kHz: heat map and decisions change while a recording plays, pause stops them, the
+    decision is golden's, the console is silent, and nothing but this program is asked for anything."""
     model = random_integer_model(PRESETS["synthetic"], 3)
     recordings = random_recordings(model.config, (9000, 9000), seed=8)
     trace = run(model, recordings)
@@ -95,7 +97,9 @@ def test_the_page_in_a_browser():
         logits, steps = picture(page, "logits"), body(page, "steps")
         wait(lambda: body(page, "steps") != steps and picture(page, "logits") != logits)
         local = trace.local[trace.first[0]]
-        shown = page.execute_script("return [...document.querySelectorAll('#chips .chip')].map(c => c.dataset.label || '')")
+        shown = page.execute_script(
+            "return [...document.querySelectorAll('#chips .chip')].map(c => c.dataset.label || '')"
+        )
         assert shown[: len([label for label in shown if label])] == [
             str(label) for label in local[: len([label for label in shown if label])]
         ]
@@ -105,26 +109,44 @@ def test_the_page_in_a_browser():
         time.sleep(0.5)
         frame, heat = body(page, "frame"), picture(page, "heat")
         time.sleep(0.7)
-        assert (body(page, "frame"), picture(page, "heat")) == (frame, heat) and text(page, "pause") == "Go on"
+        assert (body(page, "frame"), picture(page, "heat")) == (frame, heat) and text(
+            page, "pause"
+        ) == "Go on"
         page.execute_script("document.getElementById('pause').click()")
         wait(lambda: body(page, "frame") != frame)
 
-        page.execute_script("const s = document.getElementById('speed'); s.value = '0'; s.dispatchEvent(new Event('change'))")
+        page.execute_script(
+            "const s = document.getElementById('speed'); s.value = '0'; s.dispatchEvent(new Event('change'))"
+        )
         wait(lambda: body(page, "ended") == "1" and body(page, "played") == "2")
         last = recordings.labels[1]
         assert text(page, "decision") == names[trace.global_decision[trace.touches.recording == 1][-1]]
-        rows = page.execute_script("return [...document.querySelectorAll('#rowsplayed tr')].map(r => [...r.cells].map(c => c.textContent))")
-        assert [row[:3] for row in rows] == [[str(k), names[recordings.labels[k]], names[trace.decision[k]]] for k in (1, 0)]
-        assert float(rows[0][3]) == pytest.approx(trace.decision_time_s()[1], abs=0.006) and 0 <= last < len(names)
+        rows = page.execute_script(
+            "return [...document.querySelectorAll('#rowsplayed tr')].map(r => [...r.cells].map(c => "
+            "c.textContent))"
+        )
+        assert [row[:3] for row in rows] == [
+            [str(k), names[recordings.labels[k]], names[trace.decision[k]]] for k in (1, 0)
+        ]
+        assert float(rows[0][3]) == pytest.approx(trace.decision_time_s()[1], abs=0.006) and 0 <= last < len(
+            names
+        )
 
-        page.execute_script("const r = document.getElementById('rows'); r.value = 2; r.dispatchEvent(new Event('change'))")
+        page.execute_script(
+            "const r = document.getElementById('rows'); r.value = 2; r.dispatchEvent(new Event('change'))"
+        )
         wait(lambda: picture(page, "heat") != heat)
         assert page.execute_script("return document.getElementById('columns').value") == "8"
         page.execute_script("document.getElementById('next').click()")
         wait(lambda: body(page, "played") == "4")
         assert browser.console_errors(page) == []
-        assert {address.split("/")[2] for address in browser.requests(page)} == {watched.address.split("/")[2]}
-    assert watched.result["decisions"] == dict(enumerate(trace.decision.tolist())) and watched.result["recordings"] == 4
+        assert {address.split("/")[2] for address in browser.requests(page)} == {
+            watched.address.split("/")[2]
+        }
+    assert (
+        watched.result["decisions"] == dict(enumerate(trace.decision.tolist()))
+        and watched.result["recordings"] == 4
+    )
 
 
 @browser.needs_browser
@@ -139,7 +161,11 @@ def test_the_simulated_rtl_beside_the_model_in_a_browser(monkeypatch):
     with Watched(model, recordings, speed=math.inf, simulate=True) as watched, browser.opened() as page:
         page.get(watched.address)
         wait(lambda: body(page, "ended") == "1" and body(page, "played") == "3")
-        assert "all equal" in text(page, "verdict") and text(page, "said") == "" and "the same" in text(page, "hard")
+        assert (
+            "all equal" in text(page, "verdict")
+            and text(page, "said") == ""
+            and "the same" in text(page, "hard")
+        )
         labels = "return [...document.querySelectorAll('#%s .chip')].map(c => c.dataset.label || '')"
         assert page.execute_script(labels % "chips") == page.execute_script(labels % "hardchips")
         assert browser.console_errors(page) == []
@@ -157,7 +183,11 @@ def test_the_simulated_rtl_beside_the_model_in_a_browser(monkeypatch):
     with Watched(model, recordings, speed=math.inf, simulate=True) as watched, browser.opened() as page:
         page.get(watched.address)
         wait(lambda: body(page, "ended") == "1" and body(page, "played") == "3")
-        assert "differ" in text(page, "verdict") and "differs" in text(page, "hard") and "values differ (state)" in text(page, "said")
+        assert (
+            "differ" in text(page, "verdict")
+            and "differs" in text(page, "hard")
+            and "values differ (state)" in text(page, "said")
+        )
         red = "return [...document.querySelectorAll('#hardchips .chip')].filter(c => c.classList.contains('wrong')).length"
         assert page.execute_script(red) == SMALL.windows.steps
     assert not watched.result["passed"]
@@ -206,10 +236,14 @@ def test_a_line_for_each_recording_and_what_was_recorded(call, folder):
     order = [0, 1, 2, 3, 4, 5, 6, 7, 8]
     assert [line.split(": ")[0] for line in lines] == [f"recording {number}" for number in order]
     assert all(
-        line.split(": ")[1].startswith(names[trace.decision[k]] if trace.decision[k] >= 0 else "no touch") for k, line in enumerate(lines)
+        line.split(": ")[1].startswith(names[trace.decision[k]] if trace.decision[k] >= 0 else "no touch")
+        for k, line in enumerate(lines)
     )
     with np.load(folder / "played.npz") as archive:
-        assert archive["decision"][:, 0].tolist() == trace.decision.tolist() and (archive["samples"] == scene(9, seed=2).samples).all()
+        assert (
+            archive["decision"][:, 0].tolist() == trace.decision.tolist()
+            and (archive["samples"] == scene(9, seed=2).samples).all()
+        )
 
 
 def test_classes_come_in_turn():
@@ -220,7 +254,20 @@ def test_classes_come_in_turn():
 
 
 def test_an_interrupt_ends_in_order_with_a_whole_record(folder):
-    words = ["-m", "eskin.cli.main", "watch", "model", "--data", "data.npz", "--host-port", "0", "--record", "played.npz", "--speed", "0.5"]
+    words = [
+        "-m",
+        "eskin.cli.main",
+        "watch",
+        "model",
+        "--data",
+        "data.npz",
+        "--host-port",
+        "0",
+        "--record",
+        "played.npz",
+        "--speed",
+        "0.5",
+    ]
     started = subprocess.Popen(
         [sys.executable, *words],
         stdout=subprocess.PIPE,
@@ -260,7 +307,10 @@ def test_an_interrupt_while_the_archive_is_written_changes_nothing(call, monkeyp
         (["model"], "--data: is missing; name recordings"),
         (["nowhere", "--data", "data.npz"], "model 'nowhere': has no config.json, so it is no model folder"),
         (["model", "--data", "lost.npz"], "recordings 'lost.npz': is not there"),
-        (["model", "--data", "data.npz", "--simulate", "--port", "x"], "--simulate: the simulated hardware or the board"),
+        (
+            ["model", "--data", "data.npz", "--simulate", "--port", "x"],
+            "--simulate: the simulated hardware or the board",
+        ),
         (
             ["model", "--port", "/dev/no-such-port", "--baud", "2000000"],
             "--port /dev/no-such-port: cannot be opened (there is no such port)",
@@ -270,18 +320,32 @@ def test_an_interrupt_while_the_archive_is_written_changes_nothing(call, monkeyp
         (["model", "--data", "data.npz", "--lanes", "2"], "--lanes: is for --simulate"),
         (["model", "--data", "data.npz", "--speed", "quick"], "--speed quick: is no pace"),
         (["model", "--data", "data.npz", "--speed", "nan"], "--speed nan: is no pace"),
-        (["model", "--data", "data.npz", "--shape", "1x3"], "--shape 1x3: holds 3 taxels and the array has 4"),
+        (
+            ["model", "--data", "data.npz", "--shape", "1x3"],
+            "--shape 1x3: holds 3 taxels and the array has 4",
+        ),
         (["model", "--data", "data.npz", "--recordings", "some"], "--recordings some: is no number"),
         (["model", "--data", "data.npz", "--record", "played.txt"], "--record played.txt: is an archive"),
         (["model", "--data", "data.npz", "--record", "model"], "--record model: is an archive"),
-        (["model", "--data", "data.npz", "--terminal", "--host", "0.0.0.0"], "--host 0.0.0.0: no page is served with --terminal"),
-        (["model", "--data", "data.npz", "--host", "203.0.113.7"], "--host 203.0.113.7, --host-port 8765: cannot be opened"),
+        (
+            ["model", "--data", "data.npz", "--terminal", "--host", "0.0.0.0"],
+            "--host 0.0.0.0: no page is served with --terminal",
+        ),
+        (
+            ["model", "--data", "data.npz", "--host", "203.0.113.7"],
+            "--host 203.0.113.7, --host-port 8765: cannot be opened",
+        ),
     ],
 )
 def test_mistakes_are_one_sentence(call, folder, words, sentence):
     before = sorted(folder.rglob("*"))
     status, out, errors = call(*words)
-    assert (status, out) == (2, "") and errors.count("\n") == 1 and sentence in errors and sorted(folder.rglob("*")) == before
+    assert (
+        (status, out) == (2, "")
+        and errors.count("\n") == 1
+        and sentence in errors
+        and sorted(folder.rglob("*")) == before
+    )
 
 
 @pytest.fixture
@@ -314,21 +378,33 @@ def test_images_are_watched(call, images):
 def test_what_images_do_not_have_is_one_sentence(call, folder, images, words, sentence):
     before = sorted(folder.rglob("*"))
     status, out, errors = call("images", *words)
-    assert (status, out) == (2, "") and errors.count("\n") == 1 and sentence in errors and sorted(folder.rglob("*")) == before
+    assert (
+        (status, out) == (2, "")
+        and errors.count("\n") == 1
+        and sentence in errors
+        and sorted(folder.rglob("*")) == before
+    )
 
 
 def test_a_port_that_is_taken(call, folder):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         status, out, errors = call(*PLAY, "--host-port", port, "--record", "played.npz")
-    assert (status, out) == (2, "") and f"--host-port {port}: another program uses it" in errors and not list(folder.glob("*played*"))
+    assert (
+        (status, out) == (2, "")
+        and f"--host-port {port}: another program uses it" in errors
+        and not list(folder.glob("*played*"))
+    )
 
 
 def test_a_difference_ends_with_1(call, monkeypatch):
     from tests.eskin.live.test_sources import Twin
 
     def simulator(design, config, registers, boot, builds):
-        return Twin(random_integer_model(SMALL, 3), lambda frame, stage, values: [values[0] + (stage == "logit"), *values[1:]])
+        return Twin(
+            random_integer_model(SMALL, 3),
+            lambda frame, stage, values: [values[0] + (stage == "logit"), *values[1:]],
+        )
 
     monkeypatch.setattr("eskin.cosim.live.LiveSimulator", simulator)
     monkeypatch.setattr(watch_job, "export", lambda config, arrays: "")

@@ -1,4 +1,5 @@
-"""golden/baselines/simple.py: each learns a task it can learn, is counted right, and sees nothing of a part that was left out."""
+"""golden/baselines/simple.py: each learns a task it can learn, is counted right, and sees nothing of a part
+that was left out."""
 
 from __future__ import annotations
 
@@ -32,7 +33,8 @@ def test_each_learns_the_scene(method, touches, monkeypatch):
     runs = judge(touches, Judging(method, ("person",), (1,), 5))["runs"]
     assert [run["fold"] for run in runs] == [0, 1, 2, 3, 4] and sum(run["recordings"] for run in runs) == 60
     accuracy = np.mean([run["accuracy"] for run in runs])
-    least = 0.6 if method.name == "logistic" else 0.8  # rise and fall have nearly one mean and deviation; chance is a third
+    # rise and fall have nearly one mean and deviation; chance is a third
+    least = 0.6 if method.name == "logistic" else 0.8
     assert least < accuracy <= 59 / 60  # one recording is never touched
     assert all(run["train_s"] > 0 and run["decision_us"] and min(run["decision_us"]) > 0 for run in runs)
     again = judge(touches, Judging(method, ("person",), (1,), 5))["runs"]
@@ -40,9 +42,12 @@ def test_each_learns_the_scene(method, touches, monkeypatch):
 
 
 def test_labels_of_the_test_part_are_not_seen(monkeypatch):
-    """What can only be learnt by heart, which these penalties allow, is not known of a part that was left out."""
+    """What can only be learnt by heart, which these penalties allow, is not known of a part that was left
+    out."""
     by_heart = {"C": 1e4, "gamma": 1.0}
-    monkeypatch.setattr(yardsticks, "fitted", lambda model, x, labels, **choice: model.set_params(**by_heart).fit(x, labels))
+    monkeypatch.setattr(
+        yardsticks, "fitted", lambda model, x, labels, **choice: model.set_params(**by_heart).fit(x, labels)
+    )
     recordings = scene(60, seed=3)
     shuffled = dataclasses.replace(recordings, labels=np.random.default_rng(5).permutation(recordings.labels))
     (split,) = judge_baseline("svm", shuffled, SMALL, [["person"]], (0,), 5)["splits"]
@@ -69,7 +74,8 @@ def test_trees_are_counted(touches):
         assert (fitted.parameters, fitted.multiplies, fitted.comparisons) == (4 * 3 * (2 + 2), 0, 4 * 3)
         patched.setattr(simple, "TREES", 5)
         forest = simple.fit_forest(touches, part, 0)
-    forks = (forest.parameters - 5 * 3) / (2 + 3)  # a tree has a leaf more than forks; a leaf has the shares of three classes
+    # a tree has a leaf more than forks; a leaf has the shares of three classes
+    forks = (forest.parameters - 5 * 3) / (2 + 3)
     assert forks == int(forks) and 5 * 2 <= forks <= 5 * 39 and 5 < forest.comparisons < forks
 
 

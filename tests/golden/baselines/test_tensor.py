@@ -1,4 +1,5 @@
-"""golden/baselines/tensor.py: the kernel against a direct computation, its invariances, its counts, and what it learns."""
+"""golden/baselines/tensor.py: the kernel against a direct computation, its invariances, its counts, and what
+it learns."""
 
 from __future__ import annotations
 
@@ -12,7 +13,16 @@ from hypothesis import strategies as st
 from eskin.golden.baselines import tensor
 from eskin.golden.baselines.judge import Judging, judge
 from eskin.golden.baselines.scene import Scene
-from eskin.golden.baselines.tensor import TENSOR, distances, kernel, ranks_of, rls_weights, stored_values, subspaces, tensors_of
+from eskin.golden.baselines.tensor import (
+    TENSOR,
+    distances,
+    kernel,
+    ranks_of,
+    rls_weights,
+    stored_values,
+    subspaces,
+    tensors_of,
+)
 from tests.support.touch_scenes import SMALL, scene
 
 SHAPES = st.tuples(st.integers(1, 3), st.integers(1, 4), st.integers(2, 6))
@@ -24,7 +34,8 @@ def tensors(shape, seed, count=4):
 
 
 def direct(x: np.ndarray, y: np.ndarray, mode: int, rank: int) -> float:
-    """|V V' - W W'|^2 from the eigenvectors of X(n)' X(n), index by index: neither the unfolding nor the SVD of the module."""
+    """|V V' - W W'|^2 from the eigenvectors of X(n)' X(n), index by index: neither the unfolding nor the SVD
+    of the module."""
 
     def projector(t):
         others = [axis for axis in range(3) if axis != mode]
@@ -52,7 +63,9 @@ def test_distances_are_those_of_the_projectors(shape, seed):
     found = distances(subspaces(some), subspaces(some[:3]))
     for a in range(4):
         for b in range(3):
-            assert found[a, b] == pytest.approx(sum(direct(some[a], some[b], n, r) for n, r in enumerate(ranks)), abs=1e-8)
+            assert found[a, b] == pytest.approx(
+                sum(direct(some[a], some[b], n, r) for n, r in enumerate(ranks)), abs=1e-8
+            )
     product = np.prod([np.exp(-direct(some[0], some[1], n, r) / (2 * 0.7**2)) for n, r in enumerate(ranks)])
     assert kernel(found, 2 * 0.7**2)[0, 1] == pytest.approx(product, abs=1e-9)
 
@@ -65,11 +78,14 @@ def test_what_leaves_the_kernel_as_it_is(shape, seed, mode):
     before = distances(subspaces(some), subspaces(some))
     basis, _ = np.linalg.qr(rng.normal(size=(shape[mode], shape[mode])))
     turned = np.moveaxis(np.tensordot(some, basis, axes=([mode + 1], [1])), -1, mode + 1)
-    assert np.allclose(distances(subspaces(turned), subspaces(turned)), before, atol=1e-7)  # one orthonormal basis for all
+    # one orthonormal basis for all
+    assert np.allclose(distances(subspaces(turned), subspaces(turned)), before, atol=1e-7)
     scaled = some * (rng.uniform(0.1, 10, 4) * rng.choice([-1, 1], 4))[:, None, None, None]
     assert np.allclose(distances(subspaces(scaled), subspaces(scaled)), before, atol=1e-7)
     order = rng.permutation(4)
-    assert np.allclose(distances(subspaces(some[order]), subspaces(some[order])), before[np.ix_(order, order)], atol=1e-9)
+    assert np.allclose(
+        distances(subspaces(some[order]), subspaces(some[order])), before[np.ix_(order, order)], atol=1e-9
+    )
     assert np.allclose(before, before.T, atol=1e-9) and np.allclose(np.diag(before), 0, atol=1e-7)
     assert np.linalg.eigvalsh(kernel(before, 1.3)).min() > -1e-9
 
@@ -83,7 +99,9 @@ def test_blocks_change_nothing(monkeypatch):
 
 def test_a_wide_kernel_cannot_tell_and_a_narrow_one_knows_itself_alone():
     some = subspaces(tensors((2, 3, 5), 1, 7))
-    assert np.allclose(kernel(distances(some, some), 1e9), 1) and np.allclose(kernel(distances(some, some), 1e-3), np.eye(7), atol=1e-9)
+    assert np.allclose(kernel(distances(some, some), 1e9), 1) and np.allclose(
+        kernel(distances(some, some), 1e-3), np.eye(7), atol=1e-9
+    )
 
 
 def test_rls_is_the_minimum_of_its_loss():
@@ -95,9 +113,10 @@ def test_rls_is_the_minimum_of_its_loss():
 
 
 def test_the_thesis_count_of_67200():
-    """Table 3.1 gives 67 200 for the tensor-SVM and does not say of what. All singular vectors of the unfoldings of a 4 x 4 x 20 tensor
-    are 320 + 320 + 256 = 896 numbers, and 67 200 are those of 75 tensors to the last digit (and 210 tensors of 320 samples): a number
-    of support tensors, so not a property of the method. Ours counts the support tensors there are."""
+    """Table 3.1 gives 67 200 for the tensor-SVM and does not say of what. All singular vectors of the
+    unfoldings of a 4 x 4 x 20 tensor are 320 + 320 + 256 = 896 numbers, and 67 200 are those of 75 tensors to
+    the last digit (and 210 tensors of 320 samples): a number of support tensors, so not a property of the
+    method. Ours counts the support tensors there are."""
     shape = (4, 4, 20)
     assert stored_values(shape, ranks_of(shape, 1.0)) == 896 and 75 * 896 == 67_200 == 210 * 4 * 4 * 20
     assert stored_values(shape, ranks_of(shape)) == 2 * 80 + 2 * 80 + 8 * 16

@@ -1,4 +1,5 @@
-"""golden/baselines/tiles.py: where a frame lies in an image, the ConvLSTM against numpy, counts, the thesis's sizes, learning."""
+"""golden/baselines/tiles.py: where a frame lies in an image, the ConvLSTM against numpy, counts, the thesis's
+sizes, learning."""
 
 from __future__ import annotations
 
@@ -34,7 +35,9 @@ def test_a_tile_is_a_frame(touches):
     pictures, frames = images(touches), touches.frames(IMAGES * TILES * TILES)
     assert pictures.shape == (len(touches.labels), IMAGES, 2 * TILES, 2 * TILES)
     rng = np.random.default_rng(0)
-    for row, k, i, j in zip(*(rng.integers(high, size=40) for high in (len(pictures), IMAGES, TILES, TILES)), strict=True):
+    for row, k, i, j in zip(
+        *(rng.integers(high, size=40) for high in (len(pictures), IMAGES, TILES, TILES)), strict=True
+    ):
         tile = pictures[row, k, 2 * i : 2 * i + 2, 2 * j : 2 * j + 2]
         assert np.array_equal(tile, frames[row, (k * TILES + i) * TILES + j].reshape(2, 2))
 
@@ -45,11 +48,15 @@ def test_convlstm_is_what_it_says():
     kernel, bias = (array.detach().numpy() for array in (network.gates.weight, network.gates.bias))
     state = memory = np.zeros((2, FILTERS, 5, 6))
     for k in range(3):
-        seen = np.pad(np.concatenate([x[:, k, None].numpy(), state], axis=1), ((0, 0), (0, 0), (1, 1), (1, 1)))
+        seen = np.pad(
+            np.concatenate([x[:, k, None].numpy(), state], axis=1), ((0, 0), (0, 0), (1, 1), (1, 1))
+        )
         gates = np.empty((2, 4 * FILTERS, 5, 6))
         for y in range(5):
             for z in range(6):
-                gates[:, :, y, z] = np.einsum("ncyz,fcyz->nf", seen[:, :, y : y + 3, z : z + 3], kernel) + bias
+                gates[:, :, y, z] = (
+                    np.einsum("ncyz,fcyz->nf", seen[:, :, y : y + 3, z : z + 3], kernel) + bias
+                )
         i, f, g, o = np.split(gates, 4, axis=1)
         memory = memory / (1 + np.exp(-f)) + np.tanh(g) / (1 + np.exp(-i))
         state = np.tanh(memory) / (1 + np.exp(-o))
@@ -61,16 +68,25 @@ def test_convlstm_is_what_it_says():
 def test_multiplies_are_those_of_the_layers():
     pixels, pooled = 8 * 16, 4 * 8
     cnn = IMAGES * (9 * 8 * pixels + 8 * pooled + 9 * 8 * 16 * pooled + 16 * 4)
-    assert multiplies(CnnLstm(8, 16, 5), IMAGES, 8, 16) == cnn + IMAGES * UNITS * (4 * (64 + UNITS) + 3) + UNITS * 5
+    assert (
+        multiplies(CnnLstm(8, 16, 5), IMAGES, 8, 16)
+        == cnn + IMAGES * UNITS * (4 * (64 + UNITS) + 3) + UNITS * 5
+    )
     gates = IMAGES * pixels * (9 * (1 + FILTERS) * 4 * FILTERS + 3 * FILTERS)
     assert multiplies(ConvLstm(8, 16, 5), IMAGES, 8, 16) == gates + FILTERS * 16 + FILTERS * 16 * 32 + 32 * 5
 
 
 def test_sizes_of_the_thesis():
-    """Table 3.1: ConvLSTM 314M parameters; a CNN before an LSTM 15M (VGG16), 26M (ResNet50), which 58 to 87 units give."""
+    """Table 3.1: ConvLSTM 314M parameters; a CNN before an LSTM 15M (VGG16), 26M (ResNet50), which 58 to 87
+    units give."""
     assert round(thesis_convlstm()[0] / 1e6) == 315 and thesis_convlstm()[0] // 10**6 == 314
-    assert thesis_cnn_lstm(0) == {"VGG16": 14_714_688 + 3, "ResNet50": 23_587_712 + 3}  # without their last layers, as Keras prints them
-    fits = [units for units in range(1, 200) if [round(size / 1e6) for size in thesis_cnn_lstm(units).values()] == [15, 26]]
+    # without their last layers, as Keras prints them
+    assert thesis_cnn_lstm(0) == {"VGG16": 14_714_688 + 3, "ResNet50": 23_587_712 + 3}
+    fits = [
+        units
+        for units in range(1, 200)
+        if [round(size / 1e6) for size in thesis_cnn_lstm(units).values()] == [15, 26]
+    ]
     assert (fits[0], fits[-1]) == (58, 87)
 
 

@@ -1,4 +1,5 @@
-"""golden/baselines/transfer.py: the image, torchvision's names and count, what files of weights are refused, the last layer."""
+"""golden/baselines/transfer.py: the image, torchvision's names and count, what files of weights are refused,
+the last layer."""
 
 from __future__ import annotations
 
@@ -10,7 +11,16 @@ import torch
 
 from eskin.golden.baselines.judge import Judging, judge
 from eskin.golden.baselines.scene import Scene
-from eskin.golden.baselines.transfer import TRANSFER, VALUES, MobileNetV2, fit_dcnn, network_of, pictures, read_weights, side_of
+from eskin.golden.baselines.transfer import (
+    TRANSFER,
+    VALUES,
+    MobileNetV2,
+    fit_dcnn,
+    network_of,
+    pictures,
+    read_weights,
+    side_of,
+)
 from eskin.golden.core.errors import InputError
 from tests.support.touch_scenes import SMALL, scene
 
@@ -79,7 +89,10 @@ def without(state, name):
     ("change", "words"),
     [
         (lambda s: without(s, "features.3.conv.0.0.weight"), "it has no 'features.3.conv.0.0.weight'"),
-        (lambda s: s | {"features.0.0.weight": torch.zeros(32, 1, 3, 3)}, r"'features.0.0.weight' is \(32, 1, 3, 3\)"),
+        (
+            lambda s: s | {"features.0.0.weight": torch.zeros(32, 1, 3, 3)},
+            r"'features.0.0.weight' is \(32, 1, 3, 3\)",
+        ),
         (lambda s: s | {"layer1.0.conv1.weight": torch.zeros(3)}, "it has 'layer1.0.conv1.weight'"),
         (lambda s: s | {"features.18.1.bias": torch.full((1280,), torch.nan)}, "no finite numbers"),
         (lambda s: [1, 2], "no dictionary of arrays"),

@@ -15,7 +15,8 @@ FINE = dict(weight_format=QFormat(1, 7), feature_format=QFormat(4, 8), recurrent
 
 
 def test_states_whose_differences_exceed_the_operand_are_refused():
-    """formal/engine/elementwise.py proves the operand exact for up to 14 fraction bits; with 15 it gave -5536 for 30000 - -30000."""
+    """formal/engine/elementwise.py proves the operand exact for up to 14 fraction bits; with 15 it gave -5536
+    for 30000 - -30000."""
     PRESETS["thesis"].replace(state_format=QFormat(2, 14), **{**FINE, "feature_format": QFormat(4, 8)})
     with pytest.raises(InputError, match="field state_format: .* differences of states"):
         PRESETS["thesis"].replace(state_format=QFormat(1, 15), **FINE)
@@ -24,7 +25,11 @@ def test_states_whose_differences_exceed_the_operand_are_refused():
 
 def test_a_weight_word_is_as_wide_as_the_widest_of_the_three_formats():
     for name in ("weight_format", "recurrent_format", "dense_format"):
-        assert PRESETS["thesis"].replace(**{name: QFormat(4, 5)}).weight_bits == 9 > PRESETS["thesis"].weight_bits
+        assert (
+            PRESETS["thesis"].replace(**{name: QFormat(4, 5)}).weight_bits
+            == 9
+            > PRESETS["thesis"].weight_bits
+        )
 
 
 def test_the_element_wise_accumulator_holds_its_operands_at_their_ends():
@@ -59,7 +64,11 @@ def test_the_row_accumulator_holds_the_worst_vector_and_a_bit_less_does_not(cell
 
 
 def test_several_bit_serial_lanes_are_refused_and_asked_for_without_a_number_they_are_one():
-    with pytest.raises(InputError, match="field lanes: is 4 and lane_type is 'serial', of which one lane is built; take lanes 1, or plain"):
+    with pytest.raises(
+        InputError,
+        match="field lanes: is 4 and lane_type is 'serial', of which one lane is built; take lanes 1, or "
+        "plain",
+    ):
         PRESETS["thesis"].replace(lanes=4, lane_type="serial")
     assert PRESETS["thesis"].with_lanes(None, "serial").hardware.lanes == 1
     with pytest.raises(InputError, match="field checksum: is not built for the bit-serial lane"):
@@ -67,7 +76,8 @@ def test_several_bit_serial_lanes_are_refused_and_asked_for_without_a_number_the
 
 
 def test_a_taxel_masked_twice_is_refused():
-    """As a sum of powers of two, twice taxel 1 was taxel 2: the hardware masked another one than the golden model."""
+    """As a sum of powers of two, twice taxel 1 was taxel 2: the hardware masked another one than the golden
+    model."""
     with pytest.raises(InputError, match="field masked_taxels: names a taxel twice"):
         PRESETS["thesis"].replace(masked_taxels=(1, 1))
     assert PRESETS["thesis"].replace(masked_taxels=(2, 1)).sensor.masked_taxels == (2, 1)
@@ -107,13 +117,19 @@ def test_a_value_of_the_wrong_kind_in_a_file_is_refused_in_a_sentence(tmp_path, 
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"name": "old", "taxels": 8}, "field taxels stands outside of its group, as before version 0.2; put it into sensor"),
+        (
+            {"name": "old", "taxels": 8},
+            "field taxels stands outside of its group, as before version 0.2; put it into sensor",
+        ),
         ({"sensors": {}}, "unknown group sensors; known groups are sensor, rest_level"),
         ({"sensor": {"hidden": 8}}, "group sensor: unknown field hidden; known fields are taxels"),
         ({"sensor": [8]}, "group sensor: must be a JSON object"),
         ([], "holds no configuration"),
         ({"name": 3}, "field name: is 3; give up to 100 printable letters"),
-        *(({"name": name}, "field name: is .*without / and") for name in ("../x", "a\\b", "a\nb", "a\0", "\u202egnp", "\ud800", "x" * 101)),
+        *(
+            ({"name": name}, "field name: is .*without / and")
+            for name in ("../x", "a\\b", "a\nb", "a\0", "\u202egnp", "\ud800", "x" * 101)
+        ),
     ],
 )
 def test_files_of_another_form_are_refused(tmp_path, values, words):

@@ -1,4 +1,5 @@
-"""golden/core/files.py and who writes through it: whole or not at all, readable as any new file is, and no archive larger than it looks."""
+"""golden/core/files.py and who writes through it: whole or not at all, readable as any new file is, and no
+archive larger than it looks."""
 
 from __future__ import annotations
 
@@ -46,7 +47,10 @@ def test_files_and_folders_are_readable_as_the_umask_says(tmp_path, umask):
 
 
 def snapshot(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in sorted(folder.rglob("*"))}
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b""
+        for path in sorted(folder.rglob("*"))
+    }
 
 
 @pytest.mark.parametrize("fails_at", [1, 2])
@@ -72,7 +76,8 @@ def test_a_design_whose_exchange_fails_is_as_it_was(tmp_path, monkeypatch, fails
 
 def test_two_writers_of_one_folder_both_end_and_one_of_them_is_whole(tmp_path, monkeypatch):
     real = os.replace
-    monkeypatch.setattr(os, "replace", lambda *names: (time.sleep(0.001), real(*names)))  # so that others come between
+    # so that others come between
+    monkeypatch.setattr(os, "replace", lambda *names: (time.sleep(0.001), real(*names)))
 
     def write(name: str) -> None:
         for _ in range(20):
@@ -135,14 +140,22 @@ def test_a_torch_file_that_unpacks_to_too_much_is_refused_unread(tmp_path, monke
     torch.save(state, tmp_path / "net.pt")
     assert read_layers(tmp_path / "net.pt").kind == "torch"
     bomb = tmp_path / "bomb.pt"
-    with zipfile.ZipFile(tmp_path / "net.pt") as source, zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as target:
+    with (
+        zipfile.ZipFile(tmp_path / "net.pt") as source,
+        zipfile.ZipFile(bomb, "w", zipfile.ZIP_DEFLATED) as target,
+    ):
         for entry in source.infolist():
-            target.writestr(entry.filename, source.read(entry) if "data/" not in entry.filename else bytes(1 << 20))
+            target.writestr(
+                entry.filename, source.read(entry) if "data/" not in entry.filename else bytes(1 << 20)
+            )
     assert bomb.stat().st_size < 1 << 17
     monkeypatch.setattr(files, "MOST_UNPACKED_BYTES", 1 << 20)
     with monkeypatch.context() as patch:
         patch.setattr(torch, "load", lambda *_, **__: pytest.fail("was read"))
-        with pytest.raises(InputError, match=r"bomb\.pt': unpacks to .* GB, more than the .* GB that are read; save only the weights"):
+        with pytest.raises(
+            InputError,
+            match=r"bomb\.pt': unpacks to .* GB, more than the .* GB that are read; save only the weights",
+        ):
             read_layers(bomb)
 
 

@@ -42,7 +42,12 @@ def test_maps_and_multiplies_of_tactnet_layer_by_layer():
         (28, 50, 8), (14, 25, 8), (14, 25, 16), (7, 13, 16), (7, 13, 32), (4, 7, 32), (1, 1, 22)
     ]  # fmt: skip
     assert [stage.multiplies for stage in stages if stage.weights] == [280000, 403200, 419328, 19712]
-    assert [stage.weight_shape for stage in stages if stage.weights] == [(8, 5, 5, 1), (16, 3, 3, 8), (32, 3, 3, 16), (22, 896)]
+    assert [stage.weight_shape for stage in stages if stage.weights] == [
+        (8, 5, 5, 1),
+        (16, 3, 3, 8),
+        (32, 3, 3, 16),
+        (22, 896),
+    ]
 
 
 def test_the_small_networks_have_the_multiplies_of_the_study():
@@ -68,7 +73,8 @@ def test_a_bound_is_reached_and_not_passed_by_the_worst_weights():
     for stage, shift in zip(config.weighted_stages, config.layer_shifts, strict=True):
         assert np.prod(stage.weight_shape[1:]) * 255 * 128 + 2**23 + (2**shift >> 1) < 1 << bits - 1
     assert any(
-        one.accumulator_bound(8, shift) >= 1 << bits - 2 for one, shift in zip(config.weighted_stages, config.layer_shifts, strict=True)
+        one.accumulator_bound(8, shift) >= 1 << bits - 2
+        for one, shift in zip(config.weighted_stages, config.layer_shifts, strict=True)
     )
 
 
@@ -80,8 +86,16 @@ def test_shifts_follow_from_the_formats():
 
 def test_an_image_is_one_touch_of_its_rows():
     config = tiny()
-    assert config.opens_at_once and config.window_spans == ((1, 7),) and config.last_frame == 7 and config.windows.steps == 1
-    assert config.sensor.taxels == 9 and (config.sample_format.min_code, config.sample_format.max_code) == (0, 255)
+    assert (
+        config.opens_at_once
+        and config.window_spans == ((1, 7),)
+        and config.last_frame == 7
+        and config.windows.steps == 1
+    )
+    assert config.sensor.taxels == 9 and (config.sample_format.min_code, config.sample_format.max_code) == (
+        0,
+        255,
+    )
 
 
 def test_a_configuration_survives_its_file():
@@ -101,7 +115,10 @@ def test_a_configuration_survives_its_file():
         ({"layers": ("conv 3 4", "pool")}, "must end with a dense layer"),
         ({"layers": ("dense 8", "conv 3 4", "dense 2")}, "behind a dense layer"),
         ({"layers": ("dense 3",)}, "end with 3 outputs and there are 2 classes"),
-        ({"layers": ("conv 5 64", "conv 5 64", "pool", "dense 2")}, "needs 104000 weights in its convolutions, and 65536 fit"),
+        (
+            {"layers": ("conv 5 64", "conv 5 64", "pool", "dense 2")},
+            "needs 104000 weights in its convolutions, and 65536 fit",
+        ),
         ({"layers": ("conv 1 1",) * 16 + ("dense 2",)}, "has 17 layers; take at most 16"),
         ({"layers": ()}, "is given without layers"),
         ({"cell": "gru"}, "cell 'image' and layers go together"),
@@ -123,6 +140,10 @@ def test_what_cannot_be_a_network_is_refused_in_a_sentence(fields, words):
 
 
 def test_maps_that_fit_no_memory_are_refused():
-    with pytest.raises(InputError, match="has a map of 40000 values behind 'conv 3 16', and 32768 fit the memory"):
+    with pytest.raises(
+        InputError, match="has a map of 40000 values behind 'conv 3 16', and 32768 fit the memory"
+    ):
         AcceleratorConfig.of_image(50, 50, ("conv 3 16", "conv 3 4", "pool", "dense 2"), ("a", "b"))
-    assert AcceleratorConfig.of_image(50, 50, ("conv 3 16", "pool", "conv 3 4", "pool", "dense 2"), ("a", "b")).stages
+    assert AcceleratorConfig.of_image(
+        50, 50, ("conv 3 16", "pool", "conv 3 4", "pool", "dense 2"), ("a", "b")
+    ).stages

@@ -1,4 +1,5 @@
-"""golden/core/jobs.py: results in order and by content, on processes and on a cluster; interrupts, errors, dead workers."""
+"""golden/core/jobs.py: results in order and by content, on processes and on a cluster; interrupts, errors,
+dead workers."""
 
 from __future__ import annotations
 
@@ -54,7 +55,9 @@ WANTED = {key: {"product": 7 * n} for key, n in PIECES.items()}
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_come_in_order_and_progress_is_told(workers):
     moves = []
-    found = Jobs(workers=workers, progress=lambda *move: moves.append(move)).results(times, PIECES, 7, what="sevens")
+    found = Jobs(workers=workers, progress=lambda *move: moves.append(move)).results(
+        times, PIECES, 7, what="sevens"
+    )
     assert found == WANTED and list(found) == list(PIECES)
     assert moves == [("sevens", n, 6) for n in range(7)]
 
@@ -163,7 +166,11 @@ def test_an_interrupt_or_a_sudden_end_leaves_no_process_and_keeps_what_is_done(t
     files = [tmp_path / "1.pids", tmp_path / "2.pids"]
     pids: list[int] = []
     try:
-        wait_until(lambda: all(file.exists() for file in files) and (tmp_path / "kept" / "first.json").exists(), process, said)
+        wait_until(
+            lambda: all(file.exists() for file in files) and (tmp_path / "kept" / "first.json").exists(),
+            process,
+            said,
+        )
         pids = [int(word) for file in files for word in file.read_text().split()]
         assert len(pids) == 4 and all(map(alive, pids))
         os.killpg(process.pid, number)  # as a terminal does: to the whole group
@@ -185,7 +192,9 @@ def test_an_interrupt_or_a_sudden_end_leaves_no_process_and_keeps_what_is_done(t
 def scheduler():
     """Address of a scheduler with two workers, threads of this process."""
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
         yield cluster.scheduler_address
 
 
@@ -198,7 +207,8 @@ def test_a_cluster_gives_what_processes_give(scheduler, tmp_path):
     with pytest.raises(InputError, match="piece bad"):
         jobs.results(times, {"a": "bad", "b": 1}, 7)
     CALLS.clear()
-    assert sorted(Jobs(dask=scheduler).results(counted, {"a": 1, "b": 1}).values()) == [1, 2]  # not answered from the cluster's memory
+    # not answered from the cluster's memory
+    assert sorted(Jobs(dask=scheduler).results(counted, {"a": 1, "b": 1}).values()) == [1, 2]
 
 
 @pytest.mark.filterwarnings("default")

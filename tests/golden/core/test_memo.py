@@ -1,4 +1,5 @@
-"""golden/core/memo.py: keys follow content and sources; a result is made once, whole, by whoever comes first."""
+"""golden/core/memo.py: keys follow content and sources; a result is made once, whole, by whoever comes
+first."""
 
 from __future__ import annotations
 
@@ -19,7 +20,15 @@ from tests.support import result_case
 def test_a_key_tells_parts_apart(tmp_path):
     file = tmp_path / "file"
     file.write_bytes(b"ab")
-    parts = [b"ab", "ab", ["ab"], np.array([1, 2]), np.array([1, 2], np.int32), np.array([[1, 2]]), SimpleNamespace(content="x")]
+    parts = [
+        b"ab",
+        "ab",
+        ["ab"],
+        np.array([1, 2]),
+        np.array([1, 2], np.int32),
+        np.array([[1, 2]]),
+        SimpleNamespace(content="x"),
+    ]
     keys = [content_key(part) for part in parts] + [content_key("a", "b"), content_key("ab", "")]
     assert len(set(keys)) == len(keys) and content_key(file) == content_key(b"ab")
     file.write_bytes(b"ac")
@@ -28,7 +37,11 @@ def test_a_key_tells_parts_apart(tmp_path):
 
 def test_recordings_and_models_have_their_content():
     same, other = result_case.recordings(), result_case.recordings()
-    assert content_key(same) == content_key(other) != content_key(replace(other, class_names=("x", *other.class_names[1:])))
+    assert (
+        content_key(same)
+        == content_key(other)
+        != content_key(replace(other, class_names=("x", *other.class_names[1:])))
+    )
     other.samples[-1, -1] ^= 1
     assert content_key(same) != content_key(other)
     models = [random_integer_model(PRESETS["pvdf"], seed) for seed in (1, 1, 2)]

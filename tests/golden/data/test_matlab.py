@@ -39,7 +39,11 @@ GOOD = {
 
 
 def write(path, **changes):
-    savemat(path, {name: value for name, value in (GOOD | changes).items() if value is not None}, do_compression=True)
+    savemat(
+        path,
+        {name: value for name, value in (GOOD | changes).items() if value is not None},
+        do_compression=True,
+    )
     return path
 
 
@@ -69,12 +73,17 @@ def test_other_forms_of_the_same(tmp_path, changes):
 
 def test_turned_cells_stacks_and_real_samples(tmp_path):
     turned = load_recordings(write(tmp_path / "r.mat", samples=cells([part.T for part in PARTS])))
-    assert all(np.array_equal(turned.recording(n), PARTS[n]) for n in range(4)) and any("turned" in note for note in turned.notes)
+    assert all(np.array_equal(turned.recording(n), PARTS[n]) for n in range(4)) and any(
+        "turned" in note for note in turned.notes
+    )
     stack = np.stack([part[:20] for part in PARTS]) / 7
     recordings = load_recordings(write(tmp_path / "r.mat", samples=stack, class_names=None))
     assert recordings.class_names == ("class1", "class2") and recordings.volt_per_code == 5e-3
     assert np.abs(recordings.recording(2) * recordings.volt_per_code - stack[2]).max() <= 0.0025 + 1e-9
-    named = load_recordings(write(tmp_path / "r.mat", samples=None, touch=cells(PARTS)), reading=Reading(samples="touch", rate_hz=10))
+    named = load_recordings(
+        write(tmp_path / "r.mat", samples=None, touch=cells(PARTS)),
+        reading=Reading(samples="touch", rate_hz=10),
+    )
     assert named.sample_rate_hz == 10 and len(named) == 4
 
 
@@ -82,11 +91,17 @@ BROKEN = {
     "no samples": ({"samples": None}, "has no array of samples"),
     "no classes": ({"labels": None}, "has no array of classes"),
     "no rate": ({"fs": None}, "does not say its rate"),
-    "not a number": ({"samples": cells([PARTS[0], np.full((3, 4), np.nan), *PARTS[2:]])}, "recording 2, row 1, column 1 holds nan"),
+    "not a number": (
+        {"samples": cells([PARTS[0], np.full((3, 4), np.nan), *PARTS[2:]])},
+        "recording 2, row 1, column 1 holds nan",
+    ),
     "too few classes": ({"labels": np.array([1, 2, 1])}, "give one value for each of the 4 recordings"),
     "unknown class": ({"labels": np.array([1, 2, 1, 7])}, "runs from 1 to 7 and there are 2 class names"),
     "unknown name": ({"labels": cells(["silk", "felt", "silk", "wood"])}, "holds 'wood'"),
-    "taxels differ": ({"samples": cells([PARTS[0], PARTS[1][:, :3], *PARTS[2:]])}, "cell 2 has 3 columns where cell 1 has 4"),
+    "taxels differ": (
+        {"samples": cells([PARTS[0], PARTS[1][:, :3], *PARTS[2:]])},
+        "cell 2 has 3 columns where cell 1 has 4",
+    ),
     "text": ({"samples": cells(["a", "b", "c", "d"])}, "cell 1 is"),
     "one table": ({"samples": PARTS[0]}, "no array offsets"),
     "bad offsets": ({"samples": np.concatenate(PARTS), "offsets": [0, 5, 3, 86]}, "must rise from 0"),
@@ -118,13 +133,20 @@ def test_files_that_are_none(tmp_path):
 def test_cells_of_one_length_that_are_wider_than_high_are_turned(tmp_path):
     parts = [part[:20] for part in PARTS]
     turned = load_recordings(write(tmp_path / "r.mat", samples=cells([part.T for part in parts])))
-    assert all(np.array_equal(turned.recording(n), parts[n]) for n in range(4)) and any("wider than high" in note for note in turned.notes)
+    assert all(np.array_equal(turned.recording(n), parts[n]) for n in range(4)) and any(
+        "wider than high" in note for note in turned.notes
+    )
 
 
 def test_groups_never_replace_the_classes(tmp_path):
     path = write(tmp_path / "r.mat", y=np.array([0, 0, 0, 1]), file=np.arange(4), class_names=None)
     recordings = load_recordings(path, reading=Reading(label="y"))
-    assert recordings.labels.tolist() == [0, 0, 0, 1] and recordings.groups["group_labels"].tolist() == [1, 2, 1, 2]
+    assert recordings.labels.tolist() == [0, 0, 0, 1] and recordings.groups["group_labels"].tolist() == [
+        1,
+        2,
+        1,
+        2,
+    ]
     assert "group_file" in recordings.groups
 
 
@@ -145,6 +167,7 @@ def test_a_file_that_kills_scipys_reader_is_refused(tmp_path):
     savemat(tmp_path / "r.mat", {"samples": np.zeros((2, 3, 4)), "labels": [1, 2], "fs": 1.0})
     data, tag = (tmp_path / "r.mat").read_bytes(), b"\x09\0\0\0" + (192).to_bytes(4, "little")
     assert data.count(tag) == 1
-    (tmp_path / "r.mat").write_bytes(data.replace(tag, b"\xff" + tag[1:]))  # numbers of a kind that there is not
+    # numbers of a kind that there is not
+    (tmp_path / "r.mat").write_bytes(data.replace(tag, b"\xff" + tag[1:]))
     with pytest.raises(InputError, match="r.mat': is damaged"):
         load_recordings(tmp_path / "r.mat")

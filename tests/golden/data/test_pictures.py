@@ -29,16 +29,29 @@ def folder_of(tmp_path, mode="L"):
 def test_a_folder_by_class_is_an_archive_of_images(tmp_path, mode):
     images = folder_of(tmp_path, mode)
     found = load_recordings(tmp_path)
-    assert found.image_shape == (6, 9) and found.class_names == ("ball", "cup") and found.labels.tolist() == [0, 0, 0, 1, 1, 1]
+    assert (
+        found.image_shape == (6, 9)
+        and found.class_names == ("ball", "cup")
+        and found.labels.tolist() == [0, 0, 0, 1, 1, 1]
+    )
     assert (found.recording(4) == images["cup", 1]).all() and found.groups["source_file"][4] == "cup1.png"
 
 
 @each_row(
     ("damage", "words"),
     [
-        (lambda folder: Image.new("L", (9, 7)).save(folder / "cup" / "z.png"), "z.png': has 7 x 9 pixels and the first one 6 x 9"),
-        (lambda folder: Image.new("RGB", (9, 6), (1, 2, 3)).save(folder / "cup" / "z.png"), "z.png': has colours"),
-        (lambda folder: Image.new("I;16", (9, 6)).save(folder / "cup" / "z.png"), "z.png': has mode I;16; save it as an 8-bit grey PNG"),
+        (
+            lambda folder: Image.new("L", (9, 7)).save(folder / "cup" / "z.png"),
+            "z.png': has 7 x 9 pixels and the first one 6 x 9",
+        ),
+        (
+            lambda folder: Image.new("RGB", (9, 6), (1, 2, 3)).save(folder / "cup" / "z.png"),
+            "z.png': has colours",
+        ),
+        (
+            lambda folder: Image.new("I;16", (9, 6)).save(folder / "cup" / "z.png"),
+            "z.png': has mode I;16; save it as an 8-bit grey PNG",
+        ),
         (lambda folder: (folder / "cup" / "z.png").write_bytes(b"no picture"), "z.png': cannot be read"),
         (lambda folder: (folder / "none").mkdir(), "none': holds no .png file"),
     ],

@@ -1,4 +1,5 @@
-"""Archives and .lvm folders: what is read, what is refused with which sentence, and splits that keep groups apart."""
+"""Archives and .lvm folders: what is read, what is refused with which sentence, and splits that keep groups
+apart."""
 
 from __future__ import annotations
 
@@ -48,7 +49,11 @@ def test_an_archive_is_read_as_it_was_written(tmp_path):
     assert len(recordings) == 3 and recordings.taxels == 4 and recordings.frames == 30
     assert recordings.samples.dtype == np.int32 and np.array_equal(recordings.samples, expected["samples"])
     assert np.array_equal(recordings.recording(1), expected["samples"][8:20])
-    assert list(recordings.lengths) == [8, 12, 10] and list(recordings.labels) == [0, 1, 0] and list(recordings.class_counts) == [2, 1]
+    assert (
+        list(recordings.lengths) == [8, 12, 10]
+        and list(recordings.labels) == [0, 1, 0]
+        and list(recordings.class_counts) == [2, 1]
+    )
     assert recordings.class_names == ("rough", "smooth") and recordings.sample_rate_hz == 250.0
     assert list(recordings.groups) == ["trial"] and list(recordings.groups["trial"]) == [1, 2, 3]
     assert recordings.volt_per_code == 6.25e-5
@@ -78,28 +83,61 @@ REFUSALS = {
     "no labels": (dict(labels=None), "array labels: is missing"),
     "no class names": (dict(class_names=None), "array class_names: is missing"),
     "no rate": (dict(sample_rate_hz=None), "array sample_rate_hz: is missing"),
-    "samples that are no number": (dict(samples=np.full((30, 4), np.nan)), "array samples: holds nan at row 0, taxel 0"),
+    "samples that are no number": (
+        dict(samples=np.full((30, 4), np.nan)),
+        "array samples: holds nan at row 0, taxel 0",
+    ),
     "bool samples": (dict(samples=np.zeros((30, 4), bool)), "array samples: holds bool, not numbers"),
     "flat samples": (dict(samples=np.zeros(30, np.int16)), r"array samples: has shape \(30,\)"),
     "no taxel": (dict(samples=np.zeros((30, 0), np.int16)), r"array samples: has shape \(30, 0\)"),
-    "no frame": (dict(samples=np.zeros((0, 4), np.int16), offsets=np.array([0]), labels=np.zeros(0, int)), "array samples: holds no frame"),
-    "17 bits": (dict(samples=np.full((30, 4), 65536)), "array samples: runs from 65536 to 65536, beyond 16 bits"),
-    "sign and 16 bits": (dict(samples=np.tile([-1, 40000, 0, 0], (30, 1))), "array samples: runs from -1 to 40000, beyond 16 bits"),
+    "no frame": (
+        dict(samples=np.zeros((0, 4), np.int16), offsets=np.array([0]), labels=np.zeros(0, int)),
+        "array samples: holds no frame",
+    ),
+    "17 bits": (
+        dict(samples=np.full((30, 4), 65536)),
+        "array samples: runs from 65536 to 65536, beyond 16 bits",
+    ),
+    "sign and 16 bits": (
+        dict(samples=np.tile([-1, 40000, 0, 0], (30, 1))),
+        "array samples: runs from -1 to 40000, beyond 16 bits",
+    ),
     "no recording": (dict(offsets=np.array([0])), "array offsets: has 1 value"),
     "offsets start": (dict(offsets=np.array([1, 8, 20, 30])), "array offsets: starts at 1"),
-    "offsets end": (dict(offsets=np.array([0, 8, 20, 29])), "array offsets: ends at 29 but samples has 30 frames"),
-    "offsets beyond": (dict(offsets=np.array([0, 8, 20, 31])), "array offsets: ends at 31 but samples has 30 frames"),
+    "offsets end": (
+        dict(offsets=np.array([0, 8, 20, 29])),
+        "array offsets: ends at 29 but samples has 30 frames",
+    ),
+    "offsets beyond": (
+        dict(offsets=np.array([0, 8, 20, 31])),
+        "array offsets: ends at 31 but samples has 30 frames",
+    ),
     "offsets fall": (dict(offsets=np.array([0, 20, 8, 30])), "array offsets: falls after entry 1"),
-    "unsigned offsets fall": (dict(offsets=np.array([0, 20, 8, 30], np.uint64)), "array offsets: falls after entry 1"),
-    "offsets too many": (dict(offsets=np.array([0, 4, 8, 20, 30])), r"array labels: .* must be integers of shape \(4,\)"),
+    "unsigned offsets fall": (
+        dict(offsets=np.array([0, 20, 8, 30], np.uint64)),
+        "array offsets: falls after entry 1",
+    ),
+    "offsets too many": (
+        dict(offsets=np.array([0, 4, 8, 20, 30])),
+        r"array labels: .* must be integers of shape \(4,\)",
+    ),
     "float offsets": (dict(offsets=np.array([0.0, 8, 20, 30])), "array offsets: is float64"),
-    "empty recording": (dict(offsets=np.array([0, 8, 8, 30])), r"array offsets: makes recording 1 empty \(0 frames\)"),
-    "label too large": (dict(labels=np.array([0, 2, 1])), r"array labels: gives recording 1 class 2; class_names has classes 0\.\.1"),
+    "empty recording": (
+        dict(offsets=np.array([0, 8, 8, 30])),
+        r"array offsets: makes recording 1 empty \(0 frames\)",
+    ),
+    "label too large": (
+        dict(labels=np.array([0, 2, 1])),
+        r"array labels: gives recording 1 class 2; class_names has classes 0\.\.1",
+    ),
     "label negative": (dict(labels=np.array([0, 1, -1])), "array labels: gives recording 2 class -1"),
     "float labels": (dict(labels=np.array([0.0, 1.0, 0.0])), "array labels: is float64"),
     "numeric names": (dict(class_names=np.array([1, 2])), "array class_names: is int64"),
     "name twice": (dict(class_names=np.array(["a", "a"])), "array class_names: has the name a twice"),
-    "empty name": (dict(class_names=np.array(["a", " "])), "array class_names: has an empty or unprintable name at 1"),
+    "empty name": (
+        dict(class_names=np.array(["a", " "])),
+        "array class_names: has an empty or unprintable name at 1",
+    ),
     "rate NaN": (dict(sample_rate_hz=np.array(np.nan)), "array sample_rate_hz: is nan"),
     "rate infinite": (dict(sample_rate_hz=np.array(np.inf)), "array sample_rate_hz: is inf"),
     "rate zero": (dict(sample_rate_hz=np.array(0)), "array sample_rate_hz: is 0"),
@@ -109,12 +147,30 @@ REFUSALS = {
     "volts": (dict(lsb_volt=np.array(-1.0)), "array lsb_volt: is -1"),
     "objects": (dict(labels=np.array([0, 1, "x"], dtype=object)), "array labels: holds Python objects"),
     "unused objects": (dict(remark=np.array([None], dtype=object)), "array remark: holds Python objects"),
-    "unused structure": (dict(remark=np.zeros(1, dtype=[("a", object)])), "array remark: holds Python objects"),
-    "images": (dict(samples=None, images=np.zeros((3, 2, 2), np.uint8)), "array images: are 2 x 2 pixels; give 4 x 4 to 256 x 160"),
-    "real images": (dict(samples=None, images=np.full((3, 8, 8), 1.5)), "array images: holds 1.5 in image 0; real pixels lie in 0..1"),
-    "not a number": (dict(samples=None, images=np.full((3, 8, 8), np.nan)), "array images: holds nan in image 0"),
-    "deep images": (dict(samples=None, images=np.full((3, 8, 8), 256)), "array images: runs from 256 to 256; a pixel has 8 bits"),
-    "flat images": (dict(samples=None, images=np.zeros((3, 64), np.uint8)), r"array images: has shape \(3, 64\); it must be"),
+    "unused structure": (
+        dict(remark=np.zeros(1, dtype=[("a", object)])),
+        "array remark: holds Python objects",
+    ),
+    "images": (
+        dict(samples=None, images=np.zeros((3, 2, 2), np.uint8)),
+        "array images: are 2 x 2 pixels; give 4 x 4 to 256 x 160",
+    ),
+    "real images": (
+        dict(samples=None, images=np.full((3, 8, 8), 1.5)),
+        "array images: holds 1.5 in image 0; real pixels lie in 0..1",
+    ),
+    "not a number": (
+        dict(samples=None, images=np.full((3, 8, 8), np.nan)),
+        "array images: holds nan in image 0",
+    ),
+    "deep images": (
+        dict(samples=None, images=np.full((3, 8, 8), 256)),
+        "array images: runs from 256 to 256; a pixel has 8 bits",
+    ),
+    "flat images": (
+        dict(samples=None, images=np.zeros((3, 64), np.uint8)),
+        r"array images: has shape \(3, 64\); it must be",
+    ),
 }
 
 
@@ -135,7 +191,11 @@ def test_a_damaged_file_is_refused_in_one_sentence(tmp_path, damage):
         path.write_bytes(content[: len(content) // 2])
     elif damage == "flipped":  # the bytes of one array: the archive's checksum must notice
         middle = content.index(b"labels.npy") + 160
-        path.write_bytes(content[:middle] + bytes(255 - byte for byte in content[middle : middle + 8]) + content[middle + 8 :])
+        path.write_bytes(
+            content[:middle]
+            + bytes(255 - byte for byte in content[middle : middle + 8])
+            + content[middle + 8 :]
+        )
     elif damage == "text":
         path.write_text("time,a,b\n0,1,2\n")
     elif damage == "empty":
@@ -150,7 +210,9 @@ def test_a_damaged_file_is_refused_in_one_sentence(tmp_path, damage):
     else:
         path = tmp_path / "loop.npz"
         path.symlink_to(path)  # unreadable for the superuser too
-    with pytest.raises(InputError, match="single array|damaged|no .npz archive|is not there|cannot be read") as caught:
+    with pytest.raises(
+        InputError, match="single array|damaged|no .npz archive|is not there|cannot be read"
+    ) as caught:
         load_recordings(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
@@ -180,8 +242,12 @@ def test_members_that_are_no_arrays_do_not_matter(tmp_path):
 def test_a_subset_keeps_frames_labels_and_groups_together(make_recordings):
     recordings = make_recordings(lengths=(5, 6, 7, 8), groups={"trial": np.array([1, 2, 3, 4])})
     part = recordings.subset([3, 1])
-    assert list(part.lengths) == [8, 6] and list(part.groups["trial"]) == [4, 2] and list(part.labels) == [1, 1]
-    assert np.array_equal(part.recording(0), recordings.recording(3)) and np.array_equal(part.recording(1), recordings.recording(1))
+    assert (
+        list(part.lengths) == [8, 6] and list(part.groups["trial"]) == [4, 2] and list(part.labels) == [1, 1]
+    )
+    assert np.array_equal(part.recording(0), recordings.recording(3)) and np.array_equal(
+        part.recording(1), recordings.recording(1)
+    )
     with pytest.raises(InputError, match="no recordings"):
         recordings.subset([])
 
@@ -191,13 +257,16 @@ def test_a_subset_keeps_frames_labels_and_groups_together(make_recordings):
 def test_evenly_is_balanced_and_repeatable(counts, data):
     labels = np.concatenate([np.full(count, label) for label, count in enumerate(counts)]).astype(np.int64)
     total = len(labels)
-    recordings = Recordings(np.zeros((total, 4), np.int32), np.arange(total + 1), labels, tuple(map(str, range(len(counts)))), 1.0)
+    recordings = Recordings(
+        np.zeros((total, 4), np.int32), np.arange(total + 1), labels, tuple(map(str, range(len(counts)))), 1.0
+    )
     n = data.draw(st.integers(1, total + 2))
     chosen = recordings.evenly(n)
     assert len(chosen) == min(n, total) == len(set(chosen)) and np.array_equal(chosen, recordings.evenly(n))
     shares = np.bincount(labels[chosen], minlength=len(counts))
     full = shares == counts
-    if not full.all():  # classes with more to give differ by one at most, and no exhausted class has more than they
+    # classes with more to give differ by one at most, and no exhausted class has more than they
+    if not full.all():
         assert np.ptp(shares[~full]) <= 1 and shares[full].max(initial=0) <= shares[~full].min() + 1
     with pytest.raises(InputError, match="at least 1"):
         recordings.evenly(0)
@@ -215,7 +284,14 @@ def test_no_group_is_on_both_sides(data, n, folds, seed):
     trial = np.array(data.draw(st.lists(st.integers(0, 4), min_size=n, max_size=n)))
     speed = np.array(data.draw(st.lists(st.sampled_from(["slow", "fast"]), min_size=n, max_size=n)))
     labels = np.array(data.draw(st.lists(st.integers(0, 2), min_size=n, max_size=n)), dtype=np.int64)
-    recordings = Recordings(np.zeros((n, 4), np.int32), np.arange(n + 1), labels, ("a", "b", "c"), 1.0, {"trial": trial, "speed": speed})
+    recordings = Recordings(
+        np.zeros((n, 4), np.int32),
+        np.arange(n + 1),
+        labels,
+        ("a", "b", "c"),
+        1.0,
+        {"trial": trial, "speed": speed},
+    )
     keys = list(zip(trial.tolist(), speed.tolist(), strict=True))
     if len(set(keys)) == 1:
         with pytest.raises(InputError, match="group trial and speed has one value"):
@@ -255,7 +331,9 @@ def test_folds_that_cannot_be_made_are_refused(make_recordings):
 
 
 # ---------------------------------------------------------------------- .lvm folders
-VOLTS = np.array([[1.65, 1.70, 1.5, 0.25], [1.66, 1.69, 1.5, 0.25], [1.64, 1.68, 1.5, 0.5], [1.63, 1.67, 1.5, 4.0]])
+VOLTS = np.array(
+    [[1.65, 1.70, 1.5, 0.25], [1.66, 1.69, 1.5, 0.25], [1.64, 1.68, 1.5, 0.5], [1.63, 1.67, 1.5, 4.0]]
+)
 HEADER = (
     "LabVIEW Measurement\t\nWriter_Version\t2\nSeparator\tTab\nDecimal_Separator\t,\nDate\t2017/05/03\n***End_of_Header***\t\n\t\n"
     "Channels\t4\t\t\t\nSamples\t4\t4\t4\t4\nDate\t2017/05/03\t2017/05/03\nY_Unit_Label\tVolts\tVolts\nX_Dimension\tTime\tTime\n"
@@ -291,7 +369,9 @@ GOOD_TEXTS = {
     "comma and blank, point": text_of(", ", comma=False),
     "blanks, decimal comma": text_of("  "),
     "blanks, point": text_of(" ", comma=False),
-    "header": text_of(header=HEADER, titles="X_Value\tVoltage\tVoltage (2)\tVoltage (3)\tVoltage (4)\tComment"),
+    "header": text_of(
+        header=HEADER, titles="X_Value\tVoltage\tVoltage (2)\tVoltage (3)\tVoltage (4)\tComment"
+    ),
     "header, CRLF": text_of(header=HEADER, newline="\r\n"),
     "titles": text_of(";", titles="Time;T 1;T 2;T 3;T 4"),
     "titles and units": text_of(";", titles="Time;T1;T2;T3;T4\ns;V;V;V;V"),
@@ -311,18 +391,30 @@ GOOD_TEXTS = {
 @each_row("kind", GOOD_TEXTS)
 def test_lvm_texts_of_every_habit_give_the_same_codes(tmp_path, kind):
     recordings = load_recordings(folder_of(tmp_path, GOOD_TEXTS[kind]))
-    assert len(recordings) == 2 and recordings.class_names == ("brush", "roll") and list(recordings.labels) == [0, 1]
+    assert (
+        len(recordings) == 2
+        and recordings.class_names == ("brush", "roll")
+        and list(recordings.labels) == [0, 1]
+    )
     assert np.array_equal(recordings.recording(1), np.rint(VOLTS / LSB)), kind
-    assert recordings.sample_rate_hz == 3000.0 and str(recordings.sample_format) == "UQ(16,0)" and recordings.volt_per_code == LSB
+    assert (
+        recordings.sample_rate_hz == 3000.0
+        and str(recordings.sample_format) == "UQ(16,0)"
+        and recordings.volt_per_code == LSB
+    )
 
 
 def test_a_first_row_of_whole_numbers_is_a_frame(tmp_path):
-    recordings = load_recordings(folder_of(tmp_path, "T\tA\tB\n0\t2\t1\n0.001\t1.5\t1.25\n0.002\t1.5\t1.25\n"))
+    recordings = load_recordings(
+        folder_of(tmp_path, "T\tA\tB\n0\t2\t1\n0.001\t1.5\t1.25\n0.002\t1.5\t1.25\n")
+    )
     assert recordings.recording(0).tolist() == [[32000, 16000], [24000, 20000], [24000, 20000]]
 
 
 def test_latin_1_headers_are_read(tmp_path):
-    text = HEADER.replace("LabVIEW Measurement", "Messung für Prüfstand").encode("latin-1") + text_of().encode()
+    text = (
+        HEADER.replace("LabVIEW Measurement", "Messung für Prüfstand").encode("latin-1") + text_of().encode()
+    )
     assert load_recordings(folder_of(tmp_path, text)).frames == 8
 
 
@@ -332,17 +424,32 @@ BAD_TEXTS = {
     "word": (text_of().replace("1,690000", "broken"), "line 2, column 3: 'broken' is no number"),
     "word in the first row": (text_of().replace("1,700000", "oops"), "line 1, column 3: 'oops' is no number"),
     "word as time": (text_of().replace("0,000333", "later"), "line 2, column 1: 'later' is no number"),
-    "word as the first time": (text_of().replace("0,000000", "start"), "line 1, column 1: 'start' is no number"),
+    "word as the first time": (
+        text_of().replace("0,000000", "start"),
+        "line 1, column 1: 'start' is no number",
+    ),
     "gap": (text_of().replace("1,690000", ""), "line 2, column 3: '' is no number"),
-    "NaN below a header": (text_of(header=HEADER).replace("1,690000", "NaN"), "line 17, column 3: NaN is not a finite number"),
-    "short row within": (text_of().replace("\t1,500000\t0,500000", ""), "line 3: has 3 columns where the file has 5"),
-    "long row": (text_of().replace("0,500000", "0,500000\t1,5"), "line 3: has 6 columns where the file has 5"),
+    "NaN below a header": (
+        text_of(header=HEADER).replace("1,690000", "NaN"),
+        "line 17, column 3: NaN is not a finite number",
+    ),
+    "short row within": (
+        text_of().replace("\t1,500000\t0,500000", ""),
+        "line 3: has 3 columns where the file has 5",
+    ),
+    "long row": (
+        text_of().replace("0,500000", "0,500000\t1,5"),
+        "line 3: has 6 columns where the file has 5",
+    ),
     "no frame": (HEADER, "holds no frame"),
     "empty file": ("", "holds no frame"),
     "text only": ("nothing was recorded\n", "holds no frame"),
     "time only": ("0.0\n0.1\n", "has no taxel column"),
     "ambiguous commas": ("0,1,2,3\n1,2,3,4\n", "commas may be decimal points or separators"),
-    "volts beyond the converter": (text_of().replace("4,000000", "4,200000"), r"line 4, column 5: 4\.2 V is outside the converter's 0 to"),
+    "volts beyond the converter": (
+        text_of().replace("4,000000", "4,200000"),
+        r"line 4, column 5: 4\.2 V is outside the converter's 0 to",
+    ),
     "negative volts": (text_of().replace("4,000000", "-0,5"), r"line 4, column 5: -0\.5 V is outside"),
     "time missing once": (text_of().replace("0,000333", ""), "line 2, column 1: the time is missing"),
 }
@@ -366,13 +473,25 @@ def test_names_become_groups(tmp_path):
         "person": [7, 7, 11],
         "trial": [2, 2, 1],
     }
-    assert groups["source_file"].tolist() == ["brush/Press_Sp300_P07_t2.lvm", "roll/Press_Sp300_P07_t2.lvm", "roll/Press_Sp450_P11_t1.lvm"]
+    assert groups["source_file"].tolist() == [
+        "brush/Press_Sp300_P07_t2.lvm",
+        "roll/Press_Sp300_P07_t2.lvm",
+        "roll/Press_Sp450_P11_t1.lvm",
+    ]
 
 
 def test_without_a_steady_time_column_the_rate_is_the_configurations(tmp_path):
-    for text in (text_of().replace("0,000667", "0,000967"), "".join(line[line.find("\t") :] + "\n" for line in text_of().splitlines())):
-        recordings = load_recordings(folder_of(tmp_path, text), config=PRESETS["pvdf"].replace(volt_per_code=LSB))
-        assert recordings.sample_rate_hz == 2000.0 and "taken from the configuration 'pvdf'" in recordings.notes[0]
+    for text in (
+        text_of().replace("0,000667", "0,000967"),
+        "".join(line[line.find("\t") :] + "\n" for line in text_of().splitlines()),
+    ):
+        recordings = load_recordings(
+            folder_of(tmp_path, text), config=PRESETS["pvdf"].replace(volt_per_code=LSB)
+        )
+        assert (
+            recordings.sample_rate_hz == 2000.0
+            and "taken from the configuration 'pvdf'" in recordings.notes[0]
+        )
         assert np.array_equal(recordings.recording(0), np.rint(VOLTS / LSB))
         shutil.rmtree(tmp_path / "lvm")
 
@@ -395,11 +514,21 @@ def test_folders_that_are_no_data_set_are_refused(tmp_path):
 def test_the_real_archives_are_read(shared_data):
     pvdf = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
     assert len(pvdf) == 318 and pvdf.frames == 3156672 and list(pvdf.class_counts) == [64, 64, 63, 63, 64]
-    assert set(pvdf.groups) == {"seq", "speed", "trial", "source_file"} and pvdf.volt_per_code == pytest.approx(62.4094e-6, rel=1e-5)
+    assert set(pvdf.groups) == {
+        "seq",
+        "speed",
+        "trial",
+        "source_file",
+    } and pvdf.volt_per_code == pytest.approx(62.4094e-6, rel=1e-5)
     assert np.bincount(pvdf.labels[pvdf.evenly(40)]).tolist() == [8] * 5
     assert [len(grouped_folds(pvdf, [name], 5, 0)) for name in ("trial", "speed", "seq")] == [5, 2, 4]
     fabric = load_recordings(shared_data / "fabric_slide" / "recordings.npz")
     assert len(fabric) == 774 and str(fabric.sample_format) == "SQ(16,0)" and fabric.volt_per_code == 0
     assert len(grouped_folds(fabric, ["force_setting", "velocity_mmps"], 5, 0)) == 5
     images = load_recordings(shared_data / "tactile_images" / "recordings.npz")
-    assert (len(images), images.image_shape, images.taxels, len(images.class_names)) == (876, (28, 50), 50, 22)
+    assert (len(images), images.image_shape, images.taxels, len(images.class_names)) == (
+        876,
+        (28, 50),
+        50,
+        22,
+    )

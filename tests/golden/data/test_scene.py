@@ -40,12 +40,20 @@ def touches(scene: Recordings) -> Touches:
 
 def test_shape_and_balance(scene):
     assert scene.samples.shape == (240 * 9000, 16) and scene.samples.dtype == np.int32 and len(scene) == 240
-    assert (scene.lengths == 9000).all() and scene.sample_rate_hz == 3000 and scene.class_names == SYNTHETIC.network.class_names
-    assert scene.class_counts.tolist() == [80, 80, 80] and scene.volt_per_code == SYNTHETIC.sensor.volt_per_code
+    assert (
+        (scene.lengths == 9000).all()
+        and scene.sample_rate_hz == 3000
+        and scene.class_names == SYNTHETIC.network.class_names
+    )
+    assert (
+        scene.class_counts.tolist() == [80, 80, 80] and scene.volt_per_code == SYNTHETIC.sensor.volt_per_code
+    )
     assert set(scene.groups) == {"person", "trial", "direction"}
     for label in range(3):  # every person does every modality in 4 trials, two in each direction
         of_class = np.stack([scene.groups["person"], scene.groups["trial"]])[:, scene.labels == label]
-        assert sorted(map(tuple, of_class.T)) == [(person, trial) for person in range(20) for trial in range(4)]
+        assert sorted(map(tuple, of_class.T)) == [
+            (person, trial) for person in range(20) for trial in range(4)
+        ]
     assert (scene.groups["direction"] == scene.groups["trial"] % 2).all()
 
 
@@ -77,14 +85,17 @@ def test_every_touch_is_found_and_complete(scene, touches):
 @each_row("rows, columns", [(2, 2), (2, 5), (8, 8)])
 def test_other_arrays(rows, columns):
     calls: list[tuple[int, int]] = []
-    scene = synthetic_recordings(persons=2, trials=2, rows=rows, columns=columns, progress=lambda *call: calls.append(call))
+    scene = synthetic_recordings(
+        persons=2, trials=2, rows=rows, columns=columns, progress=lambda *call: calls.append(call)
+    )
     assert scene.taxels == rows * columns and len(scene) == 12 and calls == [(1, 2), (2, 2)]
     found = find_touches(SYNTHETIC.replace(taxels=rows * columns), scene)
     assert (found.first_touch() >= 0).all() and (found.completed[found.first_touch()] == 20).all()
 
 
 def test_touch_on_one_row_after_the_other():
-    """Taxel = row * columns + column: a roll in direction 0 loads the rows of a column together, in direction 1 the columns of a row."""
+    """Taxel = row * columns + column: a roll in direction 0 loads the rows of a column together, in direction
+    1 the columns of a row."""
     scene = synthetic_recordings(persons=4, trials=2, columns=5)
     for index in np.flatnonzero(scene.labels == 1):
         deviation = scene.recording(index) - scene.recording(index)[:400].mean(axis=0)
@@ -94,27 +105,46 @@ def test_touch_on_one_row_after_the_other():
 
 
 def test_mean_and_deviation_do_not_tell_the_classes_apart(scene, touches):
-    """Logistic regression on per-taxel mean and standard deviation over the touch, unseen persons: below 85 % (seen: 60 %)."""
+    """Logistic regression on per-taxel mean and standard deviation over the touch, unseen persons: below 85 %
+    (seen: 60 %)."""
     statistics = []
     for index, start in zip(touches.recording, touches.start_frame, strict=True):
         touch = scene.recording(index)[start - 1 : start - 1 + SYNTHETIC.windows.touch_frames]
         statistics.append(np.concatenate([touch.mean(axis=0), touch.std(axis=0)]))
-    deviation = [np.mean([s[16:] for s, label in zip(statistics, scene.labels, strict=True) if label == c]) for c in range(3)]
+    deviation = [
+        np.mean([s[16:] for s, label in zip(statistics, scene.labels, strict=True) if label == c])
+        for c in range(3)
+    ]
     assert max(deviation) < 1.25 * min(deviation)
     for strength in (0.1, 1.0, 10.0):
         model = make_pipeline(StandardScaler(), LogisticRegression(C=strength, max_iter=5000))
-        accuracy = cross_val_score(model, np.array(statistics), scene.labels, groups=scene.groups["person"], cv=GroupKFold(5)).mean()
+        accuracy = cross_val_score(
+            model, np.array(statistics), scene.labels, groups=scene.groups["person"], cv=GroupKFold(5)
+        ).mean()
         assert 1 / 3 < accuracy < 0.75
 
 
 def test_the_time_course_does(scene):
     """A GRU of 12 units on the window means, unseen persons: 92 % or more (seen: 99 %)."""
     record = cross_validate(scene, SYNTHETIC, [["person"]], [0], folds=3)[0]
-    assert SYNTHETIC.network.hidden == 12 and record["float_accuracy"] >= 0.95 and record["integer_accuracy"] >= 0.95
+    assert (
+        SYNTHETIC.network.hidden == 12
+        and record["float_accuracy"] >= 0.95
+        and record["integer_accuracy"] >= 0.95
+    )
 
 
 @each_row(
-    "field, value", [("persons", 0), ("trials", 0), ("rows", 1), ("columns", 9), ("classes", 1), ("classes", 33), ("sample_rate_hz", 0)]
+    "field, value",
+    [
+        ("persons", 0),
+        ("trials", 0),
+        ("rows", 1),
+        ("columns", 9),
+        ("classes", 1),
+        ("classes", 33),
+        ("sample_rate_hz", 0),
+    ],
 )
 def test_what_cannot_be_made_is_refused(field, value):
     with pytest.raises(InputError, match=f"synthetic scene, {field}: is {value}; it must lie in"):
@@ -125,7 +155,9 @@ def test_what_cannot_be_made_is_refused(field, value):
 def sized(taxels: int, classes: int, hidden: int = 12, steps: int = 20, **changes) -> AcceleratorConfig:
     """The synthetic configuration of another array and task."""
     names = tuple(kind.name for kind in kinds(classes))
-    return with_network(SYNTHETIC.replace(taxels=taxels, class_names=names, **changes), hidden=hidden, steps=steps)
+    return with_network(
+        SYNTHETIC.replace(taxels=taxels, class_names=names, **changes), hidden=hidden, steps=steps
+    )
 
 
 def test_the_default_scene_is_what_it_was():
@@ -153,7 +185,8 @@ def test_classes_are_even(classes):
 
 
 def test_headings_and_speeds_are_what_their_names_say():
-    """Rolls cross the array the way they are called, and in the time they are called after, person by person."""
+    """Rolls cross the array the way they are called, and in the time they are called after, person by
+    person."""
     rate = 500.0
     scene = synthetic_recordings(persons=5, trials=1, rows=4, columns=4, classes=32, sample_rate_hz=rate)
     seconds: dict[str, list[float]] = {"slow": [], "medium": [], "fast": []}
@@ -161,13 +194,20 @@ def test_headings_and_speeds_are_what_their_names_say():
         modality, heading, speed = scene.class_names[scene.labels[index]].split("-")
         if modality != "roll":
             continue
-        peak = np.argmax(scene.recording(index) - scene.recording(index)[:70].mean(axis=0), axis=0).reshape(4, 4) / rate
+        peak = (
+            np.argmax(scene.recording(index) - scene.recording(index)[:70].mean(axis=0), axis=0).reshape(4, 4)
+            / rate
+        )
         along = peak.mean(axis=0 if heading in ("east", "west") else 1)
         passed = (along[-1] - along[0]) * (1 if heading in ("east", "south") else -1)
         assert passed > 0.2, (index, heading, speed)
         seconds[speed].append(passed)
     assert all(len(times) >= 10 for times in seconds.values())
-    assert np.median(seconds["slow"]) > 1.2 * np.median(seconds["medium"]) > 1.2 * 1.2 * np.median(seconds["fast"])
+    assert (
+        np.median(seconds["slow"])
+        > 1.2 * np.median(seconds["medium"])
+        > 1.2 * 1.2 * np.median(seconds["fast"])
+    )
     assert max(seconds["fast"]) < min(seconds["slow"])
 
 
@@ -179,10 +219,14 @@ def test_the_scene_follows_from_the_configuration():
         assert np.array_equal(scene.samples, same.samples)
         check_fit(scene, config)
     small = load_recordings("synthetic", config=sized(16, 3, sample_rate_hz=200.0))
-    assert len(small) == 240 and np.array_equal(small.samples, synthetic_recordings(sample_rate_hz=200.0).samples)
+    assert len(small) == 240 and np.array_equal(
+        small.samples, synthetic_recordings(sample_rate_hz=200.0).samples
+    )
 
 
-@each_row("taxels, classes, persons, trials", [(16, 3, 20, 4), (4, 2, 20, 4), (16, 12, 20, 2), (64, 32, 7, 1)])
+@each_row(
+    "taxels, classes, persons, trials", [(16, 3, 20, 4), (4, 2, 20, 4), (16, 12, 20, 2), (64, 32, 7, 1)]
+)
 def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, classes, persons, trials):
     asked: dict[str, int] = {}
     monkeypatch.setattr("eskin.golden.data.scene.synthetic_recordings", asked.update)
@@ -194,11 +238,23 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
 @each_row(
     "config, match",
     [
-        (SYNTHETIC.replace(taxels=7), "field taxels: is 7; the synthetic scene has 2 to 8 rows and as many columns"),
+        (
+            SYNTHETIC.replace(taxels=7),
+            "field taxels: is 7; the synthetic scene has 2 to 8 rows and as many columns",
+        ),
         (SYNTHETIC.replace(taxels=160), "field taxels: is 160; the synthetic scene has 2 to 8 rows"),
-        (PRESETS["pvdf"], "field class_names: is Cube3, .*; the synthetic scene of 5 classes has brush-east-medium, "),
-        (SYNTHETIC.replace(class_names=("slide", "brush")), "field class_names: is slide, brush; .* of 2 classes has brush, slide"),
-        (SYNTHETIC.replace(sample_rate_hz=35.6), "synthetic scene, sample_rate_hz: is 35.6; it must lie in 100..20000"),
+        (
+            PRESETS["pvdf"],
+            "field class_names: is Cube3, .*; the synthetic scene of 5 classes has brush-east-medium, ",
+        ),
+        (
+            SYNTHETIC.replace(class_names=("slide", "brush")),
+            "field class_names: is slide, brush; .* of 2 classes has brush, slide",
+        ),
+        (
+            SYNTHETIC.replace(sample_rate_hz=35.6),
+            "synthetic scene, sample_rate_hz: is 35.6; it must lie in 100..20000",
+        ),
     ],
 )
 def test_configurations_without_a_scene_are_refused(config, match):
@@ -208,16 +264,27 @@ def test_configurations_without_a_scene_are_refused(config, match):
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("taxels, hidden, classes, updates, accuracy", [(4, 4, 2, 250, 0.8), (64, 32, 32, 40, 0.2)])
-def test_smallest_and_largest_from_scene_to_hardware(tmp_path, monkeypatch, taxels, hidden, classes, updates, accuracy):
-    """50 steps: train, quantise, evaluate, simulate, on the scene that follows from the configuration alone."""
+@pytest.mark.parametrize(
+    "taxels, hidden, classes, updates, accuracy", [(4, 4, 2, 250, 0.8), (64, 32, 32, 40, 0.2)]
+)
+def test_smallest_and_largest_from_scene_to_hardware(
+    tmp_path, monkeypatch, taxels, hidden, classes, updates, accuracy
+):
+    """50 steps: train, quantise, evaluate, simulate, on the scene that follows from the configuration
+    alone."""
     from eskin.golden.training.evaluate import evaluate
     from eskin.golden.training.quantise import quantise
     from eskin.verbs.flow import cosimulate
 
-    monkeypatch.setitem(RECIPES, "onset", Recipe(name="brief", updates=updates, batch=32, noise=0.3, warp=1.35))
+    monkeypatch.setitem(
+        RECIPES, "onset", Recipe(name="brief", updates=updates, batch=32, noise=0.3, warp=1.35)
+    )
     config = sized(taxels, classes, hidden, steps=50)
-    assert config.windows.hop == 122 and config.windows.steps == 50 and config.last_frame == config.windows.touch_frames
+    assert (
+        config.windows.hop == 122
+        and config.windows.steps == 50
+        and config.last_frame == config.windows.touch_frames
+    )
     scene = load_recordings("synthetic", config=config)
     train_model(scene, config, TrainingRequest(folds=0), out=tmp_path / "model")
     model = quantise(tmp_path / "model")
@@ -225,4 +292,5 @@ def test_smallest_and_largest_from_scene_to_hardware(tmp_path, monkeypatch, taxe
     assert figures["not_touched"] == figures["partial"] == 0 and figures["integer_accuracy"] > accuracy
     few = scene.subset(scene.evenly(2))
     result = cosimulate(model, few, lanes=4, work=tmp_path / "work")
-    assert result["bit_exact"] and result["steps"] == 100 and result["decisions"] == 102  # each step and each touch
+    # each step and each touch
+    assert result["bit_exact"] and result["steps"] == 100 and result["decisions"] == 102

@@ -1,4 +1,5 @@
-"""Recordings from text tables: the forms that people have are understood, and what is not certain is refused with file and line."""
+"""Recordings from text tables: the forms that people have are understood, and what is not certain is refused
+with file and line."""
 
 from __future__ import annotations
 
@@ -27,7 +28,10 @@ def codes(number: int) -> np.ndarray:
 
 def written(samples, *, time="time", delimiter=",", comma=False, header=True, start=0.0) -> str:
     """A recording as a file of text."""
-    rows = [[f"{start + frame / RATE:.4f}", *map(str, row)] if time else [*map(str, row)] for frame, row in enumerate(samples.tolist())]
+    rows = [
+        [f"{start + frame / RATE:.4f}", *map(str, row)] if time else [*map(str, row)]
+        for frame, row in enumerate(samples.tolist())
+    ]
     names = [*([time] if time else []), "a", "b", "c", "d"]
     lines = ([delimiter.join(names)] if header else []) + [delimiter.join(row) for row in rows]
     text = "\n".join(lines) + "\n"
@@ -75,7 +79,17 @@ def test_what_a_file_may_hold_beside_numbers(tmp_path):
     for file in folder.rglob("*.csv"):
         lines = file.read_text().splitlines()
         units = ["(s),(N),(N),(N),(N)"]
-        text = "\r\n".join(["# a comment", "", lines[0].replace("a", '"a"'), *units, *(line + "," for line in lines[1:]), "", ""])
+        text = "\r\n".join(
+            [
+                "# a comment",
+                "",
+                lines[0].replace("a", '"a"'),
+                *units,
+                *(line + "," for line in lines[1:]),
+                "",
+                "",
+            ]
+        )
         file.write_bytes(b"\xef\xbb\xbf" + text.encode())
     (folder / "mat2" / "notes.pdf").write_text("not a recording")
     recordings = load_recordings(folder)
@@ -88,10 +102,17 @@ def test_time_in_milliseconds_and_an_index_column(tmp_path):
     for number in range(4):
         file = folder / "ab"[number % 2] / f"{number}.csv"
         file.parent.mkdir(parents=True, exist_ok=True)
-        rows = [f"{frame},{5 * frame},{','.join(map(str, row))}" for frame, row in enumerate(codes(number).tolist())]
+        rows = [
+            f"{frame},{5 * frame},{','.join(map(str, row))}"
+            for frame, row in enumerate(codes(number).tolist())
+        ]
         file.write_text("\n".join([",time_ms,a,b,c,d", *rows]))
     recordings = load_recordings(folder)
-    assert recordings.sample_rate_hz == RATE and recordings.taxels == 4 and np.array_equal(recordings.recording(0), codes(0))
+    assert (
+        recordings.sample_rate_hz == RATE
+        and recordings.taxels == 4
+        and np.array_equal(recordings.recording(0), codes(0))
+    )
     text = next(folder.rglob("0.csv")).read_text()
     for file in folder.rglob("*.csv"):
         file.write_text(file.read_text().replace("time_ms", "time"))
@@ -104,7 +125,9 @@ def test_columns_are_chosen_by_name_and_number(tmp_path):
     folder = make_folder(tmp_path / "d")
     some = load_recordings(folder, reading=Reading(columns=("b", "d")))
     assert np.array_equal(some.recording(0), codes(0)[:, [1, 3]]) and some.sample_rate_hz == RATE
-    assert np.array_equal(load_recordings(folder, reading=Reading(columns=("3-4",))).recording(0), codes(0)[:, 1:3])
+    assert np.array_equal(
+        load_recordings(folder, reading=Reading(columns=("3-4",))).recording(0), codes(0)[:, 1:3]
+    )
     with pytest.raises(InputError, match="no such column; it has time, a, b, c, d"):
         load_recordings(folder, reading=Reading(columns=("e",)))
 
@@ -114,7 +137,10 @@ def test_a_rate_that_the_time_columns_contradict_is_taken_and_said(tmp_path):
     assert "the sample rate is as asked for" in said
     made = load_recordings(tmp_path / "d", reading=Reading(rate_hz=10 * RATE))
     assert made.sample_rate_hz == 10 * RATE
-    assert f"the sample rate is as asked for, {10 * RATE:g} Hz; but the time columns say {RATE:.5g} Hz" in made.notes
+    assert (
+        f"the sample rate is as asked for, {10 * RATE:g} Hz; but the time columns say {RATE:.5g} Hz"
+        in made.notes
+    )
 
 
 @each_row(("times", "same"), [(1.015, True), (1.03, False)])
@@ -123,7 +149,9 @@ def test_rates_within_two_in_a_hundred_are_one(tmp_path, times, same):
     for number, rate in enumerate((RATE, RATE * times)):
         file = tmp_path / f"class{number}" / "0.csv"
         file.parent.mkdir()
-        file.write_text("time,a,b\n" + "".join(f"{frame / rate:.6f},{frame % 7},{frame % 5}\n" for frame in range(20)))
+        file.write_text(
+            "time,a,b\n" + "".join(f"{frame / rate:.6f},{frame % 7},{frame % 5}\n" for frame in range(20))
+        )
     if same:
         assert RATE <= load_recordings(tmp_path).sample_rate_hz <= RATE * times
     else:
@@ -147,7 +175,9 @@ def long_table(**changes) -> list[str]:
     lines = ["recording,person,class,time,a,b,c,d"]
     for number in range(6):
         for frame, row in enumerate(codes(number).tolist()):
-            lines.append(f"r{number},{number // 2},{('silk', 'felt')[number % 2]},{frame / RATE},{','.join(map(str, row))}")
+            lines.append(
+                f"r{number},{number // 2},{('silk', 'felt')[number % 2]},{frame / RATE},{','.join(map(str, row))}"
+            )
     return lines
 
 
@@ -156,14 +186,24 @@ def test_one_long_table(tmp_path):
     path.write_text("\n".join(long_table()))
     recordings = load_recordings(path)
     assert recordings.class_names == ("felt", "silk") and recordings.labels.tolist() == [1, 0, 1, 0, 1, 0]
-    assert recordings.groups["person"].tolist() == [0, 0, 1, 1, 2, 2] and recordings.groups["recording"][5] == "r5"
+    assert (
+        recordings.groups["person"].tolist() == [0, 0, 1, 1, 2, 2]
+        and recordings.groups["recording"][5] == "r5"
+    )
     assert recordings.sample_rate_hz == RATE
     assert all(np.array_equal(recordings.recording(number), codes(number)) for number in range(6))
     path.write_text("\n".join(long_table()).replace("recording,person,class", "nr,who,what"))
     with pytest.raises(InputError, match="--class"):
         load_recordings(path)
     named = load_recordings(path, reading=Reading(label="what", recording="nr", groups=("who",)))
-    assert named.labels.tolist() == recordings.labels.tolist() and named.groups["who"].tolist() == [0, 0, 1, 1, 2, 2]
+    assert named.labels.tolist() == recordings.labels.tolist() and named.groups["who"].tolist() == [
+        0,
+        0,
+        1,
+        1,
+        2,
+        2,
+    ]
 
 
 def test_classes_that_are_numbers_keep_their_order(tmp_path):
@@ -192,9 +232,15 @@ BROKEN = {
     "empty cell": (line_of(6, "0.02,1,,3,4"), "line 6: column 'b' holds an empty cell"),
     "not a number": (line_of(6, "0.02,1,nan,3,4"), "line 6: column 'b' holds nan, not a finite number"),
     "infinite": (line_of(7, "0.025,1,2,-inf,4"), "line 7: column 'c' holds -inf"),
-    "wrong delimiter": (lambda lines: "\n".join(line.replace(",", "|") for line in lines).encode(), "one column when it is split at"),
+    "wrong delimiter": (
+        lambda lines: "\n".join(line.replace(",", "|") for line in lines).encode(),
+        "one column when it is split at",
+    ),
     "time goes back": (line_of(8, "0.001,1,2,3,4"), "line 8: column 'time' does not go up"),
-    "a gap": (lambda lines: "\n".join([*lines[:6], *lines[9:]]).encode(), "line 7: column 'time' jumps by 0.02 where others go by 0.005"),
+    "a gap": (
+        lambda lines: "\n".join([*lines[:6], *lines[9:]]).encode(),
+        "line 7: column 'time' jumps by 0.02 where others go by 0.005",
+    ),
     "another rate": (
         lambda lines: written(codes(3)).replace("time", "time_ms").encode(),
         "p0_t1.csv' has 200 frames a second and 'mat10/p1_t1.csv' 200000",
@@ -203,13 +249,18 @@ BROKEN = {
         lambda lines: "\n".join(line.rpartition(",")[0] for line in lines).encode(),
         "has 3 taxels where 'mat2/p0_t1.csv' has 4",
     ),
-    "another header": (lambda lines: "\n".join(lines).replace("d", "x", 1).encode(), "not called as those of 'mat2/p0_t1.csv'"),
+    "another header": (
+        lambda lines: "\n".join(lines).replace("d", "x", 1).encode(),
+        "not called as those of 'mat2/p0_t1.csv'",
+    ),
     "empty": (b"", "holds no row"),
     "header alone": (b"time,a,b,c,d\n", "line 1: holds a header and no row"),
     "no text": ("time,ä\n".encode("utf-16"), "no UTF-8 text"),
     "zero bytes": (b"time,a\n0,\x001\n", "holds a zero byte"),
     "a text column": (
-        lambda lines: "\n".join([lines[0], *(",".join([*line.split(",")[:4], "soft"]) for line in lines[1:])]).encode(),
+        lambda lines: "\n".join(
+            [lines[0], *(",".join([*line.split(",")[:4], "soft"]) for line in lines[1:])]
+        ).encode(),
         "line 2: column 'd' holds 'soft', which is no number",
     ),
 }
@@ -233,7 +284,8 @@ BROKEN_TABLES = {
                        for i, line in enumerate(lines)],
         "'recording r5' has 50 frames a second and",
     ),
-    "text": (lambda lines: [*lines[:9], lines[9].rpartition(",")[0] + ",x", *lines[10:]], "line 10: column 'd' holds 'x'"),
+    "text": (lambda lines: [*lines[:9], lines[9].rpartition(",")[0] + ",x", *lines[10:]], "line 10: column "
+                                                                                          "'d' holds 'x'"),
 }  # fmt: skip
 
 
@@ -255,7 +307,9 @@ def test_real_samples_get_a_scale_that_is_kept(tmp_path):
         file = folder / "ab"[number % 2] / f"{number}.csv"
         file.parent.mkdir(parents=True, exist_ok=True)
         volts[file.stem] = (codes(number) - 400) / 977
-        file.write_text("\n".join(["a,b,c,d", *(",".join(f"{v:.9f}" for v in row) for row in volts[file.stem])]))
+        file.write_text(
+            "\n".join(["a,b,c,d", *(",".join(f"{v:.9f}" for v in row) for row in volts[file.stem])])
+        )
     recordings = load_recordings(folder, reading=Reading(rate_hz=RATE))
     step = recordings.volt_per_code
     assert recordings.sample_signed and recordings.sample_bits == 16 and step == 5e-5
@@ -269,7 +323,13 @@ def test_real_samples_get_a_scale_that_is_kept(tmp_path):
         and again.sample_format == recordings.sample_format
     )
     config = AcceleratorConfig.of(
-        taxels=4, sample_rate_hz=RATE, volt_per_code=1e-3, sample_signed=True, class_names=("a", "b"), band_low=-2000, band_high=2000
+        taxels=4,
+        sample_rate_hz=RATE,
+        volt_per_code=1e-3,
+        sample_signed=True,
+        class_names=("a", "b"),
+        band_low=-2000,
+        band_high=2000,
     )
     scaled = load_recordings(folder, config=config)
     assert scaled.volt_per_code == 1e-3 and np.array_equal(scaled.recording(0), np.rint(volts["0"] / 1e-3))
@@ -311,16 +371,25 @@ def test_a_round_step_is_enough_and_not_twice_too_large(largest, top):
     st.data(),
 )
 @settings(max_examples=60, deadline=None)
-def test_any_recording_written_as_text_is_read_back(tmp_path_factory, rows, columns, delimiter, header, real, seed, data):
+def test_any_recording_written_as_text_is_read_back(
+    tmp_path_factory, rows, columns, delimiter, header, real, seed, data
+):
     rng = np.random.default_rng(seed)
     samples = rng.normal(0, 100, (rows, columns)) if real else rng.integers(-500, 500, (rows, columns))
     folder = tmp_path_factory.mktemp("any")
     (folder / "c").mkdir()
     lines = [delimiter.join(f"t{n}" for n in range(columns))] if header else []
-    (folder / "c" / "one.csv").write_text("\n".join(lines + [delimiter.join(map(repr, row)) for row in samples.tolist()]))
-    recordings = load_recordings(folder, reading=Reading(rate_hz=10.0, columns=tuple(str(n + 1) for n in range(columns))))
+    (folder / "c" / "one.csv").write_text(
+        "\n".join(lines + [delimiter.join(map(repr, row)) for row in samples.tolist()])
+    )
+    recordings = load_recordings(
+        folder, reading=Reading(rate_hz=10.0, columns=tuple(str(n + 1) for n in range(columns)))
+    )
     step = recordings.volt_per_code or 1.0
-    assert recordings.samples.shape == samples.shape and np.abs(recordings.samples * step - samples).max() <= 0.5000001 * step * real
+    assert (
+        recordings.samples.shape == samples.shape
+        and np.abs(recordings.samples * step - samples).max() <= 0.5000001 * step * real
+    )
 
 
 def test_real_samples_in_an_archive(tmp_path):
@@ -328,7 +397,10 @@ def test_real_samples_in_an_archive(tmp_path):
     samples = np.random.default_rng(1).normal(0, 1, (9, 4)).astype(np.float32)
     np.savez(tmp_path / "f.npz", samples=samples, **arrays)
     recordings = load_recordings(tmp_path / "f.npz")
-    assert np.abs(recordings.samples * recordings.volt_per_code - samples).max() <= 0.51 * recordings.volt_per_code
+    assert (
+        np.abs(recordings.samples * recordings.volt_per_code - samples).max()
+        <= 0.51 * recordings.volt_per_code
+    )
     np.savez(tmp_path / "f.npz", samples=samples, lsb_volt=0.01, **arrays)
     assert load_recordings(tmp_path / "f.npz").volt_per_code == 0.01
     samples[6, 2] = np.inf

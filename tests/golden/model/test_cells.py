@@ -1,4 +1,5 @@
-"""golden/model/cells.py: the float cells against torch and numpy, the fixed cells against integers written from docs/specification.md."""
+"""golden/model/cells.py: the float cells against torch and numpy, the fixed cells against integers written
+from docs/specification.md."""
 
 import math
 
@@ -21,12 +22,17 @@ CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
 # ---------------------------------------------------------------------- an independent expression in plain integers
 class Plain:
-    """docs/specification.md sections 1 and 4 to 7 for one touch, one value at a time, in Python integers and floats from math only."""
+    """docs/specification.md sections 1 and 4 to 7 for one touch, one value at a time, in Python integers and
+    floats from math only."""
 
     def __init__(self, config: AcceleratorConfig, arrays) -> None:
         self.k, self.w = config, {name: np.asarray(array).tolist() for name, array in arrays.items()}
         self.product_frac = config.formats.recurrent_format.frac_bits + config.formats.state_format.frac_bits
-        self.align = self.product_frac - config.formats.weight_format.frac_bits - config.formats.feature_format.frac_bits
+        self.align = (
+            self.product_frac
+            - config.formats.weight_format.frac_bits
+            - config.formats.feature_format.frac_bits
+        )
         self.log_t = int(math.log2(config.formats.table_entries))
 
     @staticmethod
@@ -39,9 +45,14 @@ class Plain:
 
     def sigmoid(self, acc):
         t, one = self.k.formats.table_entries, 2**self.k.formats.gate_frac
-        index = self.fit((acc + 2 ** (self.product_frac - self.log_t + 3)) // 2 ** (self.product_frac - self.log_t + 4), self.log_t)
+        index = self.fit(
+            (acc + 2 ** (self.product_frac - self.log_t + 3)) // 2 ** (self.product_frac - self.log_t + 4),
+            self.log_t,
+        )
         x = abs(index) * 16 / t
-        real = 1 / (1 + math.exp(-x)) if self.k.network.gate_activation == "sigmoid" else min(1.0, 0.2 * x + 0.5)
+        real = (
+            1 / (1 + math.exp(-x)) if self.k.network.gate_activation == "sigmoid" else min(1.0, 0.2 * x + 0.5)
+        )
         upper = round(real * one)  # Python rounds half to even
         return upper if index >= 0 else one - upper
 
@@ -49,7 +60,10 @@ class Plain:
         shift = frac - self.log_t + 3
         index = self.fit((value + 2 ** (shift - 1)) // 2**shift, self.log_t)
         state = self.k.formats.state_format
-        code = min(round(math.tanh(abs(index) * 8 / self.k.formats.table_entries) * 2**state.frac_bits), 2 ** (state.width - 1) - 1)
+        code = min(
+            round(math.tanh(abs(index) * 8 / self.k.formats.table_entries) * 2**state.frac_bits),
+            2 ** (state.width - 1) - 1,
+        )
         return code if index >= 0 else -code
 
     def row(self, name, unit, x, h):
@@ -61,7 +75,12 @@ class Plain:
         return acc
 
     def step(self, x, h, c):
-        k, s, g, one = self.k, self.k.formats.state_format, self.k.formats.gate_frac, 2**self.k.formats.gate_frac
+        k, s, g, one = (
+            self.k,
+            self.k.formats.state_format,
+            self.k.formats.gate_frac,
+            2**self.k.formats.gate_frac,
+        )
         units = range(k.network.hidden)
         if k.network.cell == "lstm":
             i, f, o = ([self.sigmoid(self.row(name, u, x, h)) for u in units] for name in "ifo")
@@ -115,7 +134,8 @@ def configurations(draw):
     recurrent_frac, weight_frac = draw(st.integers(1, 7)), draw(st.integers(1, 7))
     products = recurrent_frac + state.frac_bits
     feature_int = draw(st.integers(2, 5))
-    weight_frac = min(max(weight_frac, feature_int + products - 16), products - 2)  # the aligned feature fits 16 bits
+    # the aligned feature fits 16 bits
+    weight_frac = min(max(weight_frac, feature_int + products - 16), products - 2)
     feature_frac = draw(st.integers(2, min(9, products - weight_frac)))
     dense_frac = draw(st.integers(1, 6))
     hop = draw(st.sampled_from([7, 100]))
@@ -137,11 +157,15 @@ def configurations(draw):
             recurrent_format=QFormat(draw(st.integers(1, 4)), recurrent_frac),
             dense_format=QFormat(draw(st.integers(1, 3)), dense_frac),
             bias_format=QFormat(draw(st.integers(1, 5)), draw(st.integers(1, products))),
-            dense_bias_format=QFormat(draw(st.integers(1, 5)), draw(st.integers(1, min(11, dense_frac + state.frac_bits)))),
+            dense_bias_format=QFormat(
+                draw(st.integers(1, 5)), draw(st.integers(1, min(11, dense_frac + state.frac_bits)))
+            ),
             feature_format=QFormat(feature_int, feature_frac),
             state_format=state,
             gate_frac=draw(st.integers(4, 14)),
-            logit_format=QFormat(draw(st.integers(3, 7)), draw(st.integers(3, min(9, dense_frac + state.frac_bits - 1)))),
+            logit_format=QFormat(
+                draw(st.integers(3, 7)), draw(st.integers(3, min(9, dense_frac + state.frac_bits - 1)))
+            ),
             table_entries=entries,
         )
     except InputError as refusal:  # bias wider than 16 bits, accumulator above 32 bits, ...
@@ -203,7 +227,9 @@ def test_float_gru_reset_after_equals_torch():
     theirs.weight_hh_l0.data = torch.cat([p[f"U_{gate}"] for gate in order])
     theirs.bias_ih_l0.data = torch.cat([p[f"b_{gate}"] for gate in order])
     theirs.bias_hh_l0.data = torch.cat([p[f"bh_{gate}"] for gate in order])
-    x = torch.randn(5, 20, config.sensor.taxels, dtype=torch.float64, generator=torch.Generator().manual_seed(4))
+    x = torch.randn(
+        5, 20, config.sensor.taxels, dtype=torch.float64, generator=torch.Generator().manual_seed(4)
+    )
     hidden, logits = run_cell(Float(config), config, p, x)
     torch.testing.assert_close(hidden, theirs(x)[0], rtol=0, atol=1e-12)
     torch.testing.assert_close(logits, hidden @ p["V"].T + p["b_y"], rtol=0, atol=1e-12)
@@ -217,7 +243,9 @@ def test_float_lstm_equals_torch():
     theirs.weight_hh_l0.data = torch.cat([p[f"U_{gate}"] for gate in "ifgo"])
     theirs.bias_ih_l0.data = torch.cat([p[f"b_{gate}"] for gate in "ifgo"])
     theirs.bias_hh_l0.data.zero_()
-    x = torch.randn(5, 20, config.sensor.taxels, dtype=torch.float64, generator=torch.Generator().manual_seed(6))
+    x = torch.randn(
+        5, 20, config.sensor.taxels, dtype=torch.float64, generator=torch.Generator().manual_seed(6)
+    )
     torch.testing.assert_close(run_cell(Float(config), config, p, x)[0], theirs(x)[0], rtol=0, atol=1e-12)
 
 
@@ -229,7 +257,9 @@ def test_float_gru_reset_before_equals_numpy(activation):
     x = rng.normal(0, 3, (20, config.sensor.taxels))  # wide enough for the hard sigmoid to clip
 
     def sigmoid(v):
-        return 1 / (1 + np.exp(-v)) if activation == "sigmoid" else np.minimum(1, np.maximum(0, 0.2 * v + 0.5))
+        return (
+            1 / (1 + np.exp(-v)) if activation == "sigmoid" else np.minimum(1, np.maximum(0, 0.2 * v + 0.5))
+        )
 
     h, expected = np.zeros(config.network.hidden), []
     for row in x:
@@ -247,7 +277,9 @@ def test_float_gru_reset_before_equals_numpy(activation):
 def test_leading_dimensions_are_independent_networks(cell, reset):
     config = with_network(PRESETS["pvdf"], cell=cell, reset=reset)
     many = random_network(config, 9, batch=(2, 3))
-    x = torch.randn(2, 1, 4, 6, config.sensor.taxels, dtype=torch.float64, generator=torch.Generator().manual_seed(1))
+    x = torch.randn(
+        2, 1, 4, 6, config.sensor.taxels, dtype=torch.float64, generator=torch.Generator().manual_seed(1)
+    )
     together = many(x)
     assert together.shape == (2, 3, 4, 6, config.classes)
     for fold in range(2):
@@ -259,13 +291,17 @@ def test_leading_dimensions_are_independent_networks(cell, reset):
 
 @each_row(("cell", "reset"), CELLS)
 def test_fixed_gradients_follow_the_float_ones(cell, reset):
-    """Straight through: codes at full resolution give nearly the gradient of the real network they stand for."""
+    """Straight through: codes at full resolution give nearly the gradient of the real network they stand
+    for."""
     config = with_network(PRESETS["pvdf"], cell=cell, reset=reset).replace(table_entries=1024)
     model = random_integer_model(config, 11)
     x = np.random.default_rng(12).normal(0, 1, (16, 6, config.sensor.taxels))
 
     def gradient(arithmetic, arrays, features, logit_unit):
-        leaves = {name: torch.tensor(array, dtype=torch.float64, requires_grad=True) for name, array in arrays.items()}
+        leaves = {
+            name: torch.tensor(array, dtype=torch.float64, requires_grad=True)
+            for name, array in arrays.items()
+        }
         _, logits = run_cell(arithmetic, config, leaves, torch.tensor(features, dtype=torch.float64))
         (logits / logit_unit).log_softmax(-1)[..., 0].sum().backward()
         return {name: leaf.grad.numpy() for name, leaf in leaves.items()}
@@ -273,7 +309,12 @@ def test_fixed_gradients_follow_the_float_ones(cell, reset):
     formats = network_formats(config)
     codes = {name: model.arrays[name] // 4 for name in formats}
     real = {name: formats[name].to_real(array) for name, array in codes.items()}
-    fixed = gradient(Fixed(config), codes, config.formats.feature_format.quantise(x), 2.0**config.formats.logit_format.frac_bits)
+    fixed = gradient(
+        Fixed(config),
+        codes,
+        config.formats.feature_format.quantise(x),
+        2.0**config.formats.logit_format.frac_bits,
+    )
     ideal = gradient(Float(config), real, x, 1.0)
     for name, fmt in formats.items():
         ours, theirs = fixed[name] * 2.0**fmt.frac_bits, ideal[name]
@@ -295,7 +336,10 @@ def test_activation_tables(activation, entries, gate_frac):
     x = (np.arange(entries) - half) * 16 / entries
     real = 1 / (1 + np.exp(-x)) if activation == "sigmoid" else np.clip(0.2 * x + 0.5, 0, 1)
     assert np.abs(sigmoid / config.gate_one - real).max() <= 0.5000001 / config.gate_one
-    assert np.abs(config.formats.state_format.to_real(tanh) - np.tanh(x / 2)).max() <= 0.5000001 / 2**config.formats.state_format.frac_bits
+    assert (
+        np.abs(config.formats.state_format.to_real(tanh) - np.tanh(x / 2)).max()
+        <= 0.5000001 / 2**config.formats.state_format.frac_bits
+    )
     assert sigmoid.min() >= 0 and sigmoid.max() <= config.gate_one
 
 
@@ -305,7 +349,11 @@ def test_hard_sigmoid_reaches_both_ends():
     assert table[0] == 0 and table[-1] == config.gate_one  # clipped beyond +-2.5
 
 
-@given(st.integers(-8192, 8191), st.integers(-8192, 8191), st.sampled_from([0, 1, 1 << 12, (1 << 13) - 1, 1 << 13]))
+@given(
+    st.integers(-8192, 8191),
+    st.integers(-8192, 8191),
+    st.sampled_from([0, 1, 1 << 12, (1 << 13) - 1, 1 << 13]),
+)
 @settings(deadline=None, derandomize=True)
 def test_a_blend_lies_between_its_values_and_is_exact_at_both_ends(h, n, z):
     """z + (1 - z) = 1 for every gate code: h' is h at 1 and n at 0, and h where h = n."""

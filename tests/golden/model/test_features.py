@@ -1,4 +1,5 @@
-"""Kinds of feature beyond the mean: golden values against plain loops over frames, configuration refusals, training and quantising."""
+"""Kinds of feature beyond the mean: golden values against plain loops over frames, configuration refusals,
+training and quantising."""
 
 from __future__ import annotations
 
@@ -55,11 +56,20 @@ BASE = dict(
     integral_knee=3,
     integral_frac=5,
 )
-FREE = AcceleratorConfig.of(**BASE, window_mode="free", pretrigger_frames=0, hop=12, window=24, steps=4, rearm_frames=9)
+FREE = AcceleratorConfig.of(
+    **BASE, window_mode="free", pretrigger_frames=0, hop=12, window=24, steps=4, rearm_frames=9
+)
 CONFIGS = {
     "free": FREE,
     "touch": AcceleratorConfig.of(
-        **BASE, window_mode="touch", pretrigger_frames=4, touch_frames=54, hop=12, window=24, steps=5, rearm_frames=13
+        **BASE,
+        window_mode="touch",
+        pretrigger_frames=4,
+        touch_frames=54,
+        hop=12,
+        window=24,
+        steps=5,
+        rearm_frames=13,
     ),
     "at once": FREE.replace(onset="immediate", rest="none", rest_frames=0, sample_signed=True),
 }
@@ -73,7 +83,9 @@ def streams(config: AcceleratorConfig, count: int, seed: int) -> Recordings:
         frames = int(rng.integers(40, 260))
         stream = 250 + rng.integers(-6, 7, (frames, config.sensor.taxels))
         for begin in rng.integers(0, frames, 4):
-            stream[begin : begin + rng.integers(5, 50), rng.integers(config.sensor.taxels)] += rng.integers(-250, 250)
+            stream[begin : begin + rng.integers(5, 50), rng.integers(config.sensor.taxels)] += rng.integers(
+                -250, 250
+            )
         made.append(np.clip(stream, 0, 511) + low)
     lengths = np.array([len(stream) for stream in made])
     return Recordings(
@@ -88,8 +100,11 @@ def streams(config: AcceleratorConfig, count: int, seed: int) -> Recordings:
     )
 
 
-def one_window(config: AcceleratorConfig, deviations: np.ndarray, start: int, first: int, last: int, taxel: int) -> dict[str, int]:
-    """Mean, activity and integral of the window of frames ``first``..``last`` from ``start`` (1-based), by loops."""
+def one_window(
+    config: AcceleratorConfig, deviations: np.ndarray, start: int, first: int, last: int, taxel: int
+) -> dict[str, int]:
+    """Mean, activity and integral of the window of frames ``first``..``last`` from ``start`` (1-based), by
+    loops."""
     column = [int(value) for value in deviations[:, taxel]]
     frames = column[start - 1 + first - 1 : start - 1 + last]
     size, total = config.features.activity_block, 0
@@ -103,7 +118,8 @@ def one_window(config: AcceleratorConfig, deviations: np.ndarray, start: int, fi
     knee = 1 << config.features.integral_knee
     biased = abs(grown) + knee
     power = math.floor(math.log2(biased)) if biased < 1 << 40 else None
-    exact = Fraction(power - config.features.integral_knee) + Fraction(biased, 1 << power) - 1  # straight between powers of two
+    # straight between powers of two
+    exact = Fraction(power - config.features.integral_knee) + Fraction(biased, 1 << power) - 1
     logarithm = math.floor(exact * (1 << config.features.integral_frac))
     return {"mean": sum(frames), "activity": total, "integral": logarithm if grown >= 0 else -logarithm}
 
@@ -115,10 +131,14 @@ def test_windows_give_what_loops_over_their_frames_give(name, rule, block):
     config = CONFIGS[name].replace(activity_rule=rule, activity_block=block, feature_kinds=FEATURE_KINDS)
     recordings = streams(config, 6, seed=block)
     touches = find_touches(config, recordings)
-    alone = {subset: find_touches(config.replace(feature_kinds=subset), recordings).sums for subset in SUBSETS}
+    alone = {
+        subset: find_touches(config.replace(feature_kinds=subset), recordings).sums for subset in SUBSETS
+    }
     assert len(touches) > 3 and touches.sums.shape[1:] == (config.windows.steps, 12)
     seen = 0
-    for number, (index, start, completed) in enumerate(zip(touches.recording, touches.start_frame, touches.completed, strict=True)):
+    for number, (index, start, completed) in enumerate(
+        zip(touches.recording, touches.start_frame, touches.completed, strict=True)
+    ):
         stream = recordings.recording(int(index))
         deviations = _scan(config, stream[:, None].astype(np.int32), np.array([len(stream)]))[0][:, 0]
         for k, (first, last) in enumerate(config.window_spans):
@@ -151,7 +171,8 @@ def test_change_of_single_frames_is_the_mean_absolute_difference():
 @each_row("subset", SUBSETS)
 @each_row("scale", ["array", "taxel"])
 def test_normalised_codes_are_the_real_features(subset, scale):
-    """(d / unit - mu) / sigma but for what is rounded, where nothing saturates, in every kind and, with a scale a taxel, every taxel."""
+    """(d / unit - mu) / sigma but for what is rounded, where nothing saturates, in every kind and, with a
+    scale a taxel, every taxel."""
     for config in CONFIGS.values():
         config = config.replace(feature_kinds=subset, feature_scale=scale, masked_taxels=(2,))
         touches = find_touches(config, streams(config, 8, seed=3))
@@ -163,16 +184,27 @@ def test_normalised_codes_are_the_real_features(subset, scale):
         assert len(filled.features.feature_shift) == len(config.window_lengths) * len(subset)
         assert mean.shape == scales.shape == (len(config.window_lengths), *shape)
         codes = normalise(filled, touches.sums, touches.completed, mean, scales)
-        mu, sigma = (np.broadcast_to(values, (config.constants,))[list(config.input_constants)] for values in (mu, sigma))
+        mu, sigma = (
+            np.broadcast_to(values, (config.constants,))[list(config.input_constants)]
+            for values in (mu, sigma)
+        )
         wanted = (real - mu) / sigma * 2.0**config.formats.feature_format.frac_bits
         wanted[..., list(config.input_mask)] = 0.0
         done = np.arange(config.windows.steps) < touches.completed[:, None]
         inside = done[..., None] & (np.abs(wanted) < config.formats.feature_format.max_code - 2)
-        # half a code of the narrowing, half of the bits that the shift drops, half an LSB of mean and of scale
-        scale_of, shift_of = by_input(filled, scales)[list(config.length_index)], shifts_by_input(filled)[list(config.length_index)]
+        # half a code of the narrowing, half of the bits that the shift drops, half an LSB of mean and of
+        # scale
+        scale_of, shift_of = (
+            by_input(filled, scales)[list(config.length_index)],
+            shifts_by_input(filled)[list(config.length_index)],
+        )
         ratio = scale_of * 2.0 ** -(shift_of + filled.formats.gate_frac)
         allowed = 0.5 + ratio * (2.0**shift_of + 1) / 2 + np.abs(wanted) / (2 * scale_of)
-        assert inside.sum() > 60 and (np.abs(codes - wanted) <= allowed)[inside].all() and allowed[inside].max() < 4
+        assert (
+            inside.sum() > 60
+            and (np.abs(codes - wanted) <= allowed)[inside].all()
+            and allowed[inside].max() < 4
+        )
         live = ~np.array(config.input_mask)
         assert not codes[..., ~live].any() and (codes[done][:, live] != 0).any(axis=0).all()
 
@@ -184,8 +216,13 @@ def test_the_archive_has_a_constant_a_kind_or_an_input(tmp_path):
         assert model.arrays["W_z"].shape == (4, 12) and model.arrays["mean"].shape == (1, many)
         model.save(tmp_path / scale)
         again = IntegerModel.load(tmp_path / scale)
-        assert again.config == model.config and all(np.array_equal(again.arrays[k], v) for k, v in model.arrays.items())
-        assert config.parameter_count - FREE.parameter_count == 3 * 4 * 8 and config.multiplies - FREE.multiplies == 3 * 4 * 8
+        assert again.config == model.config and all(
+            np.array_equal(again.arrays[k], v) for k, v in model.arrays.items()
+        )
+        assert (
+            config.parameter_count - FREE.parameter_count == 3 * 4 * 8
+            and config.multiplies - FREE.multiplies == 3 * 4 * 8
+        )
 
 
 @each_row(
@@ -195,15 +232,33 @@ def test_the_archive_has_a_constant_a_kind_or_an_input(tmp_path):
         ({"feature_kinds": ("median",)}, "feature_kinds: .* give one of mean, activity, integral"),
         ({"feature_kinds": ("mean", "mean")}, "feature_kinds: .* each kind once"),
         ({"feature_kinds": ("activity", "mean")}, "feature_kinds: .* in the order mean, activity, integral"),
-        ({"feature_kinds": ("mean", "activity"), "activity_block": 5}, "activity_block: is 5 with hops of 12 .* use 1, 2, 3, 4, 6, 12"),
+        (
+            {"feature_kinds": ("mean", "activity"), "activity_block": 5},
+            "activity_block: is 5 with hops of 12 .* use 1, 2, 3, 4, 6, 12",
+        ),
         ({"feature_kinds": ("mean", "activity"), "activity_block": 0}, "activity_block"),
-        ({"feature_kinds": ("mean", "activity"), "activity_rule": "median"}, "activity_rule: .* one of sum, change"),
-        ({"feature_kinds": ("integral",), "integral_knee": 30}, "integral_knee: is 30 for integrals of 16 bits; give at most 14"),
+        (
+            {"feature_kinds": ("mean", "activity"), "activity_rule": "median"},
+            "activity_rule: .* one of sum, change",
+        ),
+        (
+            {"feature_kinds": ("integral",), "integral_knee": 30},
+            "integral_knee: is 30 for integrals of 16 bits; give at most 14",
+        ),
         ({"feature_kinds": ("integral",), "compand": "log"}, "compand: is 'log' with integrals alone"),
         ({"feature_scale": "row"}, "feature_scale: .* one of array, taxel"),
-        ({"feature_kinds": FEATURE_KINDS, "feature_shift": (3,)}, "feature_shift: has 1 values for 1 distinct window lengths of 3 kinds"),
-        ({"feature_kinds": FEATURE_KINDS, "feature_shift": (3, 3, 3), "aligned_means": True}, "aligned_means: is for one mean"),
-        ({"feature_kinds": FEATURE_KINDS, "taxels": 54, "clock_hz": 50e6}, "feature_kinds: 3 kinds of 54 taxels are 162 inputs and 160"),
+        (
+            {"feature_kinds": FEATURE_KINDS, "feature_shift": (3,)},
+            "feature_shift: has 1 values for 1 distinct window lengths of 3 kinds",
+        ),
+        (
+            {"feature_kinds": FEATURE_KINDS, "feature_shift": (3, 3, 3), "aligned_means": True},
+            "aligned_means: is for one mean",
+        ),
+        (
+            {"feature_kinds": FEATURE_KINDS, "taxels": 54, "clock_hz": 50e6},
+            "feature_kinds: 3 kinds of 54 taxels are 162 inputs and 160",
+        ),
         ({"feature_kinds": FEATURE_KINDS, "clock_hz": 20e3}, "4 taxels with 3 kinds .* at least 24000"),
     ],
 )
@@ -218,14 +273,28 @@ def test_off_is_what_it_was():
         assert config.inputs == config.sensor.taxels and config.constants == config.kinds == 1, name
         assert config.feature_units == tuple(float(length) for length in config.window_lengths)
     old = PRESETS["pvdf"].to_dict()
-    for field in ("feature_kinds", "activity_rule", "activity_block", "integral_knee", "integral_frac", "feature_scale"):
+    for field in (
+        "feature_kinds",
+        "activity_rule",
+        "activity_block",
+        "integral_knee",
+        "integral_frac",
+        "feature_scale",
+    ):
         del old["features"][field]
     assert AcceleratorConfig.from_dict(old) == PRESETS["pvdf"]
-    assert AcceleratorConfig.from_dict(FREE.replace(feature_kinds=FEATURE_KINDS).to_dict()).features.feature_kinds == FEATURE_KINDS
+    assert (
+        AcceleratorConfig.from_dict(
+            FREE.replace(feature_kinds=FEATURE_KINDS).to_dict()
+        ).features.feature_kinds
+        == FEATURE_KINDS
+    )
 
 
 # ---------------------------------------------------------------------- training
-ALL = SMALL.replace(feature_kinds=FEATURE_KINDS, activity_block=math.gcd(SMALL.windows.hop, 4), integral_knee=4)
+ALL = SMALL.replace(
+    feature_kinds=FEATURE_KINDS, activity_block=math.gcd(SMALL.windows.hop, 4), integral_knee=4
+)
 QUICK = dataclasses.replace(RECIPES["robust"], updates=120, taxel_gain=1.2, taxel_offset=0.1)
 
 
@@ -241,11 +310,18 @@ def test_gain_of_an_integral_is_that_of_its_sum():
     data = datasets.find_dataset(recordings, ALL, QUICK)
     batches = batching.Batches(data, ALL, QUICK, [np.arange(6)], torch.Generator().manual_seed(0))
     sums = np.array([-90000, -700, -3, 0, 1, 40, 5000])
-    codes = companded(np.repeat(sums, ALL.inputs).reshape(-1, ALL.inputs), ALL.features.integral_knee, 12) / 2.0**12
-    twice = companded(np.repeat(2 * sums, ALL.inputs).reshape(-1, ALL.inputs), ALL.features.integral_knee, 12) / 2.0**12
+    codes = (
+        companded(np.repeat(sums, ALL.inputs).reshape(-1, ALL.inputs), ALL.features.integral_knee, 12)
+        / 2.0**12
+    )
+    twice = (
+        companded(np.repeat(2 * sums, ALL.inputs).reshape(-1, ALL.inputs), ALL.features.integral_knee, 12)
+        / 2.0**12
+    )
     amplified = batches._amplified(torch.tensor(codes, dtype=torch.float32), torch.tensor(2.0)).numpy()
     integral = np.array([kind == 2 for kind in ALL.input_kinds])
-    np.testing.assert_allclose(amplified[:, integral], twice[:, integral], atol=0.2)  # straight lines for a curve: 0.09 each
+    # straight lines for a curve: 0.09 each
+    np.testing.assert_allclose(amplified[:, integral], twice[:, integral], atol=0.2)
     np.testing.assert_allclose(amplified[:, ~integral], 2 * codes[:, ~integral])
     assert np.abs(twice - 2 * codes).max() > 5
 
@@ -260,7 +336,9 @@ def test_a_masked_taxel_is_silent_in_all_its_kinds():
 
 
 def test_model_folder_and_traces_with_all_kinds(tmp_path, monkeypatch):
-    monkeypatch.setattr(recipes, "RECIPES", {k: dataclasses.replace(v, updates=15) for k, v in RECIPES.items()})
+    monkeypatch.setattr(
+        recipes, "RECIPES", {k: dataclasses.replace(v, updates=15) for k, v in RECIPES.items()}
+    )
     recordings = scene(24, seed=7)
     for scale in ("array", "taxel"):
         train(recordings, ALL.replace(feature_scale=scale), TrainingRequest(folds=0), out=tmp_path / scale)
@@ -280,12 +358,16 @@ def test_training_in_integers_gives_the_exported_integers():
     config = ALL.replace(feature_scale="taxel")
     data = datasets.find_dataset(scene(24, seed=7), config, QUICK)
     rows = np.arange(len(data.touches.recording))
-    (model,) = fitting.fit_networks(data, config, dataclasses.replace(QUICK, updates=10), [rows], 0, lambda done, total: None)
+    (model,) = fitting.fit_networks(
+        data, config, dataclasses.replace(QUICK, updates=10), [rows], 0, lambda done, total: None
+    )
     start = fitting.post_training(model, data, rows, {})
     network = IntegerNetwork([model], [start])
     real = torch.tensor(model.features(real_features(config, data.touches.sums)))[None]
     codes = network.feature_codes(real).numpy()[0]
-    exact = normalise(start.config, data.touches.sums, data.touches.completed, start.arrays["mean"], start.arrays["scale"])
+    exact = normalise(
+        start.config, data.touches.sums, data.touches.completed, start.arrays["mean"], start.arrays["scale"]
+    )
     done = np.arange(config.windows.steps) < data.touches.completed[:, None]
     assert np.array_equal(codes[done], exact[done])
 
@@ -293,9 +375,14 @@ def test_training_in_integers_gives_the_exported_integers():
 def test_amplified_integrals_are_those_of_the_amplified_sums():
     sums = np.array([-90000, -700, -3, 0, 1, 40, 5000])
     config = ALL.replace(feature_kinds=("integral",), integral_frac=12)
-    stacked = np.repeat(companded(sums, config.features.integral_knee, 12), config.inputs).reshape(-1, config.inputs)
+    stacked = np.repeat(companded(sums, config.features.integral_knee, 12), config.inputs).reshape(
+        -1, config.inputs
+    )
     found = amplified(config, stacked, 4.0)[:, 0]
     exact = companded(4 * sums, config.features.integral_knee, 12)
     assert np.abs(found - exact).max() <= 8 and np.abs(exact - stacked[:, 0]).max() > 1000
     plain = sums_alone(ALL)
-    assert np.array_equal(amplified(plain, sums[:, None], 2.0), 2 * sums[:, None]) and plain.inputs == ALL.sensor.taxels
+    assert (
+        np.array_equal(amplified(plain, sums[:, None], 2.0), 2 * sums[:, None])
+        and plain.inputs == ALL.sensor.taxels
+    )

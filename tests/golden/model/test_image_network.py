@@ -9,7 +9,15 @@ import torch
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import Conv, Pool
-from eskin.golden.model.image_network import columns, float_images, image_recordings, images_of, pooled, random_images, run_images
+from eskin.golden.model.image_network import (
+    columns,
+    float_images,
+    image_recordings,
+    images_of,
+    pooled,
+    random_images,
+    run_images,
+)
 from eskin.golden.model.model import FloatModel, IntegerModel, network_shapes
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
@@ -24,13 +32,18 @@ LISTS = [
 
 def model_of(number: int, seed: int = 0) -> IntegerModel:
     (height, width), layers = LISTS[number]
-    return random_image_model(AcceleratorConfig.of_image(height, width, layers, ("a", "b"), name=f"list {number}"), seed)
+    return random_image_model(
+        AcceleratorConfig.of_image(height, width, layers, ("a", "b"), name=f"list {number}"), seed
+    )
 
 
 def by_hand(model: IntegerModel, image: np.ndarray) -> dict[int, list]:
-    """Every layer's values of one image, flat, in Python integers: the sums of section 15 as they stand there."""
+    """Every layer's values of one image, flat, in Python integers: the sums of section 15 as they stand
+    there."""
     values = {(r, c, 0): int(image[r, c]) for r in range(image.shape[0]) for c in range(image.shape[1])}
-    shifts = dict(zip((stage.number for stage in model.config.weighted_stages), model.config.layer_shifts, strict=True))
+    shifts = dict(
+        zip((stage.number for stage in model.config.weighted_stages), model.config.layer_shifts, strict=True)
+    )
     found = {}
     for stage in model.config.stages:
         rows, across, depth = stage.result
@@ -38,7 +51,11 @@ def by_hand(model: IntegerModel, image: np.ndarray) -> dict[int, list]:
         if isinstance(stage.layer, Pool):
             for place in np.ndindex(rows, across, depth):
                 r, c, o = place
-                made[place] = max(values[p] for p in [(2 * r + i, 2 * c + j, o) for i in (0, 1) for j in (0, 1)] if p in values)
+                made[place] = max(
+                    values[p]
+                    for p in [(2 * r + i, 2 * c + j, o) for i in (0, 1) for j in (0, 1)]
+                    if p in values
+                )
         else:
             weights, bias = (model.arrays[f"{letter}_{stage.number}"].tolist() for letter in "Wb")
             shift = shifts[stage.number]
@@ -78,25 +95,40 @@ def test_every_map_and_logit_is_what_the_specification_says(number):
 def test_random_models_use_most_of_every_map_s_range(number):
     model = model_of(number, 1)
     trace = run_images(model, random_images(model.config, 40, 1))
-    assert all(values.max() > 60 and np.mean(values > 0) > 0.1 and np.mean(values < 255) > 0.2 for values in trace.maps.values())
+    assert all(
+        values.max() > 60 and np.mean(values > 0) > 0.1 and np.mean(values < 255) > 0.2
+        for values in trace.maps.values()
+    )
     assert len(set(trace.margin.tolist())) > 5
 
 
 def test_sums_stay_within_the_accumulator_at_the_worst_weights():
     model = model_of(0)
-    arrays = {name: np.full_like(array, 127 if name.startswith("W") else 2**23 - 1) for name, array in model.arrays.items()}
+    arrays = {
+        name: np.full_like(array, 127 if name.startswith("W") else 2**23 - 1)
+        for name, array in model.arrays.items()
+    }
     if model.config.weight_bits == 4:
-        arrays = {name: np.minimum(array, 7) if name.startswith("W") else array for name, array in arrays.items()}
+        arrays = {
+            name: np.minimum(array, 7) if name.startswith("W") else array for name, array in arrays.items()
+        }
     worst = IntegerModel(model.config, arrays)
     white = np.full((1, 7, 9), 255, dtype=np.uint8)
     trace = run_images(worst, white)
-    assert trace.maps[0].max() == 255 and (trace.logits == 2**15 - 1).all() and trace.decision[0] == 0 and trace.margin[0] == 0
+    assert (
+        trace.maps[0].max() == 255
+        and (trace.logits == 2**15 - 1).all()
+        and trace.decision[0] == 0
+        and trace.margin[0] == 0
+    )
 
 
 def test_the_float_network_is_torch_s():
     model = model_of(1)
     rng = np.random.default_rng(3)
-    arrays = {name: rng.normal(0, 0.5, shape) for name, shape in network_shapes(model.config, real=True).items()}
+    arrays = {
+        name: rng.normal(0, 0.5, shape) for name, shape in network_shapes(model.config, real=True).items()
+    }
     real, images = FloatModel(model.config, arrays), random_images(model.config, 5, 3)
     values = torch.from_numpy(images.astype(np.float64))[:, None] / 256
     for stage in model.config.stages:
@@ -105,9 +137,13 @@ def test_the_float_network_is_torch_s():
             continue
         weight, bias = (torch.from_numpy(arrays[f"{letter}_{stage.number}"]) for letter in "Wb")
         if isinstance(stage.layer, Conv):
-            values = torch.nn.functional.conv2d(values, weight.permute(0, 3, 1, 2), bias, padding=stage.layer.kernel // 2)
+            values = torch.nn.functional.conv2d(
+                values, weight.permute(0, 3, 1, 2), bias, padding=stage.layer.kernel // 2
+            )
         else:
-            values = torch.nn.functional.linear(values.permute(0, 2, 3, 1).flatten(1) if values.ndim == 4 else values, weight, bias)
+            values = torch.nn.functional.linear(
+                values.permute(0, 2, 3, 1).flatten(1) if values.ndim == 4 else values, weight, bias
+            )
         values = values if stage.last else values.relu()
     assert np.allclose(float_images(real, images).logits, values.numpy(), atol=1e-12)
 
@@ -133,12 +169,16 @@ def test_streams_hold_what_the_hardware_keeps():
 
 def test_a_model_folder_keeps_both_networks(tmp_path):
     model = model_of(0, 4)
-    FloatModel(model.config, {name: array / 7 for name, array in model.arrays.items()}).save(tmp_path / "m", {})
+    FloatModel(model.config, {name: array / 7 for name, array in model.arrays.items()}).save(
+        tmp_path / "m", {}
+    )
     model.save(tmp_path / "m")
     again = IntegerModel.load(tmp_path / "m", images=True)
     with pytest.raises(InputError, match="is a network for images, which this verb does not take"):
         IntegerModel.load(tmp_path / "m")
-    assert again.config == model.config and all((again.arrays[name] == model.arrays[name]).all() for name in model.arrays)
+    assert again.config == model.config and all(
+        (again.arrays[name] == model.arrays[name]).all() for name in model.arrays
+    )
     assert (FloatModel.load(tmp_path / "m", images=True).arrays["W_0"] == model.arrays["W_0"] / 7).all()
 
 
@@ -151,7 +191,9 @@ def test_arrays_that_are_not_the_network_s_are_refused():
     ]:
         with pytest.raises(InputError, match=words):
             IntegerModel(model.config, dict(model.arrays) | changed)
-    with pytest.raises(InputError, match="field weight_formats of its configuration is empty; quantise the model"):
+    with pytest.raises(
+        InputError, match="field weight_formats of its configuration is empty; quantise the model"
+    ):
         IntegerModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays)
 
 

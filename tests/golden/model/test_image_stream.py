@@ -15,7 +15,9 @@ from tests.support.table import each_row
 
 @pytest.fixture(scope="module")
 def model():
-    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "conv 1 3", "dense 3"), ("cup", "ball", "ring"))
+    config = AcceleratorConfig.of_image(
+        5, 7, ("conv 3 4", "pool", "conv 1 3", "dense 3"), ("cup", "ball", "ring")
+    )
     made = random_image_model(config, seed=3)
     return type(made)(made.config.replace(margin_threshold=40), made.arrays)
 
@@ -35,8 +37,15 @@ def test_rows_in_pieces_give_what_whole_images_do(model, pieces):
             assert (len(found) == 2) == (at >= 5) and stream.touches == 1
             assert (stream.onset_frame, stream.start_frame) == ((0, 1) if at < 5 else (None, None))
         local, whole = found
-        assert [made.row() for made in found] == [tuple(row) for row in streams["decision"][0][2 * number : 2 * number + 2].tolist()]
-        assert (local.frame, local.is_global, whole.is_global, stream.decision) == (5, False, True, whole.label)
+        assert [made.row() for made in found] == [
+            tuple(row) for row in streams["decision"][0][2 * number : 2 * number + 2].tolist()
+        ]
+        assert (local.frame, local.is_global, whole.is_global, stream.decision) == (
+            5,
+            False,
+            True,
+            whole.label,
+        )
         maps = [streams[name][0].reshape(6, -1)[number] for name in ("map_1", "map_2")]
         np.testing.assert_array_equal(local.stages["map"], np.concatenate(maps))
         np.testing.assert_array_equal(local.stages["logit"], streams["logit"][0].reshape(6, -1)[number])
@@ -49,7 +58,12 @@ def test_an_image_cut_short_has_no_decision(model):
 
 
 @each_row(
-    ("rows", "said"), [(np.zeros((1, 6), int), r"takes \(7,\)"), (np.zeros((1, 7)), "no pixels"), (np.full((1, 7), 256), "no pixels")]
+    ("rows", "said"),
+    [
+        (np.zeros((1, 6), int), r"takes \(7,\)"),
+        (np.zeros((1, 7)), "no pixels"),
+        (np.full((1, 7), 256), "no pixels"),
+    ],
 )
 def test_what_is_no_row_is_refused(model, rows, said):
     with pytest.raises(InputError, match=said):

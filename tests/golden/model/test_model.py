@@ -40,13 +40,20 @@ def float_model(config=SMALL, seed=0):
 
 
 def snapshot(folder):
-    return {path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+    return {
+        path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()
+    }
 
 
 # ---------------------------------------------------------------------- counts
 @each_row(
     ("network", "count"),
-    [({"hidden": 12}, 1083), ({"hidden": 10}, 843), ({"hidden": 12, "reset": "after"}, 1119), ({"hidden": 10, "cell": "lstm"}, 1113)],
+    [
+        ({"hidden": 12}, 1083),
+        ({"hidden": 10}, 843),
+        ({"hidden": 12, "reset": "after"}, 1119),
+        ({"hidden": 10, "cell": "lstm"}, 1113),
+    ],
 )
 def test_parameter_counts_of_the_thesis(network, count):
     config = with_network(PRESETS["thesis"], **network)
@@ -168,11 +175,17 @@ def save_arrays(folder, change):
 @each_row(
     ("change", "words"),
     [
-        (lambda a: a.pop("U_r"), r"weights\.npz, array U_r: is missing.*use weights and config\.json of one model"),
+        (
+            lambda a: a.pop("U_r"),
+            r"weights\.npz, array U_r: is missing.*use weights and config\.json of one model",
+        ),
         (lambda a: a.update(W_q=a["W_z"]), r"weights\.npz, array W_q: is unknown"),
         (lambda a: a.update(W_z=a["W_z"].T), r"weights\.npz, array W_z: has shape \(4, 6\).*needs \(6, 4\)"),
         (lambda a: a.update(V=a["V"].astype(float)), r"weights\.npz, array V: holds float64, not integers"),
-        (lambda a: a.update(b_y=a["b_y"] * 0 + 10**6), r"weights\.npz, array b_y: holds 1000000\.\.1000000, outside"),
+        (
+            lambda a: a.update(b_y=a["b_y"] * 0 + 10**6),
+            r"weights\.npz, array b_y: holds 1000000\.\.1000000, outside",
+        ),
         (lambda a: a.update(scale=a["scale"] * 0), r"weights\.npz, array scale: holds 0\.\.0, outside 1"),
         (lambda a: a.update(W_n=a["W_n"].astype(object)), r"weights\.npz: is damaged"),
     ],
@@ -189,7 +202,9 @@ def test_weights_of_another_configuration_are_refused(tmp_path):
     random_integer_model(SMALL, 3).save(tmp_path / "a")
     random_integer_model(SMALL.replace(hidden=8), 3).save(tmp_path / "b")
     (tmp_path / "a" / "weights.npz").write_bytes((tmp_path / "b" / "weights.npz").read_bytes())
-    with pytest.raises(InputError, match=r"weights\.npz, array W_z: has shape \(8, 4\) and configuration 'small'"):
+    with pytest.raises(
+        InputError, match=r"weights\.npz, array W_z: has shape \(8, 4\) and configuration 'small'"
+    ):
         IntegerModel.load(tmp_path / "a")
 
 
@@ -222,7 +237,11 @@ def test_a_configuration_without_shifts_is_refused():
 
 @each_row(
     ("name", "value", "words"),
-    [("sigma", 0.0, "sigma: is 0"), ("V", np.nan, "V: holds values that are no finite numbers"), ("mu", None, "mu: is missing")],
+    [
+        ("sigma", 0.0, "sigma: is 0"),
+        ("V", np.nan, "V: holds values that are no finite numbers"),
+        ("mu", None, "mu: is missing"),
+    ],
 )
 def test_float_models_that_cannot_work_are_refused(name, value, words):
     arrays = dict(float_model().arrays)
@@ -257,7 +276,11 @@ def test_normaliser_constants_give_the_feature(config, feature_format):
     lengths = np.array([config.window_lengths[q] for q in config.length_index])[:, None]
     sums = np.rint((real * sigma + mu) * lengths).astype(np.int64)
     codes = normalise(filled, sums, np.full(50, config.windows.steps), mean, scale)
-    ideal = np.clip((sums / lengths - mu) / sigma * 2.0**feature_format.frac_bits, feature_format.min_code, feature_format.max_code)
+    ideal = np.clip(
+        (sums / lengths - mu) / sigma * 2.0**feature_format.frac_bits,
+        feature_format.min_code,
+        feature_format.max_code,
+    )
     # two roundings and scale's own half LSB; of 16-bit features the 16-bit centred keeps two bits fewer
     tolerance = (3.0 if fine else 1.0) + np.abs(ideal) / 2 ** (config.formats.gate_frac - 1)
     assert (np.abs(codes - ideal) <= tolerance).all()
@@ -284,7 +307,11 @@ def test_some_random_arrays_reach_both_ends_of_their_format():
     for seed in range(8):
         arrays = random_integer_model(config, seed).arrays
         for name, fmt in network_formats(config).items():
-            if arrays[name].size > 100 and arrays[name].min() < 0.95 * fmt.min_code and arrays[name].max() > 0.95 * fmt.max_code:
+            if (
+                arrays[name].size > 100
+                and arrays[name].min() < 0.95 * fmt.min_code
+                and arrays[name].max() > 0.95 * fmt.max_code
+            ):
                 reached.add(name)
     assert {"W_z", "U_n"} <= reached | {"W_z"} and len(reached) >= 4
 

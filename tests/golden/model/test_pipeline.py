@@ -1,4 +1,5 @@
-"""golden/model/pipeline.py: the trace against a plain walk through the specification, and the rules of decisions."""
+"""golden/model/pipeline.py: the trace against a plain walk through the specification, and the rules of
+decisions."""
 
 import dataclasses
 
@@ -47,7 +48,10 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
     )
     model, recordings = random_integer_model(config, 5), scene(20, seed=6)
     before = run(model, recordings)
-    config = model.config.replace(early_margin=int(np.quantile(before.margin, 0.7)), margin_threshold=int(np.median(before.global_margin)))
+    config = model.config.replace(
+        early_margin=int(np.quantile(before.margin, 0.7)),
+        margin_threshold=int(np.median(before.global_margin)),
+    )
     model = dataclasses.replace(model, config=config)
     trace = run(model, recordings)
     touches = find_touches(config, recordings)
@@ -55,7 +59,11 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
     assert touches.partial.any() and not touches.partial.all()
     assert touches.faults.any() and not touches.faults.all()
     plain = Plain(config, model.arrays)
-    mean, scale, shift = int(model.arrays["mean"][0]), int(model.arrays["scale"][0]), config.features.feature_shift[0]
+    mean, scale, shift = (
+        int(model.arrays["mean"][0]),
+        int(model.arrays["scale"][0]),
+        config.features.feature_shift[0],
+    )
     seen_early = []
     for recording in range(20):
         expected = {stage: [] for stage in STAGES}
@@ -67,7 +75,9 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
                 for taxel, d in enumerate(row):
                     if taxel != 2 and not touches.faults[touch, k, taxel]:
                         centred = plain.fit((d - mean) // 2**shift, 16)
-                        features[k][taxel] = plain.narrow(centred * scale, config.formats.gate_frac, config.formats.feature_format)
+                        features[k][taxel] = plain.narrow(
+                            centred * scale, config.formats.gate_frac, config.formats.feature_format
+                        )
             states, logits = plain.touch(np.array(features))
             locals_, overall = plain_decision(config, logits.tolist())
             faults = touches.faults[touch, :done] | [0, 0, 1, 0]
@@ -77,14 +87,28 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
             rows = [[0, k, best, margin, 0, 0] for k, (best, margin) in enumerate(locals_)]
             early = plain_early(config, locals_)
             if early is not None:
-                rows.insert(early + 1, [1, early, *locals_[early], 0, int(locals_[early][1] < config.network.margin_threshold)])
+                rows.insert(
+                    early + 1,
+                    [1, early, *locals_[early], 0, int(locals_[early][1] < config.network.margin_threshold)],
+                )
             else:
-                rows.append([1, done - 1, *overall, int(touches.partial[touch]), int(overall[1] < config.network.margin_threshold)])
+                rows.append(
+                    [
+                        1,
+                        done - 1,
+                        *overall,
+                        int(touches.partial[touch]),
+                        int(overall[1] < config.network.margin_threshold),
+                    ]
+                )
             expected["decision"] += rows
             seen_early.append(early is not None and early < done - 1)
         for stage, (values, offsets) in trace.streams.items():
             assert values.dtype == np.int64 and len(offsets) == 21
-            assert values[offsets[recording] : offsets[recording + 1]].tolist() == expected[stage], (stage, recording)
+            assert values[offsets[recording] : offsets[recording + 1]].tolist() == expected[stage], (
+                stage,
+                recording,
+            )
         globals_ = [row[2] for row in expected["decision"] if row[0]]
         assert trace.decision[recording] == (globals_[0] if globals_ else -1)
         assert trace.not_touched[recording] == (not (touches.recording == recording).any())
@@ -93,7 +117,8 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
 
 
 def test_a_touch_is_decided_as_if_alone():
-    """The second touch of a recording gives what it gives when the state is cleared: each touch alone gives the same rows."""
+    """The second touch of a recording gives what it gives when the state is cleared: each touch alone gives
+    the same rows."""
     model, recordings = random_integer_model(SMALL, 7), scene(20, seed=8)
     trace = run(model, recordings)
     hidden, logits = model.forward(trace.features[-1:])
@@ -128,9 +153,13 @@ def test_an_early_decision_is_the_first_that_held_in_codes_as_in_real_logits(ste
     when = []
     for row in range(400):
         done = completed[row]
-        early = plain_early(config, list(zip(local[row, :done].tolist(), margin[row, :done].tolist(), strict=True)))
+        early = plain_early(
+            config, list(zip(local[row, :done].tolist(), margin[row, :done].tolist(), strict=True))
+        )
         when.append(done - 1 if early is None else early)
-        assert (overall[row], lead[row]) == ((local[row, when[-1]], margin[row, when[-1]]) if done else (-1, 0))
+        assert (overall[row], lead[row]) == (
+            (local[row, when[-1]], margin[row, when[-1]]) if done else (-1, 0)
+        )
     assert given.tolist() == when and set(when) == set(range(-1, 6))
     real = decide(config, config.formats.logit_format.to_real(logits), completed)
     np.testing.assert_array_equal(real[2], overall)
@@ -141,7 +170,8 @@ def test_step_times_count_from_the_onset():
     touches = find_touches(SMALL, recordings)
     times = step_times(SMALL, touches)
     assert np.allclose(np.diff(times), SMALL.windows.hop / SMALL.sensor.sample_rate_hz)
-    assert 0 < times[0] <= SMALL.windows.hop / SMALL.sensor.sample_rate_hz  # window 1 ends at the end of the hop after the onset's
+    # window 1 ends at the end of the hop after the onset's
+    assert 0 < times[0] <= SMALL.windows.hop / SMALL.sensor.sample_rate_hz
     at_once = PRESETS["fabric"]
     empty = find_touches(SMALL, recordings.subset([0]))
     assert np.allclose(step_times(at_once, empty)[0], at_once.windows.window / at_once.sensor.sample_rate_hz)

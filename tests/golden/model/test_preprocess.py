@@ -1,4 +1,5 @@
-"""Onset, windows and normaliser against tables worked out by hand and a frame-by-frame reading of the specification."""
+"""Onset, windows and normaliser against tables worked out by hand and a frame-by-frame reading of the
+specification."""
 
 from __future__ import annotations
 
@@ -66,13 +67,27 @@ def test_thesis_windows_hold_an_impulse(position):
     start = onset - 50
     stream[start + position - 2, taxel] += height  # positions count from 1 at the start frame, frames from 1
     touches = find_touches(THESIS, recordings_of(THESIS, stream))
-    assert touches.start_frame.tolist() == [start] and touches.completed.tolist() == [20] and not touches.partial[0]
-    expected = [(615 if k < 20 else 311) * REST + (height if k in IMPULSES[position] else 0) for k in range(1, 21)]
+    assert (
+        touches.start_frame.tolist() == [start]
+        and touches.completed.tolist() == [20]
+        and not touches.partial[0]
+    )
+    expected = [
+        (615 if k < 20 else 311) * REST + (height if k in IMPULSES[position] else 0) for k in range(1, 21)
+    ]
     assert touches.sums[0, :, taxel].tolist() == expected
 
 
-WINDOW_LENGTHS = {10: (1229, 618), 20: (615, 311), 50: (245, 166), 100: (123, 105), 200: (61,), 256: (49, 48, 24)}
-"""Frames of the distinct windows for N of the thesis: hop = floor(6144 / N), 2 hop + 1 frames, cut at frame 6144."""
+WINDOW_LENGTHS = {
+    10: (1229, 618),
+    20: (615, 311),
+    50: (245, 166),
+    100: (123, 105),
+    200: (61,),
+    256: (49, 48, 24),
+}
+"""Frames of the distinct windows for N of the thesis: hop = floor(6144 / N), 2 hop + 1 frames, cut at frame
+6144."""
 
 
 @each_row("count", WINDOW_LENGTHS)
@@ -147,7 +162,11 @@ def test_second_touch_as_if_alone():
     for onset in (300, 9000):
         stream[onset - 1 : onset + 4000, 4] = OUT + rng.integers(0, 3000, 4001)
     both = find_touches(THESIS, recordings_of(THESIS, stream))
-    assert both.onset_frame.tolist() == [300, 9000] and both.start_frame.tolist() == [250, 8950] and both.recording.tolist() == [0, 0]
+    assert (
+        both.onset_frame.tolist() == [300, 9000]
+        and both.start_frame.tolist() == [250, 8950]
+        and both.recording.tolist() == [0, 0]
+    )
     alone = find_touches(THESIS, recordings_of(THESIS, stream[:7000], stream[8900:]))
     assert alone.onset_frame.tolist() == [300, 100]
     assert np.array_equal(both.sums, alone.sums) and both.first_touch().tolist() == [0]
@@ -167,7 +186,10 @@ def test_rearming_counts_quiet_frames_after_the_end():
     ]:
         stream = quiet_stream(14000)
         stream[[frame - 1 for frame in (300, disturb, onset) if frame], 0] = OUT
-        assert find_touches(config, recordings_of(config, stream)).onset_frame.tolist() == expected, (disturb, onset)
+        assert find_touches(config, recordings_of(config, stream)).onset_frame.tolist() == expected, (
+            disturb,
+            onset,
+        )
 
 
 # ---------------------------------------------------------------- rest level, settling, masks
@@ -198,7 +220,9 @@ def test_a_masked_taxel_never_counts():
 def test_more_steps_leave_the_first_ones_alone(name):
     config = PRESETS[name]
     rng = np.random.default_rng(11)
-    streams = [REST + rng.integers(-40, 41, (frames, config.sensor.taxels)) for frames in (3000, 9000, 200, 4100)]
+    streams = [
+        REST + rng.integers(-40, 41, (frames, config.sensor.taxels)) for frames in (3000, 9000, 200, 4100)
+    ]
     streams[0][700:2000, 1] += 500
     streams[1][400:3000, 0] -= 700
     streams[3][4000:, 0] -= 700
@@ -208,8 +232,12 @@ def test_more_steps_leave_the_first_ones_alone(name):
     assert len(plain) and np.array_equal(recordings.samples, before)
     for field in ("recording", "onset_frame", "start_frame", "partial"):
         assert np.array_equal(getattr(plain, field), getattr(more, field))
-    assert np.array_equal(plain.sums, more.sums[:, :20]) and np.array_equal(plain.completed, np.minimum(more.completed, 20))
-    assert more.completed.max() > 20 and np.array_equal(find_touches(config, recordings, steps=7).sums, plain.sums[:, :7])
+    assert np.array_equal(plain.sums, more.sums[:, :20]) and np.array_equal(
+        plain.completed, np.minimum(more.completed, 20)
+    )
+    assert more.completed.max() > 20 and np.array_equal(
+        find_touches(config, recordings, steps=7).sums, plain.sums[:, :7]
+    )
     for touch, recording in enumerate(plain.recording):
         left = recordings.lengths[recording] - plain.start_frame[touch] + 1
         if name == "pvdf":
@@ -222,7 +250,8 @@ def test_windows_beyond_the_touch_go_on_at_the_same_hop():
     stream = rng.integers(25920, 26881, (8000, 16)).astype(np.int32)
     stream[299, 0] = OUT
     touches = find_touches(THESIS, recordings_of(THESIS, stream), steps=30)
-    assert touches.completed.tolist() == [24] and not touches.partial[0]  # frames 250..8000: 23 * 307 + 615 <= 7751 < 24 * 307 + 615
+    # frames 250..8000: 23 * 307 + 615 <= 7751 < 24 * 307 + 615
+    assert touches.completed.tolist() == [24] and not touches.partial[0]
     for k in range(20, 24):
         assert np.array_equal(touches.sums[0, k], stream[249 + 307 * k : 249 + 307 * k + 615].sum(axis=0))
 
@@ -230,7 +259,10 @@ def test_windows_beyond_the_touch_go_on_at_the_same_hop():
 def test_batches_do_not_show(monkeypatch):
     rng = np.random.default_rng(5)
     config = PRESETS["synthetic"].replace(taxels=4)
-    streams = [REST + rng.integers(-300, 301, (rng.integers(10, 9000), 4)) + 300 * (rng.random((1, 4)) < 0.5) for _ in range(9)]
+    streams = [
+        REST + rng.integers(-300, 301, (rng.integers(10, 9000), 4)) + 300 * (rng.random((1, 4)) < 0.5)
+        for _ in range(9)
+    ]
     for stream in streams:
         stream[min(len(stream) // 3, 1500) :, 0] += 400
     recordings = recordings_of(config, *streams)
@@ -250,7 +282,8 @@ def test_wrong_taxel_count_is_refused():
 
 # ---------------------------------------------------------------- the specification, frame by frame
 def expected_touches(config: AcceleratorConfig, stream: np.ndarray) -> tuple[list[tuple], list[int]]:
-    """(f, start, completed, partial, sums, faults) of each touch, and the frame that raised each taxel's fault flag."""
+    """(f, start, completed, partial, sums, faults) of each touch, and the frame that raised each taxel's
+    fault flag."""
     seen, result = detect(config, stream), []
     for f, s, e in seen.touches:
         ends = [s - 1 + last for _, last in config.window_spans]
@@ -266,10 +299,15 @@ def expected_touches(config: AcceleratorConfig, stream: np.ndarray) -> tuple[lis
 
 @st.composite
 def small_cases(draw):
-    """A small configuration that is allowed, and two or three streams that make it work: plateaus, glitches and noise."""
-    integer = lambda low, high: draw(st.integers(low, high))  # noqa: E731
+    """A small configuration that is allowed, and two or three streams that make it work: plateaus, glitches
+    and noise."""
+    integer = lambda low, high: draw(st.integers(low, high))
     onset = draw(st.sampled_from(["band", "baseline", "baseline", "immediate"]))
-    rests = {"band": ["none", "initial", "tracked"], "baseline": ["initial", "tracked", "tracked"], "immediate": ["none", "initial"]}
+    rests = {
+        "band": ["none", "initial", "tracked"],
+        "baseline": ["initial", "tracked", "tracked"],
+        "immediate": ["none", "initial"],
+    }
     rest = draw(st.sampled_from(rests[onset]))
     signed = draw(st.booleans())
     hop, steps = integer(1, 6), integer(1, 5)
@@ -298,21 +336,28 @@ def small_cases(draw):
     if draw(st.booleans()):
         settings_ |= dict(fault_frames=2 << integer(0, 4), fault_activity=integer(0, 8))
     if draw(st.booleans()):
-        settings_ |= dict(window_mode="free", pretrigger_frames=0, window=2 * hop, rearm_frames=integer(1, 20))
+        settings_ |= dict(
+            window_mode="free", pretrigger_frames=0, window=2 * hop, rearm_frames=integer(1, 20)
+        )
     else:
         window = 2 * hop + integer(0, 1)
         pretrigger = 0 if onset == "immediate" else min(integer(0, 4), hop * (steps - 1) + window - 2)
         shortest = max(hop * (steps - 1) + 1, pretrigger + 2)  # a touch ends after its onset
-        settings_ |= dict(window_mode="touch", pretrigger_frames=pretrigger, window=window, touch_frames=shortest + integer(0, 2 * hop))
+        settings_ |= dict(
+            window_mode="touch",
+            pretrigger_frames=pretrigger,
+            window=window,
+            touch_frames=shortest + integer(0, 2 * hop),
+        )
         settings_["rearm_frames"] = integer(pretrigger + 9, 24)
     config = AcceleratorConfig.of(**settings_)
     rng = np.random.default_rng(integer(0, 2**32 - 1))
     streams = []
     for _ in range(integer(2, 3)):
         frames = draw(st.sampled_from([integer(1, 40), 260, 261, 262, 263]))
-        walk = rng.integers(26, 39, config.sensor.taxels) + np.cumsum(rng.integers(-1, 2, (frames, config.sensor.taxels)), axis=0) * (
-            rng.random() < 0.3
-        )
+        walk = rng.integers(26, 39, config.sensor.taxels) + np.cumsum(
+            rng.integers(-1, 2, (frames, config.sensor.taxels)), axis=0
+        ) * (rng.random() < 0.3)
         for _ in range(integer(1, 8)):
             begin, length = rng.integers(0, frames), rng.choice([1, 2, 10, 30])
             walk[begin : begin + length, rng.integers(0, config.sensor.taxels)] += rng.integers(-40, 41)
@@ -342,7 +387,9 @@ def test_equal_to_the_specification_frame_by_frame(case):
         )
     ]
     if not config.faults.fault_frames:
-        expected = [(*touch[:-1], [[False] * config.sensor.taxels] * config.windows.steps) for touch in expected]
+        expected = [
+            (*touch[:-1], [[False] * config.sensor.taxels] * config.windows.steps) for touch in expected
+        ]
     assert got == expected
     assert (touches.flagged is None) == (not config.faults.fault_frames)
     if config.faults.fault_frames:
@@ -356,10 +403,16 @@ def test_a_taxel_that_sticks_during_a_touch_is_masked_from_the_window_in_which_i
     stream[1000:3000, 2] += 100
     stream[1300:, 5] = 65535
     touches = find_touches(config, recordings_of(config, stream))
-    assert touches.flagged.tolist() == [[0, 0, 0, 0, 0, 64 * 22, 0, 0]]  # the first whole block from frame 1301 on ends with frame 1408
+    # the first whole block from frame 1301 on ends with frame 1408
+    assert touches.flagged.tolist() == [[0, 0, 0, 0, 0, 64 * 22, 0, 0]]
     ends = touches.start_frame[0] - 1 + np.array([last for _, last in config.window_spans])
-    assert np.array_equal(touches.faults[0, :, 5], ends >= 1408) and not np.delete(touches.faults[0], 5, axis=1).any()
-    codes = normalise(config.replace(feature_shift=(3,)), touches.sums, touches.completed, [0], [1000], touches.faults)
+    assert (
+        np.array_equal(touches.faults[0, :, 5], ends >= 1408)
+        and not np.delete(touches.faults[0], 5, axis=1).any()
+    )
+    codes = normalise(
+        config.replace(feature_shift=(3,)), touches.sums, touches.completed, [0], [1000], touches.faults
+    )
     assert not codes[0, ends >= 1408, 5].any() and codes[0, ends < 1408, 5].any()
 
 
@@ -371,9 +424,16 @@ def test_real_features_are_window_means():
 
 
 @settings(max_examples=100, deadline=None, derandomize=True)
-@given(st.integers(0, 2**32 - 1), st.integers(0, 12), st.integers(0, 12), st.sampled_from([QFormat(4, 8), QFormat(4, 4), QFormat(2, 8)]))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 12),
+    st.integers(0, 12),
+    st.sampled_from([QFormat(4, 8), QFormat(4, 4), QFormat(2, 8)]),
+)
 def test_normaliser_is_the_formula(seed, shift_long, shift_last, feature_format):
-    config = THESIS.replace(feature_shift=(shift_long, shift_last), feature_format=feature_format, masked_taxels=(0, 9))
+    config = THESIS.replace(
+        feature_shift=(shift_long, shift_last), feature_format=feature_format, masked_taxels=(0, 9)
+    )
     rng = np.random.default_rng(seed)
     sums = rng.integers(-(1 << 25), 1 << 25, (3, 20, 16)) >> rng.integers(0, 20, (3, 20, 1))
     mean, scale = rng.integers(-(1 << 24), 1 << 24, 2) >> rng.integers(0, 24), rng.integers(1, 1 << 15, 2)
@@ -387,7 +447,8 @@ def test_normaliser_is_the_formula(seed, shift_long, shift_last, feature_format)
             shift = (shift_long, shift_last)[q]
             for taxel in range(16):
                 centred = max(-32768, min(32767, (int(sums[touch, k, taxel]) - int(mean[q])) // (1 << shift)))
-                feature = max(low, min(high, (centred * int(scale[q]) + (1 << 12)) // (1 << 13)))  # gate_frac 13, half up
+                # gate_frac 13, half up
+                feature = max(low, min(high, (centred * int(scale[q]) + (1 << 12)) // (1 << 13)))
                 if taxel in (0, 9) or k >= completed[touch]:
                     feature = 0
                 assert codes[touch, k, taxel] == feature
@@ -400,19 +461,31 @@ def test_normaliser_needs_its_constants():
     with pytest.raises(InputError, match="1 means and 2 scales for 2 distinct window lengths"):
         normalise(THESIS.replace(feature_shift=(3, 2)), sums, completed, [0], [1, 1])
     with pytest.raises(InputError, match="field steps: is 20, below the 21 windows"):
-        normalise(THESIS.replace(feature_shift=(3, 2)), np.zeros((1, 21, 16), dtype=np.int64), completed, [0, 0], [1, 1])
+        normalise(
+            THESIS.replace(feature_shift=(3, 2)),
+            np.zeros((1, 21, 16), dtype=np.int64),
+            completed,
+            [0, 0],
+            [1, 1],
+        )
 
 
 # ---------------------------------------------------------------- real recordings
 def test_every_indentation_is_detected_where_an_offline_detector_sees_it(shared_data):
-    """Offline: median of the first 400 frames as rest, first 64-frame mean beyond 12 codes; the recordings' own documentation."""
+    """Offline: median of the first 400 frames as rest, first 64-frame mean beyond 12 codes; the recordings'
+    own documentation."""
     config = PRESETS["pvdf"]
     recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=config)
     begun = time.process_time()
     touches = find_touches(config, recordings)
     assert time.process_time() - begun < 20
     first = touches.first_touch()
-    assert len(first) == 318 and (first >= 0).all() and (touches.completed[first] == 20).all() and not touches.partial[first].any()
+    assert (
+        len(first) == 318
+        and (first >= 0).all()
+        and (touches.completed[first] == 20).all()
+        and not touches.partial[first].any()
+    )
     lag = []
     for index, onset in enumerate(touches.onset_frame[first]):
         stream = recordings.recording(index)
@@ -425,8 +498,15 @@ def test_every_indentation_is_detected_where_an_offline_detector_sees_it(shared_
 
 def test_every_slide_opens_at_once(shared_data):
     config = PRESETS["fabric"]
-    touches = find_touches(config, load_recordings(shared_data / "fabric_slide" / "recordings.npz", config=config))
-    assert len(touches) == 774 and (touches.start_frame == 1).all() and (touches.onset_frame == 0).all() and (touches.completed == 20).all()
+    touches = find_touches(
+        config, load_recordings(shared_data / "fabric_slide" / "recordings.npz", config=config)
+    )
+    assert (
+        len(touches) == 774
+        and (touches.start_frame == 1).all()
+        and (touches.onset_frame == 0).all()
+        and (touches.completed == 20).all()
+    )
 
 
 def test_taking_touches_carries_all_that_is_known_of_them():

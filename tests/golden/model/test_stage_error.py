@@ -1,4 +1,5 @@
-"""Float against integer, stage by stage: each stage's error is found where it was put, and the whole equals the two models' own runs."""
+"""Float against integer, stage by stage: each stage's error is found where it was put, and the whole equals
+the two models' own runs."""
 
 from __future__ import annotations
 
@@ -9,7 +10,13 @@ import pytest
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import QFormat
-from eskin.golden.model.model import FloatModel, IntegerModel, network_formats, network_shapes, normaliser_constants
+from eskin.golden.model.model import (
+    FloatModel,
+    IntegerModel,
+    network_formats,
+    network_shapes,
+    normaliser_constants,
+)
 from eskin.golden.model.pipeline import decide_touches, float_features
 from eskin.golden.model.preprocess import Touches, find_touches
 from eskin.golden.model.stage_error import QUANTILES, STAGES, logit_error, signal_profiles, stage_errors
@@ -38,7 +45,8 @@ WIDE = AcceleratorConfig.of(
     table_entries=1024,
     gate_frac=14,
 )
-"""Formats so fine that no stage's error is seen beside one that is made coarse, or too narrow for its values."""
+"""Formats so fine that no stage's error is seen beside one that is made coarse, or too narrow for its
+values."""
 COARSE = {
     "features": dict(feature_format=QFormat(5, 1)),
     "accumulators": dict(dense_format=QFormat(3, 3)),
@@ -52,7 +60,10 @@ def models(cell: str, reset: str, **formats) -> tuple[FloatModel, IntegerModel, 
     """A random network, its integers in the formats asked for, and touches."""
     config = WIDE.replace(cell=cell, reset=reset, **formats)
     rng = np.random.default_rng(5)
-    arrays = {name: rng.normal(0, 1.5 * shape[-1] ** -0.5, shape) for name, shape in network_shapes(config, real=True).items()}
+    arrays = {
+        name: rng.normal(0, 1.5 * shape[-1] ** -0.5, shape)
+        for name, shape in network_shapes(config, real=True).items()
+    }
     mu, sigma = 26400.0, 4000.0
     real = FloatModel(config, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)})
     filled, mean, scale = normaliser_constants(config, mu, sigma)
@@ -68,8 +79,11 @@ def models(cell: str, reset: str, **formats) -> tuple[FloatModel, IntegerModel, 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
 
-COARSENED = [(*cell, stage) for cell in CELLS for stage in STAGES if (cell[1], stage) != ("before", "hidden state")]
-"""Not the hidden state of cells with reset before: hardly a state leaves 1 there, and the tables have the same rounding."""
+COARSENED = [
+    (*cell, stage) for cell in CELLS for stage in STAGES if (cell[1], stage) != ("before", "hidden state")
+]
+"""Not the hidden state of cells with reset before: hardly a state leaves 1 there, and the tables have the
+same rounding."""
 
 
 @each_row(("cell", "reset", "stage"), COARSENED)
@@ -78,7 +92,10 @@ def test_the_stage_that_was_made_coarse_is_the_one_that_is_named(cell, reset, st
     fine = {one.stage: one for one in stage_errors(*models(cell, reset))}
     coarse = {one.stage: one for one in stage_errors(real, integer, touches)}
     assert list(coarse) == list(STAGES) and logit_error(list(coarse.values()))["stage"] == stage
-    assert coarse[stage].logit_max > 4 * fine[stage].logit_max and coarse[stage].logit_mean > 4 * fine[stage].logit_mean
+    assert (
+        coarse[stage].logit_max > 4 * fine[stage].logit_max
+        and coarse[stage].logit_mean > 4 * fine[stage].logit_mean
+    )
     assert coarse[stage].mean > 1.5 * fine[stage].mean
     for other in set(STAGES) - {stage}:
         assert coarse[other].logit_max < 2.5 * fine[other].logit_max + 1e-9
@@ -87,23 +104,34 @@ def test_the_stage_that_was_made_coarse_is_the_one_that_is_named(cell, reset, st
 @each_row(("cell", "reset"), CELLS)
 def test_the_logits_are_those_of_the_two_models_and_only_completed_steps_count(cell, reset):
     real, integer, touches = models(cell, reset)
-    assert touches.completed.min() + touches.completed.max() > 0 and (touches.completed < WIDE.windows.steps).any()
+    assert (
+        touches.completed.min() + touches.completed.max() > 0
+        and (touches.completed < WIDE.windows.steps).any()
+    )
     done = np.arange(WIDE.windows.steps) < touches.completed[:, None]
     ideal, exact = decide_touches(real, touches), decide_touches(integer, touches)
     error = np.abs(integer.config.formats.logit_format.to_real(exact.logits) - ideal.logits)[done]
     features = np.abs(integer.config.formats.feature_format.to_real(exact.features) - ideal.features)[done]
     found = {one.stage: one for one in stage_errors(real, integer, touches)}
-    assert found["logits"].mean == pytest.approx(error.mean()) and found["logits"].max == pytest.approx(error.max())
+    assert found["logits"].mean == pytest.approx(error.mean()) and found["logits"].max == pytest.approx(
+        error.max()
+    )
     assert found["features"].max == pytest.approx(features.max())
     hidden = np.abs(integer.config.formats.state_format.to_real(exact.hidden) - ideal.hidden)[done]
     assert found["hidden state"].max >= hidden.max()  # states are among the values in their format
     assert logit_error(list(found.values()))["mean"] == pytest.approx(error.mean())
     nothing = replace(touches, completed=np.zeros_like(touches.completed))
-    assert stage_errors(real, integer, nothing) == [] and logit_error([]) == {"mean": None, "max": None, "stage": None}
+    assert stage_errors(real, integer, nothing) == [] and logit_error([]) == {
+        "mean": None,
+        "max": None,
+        "stage": None,
+    }
 
 
 def test_saturation_and_the_use_of_a_range_are_told():
-    real, integer, touches = models("gru", "before", feature_format=QFormat(1, 11), logit_format=QFormat(1, 10))
+    real, integer, touches = models(
+        "gru", "before", feature_format=QFormat(1, 11), logit_format=QFormat(1, 10)
+    )
     narrow = {one.stage: one for one in stage_errors(real, integer, touches)}
     wide = {one.stage: one for one in stage_errors(*models("gru", "before"))}
     codes = decide_touches(integer, touches)
@@ -115,13 +143,15 @@ def test_saturation_and_the_use_of_a_range_are_told():
         share = np.mean((values == fmt.min_code) | (values == fmt.max_code))
         assert narrow[stage].saturated == pytest.approx(share) and share > 0.01 and narrow[stage].used >= 0.99
         assert wide[stage].saturated == 0 and 0 < wide[stage].used < 0.9
-    assert 0 < wide["accumulators"].used < 1 and wide["hidden state"].used <= 1 / 8  # a GRU's states lie within 1, the format holds 8
+    # a GRU's states lie within 1, the format holds 8
+    assert 0 < wide["accumulators"].used < 1 and wide["hidden state"].used <= 1 / 8
 
 
 # ---------------------------------------------------------------------- profiles
 @each_row("cell, reset", [("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")])
 def test_profiles_of_every_signal(cell, reset):
-    """Quantiles, shares and errors of each array and stage, worked out here from the two models' own values."""
+    """Quantiles, shares and errors of each array and stage, worked out here from the two models' own
+    values."""
     real, integer, touches = models(cell, reset, logit_format=QFormat(1, 5))
     found = {one.signal: one for one in signal_profiles(real, integer, touches)}
     stages = {one.stage: one for one in stage_errors(real, integer, touches)}
@@ -131,9 +161,16 @@ def test_profiles_of_every_signal(cell, reset):
     for name, fmt in network_formats(integer.config).items():
         codes = fmt.to_real(integer.arrays[name])
         assert found[name].error_max <= 2.0**-fmt.frac_bits / 2 + 1e-12 or found[name].beyond > 0
-        assert found[name].quantiles[-1] == pytest.approx(np.abs(codes).max(), abs=2.0**-fmt.frac_bits) or found[name].beyond > 0
+        assert (
+            found[name].quantiles[-1] == pytest.approx(np.abs(codes).max(), abs=2.0**-fmt.frac_bits)
+            or found[name].beyond > 0
+        )
     done = np.arange(integer.config.windows.steps) < touches.completed[:, None]
     logits = real.forward(float_features(real, touches))[1][done]
-    assert found["logits"].beyond == pytest.approx(np.mean((logits > 1 - 2**-5 + 2**-6) | (logits < -1 - 2**-6)))
-    assert found["logits"].zero == pytest.approx(np.mean(np.abs(logits) < 2**-6)) and found["logits"].beyond > 0
+    assert found["logits"].beyond == pytest.approx(
+        np.mean((logits > 1 - 2**-5 + 2**-6) | (logits < -1 - 2**-6))
+    )
+    assert (
+        found["logits"].zero == pytest.approx(np.mean(np.abs(logits) < 2**-6)) and found["logits"].beyond > 0
+    )
     assert found["logits"].quantiles == pytest.approx(tuple(np.quantile(np.abs(logits), QUANTILES)))

@@ -1,4 +1,5 @@
-"""golden/model/stream.py: frames one by one give what the run over whole recordings gives, at the frames at which the hardware gives it."""
+"""golden/model/stream.py: frames one by one give what the run over whole recordings gives, at the frames at
+which the hardware gives it."""
 
 import numpy as np
 import pytest
@@ -18,14 +19,27 @@ from tests.support.touch_scenes import SMALL, scene
 
 
 def whole_recordings(config, seed):
-    """Recordings of a configuration: some with several touches, one that ends inside one, one too short for any."""
-    whole = config.rest_level.rest_frames + config.windows.pretrigger_frames + config.last_frame + 2 * config.windows.hop
-    lengths = (2 * whole + config.onset_rule.rearm_frames + 20, 3 * whole, whole + 10, whole // 2 + 3, config.rest_level.rest_frames + 3)
+    """Recordings of a configuration: some with several touches, one that ends inside one, one too short for
+    any."""
+    whole = (
+        config.rest_level.rest_frames
+        + config.windows.pretrigger_frames
+        + config.last_frame
+        + 2 * config.windows.hop
+    )
+    lengths = (
+        2 * whole + config.onset_rule.rearm_frames + 20,
+        3 * whole,
+        whole + 10,
+        whole // 2 + 3,
+        config.rest_level.rest_frames + 3,
+    )
     return random_recordings(config, lengths, seed)
 
 
 def streamed(stream, samples, rng):
-    """Decisions of one recording, its frames pushed in pieces of random lengths, many of them of one frame."""
+    """Decisions of one recording, its frames pushed in pieces of random lengths, many of them of one
+    frame."""
     stream.arm()
     decisions, frame = [], 0
     while frame < len(samples):
@@ -47,14 +61,24 @@ def check_same(stream, trace, recordings, seed, *, stages=True):
         decisions = streamed(stream, samples, rng)
         span = slice(offsets[index], offsets[index + 1])
         assert [decision.row() for decision in decisions] == [tuple(row) for row in rows[span].tolist()]
-        expected = np.where(frames[span] == 0, len(samples), frames[span])  # the end of the recording brings it
+        # the end of the recording brings it
+        expected = np.where(frames[span] == 0, len(samples), frames[span])
         assert [decision.frame for decision in decisions] == expected.tolist()
-        assert stream.decision == trace.decision[index] and stream.touches == np.count_nonzero(trace.touches.recording == index)
+        assert stream.decision == trace.decision[index] and stream.touches == np.count_nonzero(
+            trace.touches.recording == index
+        )
         compared += len(decisions)
         for stage in ("sum", "fault", "feature", "state", "logit") if stages else ():
             values, bounds = trace.streams[stage]
-            got = [decision.stages[stage] for decision in decisions if not decision.is_global and stage in decision.stages]
-            assert np.concatenate([np.zeros(0), *got]).tolist() == values[bounds[index] : bounds[index + 1]].tolist()
+            got = [
+                decision.stages[stage]
+                for decision in decisions
+                if not decision.is_global and stage in decision.stages
+            ]
+            assert (
+                np.concatenate([np.zeros(0), *got]).tolist()
+                == values[bounds[index] : bounds[index + 1]].tolist()
+            )
     return compared
 
 
@@ -68,7 +92,9 @@ def test_every_front_end(name):
 
 
 def test_windows_of_replayed_frames_alone_come_with_the_onset():
-    config = CASES["thesis"].replace(pretrigger_frames=20, hop=5, window=10, touch_frames=40, steps=6, rearm_frames=40)
+    config = CASES["thesis"].replace(
+        pretrigger_frames=20, hop=5, window=10, touch_frames=40, steps=6, rearm_frames=40
+    )
     model = random_integer_model(config, 3)
     recordings = whole_recordings(model.config, 4)
     trace = run(model, recordings)
@@ -152,7 +178,11 @@ def test_pvdf_recordings_one_frame_at_a_time(shared_data):
     trace, stream = run(model, some), Stream(model)
     for index in range(len(some)):
         stream.arm()
-        decisions = [decision for frame in some.recording(index) for decision in stream.push(frame)] + stream.finish()
+        decisions = [
+            decision for frame in some.recording(index) for decision in stream.push(frame)
+        ] + stream.finish()
         rows, offsets = trace.streams["decision"]
-        assert [d.row() for d in decisions] == [tuple(row) for row in rows[offsets[index] : offsets[index + 1]].tolist()]
+        assert [d.row() for d in decisions] == [
+            tuple(row) for row in rows[offsets[index] : offsets[index + 1]].tolist()
+        ]
     assert (trace.decision >= 0).all()

@@ -13,7 +13,16 @@ from eskin.golden.model.vectors import FLAT_STAGES, completing_frames, random_re
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
-    taxels=4, hidden=4, band_low=25920, band_high=26880, hop=4, window=9, touch_frames=60, steps=6, pretrigger_frames=20, rearm_frames=40
+    taxels=4,
+    hidden=4,
+    band_low=25920,
+    band_high=26880,
+    hop=4,
+    window=9,
+    touch_frames=60,
+    steps=6,
+    pretrigger_frames=20,
+    rearm_frames=40,
 )
 
 
@@ -22,14 +31,19 @@ def one_touch(onset: int, frames: int, config: AcceleratorConfig = CONFIG) -> Re
     samples = np.full((frames, config.sensor.taxels), 26400, dtype=np.int32)
     samples[onset - 1, 1] = 30000
     return Recordings(
-        samples=samples, offsets=np.array([0, frames]), labels=np.array([0]), class_names=config.network.class_names, sample_rate_hz=3000.0
+        samples=samples,
+        offsets=np.array([0, frames]),
+        labels=np.array([0]),
+        class_names=config.network.class_names,
+        sample_rate_hz=3000.0,
     )
 
 
 def test_windows_of_replayed_frames_are_completed_by_the_frame_of_the_onset():
     model = random_integer_model(CONFIG, 1)
     frames = completing_frames(run(model, one_touch(50, 90)))
-    # start frame 30: windows end in 38, 42, 46, 50, 54, 58; the first three were over before the onset was seen
+    # start frame 30: windows end in 38, 42, 46, 50, 54, 58; the first three were over before the onset was
+    # seen
     assert frames.tolist() == [50, 50, 50, 50, 54, 58, 58]
 
 
@@ -44,7 +58,9 @@ def test_an_early_decision_has_the_frame_of_its_step_and_a_time():
     for frames in (90, 55):  # 55: partial, decided before its end
         trace = run(model, one_touch(50, frames))
         if len(set(trace.local[0, :5])) == 1:
-            assert completing_frames(trace).tolist() == [50, 50, 50, 50, 54, 54, 58][: 7 if frames == 90 else 6]
+            assert (
+                completing_frames(trace).tolist() == [50, 50, 50, 50, 54, 54, 58][: 7 if frames == 90 else 6]
+            )
             assert trace.streams["decision"][0][5].tolist()[:2] == [1, 4] and not trace.global_partial.any()
             assert trace.decision_time_s().tolist() == [4 / 3000.0]
         else:
@@ -52,7 +68,9 @@ def test_an_early_decision_has_the_frame_of_its_step_and_a_time():
 
 
 def test_the_file_holds_what_goes_in_and_what_must_come_out(tmp_path):
-    model = random_integer_model(CONFIG.replace(sample_signed=True, sample_bits=12, band_low=-300, band_high=300), 2)
+    model = random_integer_model(
+        CONFIG.replace(sample_signed=True, sample_bits=12, band_low=-300, band_high=300), 2
+    )
     recordings = random_recordings(model.config, [80, 200, 3], seed=5)
     trace = run(model, recordings)
     path = write_vectors(tmp_path / "new" / "vectors.npz", trace, recordings, numbers=[7, 2, 9])
@@ -64,7 +82,9 @@ def test_the_file_holds_what_goes_in_and_what_must_come_out(tmp_path):
         for stage in (*FLAT_STAGES, "decision"):
             assert np.array_equal(archive[stage], trace.streams[stage][0])
             assert np.array_equal(archive[f"{stage}_offsets"], trace.streams[stage][1])
-        assert archive["touches"].sum() == len(trace.touches) and len(archive["decision_frame"]) == len(archive["decision"])
+        assert archive["touches"].sum() == len(trace.touches) and len(archive["decision_frame"]) == len(
+            archive["decision"]
+        )
 
 
 @each_row("name", PRESETS)
@@ -73,7 +93,13 @@ def test_random_recordings_touch_and_repeat(name):
     length = 3 * config.last_frame + config.rest_level.rest_frames
     first, again, other = (random_recordings(config, [length, 50], seed) for seed in (1, 1, 2))
     assert np.array_equal(first.samples, again.samples) and not np.array_equal(first.samples, other.samples)
-    assert first.samples.min() >= config.sample_format.min_code and first.samples.max() <= config.sample_format.max_code
+    assert (
+        first.samples.min() >= config.sample_format.min_code
+        and first.samples.max() <= config.sample_format.max_code
+    )
     model = random_integer_model(config, 1)
-    decided = [len(run(model, random_recordings(model.config, [length], seed)).streams["decision"][0]) for seed in range(4)]
+    decided = [
+        len(run(model, random_recordings(model.config, [length], seed)).streams["decision"][0])
+        for seed in range(4)
+    ]
     assert sum(count > config.windows.steps for count in decided) >= 2

@@ -1,4 +1,5 @@
-"""Failure modes of networks for images: disturbances do what they say, sound networks hold their bounds, broken variants do not."""
+"""Failure modes of networks for images: disturbances do what they say, sound networks hold their bounds,
+broken variants do not."""
 
 from __future__ import annotations
 
@@ -31,13 +32,17 @@ from eskin.golden.training.train_images import ImageRecipe, train_network
 from eskin.verbs.stability_job import run
 from tests.support.image_scenes import SHAPES, shapes
 
-RECIPE = ImageRecipe(epochs=40, batch=16, turn=20.0, mirror=False, shift=0.1, zoom=0.0, dropout=0.0, noise=0.01)
+RECIPE = ImageRecipe(
+    epochs=40, batch=16, turn=20.0, mirror=False, shift=0.1, zoom=0.0, dropout=0.0, noise=0.01
+)
 
 
 @pytest.fixture(scope="module")
 def bench() -> ImageBench:
     scene = shapes(40, 0, (14, 16))
-    config = AcceleratorConfig.of_image(14, 16, ("conv 3 4", "pool", "conv 3 8", "pool", "dense 3"), SHAPES, name="shapes")
+    config = AcceleratorConfig.of_image(
+        14, 16, ("conv 3 4", "pool", "conv 3 8", "pool", "dense 3"), SHAPES, name="shapes"
+    )
     model = train_network(config, images_of(scene), scene.labels, recipe=RECIPE, seed=0)
     return ImageBench(quantised(model, images_of(scene)), scene, few=60, flips=150)
 
@@ -47,7 +52,10 @@ def test_the_network_knows_the_shapes(bench):
 
 
 def rows(bench):
-    return [(f"W_{stage.number}", fmt) for stage, fmt in zip(bench.config.weighted_stages, bench.config.image.weight_formats, strict=True)]
+    return [
+        (f"W_{stage.number}", fmt)
+        for stage, fmt in zip(bench.config.weighted_stages, bench.config.image.weight_formats, strict=True)
+    ]
 
 
 def changed(bench, *, arrays=None, run=plain_run):
@@ -67,13 +75,20 @@ def coarse(bench):
 
 
 def overconfident(bench):
-    return changed(bench, arrays={"b_0": np.clip(bench.model.arrays["b_0"] * 10 + (1 << 16), -(1 << 23), (1 << 23) - 1)})
+    return changed(
+        bench, arrays={"b_0": np.clip(bench.model.arrays["b_0"] * 10 + (1 << 16), -(1 << 23), (1 << 23) - 1)}
+    )
 
 
 def fragile(bench):
     def run(model, images):
-        upset = any(not np.array_equal(array, bench.model.arrays[name]) for name, array in model.arrays.items())
-        return plain_run(IntegerModel(model.config, model.arrays | ({"W_0": -model.arrays["W_0"]} if upset else {})), images)
+        upset = any(
+            not np.array_equal(array, bench.model.arrays[name]) for name, array in model.arrays.items()
+        )
+        return plain_run(
+            IntegerModel(model.config, model.arrays | ({"W_0": -model.arrays["W_0"]} if upset else {})),
+            images,
+        )
 
     return changed(bench, run=run)
 
@@ -107,15 +122,26 @@ def test_every_mode_is_judged_and_its_broken_variant_fails(bench, name):
     mode = IMAGE_MODES[name]
     record, _ = judge(mode, bench)
     broken, _ = judge(mode, BROKEN[name](bench))
-    assert record["worst_case"] and record["curve"]["x"] and record["bound"] == pytest.approx(broken["bound"], abs=1e-6)
+    assert (
+        record["worst_case"]
+        and record["curve"]["x"]
+        and record["bound"] == pytest.approx(broken["bound"], abs=1e-6)
+    )
     assert not broken["passed"], (broken["value"], broken["bound"])
-    assert record["value"] > broken["value"] if mode.at_least is not None else record["value"] < broken["value"]
+    assert (
+        record["value"] > broken["value"] if mode.at_least is not None else record["value"] < broken["value"]
+    )
 
 
 def test_disturbances_do_what_they_say(bench):
     images = bench.images[:3]
     up, down, left, right = shifted(bench, images, 0.2)
-    assert (up[:, 3:] == images[:, :-3]).all() and not up[:, :3].any() and (down[:, :-3] == images[:, 3:]).all() and not down[:, -3:].any()
+    assert (
+        (up[:, 3:] == images[:, :-3]).all()
+        and not up[:, :3].any()
+        and (down[:, :-3] == images[:, 3:]).all()
+        and not down[:, -3:].any()
+    )
     assert (left[:, :, 3:] == images[:, :, :-3]).all() and not right[:, :, -3:].any()
     assert all((one == images).all() for one in shifted(bench, images, 0.0))
     weak, strong = fainter(bench, images, 0.5)
@@ -128,14 +154,20 @@ def test_disturbances_do_what_they_say(bench):
     bar[0, 7, 3:12] = 200
     (upright, _) = turned(bench, bar, 90)
     assert (upright[0, 3:12, 7] == 200).all() and upright[0, 7, 3] == 0
-    assert empty_images(bench, 0.0).shape == (1, 14, 16) and not empty_images(bench, 0.0).any() and empty_images(bench, 2.0).max() > 2
+    assert (
+        empty_images(bench, 0.0).shape == (1, 14, 16)
+        and not empty_images(bench, 0.0).any()
+        and empty_images(bench, 2.0).max() > 2
+    )
 
 
 def test_a_map_goes_on_to_the_decision_of_the_whole_network(bench):
     images = bench.images[:20]
     whole = run_images(bench.model, images).decision
     maps = kept_maps(bench, images)
-    assert list(maps) == [0, 2, 4] and all((continued(bench.model, number, values) == whole).all() for number, values in maps.items())
+    assert list(maps) == [0, 2, 4] and all(
+        (continued(bench.model, number, values) == whole).all() for number, values in maps.items()
+    )
 
 
 def test_the_job_writes_the_page_and_keeps_what_it_judged(bench, tmp_path, monkeypatch):
@@ -143,18 +175,32 @@ def test_the_job_writes_the_page_and_keeps_what_it_judged(bench, tmp_path, monke
     names = ["noise on every taxel", "a row lost"]
     options = {"names": names, "cosim": False, "few": 20, "workers": 1, "cache": tmp_path / "kept"}
     result = run(tmp_path / "model", bench.recordings, out=tmp_path / "out", **options)
-    assert [one["name"] for one in result["modes"]] == names and json.loads((tmp_path / "out/stability.json").read_text()) == result
+    assert [one["name"] for one in result["modes"]] == names and json.loads(
+        (tmp_path / "out/stability.json").read_text()
+    ) == result
     page = (tmp_path / "out/stability.html").read_text()
     assert all(name in page for name in names)
     monkeypatch.setattr("eskin.verbs.stability_job.judge_mode", None)
-    assert run(tmp_path / "model", bench.recordings, out=tmp_path / "out", **options)["modes"] == result["modes"]
-    with pytest.raises(InputError, match="mode 'taxel dead': is unknown for images; the modes are object moved"):
+    assert (
+        run(tmp_path / "model", bench.recordings, out=tmp_path / "out", **options)["modes"] == result["modes"]
+    )
+    with pytest.raises(
+        InputError, match="mode 'taxel dead': is unknown for images; the modes are object moved"
+    ):
         run(tmp_path / "model", bench.recordings, out=tmp_path / "out", names=["taxel dead"])
 
 
 @pytest.mark.slow
 def test_the_weakest_cases_are_confirmed_by_the_hardware(bench, tmp_path):
     bench.model.save(tmp_path / "model")
-    result = run(tmp_path / "model", bench.recordings, out=tmp_path / "out", few=20, flips=20, workers=1, cache=tmp_path / "kept")
+    result = run(
+        tmp_path / "model",
+        bench.recordings,
+        out=tmp_path / "out",
+        few=20,
+        flips=20,
+        workers=1,
+        cache=tmp_path / "kept",
+    )
     played = [one["rtl"] for one in result["modes"] if one["rtl"]]
     assert len(played) == 3 and all(one["bit_exact"] and one["compared_values"] > 100 for one in played)

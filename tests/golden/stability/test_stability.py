@@ -1,4 +1,5 @@
-"""The failure-mode suite: every experiment reports its broken variant as failed, and what the suite says of a run is what was measured."""
+"""The failure-mode suite: every experiment reports its broken variant as failed, and what the suite says of a
+run is what was measured."""
 
 from __future__ import annotations
 
@@ -46,45 +47,63 @@ def in_hardware(case: Bench, folder) -> stability_job._Hardware:
     return stability_job._Hardware(case, keep, work=folder / "work", simulator="icarus")
 
 
-NUMBERS = [name for name, one in GOLDEN.items() if one.group in ("numeric", "memory") and "state" not in one.needs]
+NUMBERS = [
+    name for name, one in GOLDEN.items() if one.group in ("numeric", "memory") and "state" not in one.needs
+]
 
 
 @pytest.mark.parametrize("name", NUMBERS)
 def test_a_linear_cell_on_all_kinds_of_feature_is_judged_too(name):
-    """What asks nothing of the network's skill: numbers and memories; a broken variant fails and the sound one holds."""
+    """What asks nothing of the network's skill: numbers and memories; a broken variant fails and the sound
+    one holds."""
     bench, one = stability_case.linear_bench(), MODES[name]
     sound = judge(one, bench)[0]
     broken = judge(one, BROKEN[name](bench))[0]
     assert sound["passed"], f"{name}: {sound['value']} against {sound['bound']}: {sound['worst_case']}"
-    assert not broken["passed"], f"{name}: {broken['value']} against {broken['bound']}: {broken['worst_case']}"
+    assert not broken["passed"], (
+        f"{name}: {broken['value']} against {broken['bound']}: {broken['worst_case']}"
+    )
 
 
 def test_modes_of_a_state_are_not_run_on_a_linear_cell():
-    found = run_modes(stability_case.linear_bench(), names=["no touch", "state error without reset", "state bits"])
+    found = run_modes(
+        stability_case.linear_bench(), names=["no touch", "state error without reset", "state bits"]
+    )
     assert [record["name"] for record in found["modes"]] == ["no touch"]
     assert {row["why"] for row in found["not_run"]} == {"a linear cell has no state, no gates and no tables"}
     assert [row["name"] for row in found["not_run"]] == ["state error without reset", "state bits"]
 
 
-@pytest.mark.parametrize("one", [one for one in HARDWARE if one.run in BROKEN_DESIGNS], ids=lambda one: one.run)
+@pytest.mark.parametrize(
+    "one", [one for one in HARDWARE if one.run in BROKEN_DESIGNS], ids=lambda one: one.run
+)
 def test_a_broken_design_fails_and_the_sound_one_holds(one, tmp_path, monkeypatch):
     monkeypatch.setattr(stability_job, "STREAMED", 1)
     bench = stability_case.bench()
     hardware, design = in_hardware(bench, tmp_path), broken_design(bench.model, one.run, tmp_path / "broken")
     sound, broken = hardware.measure(one.run), hardware.measure(one.run, hardware=design)
-    assert sound.value <= one.bound(bench) < broken.value, (sound.rtl["mismatch_list"], broken.rtl["mismatch_list"])
+    assert sound.value <= one.bound(bench) < broken.value, (
+        sound.rtl["mismatch_list"],
+        broken.rtl["mismatch_list"],
+    )
     assert sound.rtl["compared_values"] > 100
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("one", [one for one in HARDWARE if one.run not in BROKEN_DESIGNS], ids=lambda one: one.run)
+@pytest.mark.parametrize(
+    "one", [one for one in HARDWARE if one.run not in BROKEN_DESIGNS], ids=lambda one: one.run
+)
 def test_a_campaign_without_the_defence_fails_and_with_it_holds(one, tmp_path):
     calls = []
     case = dataclasses.replace(stability_case.bench(), flips=600)
     keep = stability_job._Records(tmp_path, "content", Jobs(workers=1))
     hardware = stability_job._Hardware(case, keep, lambda *call: calls.append(call))
     bound = one.bound(case)
-    assert hardware.measure(one.run).value <= bound and calls[-1] == (f"{one.run} in simulation", calls[-1][2], calls[-1][2])
+    assert hardware.measure(one.run).value <= bound and calls[-1] == (
+        f"{one.run} in simulation",
+        calls[-1][2],
+        calls[-1][2],
+    )
     assert hardware.measure(one.run, **BROKEN_CAMPAIGNS[one.run]).value > bound
 
 
@@ -97,7 +116,10 @@ def test_a_design_without_the_place_to_break_is_no_broken_variant():
 def test_there_are_modes_enough_in_every_group_and_each_has_a_broken_variant():
     groups = [one.group for one in MODES.values()]
     assert len(MODES) >= 40 and all(groups.count(group) >= 6 for group in GROUPS)
-    assert set(BROKEN) == set(GOLDEN) and {one.run for one in HARDWARE} == {*BROKEN_DESIGNS, *BROKEN_CAMPAIGNS}
+    assert set(BROKEN) == set(GOLDEN) and {one.run for one in HARDWARE} == {
+        *BROKEN_DESIGNS,
+        *BROKEN_CAMPAIGNS,
+    }
 
 
 def a_mode(value: float = 2.0, name: str = "table resolution", **bound):
@@ -109,11 +131,17 @@ def a_mode(value: float = 2.0, name: str = "table resolution", **bound):
 
 @pytest.mark.parametrize(
     ("bound", "passed", "fails_at", "room"),
-    [({"at_most": 2.0}, True, 3, 0), ({"at_least": 2.0}, True, 1, 0), ({"at_most": 1.999}, False, 2, -0.001 / 1.999)],
+    [
+        ({"at_most": 2.0}, True, 3, 0),
+        ({"at_least": 2.0}, True, 1, 0),
+        ({"at_most": 1.999}, False, 2, -0.001 / 1.999),
+    ],
 )
 def test_a_bound_is_inclusive_and_the_first_point_beyond_it_is_named(bound, passed, fails_at, room):
     record, case = judge(a_mode(**bound), stability_case.bench())
-    assert (record["passed"], record["fails_at"], case) == (passed, fails_at, None) and record["room"] == pytest.approx(room)
+    assert (record["passed"], record["fails_at"], case) == (passed, fails_at, None) and record[
+        "room"
+    ] == pytest.approx(room)
     for bounds in ({"at_most": 1.0, "at_least": 1.0}, {}):
         with pytest.raises(ValueError, match="give one bound and one of numeric, stream"):
             a_mode(**bounds)
@@ -134,7 +162,9 @@ def test_modes_that_do_not_apply_or_need_hardware_are_listed_not_passed():
     bench = stability_case.bench()
     found = run_modes(bench, **options)
     assert [record["name"] for record in found["modes"]] == [*GOLDEN] and calls == [(len(MODES),) * 2]
-    assert {(row["name"], row["why"]) for row in found["not_run"]} == {(one.name, "needs a co-simulation") for one in HARDWARE}
+    assert {(row["name"], row["why"]) for row in found["not_run"]} == {
+        (one.name, "needs a co-simulation") for one in HARDWARE
+    }
 
     def simulated(mode):
         return judge(mode, bench, lambda key: Outcome(float(key == "stalls"), "seen"))[0]
@@ -142,10 +172,16 @@ def test_modes_that_do_not_apply_or_need_hardware_are_listed_not_passed():
     found = run_modes(bench, simulated=simulated, **options)
     assert [record["name"] for record in found["modes"]] == [*MODES] and not found["not_run"]
     assert calls[1:] == [(len(MODES) - left, len(MODES)) for left in range(len(HARDWARE), -1, -1)]
-    assert [record["name"] for record in found["modes"] if not record["passed"]] == [HARDWARE[0].name] == found["weakest"][:1]
+    assert (
+        [record["name"] for record in found["modes"] if not record["passed"]]
+        == [HARDWARE[0].name]
+        == found["weakest"][:1]
+    )
     rom = bench.changed({"loadable": False})
     found = run_modes(rom, names=["weight write during a touch"], simulated=simulated)
-    assert not found["modes"] and found["not_run"][0]["why"] == "weights are in ROM: there is nothing to write"
+    assert (
+        not found["modes"] and found["not_run"][0]["why"] == "weights are in ROM: there is nothing to write"
+    )
     at_once = bench.changed({"onset": "immediate", "rest": "initial"})
     found = run_modes(at_once, names=["no touch", "table resolution"])
     assert [entry["name"] for entry in found["not_run"]] == ["no touch"] and len(found["modes"]) == 1
@@ -181,8 +217,12 @@ def test_a_state_upset_changes_one_bit_of_one_unit_after_its_step():
     codes = bench.codes[:2]
     upset = Upset(bench.config, np.array([3, 0]), np.array([1, 2]), np.array([4, 5]))
     hit, plain = bench.forward(codes, upset)[0], bench.forward(codes)[0]
-    assert np.array_equal(hit[0, :3], plain[0, :3]) and np.argwhere(hit[0, 3] != plain[0, 3]).tolist() == [[1]]
-    assert abs(hit[0, 3, 1] - plain[0, 3, 1]) == 16 and np.argwhere(hit[1, 0] != plain[1, 0]).tolist() == [[2]]
+    assert np.array_equal(hit[0, :3], plain[0, :3]) and np.argwhere(hit[0, 3] != plain[0, 3]).tolist() == [
+        [1]
+    ]
+    assert abs(hit[0, 3, 1] - plain[0, 3, 1]) == 16 and np.argwhere(hit[1, 0] != plain[1, 0]).tolist() == [
+        [2]
+    ]
 
 
 # ---------------------------------------------------------------------- the job and its files
@@ -194,18 +234,30 @@ def job(tmp_path, **options):
     if not folder.exists():
         stability_case.model_folder(folder)
     options = {"few": 6, "points": 1, "long": 200, "flips": 60, "workers": 1, **WITHOUT_COSIM, **options}
-    return stability_job.run(folder, stability_case.recordings(), out=tmp_path / "out", cache=tmp_path / "cache", **options)
+    return stability_job.run(
+        folder, stability_case.recordings(), out=tmp_path / "out", cache=tmp_path / "cache", **options
+    )
 
 
 def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, monkeypatch):
     result = job(tmp_path, names=NAMES)
     written = json.loads((tmp_path / "out" / "stability.json").read_text())
-    assert written == json.loads(json.dumps(result)) and result["passed"] and [mode["name"] for mode in written["modes"]] == NAMES
+    assert (
+        written == json.loads(json.dumps(result))
+        and result["passed"]
+        and [mode["name"] for mode in written["modes"]] == NAMES
+    )
     for mode in written["modes"]:
         assert {"name", "group", "value", "bound", "unit", "passed", "worst_case"} <= set(mode)
     page = (tmp_path / "out" / "stability.html").read_text()
-    moving = sum(any(len(set(line)) > 1 for line in mode["curve"]["lines"].values()) for mode in written["modes"])
-    assert all(name in page for name in NAMES) and page.count("<img") == moving > 0 and "http" not in page.replace("http-equiv", "")
+    moving = sum(
+        any(len(set(line)) > 1 for line in mode["curve"]["lines"].values()) for mode in written["modes"]
+    )
+    assert (
+        all(name in page for name in NAMES)
+        and page.count("<img") == moving > 0
+        and "http" not in page.replace("http-equiv", "")
+    )
     chosen = AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
     assert chosen.faults.fault_frames == 64 and chosen.onset_rule.onset_threshold == 5
     monkeypatch.setattr(stability, "judge", lambda *args: pytest.fail("a finished experiment was run again"))
@@ -216,8 +268,12 @@ def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, 
 
 
 def test_processes_judge_as_one_does(tmp_path):
-    alone, beside = (job(tmp_path / name, names=NAMES, workers=workers) for name, workers in (("one", 1), ("two", 2)))
-    assert [mode | {"wall_s": 0} for mode in alone["modes"]] == [mode | {"wall_s": 0} for mode in beside["modes"]]
+    alone, beside = (
+        job(tmp_path / name, names=NAMES, workers=workers) for name, workers in (("one", 1), ("two", 2))
+    )
+    assert [mode | {"wall_s": 0} for mode in alone["modes"]] == [
+        mode | {"wall_s": 0} for mode in beside["modes"]
+    ]
 
 
 def test_a_mode_beyond_its_bound_fails_the_job_and_is_named_on_the_page(tmp_path, monkeypatch):
@@ -234,7 +290,11 @@ def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypat
 
     monkeypatch.setattr(stability_job, "play_case", differs)
     result = job(tmp_path, names=["table resolution", "frames lost"], cosim=True)
-    assert not result["passed"] and result["modes"][1]["rtl"]["mismatches"] == 1 and result["modes"][0]["rtl"] is None
+    assert (
+        not result["passed"]
+        and result["modes"][1]["rtl"]["mismatches"] == 1
+        and result["modes"][0]["rtl"] is None
+    )
     assert "differ in frames lost" in (tmp_path / "out" / "stability.html").read_text()
 
 
@@ -252,7 +312,11 @@ def test_the_page_needs_a_curve_only_where_there_is_one(tmp_path):
         "data": "d",
         "recordings": 1,
         "clean_accuracy": 1.0,
-        "modes": [{**record, "curve": moving}, {**record, "name": "rtl", "curve": None}, {**record, "name": "still", "curve": still}],
+        "modes": [
+            {**record, "curve": moving},
+            {**record, "name": "rtl", "curve": None},
+            {**record, "name": "still", "curve": still},
+        ],
         "not_run": [{"name": "n", "group": "memory", "why": "later"}],
         "defences": [],
     }
@@ -273,7 +337,9 @@ def test_bounds_of_accuracy_are_relative_and_a_detector_that_is_off_is_not_faile
 
 
 @pytest.mark.parametrize("exact", [True, False])
-def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job(tmp_path, monkeypatch, exact):
+def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job(
+    tmp_path, monkeypatch, exact
+):
     split = {
         "groups": ["trial"],
         "accuracy": 0.9,
@@ -287,7 +353,14 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
     costed = []
 
     def compare(recordings, rows, *args, **options):
-        return [{"name": rows[0].name, "clean": [split], "margin": [split], **dict.fromkeys(("dead", "stuck", "stuck, masked"), fault)}]
+        return [
+            {
+                "name": rows[0].name,
+                "clean": [split],
+                "margin": [split],
+                **dict.fromkeys(("dead", "stuck", "stuck, masked"), fault),
+            }
+        ]
 
     def cost(config, recordings):
         costed.append(config)
@@ -306,9 +379,21 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
     monkeypatch.setattr(stability_job.defences, "compare_defences", compare)
     monkeypatch.setattr(stability_job, "hardware_cost", cost)
     result = job(tmp_path, names=["table resolution"], cosim=True, compare=True)
-    assert [record["hardware"]["logic_cells"] for record in result["defences"]] == [1001, 1002, 1002, 1003, 1004, 1005]
-    assert [bool(c.faults.fault_frames) for c in costed] == [False, True, True, True, True] and costed[-1].network.margin_threshold == 7
-    assert result["defences"][-1]["name"] == "the same, watchdog, checksum, unsure below a margin of 7" and result["passed"] == exact
+    assert [record["hardware"]["logic_cells"] for record in result["defences"]] == [
+        1001,
+        1002,
+        1002,
+        1003,
+        1004,
+        1005,
+    ]
+    assert [bool(c.faults.fault_frames) for c in costed] == [False, True, True, True, True] and costed[
+        -1
+    ].network.margin_threshold == 7
+    assert (
+        result["defences"][-1]["name"] == "the same, watchdog, checksum, unsure below a margin of 7"
+        and result["passed"] == exact
+    )
 
 
 def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys):
@@ -324,7 +409,12 @@ def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys
         "curve": [{"threshold": 4, "coverage": 0.95, "accuracy": 0.99}],
     }
     fault = {"mean": 0.8, "worst": 0.7, "worst_taxel": 1}
-    record = {"name": "none", "clean": [split], "margin": [split], **dict.fromkeys(("dead", "stuck", "stuck, masked"), fault)}
+    record = {
+        "name": "none",
+        "clean": [split],
+        "margin": [split],
+        **dict.fromkeys(("dead", "stuck", "stuck, masked"), fault),
+    }
     hardware = {
         "logic_cells": 1234,
         "bram": 28,
@@ -345,10 +435,18 @@ def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys
         "modes": [mode],
         "not_run": [],
         "weakest": ["table resolution"],
-        "defences": [{**record, "hardware": hardware}, {**record, "hardware": {**hardware, "logic_cells": None, "bit_exact": False}}],
+        "defences": [
+            {**record, "hardware": hardware},
+            {**record, "hardware": {**hardware, "logic_cells": None, "bit_exact": False}},
+        ],
     }
     page = write_page(tmp_path, result).read_text()
-    assert '<td class="n">1234</td>' in page and "logic cells" in page and "with 4 dsp lanes" in page and "which DIFFERS" in page
+    assert (
+        '<td class="n">1234</td>' in page
+        and "logic cells" in page
+        and "with 4 dsp lanes" in page
+        and "which DIFFERS" in page
+    )
     studies._show_stability(result)
     said = capsys.readouterr().out
     assert "1234" in said and "253" in said
@@ -359,7 +457,8 @@ def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
-    """Acceptance: the numeric modes hold at the recommended formats, and at least 35 modes run on real recordings."""
+    """Acceptance: the numeric modes hold at the recommended formats, and at least 35 modes run on real
+    recordings."""
     from eskin.golden.core.config import PRESETS
     from eskin.golden.data.load import load_recordings
     from eskin.golden.studies import defences
@@ -370,8 +469,19 @@ def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
     config = defences.recommended(data, PRESETS["pvdf"])
     train.train(data, config, train.TrainingRequest(folds=0, protocol="robust"), out=tmp_path / "model")
     quantise(tmp_path / "model")
-    result = stability_job.run(tmp_path / "model", data, out=tmp_path / "out", cache=tmp_path / "cache", few=30, flips=400, **WITHOUT_COSIM)
+    result = stability_job.run(
+        tmp_path / "model",
+        data,
+        out=tmp_path / "out",
+        cache=tmp_path / "cache",
+        few=30,
+        flips=400,
+        **WITHOUT_COSIM,
+    )
     assert len(result["modes"]) >= 35
     assert all(mode["passed"] for mode in result["modes"] if mode["group"] in ("numeric", "memory"))
     held = {mode["name"]: mode["passed"] for mode in result["modes"]}
-    assert all(held[f"one dead taxel, {which}"] and held[f"one taxel stuck at full scale, masked, {which}"] for which in ("mean", "worst"))
+    assert all(
+        held[f"one dead taxel, {which}"] and held[f"one taxel stuck at full scale, masked, {which}"]
+        for which in ("mean", "worst")
+    )

@@ -1,4 +1,5 @@
-"""What defences save and cost: the failures are what they say, the margin is chosen on training data, the table is counted by hand."""
+"""What defences save and cost: the failures are what they say, the margin is chosen on training data, the
+table is counted by hand."""
 
 from __future__ import annotations
 
@@ -58,7 +59,9 @@ def test_failures_are_what_they_say():
             assert np.array_equal(np.delete(before, 2, axis=1), np.delete(after, 2, axis=1))
             since = int(onsets[i]) - 1 + round(0.25 * CONFIG.last_frame)
             if name == "dead":
-                assert len(set(after[:, 2].tolist())) == 1 and abs(int(after[0, 2]) - before[:20, 2].mean()) < 3
+                assert (
+                    len(set(after[:, 2].tolist())) == 1 and abs(int(after[0, 2]) - before[:20, 2].mean()) < 3
+                )
             else:
                 assert np.array_equal(after[:since, 2], before[:since, 2]) and np.all(after[since:, 2] == top)
 
@@ -79,11 +82,19 @@ def test_decisions_are_those_of_the_pipeline():
 def test_the_margin_record_is_counted_over_the_confident():
     labels = np.array([0, 1, 0, 1])
     outcome = [(0, np.arange(4), np.array([0, 1, 1, -1]), np.array([9, 3, 6, 0]), np.array([4, 6, 8, 9]))]
-    record = defences.margin_record(["trial"], labels, outcome, 0.75)  # a margin of the threshold itself is confident
-    assert record["threshold"] == 6 and record["coverage"] == 0.5 and record["accuracy"] == 0.5 and record["without"] == 0.5
+    # a margin of the threshold itself is confident
+    record = defences.margin_record(["trial"], labels, outcome, 0.75)
+    assert (
+        record["threshold"] == 6
+        and record["coverage"] == 0.5
+        and record["accuracy"] == 0.5
+        and record["without"] == 0.5
+    )
     outcome = [(0, np.arange(4), np.array([0, 1, 1, -1]), np.array([9, 3, 5, 0]), np.array([0, 0, 0, 5]))]
     record = defences.margin_record(["trial"], labels, outcome, 1.0)
-    assert record["threshold"] == 0 and record["coverage"] == 0.75 and record["accuracy"] == pytest.approx(2 / 3)
+    assert (
+        record["threshold"] == 0 and record["coverage"] == 0.75 and record["accuracy"] == pytest.approx(2 / 3)
+    )
 
 
 def test_the_comparison_counts_what_unseen_recordings_get():
@@ -93,12 +104,22 @@ def test_the_comparison_counts_what_unseen_recordings_get():
     front_ends: dict = {}
     calls = []
     (record,) = defences.compare_defences(
-        data, [variant], [["trial"]], [0], folds=2, front_ends=front_ends, progress=lambda *line: calls.append(line)
+        data,
+        [variant],
+        [["trial"]],
+        [0],
+        folds=2,
+        front_ends=front_ends,
+        progress=lambda *line: calls.append(line),
     )
     (reference,) = crossval.cross_validate(data, CONFIG, [["trial"]], [0], folds=2, recipe=recipe)
-    assert record["clean"][0]["accuracy"] == pytest.approx(reference["integer_accuracy"]) and calls == [("defences", 1, 1)]
+    assert record["clean"][0]["accuracy"] == pytest.approx(reference["integer_accuracy"]) and calls == [
+        ("defences", 1, 1)
+    ]
     assert set(next(iter(front_ends.values()))) == {"clean"} | {
-        f"{name} {taxel}" for name in ("dead", "stuck", "stuck, masked") for taxel in range(CONFIG.sensor.taxels)
+        f"{name} {taxel}"
+        for name in ("dead", "stuck", "stuck, masked")
+        for taxel in range(CONFIG.sensor.taxels)
     }
     for name in ("dead", "stuck", "stuck, masked"):
         assert 0 <= record[name]["worst"] <= record[name]["mean"] <= 1
@@ -106,5 +127,11 @@ def test_the_comparison_counts_what_unseen_recordings_get():
         key: (config, np.full_like(rows, -1), touches) if key == "dead 3" else (config, rows, touches)
         for key, (config, rows, touches) in next(iter(front_ends.values())).items()
     }
-    (again,) = defences.compare_defences(data, [variant], [["trial"]], [0], folds=2, front_ends={next(iter(front_ends)): spoiled})
-    assert again["dead"]["worst"] == 0.0 and again["dead"]["worst_taxel"] == 3 and again["stuck"] == record["stuck"]
+    (again,) = defences.compare_defences(
+        data, [variant], [["trial"]], [0], folds=2, front_ends={next(iter(front_ends)): spoiled}
+    )
+    assert (
+        again["dead"]["worst"] == 0.0
+        and again["dead"]["worst_taxel"] == 3
+        and again["stuck"] == record["stuck"]
+    )

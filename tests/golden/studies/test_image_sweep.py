@@ -1,4 +1,5 @@
-"""The sweep over networks for images: its points, its folds, what it names, what it refuses. No network is trained but in one test."""
+"""The sweep over networks for images: its points, its folds, what it names, what it refuses. No network is
+trained but in one test."""
 
 from __future__ import annotations
 
@@ -19,12 +20,16 @@ from eskin.verbs import sweep_job
 from tests.support.image_scenes import shapes
 from tests.support.table import each_row
 
-SMALL = [{"layers": ["conv 3 4", "pool"], "weight_bits": [8, 4]}, {"size": ["6x8"], "layers": [["conv 3 2", "pool"], ["conv 1 2"]]}]
+SMALL = [
+    {"layers": ["conv 3 4", "pool"], "weight_bits": [8, 4]},
+    {"size": ["6x8"], "layers": [["conv 3 2", "pool"], ["conv 1 2"]]},
+]
 COST = {"cycles_step": 100, "cycles_decision": 102, "energy_j": 1e-6, "compute_j": 1e-6}
 
 
 def judged(shared, piece):
-    """Float knows all; 8 bits know the first two classes; 4 bits the first one. What it says is on images of the piece's size."""
+    """Float knows all; 8 bits know the first two classes; 4 bits the first one. What it says is on images of
+    the piece's size."""
     images, labels = shared
     size = f"{piece.config.image.height}x{piece.config.image.width}"
     assert images[size].shape[1:] == (piece.config.image.height, piece.config.image.width)
@@ -37,7 +42,9 @@ def judged(shared, piece):
 def swept(scene, tmp_path, judging=judged, **changes):
     request = ImageSweepRequest(points=make_image_points(scene, SMALL), folds=3, **changes)
     jobs = Jobs(workers=1)
-    return sweep(scene, request, cost_of=lambda _: COST, jobs=jobs, keep=Memo(tmp_path / "kept"), judging=judging)
+    return sweep(
+        scene, request, cost_of=lambda _: COST, jobs=jobs, keep=Memo(tmp_path / "kept"), judging=judging
+    )
 
 
 def test_the_default_grid_has_the_published_sizes_and_enough_networks():
@@ -45,7 +52,9 @@ def test_the_default_grid_has_the_published_sizes_and_enough_networks():
     points = make_image_points(scene, default_grid(28, 50))
     tact = [point for point in points if point.network == "tactnet" and point.config.weight_bits == 8]
     assert [point.size for point in tact] == ["28x50", "26x47", "28x40", "28x32", "24x32"]
-    assert len({(point.network, point.size) for point in points}) >= 12 and {point.config.weight_bits for point in points} == {4, 8}
+    assert len({(point.network, point.size) for point in points}) >= 12 and {
+        point.config.weight_bits for point in points
+    } == {4, 8}
     assert all(point.config.hardware.lanes == 8 for point in points)
 
 
@@ -55,23 +64,39 @@ def test_memories_of_maps_are_those_of_the_hardware():
         ours, plan = map_values(point.config), plan_of(point.config)
         assert ours == plan.map_values
         weights = plan.conv_words * plan.lanes + plan.dense_words * 32 // plan.weight_bits
-        assert point.cost()["weight_memory_bits"] <= weights * plan.weight_bits  # the hardware fills up groups of lanes
+        # the hardware fills up groups of lanes
+        assert point.cost()["weight_memory_bits"] <= weights * plan.weight_bits
 
 
 def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
     scene, asked = shapes(6, 0, (8, 10)), []
 
     def counted(shared, piece):
-        asked.append((piece.config.image.layers, piece.config.image.width, piece.tuned_bits, piece.seed, piece.left_out))
+        asked.append(
+            (
+                piece.config.image.layers,
+                piece.config.image.width,
+                piece.tuned_bits,
+                piece.seed,
+                piece.left_out,
+            )
+        )
         return judged(shared, piece)
 
     result = swept(scene, tmp_path, counted, seeds=(0, 1))
-    assert len(asked) == len(set(asked)) == 3 * 3 * 2  # three networks, three folds, two seeds; not four points
-    assert [one[:2] for one in asked[:3]] != [asked[0][:2]] * 3  # a fold of every network before the next fold
+    # three networks, three folds, two seeds; not four points
+    assert len(asked) == len(set(asked)) == 3 * 3 * 2
+    assert [one[:2] for one in asked[:3]] != [
+        asked[0][:2]
+    ] * 3  # a fold of every network before the next fold
     eight, four, *others = result["points"]
-    assert (eight["accuracy"], four["accuracy"]) == (pytest.approx(2 / 3), pytest.approx(1 / 3)) and eight["float_accuracy"] == 1
+    assert (eight["accuracy"], four["accuracy"]) == (pytest.approx(2 / 3), pytest.approx(1 / 3)) and eight[
+        "float_accuracy"
+    ] == 1
     assert {point["config"]["size"] for point in others} == {"6x8"} and result["judged_images"] == 18
-    assert [one["point"] for one in result["smallest"]] == [None] * 4 and smallest_at(result["points"], 0.6) == 3
+    assert [one["point"] for one in result["smallest"]] == [None] * 4 and smallest_at(
+        result["points"], 0.6
+    ) == 3
     assert result["recommended"] == 3 and result["recommendation"]["met"]
     again = swept(scene, tmp_path, None, seeds=(0, 1))  # all is kept: nothing is judged again
     assert again == result
@@ -124,13 +149,18 @@ def test_what_the_verb_cannot_do_is_refused(tmp_path):
 
 
 def test_a_sweep_leaves_its_files_and_counts_the_cycles_of_the_hardware(tmp_path):
-    (tmp_path / "g.json").write_text('{"layers": [["conv 3 2", "pool"]], "size": ["8x10", "6x8"], "lanes": 2, "clock_hz": 1e6}')
+    (tmp_path / "g.json").write_text(
+        '{"layers": [["conv 3 2", "pool"]], "size": ["8x10", "6x8"], "lanes": 2, "clock_hz": 1e6}'
+    )
     scene = shapes(6, 0, (8, 10))
     request = sweep_job.request_of(scene, None, grid=tmp_path / "g.json", folds=2, parts=1)
     request = dataclasses.replace(request, recipe=ImageRecipe(epochs=1, batch=8))
     result = sweep_job.run(scene, request, out=tmp_path / "out", workers=1, cache=tmp_path / "kept")
     for record, point in zip(result["points"], request.points, strict=True):
-        assert record["cycles_decision"] > plan_of(point.config).cycles * 0.9 and record["latency_s"] == record["cycles_decision"] / 1e6
+        assert (
+            record["cycles_decision"] > plan_of(point.config).cycles * 0.9
+            and record["latency_s"] == record["cycles_decision"] / 1e6
+        )
         assert 0 < record["energy_j"] < 1e-5 and 0 <= record["accuracy"] <= 1
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "sweep.json",

@@ -1,4 +1,5 @@
-"""golden/studies/leak_check.py: the touch really is taken out, a clean scene passes, and what knows the class without a touch is found."""
+"""golden/studies/leak_check.py: the touch really is taken out, a clean scene passes, and what knows the class
+without a touch is found."""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ RAW = SMALL.replace(rest="none", rest_frames=0, onset="band", band_low=0, band_h
 
 
 def resting(recordings=60, seed=2):
-    """Every touch is the same tap; only the resting level, higher on the taxel of the class, tells them apart."""
+    """Every touch is the same tap; only the resting level, higher on the taxel of the class, tells them
+    apart."""
     rng = np.random.default_rng(seed)
     labels = np.arange(recordings) % 3
     parts = []
@@ -42,7 +44,9 @@ def resting(recordings=60, seed=2):
         course[:, label] += 40
         parts.append(np.rint(course + rng.normal(0, 2, course.shape)).astype(np.int32))
     offsets = np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64)
-    return dataclasses.replace(scene(recordings), samples=np.concatenate(parts), offsets=offsets, labels=labels)
+    return dataclasses.replace(
+        scene(recordings), samples=np.concatenate(parts), offsets=offsets, labels=labels
+    )
 
 
 # ---------------------------------------------------------------------- what is judged
@@ -92,9 +96,13 @@ def test_a_forced_gate_opens_where_it_is_told_and_nowhere_else():
 def test_a_clean_scene_passes_and_touches_left_in_do_not():
     recordings = scene(60, seed=1)
     clean = checked(recordings)
-    assert clean["passed"] and clean["without_touch"] <= clean["limit"] == pytest.approx(clean["chance"] + 0.1)
+    assert clean["passed"] and clean["without_touch"] <= clean["limit"] == pytest.approx(
+        clean["chance"] + 0.1
+    )
     assert clean["accuracy"] > 0.75
-    assert clean["no_lead_in"] == 60 - np.count_nonzero(quiet_enough(SMALL, find_onsets(SMALL, recordings))) > 0
+    assert (
+        clean["no_lead_in"] == 60 - np.count_nonzero(quiet_enough(SMALL, find_onsets(SMALL, recordings))) > 0
+    )
     assert clean["recordings"] + clean["no_lead_in"] == 60
     for left_in in (40, 10**6):
         leaking = checked(recordings, left_in=left_in)
@@ -133,7 +141,18 @@ def test_the_verb_says_so_and_its_status_too(tmp_path, monkeypatch, words, statu
     )
     (tmp_path / "c.json").write_text(SMALL.to_json())
     monkeypatch.chdir(tmp_path)
-    options = ["--data", "data.npz", "--config", "c.json", "--group", "person", "--seeds", "1", "--json", "leak.json"]
+    options = [
+        "--data",
+        "data.npz",
+        "--config",
+        "c.json",
+        "--group",
+        "person",
+        "--seeds",
+        "1",
+        "--json",
+        "leak.json",
+    ]
     done = CliRunner().invoke(app, ["leak-check", *options, *words])
     assert done.exit_code == status, done.output
     assert ("LEAK" in done.output) == bool(status)

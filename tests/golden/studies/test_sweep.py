@@ -1,5 +1,5 @@
-"""golden/studies/sweep.py and eskin/verbs/sweep_job.py: points, costs, the front, the choice, the memory of finished trainings, the
-files."""
+"""golden/studies/sweep.py and eskin/verbs/sweep_job.py: points, costs, the front, the choice, the memory of
+finished trainings, the files."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ GRID = [{"hidden": [4, 6], "weight_bits": [6, 8], "lanes": [1, 2]}]
 
 
 class Stub:
-    """Stands in for training: better with more units and bits, better with the seed; what was asked is in ``jobs``."""
+    """Stands in for training: better with more units and bits, better with the seed; what was asked is in
+    ``jobs``."""
 
     def __init__(self, stop_after: int | None = None) -> None:
         self.jobs: list[sweeping.Job] = []
@@ -44,12 +45,17 @@ class Stub:
         if job.baseline:
             sizes = {"label": job.baseline, "parameters": 10, "multiplies_decision": 20}
             return sizes | {"splits": [self.split(groups, 0.6, job) for groups in job.splits]}
-        return {"splits": [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job.splits)]}
+        return {
+            "splits": [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job.splits)]
+        }
 
     @staticmethod
     def split(groups, accuracy, job):
         by_seed = [accuracy + 0.001 * (seed - np.mean(job.seeds)) for seed in job.seeds]
-        steps = [{"step": k + 1, "time_s": 0.01 * (k + 1), "accuracy": accuracy / 2} for k in range(job.config.windows.steps)]
+        steps = [
+            {"step": k + 1, "time_s": 0.01 * (k + 1), "accuracy": accuracy / 2}
+            for k in range(job.config.windows.steps)
+        ]
         return {
             "groups": list(groups),
             "accuracy": accuracy,
@@ -59,7 +65,10 @@ class Stub:
             "agreement": 0.99,
             "decision_time_s": 0.01 * job.config.windows.steps,
             "per_step": steps,
-            "per_fold": [{"held_out": f"person {n}", "accuracy": accuracy - n / 100, "by_seed": by_seed} for n in range(3)],
+            "per_fold": [
+                {"held_out": f"person {n}", "accuracy": accuracy - n / 100, "by_seed": by_seed}
+                for n in range(3)
+            ],
         }
 
 
@@ -83,16 +92,33 @@ def do_sweep(tmp_path, stub, grids=GRID, workers=1, progress=None, version="1", 
 
 # ---------------------------------------------------------------------- points
 def test_a_grid_is_every_combination_once():
-    points = sweeping.make_points(PRESETS["pvdf"], [*GRID, {"hidden": 4, "weight_bits": 8, "lanes": 1}, {"cell": "lstm", "hop": 48}])
+    points = sweeping.make_points(
+        PRESETS["pvdf"], [*GRID, {"hidden": 4, "weight_bits": 8, "lanes": 1}, {"cell": "lstm", "hop": 48}]
+    )
     assert len(points) == 9 and len({point.name for point in points}) == 9
-    assert [points[0].config.network.hidden, points[0].config.weight_bits, points[0].config.hardware.lanes] == [4, 6, 1]
+    assert [
+        points[0].config.network.hidden,
+        points[0].config.weight_bits,
+        points[0].config.hardware.lanes,
+    ] == [4, 6, 1]
     last = points[-1].config
-    assert (last.network.cell, last.windows.hop, last.windows.window, last.formats.state_format.int_bits) == ("lstm", 48, 96, 4)
+    assert (last.network.cell, last.windows.hop, last.windows.window, last.formats.state_format.int_bits) == (
+        "lstm",
+        48,
+        96,
+        4,
+    )
     (odd,) = sweeping.make_points(PRESETS["thesis"], [{"hop": 200}])
     assert (odd.config.windows.hop, odd.config.windows.window) == (200, 401)
-    looks = [{"compand": "log", "compand_knee": [9, 11]}, {"decision": "early", "early_margin": [100], "early_steps": 3}]
+    looks = [
+        {"compand": "log", "compand_knee": [9, 11]},
+        {"decision": "early", "early_margin": [100], "early_steps": 3},
+    ]
     names = [point.name for point in sweeping.make_points(PRESETS["pvdf"], looks)]
-    assert names[1] == "GRU 12 companded at 2^11, 8 bit, 4 lanes" and names[2] == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
+    assert (
+        names[1] == "GRU 12 companded at 2^11, 8 bit, 4 lanes"
+        and names[2] == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
+    )
     two_spellings = sweeping.make_points(SMALL, [{"cell": "lstm", "reset": ["before", "after"]}])
     assert len(two_spellings) == 1
 
@@ -122,7 +148,10 @@ def test_a_grid_that_cannot_work_is_refused_before_training(grid, words):
         sweeping.make_points(SMALL, [grid], "grid 'g.json'")
 
 
-@each_row(("text", "words"), [(None, "g.json"), ("{", "not JSON"), ("3", "object of fields"), ("[]", "object of fields")])
+@each_row(
+    ("text", "words"),
+    [(None, "g.json"), ("{", "not JSON"), ("3", "object of fields"), ("[]", "object of fields")],
+)
 def test_a_grid_file_that_cannot_be_read_is_refused(tmp_path, text, words):
     if text is not None:
         (tmp_path / "g.json").write_text(text)
@@ -134,11 +163,19 @@ def test_a_grid_file_that_cannot_be_read_is_refused(tmp_path, text, words):
 @each_row(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "serial")])
 def test_costs_are_those_of_the_hardware(cell, lanes, lane_type):
     """Multiplies and weight bits against what the program itself holds; cycles are the program's."""
-    (point,) = sweeping.make_points(SMALL, [{**cell, "hidden": 7, "weight_bits": 6, "lanes": lanes, "lane_type": lane_type}])
+    (point,) = sweeping.make_points(
+        SMALL, [{**cell, "hidden": 7, "weight_bits": 6, "lanes": lanes, "lane_type": lane_type}]
+    )
     counted, mine = cost(point.config), point.cost()
-    assert (mine["multiplies_step"], mine["weight_memory_bits"]) == (counted["multiplies"], counted["weight_bits"])
+    assert (mine["multiplies_step"], mine["weight_memory_bits"]) == (
+        counted["multiplies"],
+        counted["weight_bits"],
+    )
     assert mine["multiplies_decision"] == 6 * counted["multiplies"]
-    assert (step_cycles(point.config), decision_cycles(point.config)) == (counted["step_cycles"], counted["decision_cycles"])
+    assert (step_cycles(point.config), decision_cycles(point.config)) == (
+        counted["step_cycles"],
+        counted["decision_cycles"],
+    )
     assert point.config.weight_bits == 6
 
 
@@ -155,7 +192,16 @@ def test_points_that_differ_in_lanes_share_a_training_and_a_repeat_trains_nothin
     assert pairs[0][0] == pairs[1][0] and pairs[0][2] > pairs[1][2]
 
 
-@each_row("change", [{"version": "2"}, {"seeds": (0, 1, 3)}, {"splits": [["person"]]}, {"folds": 4}, {"grids": [{**GRID[0], "hop": 8}]}])
+@each_row(
+    "change",
+    [
+        {"version": "2"},
+        {"seeds": (0, 1, 3)},
+        {"splits": [["person"]]},
+        {"folds": 4},
+        {"grids": [{**GRID[0], "hop": 8}]},
+    ],
+)
 def test_what_was_trained_on_other_terms_is_trained_again(tmp_path, change):
     stub = Stub()
     do_sweep(tmp_path, stub)
@@ -173,13 +219,20 @@ def test_an_interrupted_sweep_goes_on_where_it_stopped(tmp_path):
 
 
 def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):
-    few = {name: dataclasses.replace(recipe, updates=10, epochs=0) for name, recipe in recipes.RECIPES.items()}
+    few = {
+        name: dataclasses.replace(recipe, updates=10, epochs=0) for name, recipe in recipes.RECIPES.items()
+    }
     monkeypatch.setattr(recipes, "RECIPES", few)
-    result = do_sweep(tmp_path, sweeping.judge, [{"hidden": 4, "weight_bits": [6, 8]}], splits=[["person"]], seeds=(0, 1))
+    result = do_sweep(
+        tmp_path, sweeping.judge, [{"hidden": 4, "weight_bits": [6, 8]}], splits=[["person"]], seeds=(0, 1)
+    )
     for point in result["points"]:
         (split,) = point["splits"]
         assert split["accuracy"] == pytest.approx(np.mean(split["by_seed"])) and len(split["by_seed"]) == 2
-        assert split["spread"] == pytest.approx(np.std(split["by_seed"], ddof=1)) and 0 <= split["agreement"] <= 1
+        assert (
+            split["spread"] == pytest.approx(np.std(split["by_seed"], ddof=1))
+            and 0 <= split["agreement"] <= 1
+        )
         assert len(split["per_step"]) == SMALL.windows.steps and len(split["per_fold"]) == 5
     floats = [point["float_accuracy"] for point in result["points"]]
     assert floats[0] == floats[1]  # the float network does not know of its bits
@@ -226,7 +279,9 @@ def made(accuracy, latency, multiplies, bits=100, lanes=1, error=0.0, energy=1.0
     }
 
 
-figure = st.tuples(st.integers(0, 10), st.integers(1, 10), st.integers(1, 10)).map(lambda t: made(t[0] / 10, t[1], t[2]))
+figure = st.tuples(st.integers(0, 10), st.integers(1, 10), st.integers(1, 10)).map(
+    lambda t: made(t[0] / 10, t[1], t[2])
+)
 figures = st.lists(figure, min_size=1, max_size=12)
 
 
@@ -252,7 +307,10 @@ def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floo
     bounds = sweeping.Bounds(accuracy_floor=floor / 10, latency_budget=latency, energy_budget=energy)
 
     def misses(record, names):
-        over = {"accuracy floor": floor / 10 - record["accuracy"], "latency budget": record["latency_s"] - (latency or 99)}
+        over = {
+            "accuracy floor": floor / 10 - record["accuracy"],
+            "latency budget": record["latency_s"] - (latency or 99),
+        }
         over["energy budget"] = record["energy_j"] - (energy or 99)
         return {name: over[name] for name in names if over[name] > 0}
 
@@ -265,16 +323,28 @@ def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floo
         return
     least = min(map(sweeping.size, meeting))
     assert sweeping.size(chosen) == least
-    without = {name: [record for record in records if not misses(record, set(names) - {name})] for name in names}
+    without = {
+        name: [record for record in records if not misses(record, set(names) - {name})] for name in names
+    }
     assert choice["binding"] == [name for name in names if min(map(sweeping.size, without[name])) < least]
 
 
 FOUR = [made(0.90, 1.0, 10), made(0.96, 8.0, 20), made(0.96, 2.0, 20, lanes=4), made(0.99, 9.0, 40)]
 JOULE = [(0.96, 20, 155.9e-6), (0.96, 30, 154.2e-6), (0.99, 40, 156.5e-6), (0.90, 10, 153.0e-6)]
 ENERGIES = [made(accuracy, 1, multiplies, energy=joule) for accuracy, multiplies, joule in JOULE]
-TIES, CLEAR = ([made(0.970, 1, 10), made(0.985, 1, 20), made(0.990, 1, 40, error=error)] for error in (0.006, 0.004))
-EQUAL = [made(0.9, 1, 10, bits=80, lanes=1), made(0.9, 1, 10, bits=60, lanes=4), made(0.9, 1, 10, bits=60, lanes=2)]
-OPTIONS = ({"compand": "log"}, {"decision": "early", "compand": "none"}, {"decision": "vote", "compand": "none"})
+TIES, CLEAR = (
+    [made(0.970, 1, 10), made(0.985, 1, 20), made(0.990, 1, 40, error=error)] for error in (0.006, 0.004)
+)
+EQUAL = [
+    made(0.9, 1, 10, bits=80, lanes=1),
+    made(0.9, 1, 10, bits=60, lanes=4),
+    made(0.9, 1, 10, bits=60, lanes=2),
+]
+OPTIONS = (
+    {"compand": "log"},
+    {"decision": "early", "compand": "none"},
+    {"decision": "vote", "compand": "none"},
+)
 PLAIN = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in OPTIONS]
 
 
@@ -295,7 +365,8 @@ PLAIN = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in OPTI
     ],
 )
 def test_the_recommendation_says_why(records, bounds, point, words):
-    """Ties within a standard error go to the smaller; of equal multiplies fewer weight bits, then lanes, then options decide."""
+    """Ties within a standard error go to the smaller; of equal multiplies fewer weight bits, then lanes, then
+    options decide."""
     names = ("accuracy_floor", "latency_budget", "energy_budget")
     choice = sweeping.recommend(records, sweeping.Bounds(**dict(zip(names, bounds, strict=True))))
     assert choice["point"] == point and words in choice["sentence"], choice
@@ -310,7 +381,8 @@ def test_one_seed_has_no_spread_and_the_error_of_a_share(by_seed, spread, error)
 
 # ---------------------------------------------------------------------- energy
 def test_energy_of_a_touch_by_hand(monkeypatch):
-    """151 uW at rest, 52 pJ a cycle, 24 pJ a multiply, 0.2 pJ a toggle; an eighth of 800 registers toggles in a cycle with work."""
+    """151 uW at rest, 52 pJ a cycle, 24 pJ a multiply, 0.2 pJ a toggle; an eighth of 800 registers toggles in
+    a cycle with work."""
     monkeypatch.setattr(sweep_job, "_registers", lambda config: 800)
     cycles = step_cycles(SMALL)
     frames, frame, seconds = 70, 2 * 4 + 7, 0.07
@@ -324,7 +396,8 @@ def test_energy_of_a_touch_by_hand(monkeypatch):
     assert found["compute_j"] == pytest.approx(6 * cycles * (52e-12 + busy) + made)
     serial = SMALL.with_lanes(1, "serial")
     cycles = step_cycles(serial)
-    assert sweep_job.cost_of(serial, SMALL)["compute_j"] == pytest.approx(6 * cycles * (52e-12 + busy))  # no multiplier to be charged
+    # no multiplier to be charged
+    assert sweep_job.cost_of(serial, SMALL)["compute_j"] == pytest.approx(6 * cycles * (52e-12 + busy))
 
 
 # ---------------------------------------------------------------------- the verb
@@ -354,20 +427,35 @@ def archive(tmp_path, monkeypatch):
 def call(*words):
     from eskin.cli.main import app
 
-    return CliRunner().invoke(app, ["sweep", "--data", "data.npz", "--config", "c.json", "--grid", "g.json", *words])
+    return CliRunner().invoke(
+        app, ["sweep", "--data", "data.npz", "--config", "c.json", "--grid", "g.json", *words]
+    )
 
 
 def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
     done = call("--group", "person", "--accuracy-floor", "0.8", "--energy-budget", "1e-3", "--out", "out")
     assert done.exit_code == 0, done.output
     result = json.loads((tmp_path / "out" / "sweep.json").read_text())
-    contract = {"config", "accuracy", "agreement", "cycles_step", "latency_s", "lut", "dsp", "bram", "energy_j", "on_front"}
+    contract = {
+        "config",
+        "accuracy",
+        "agreement",
+        "cycles_step",
+        "latency_s",
+        "lut",
+        "dsp",
+        "bram",
+        "energy_j",
+        "on_front",
+    }
     for point in result["points"]:
         assert contract <= set(point) and all(point[key] is None for key in ("lut", "dsp", "bram"))
         assert 0 < point["compute_j"] < point["energy_j"]
         assert point["latency_s"] == point["cycles_decision"] / SMALL.hardware.clock_hz
     chosen = result["points"][result["recommended"]]
-    assert chosen["accuracy"] >= 0.8 and chosen["name"] in done.output and "energy budget 1000 uJ" in done.output
+    assert (
+        chosen["accuracy"] >= 0.8 and chosen["name"] in done.output and "energy budget 1000 uJ" in done.output
+    )
     assert [baseline["name"] for baseline in result["baselines"]] == ["logistic", "svm", "cnn"]
     with (tmp_path / "out" / "sweep.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -378,7 +466,10 @@ def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
         assert "</svg>" in (tmp_path / "out" / f"{name}.svg").read_text()
     assert "person 2" not in done.output
     config = main_job.AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
-    assert (config.network.hidden, config.hardware.lanes) == (chosen["config"]["hidden"], chosen["config"]["lanes"])
+    assert (config.network.hidden, config.hardware.lanes) == (
+        chosen["config"]["hidden"],
+        chosen["config"]["lanes"],
+    )
     assert schedule(config).step_cycles == chosen["cycles_step"]
     picture = (tmp_path / "out" / "accuracy.svg").read_text()
     axes = ("latency of a decision", "energy of a touch", "accuracy (%)")
@@ -416,6 +507,8 @@ def test_changed_data_trains_again(archive, tmp_path):
         recordings = load_recordings("data.npz", config=config)
         if labels is not None:
             recordings = dataclasses.replace(recordings, labels=labels)
-        request = sweep_job.request_of(recordings, config, grid=tmp_path / "g.json", group=["person"], baselines=False)
+        request = sweep_job.request_of(
+            recordings, config, grid=tmp_path / "g.json", group=["person"], baselines=False
+        )
         sweep_job.run(recordings, request, out=tmp_path / "out")
     assert len(archive.jobs) == 8

@@ -1,4 +1,5 @@
-"""The front end chosen by evidence: the judge against brute force, missed touches, ties, and choices whose truth is known."""
+"""The front end chosen by evidence: the judge against brute force, missed touches, ties, and choices whose
+truth is known."""
 
 from __future__ import annotations
 
@@ -43,8 +44,9 @@ def archive(parts: list[np.ndarray], labels, **fields) -> Recordings:
 
 
 def touched_at_random(count: int = 48, seed: int = 3, *, silent: tuple[int, ...] = ()) -> Recordings:
-    """A touch of 0.5 s somewhere in 3 s, on a rest level that differs by hundreds of codes: two periods of a wave whose phase is the class,
-    so that it averages to nothing and only its course since the onset tells."""
+    """A touch of 0.5 s somewhere in 3 s, on a rest level that differs by hundreds of codes: two periods of a
+    wave whose phase is the class, so that it averages to nothing and only its course since the onset
+    tells."""
     rng = np.random.default_rng(seed)
     patterns = rng.uniform(20, 80, 6) * np.sign(rng.standard_normal(6))
     parts = []
@@ -61,7 +63,10 @@ def touched_at_random(count: int = 48, seed: int = 3, *, silent: tuple[int, ...]
 def moving(count: int = 40, seed: int = 4) -> Recordings:
     """Same levels, same means: the classes differ by how much the taxels move from frame to frame."""
     rng = np.random.default_rng(seed)
-    parts = [np.rint(500 + (8.0, 11.0)[i % 2] * rng.standard_normal((400, 5)) + rng.normal(0, 3, 5)) for i in range(count)]
+    parts = [
+        np.rint(500 + (8.0, 11.0)[i % 2] * rng.standard_normal((400, 5)) + rng.normal(0, 3, 5))
+        for i in range(count)
+    ]
     return archive(parts, [i % 2 for i in range(count)])
 
 
@@ -100,7 +105,10 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
     for row, penalty in enumerate(PENALTIES):
         for fold in folds:
             rest = np.setdiff1d(np.arange(60), fold)
-            weights = np.linalg.solve(wide[rest].T @ wide[rest] + penalty * unit * np.eye(width + 1), wide[rest].T @ indicators[rest])
+            weights = np.linalg.solve(
+                wide[rest].T @ wide[rest] + penalty * unit * np.eye(width + 1),
+                wide[rest].T @ indicators[rest],
+            )
             decided[row, fold] = (wide[fold] @ weights).argmax(axis=1)
     expected = np.zeros(60, dtype=int)
     for fold in folds:
@@ -115,10 +123,23 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
     [
         {},
         dict(hop=5, window=10, steps=20),
-        dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", activity_block=4, feature_scale="taxel"),
+        dict(
+            feature_kinds=("mean", "activity", "integral"),
+            activity_rule="change",
+            activity_block=4,
+            feature_scale="taxel",
+        ),
         dict(rest="initial"),
         dict(rest="none", rest_frames=0, onset="immediate"),
-        dict(window_mode="touch", pretrigger_frames=10, touch_frames=150, hop=12, window=25, steps=12, rearm_frames=64),
+        dict(
+            window_mode="touch",
+            pretrigger_frames=10,
+            touch_frames=150,
+            hop=12,
+            window=25,
+            steps=12,
+            rearm_frames=64,
+        ),
     ],
 )
 def test_windows_cut_from_touches_found_once_are_those_of_the_whole_search(changes):
@@ -197,9 +218,15 @@ def test_a_level_that_carries_the_class_is_left_in_and_the_gate_opens_at_once():
     front_end = choose_front_end(gripped_recordings(persons=4, trials=2, classes=4))
     assert (front_end.config.rest_level.rest, front_end.config.onset_rule.onset) == ("none", "immediate")
     chosen = front_end.record["chosen"]
-    without = max(row["accuracy"] for row in front_end.record["rivals"] if row["rest"] == "initial" and row["onset"] == "immediate")
+    without = max(
+        row["accuracy"]
+        for row in front_end.record["rivals"]
+        if row["rest"] == "initial" and row["onset"] == "immediate"
+    )
     assert chosen["accuracy"] > 0.9 and without < chosen["accuracy"] - 0.3
-    assert any("the level of the first 13 frames alone tells the class" in reason for reason in front_end.reasons)
+    assert any(
+        "the level of the first 13 frames alone tells the class" in reason for reason in front_end.reasons
+    )
 
 
 def test_touches_at_random_times_want_an_onset():
@@ -222,21 +249,42 @@ def test_the_record_says_what_was_judged_and_how():
     recordings = touched_at_random()
     steps: list[tuple[int, int]] = []
     front_end = choose_front_end(
-        recordings, groups=["label", "day"], folds=3, progress=lambda what, done, total: steps.append((done, total))
+        recordings,
+        groups=["label", "day"],
+        folds=3,
+        progress=lambda what, done, total: steps.append((done, total)),
     )
     record = front_end.record
     rows = [record["chosen"], *record["rivals"]]
-    assert record["split"] == ["label", "day"] and record["split_from"] == "as asked for" and record["recordings_looked_at"] == 48
+    assert (
+        record["split"] == ["label", "day"]
+        and record["split_from"] == "as asked for"
+        and record["recordings_looked_at"] == 48
+    )
     assert steps[-1][0] == len(rows) and all(done <= total for done, total in steps)
     best = max(row["accuracy"] for row in rows)
     for row in rows:
-        assert row["behind"] == pytest.approx(best - row["accuracy"]) and row["standard_error"] >= 0 and row["missed"] >= 0
+        assert (
+            row["behind"] == pytest.approx(best - row["accuracy"])
+            and row["standard_error"] >= 0
+            and row["missed"] >= 0
+        )
         assert row["level"] == (row["behind"] <= 0 or row["behind"] < TIE * row["behind_error"])
         assert front_end_words(row)
-    assert [row["accuracy"] for row in rows[1:]] == sorted((row["accuracy"] for row in rows[1:]), reverse=True)
-    assert {(row["rest"], row["onset"]) for row in rows} >= {("none", "immediate"), ("initial", "immediate"), ("tracked", "baseline")}
+    assert [row["accuracy"] for row in rows[1:]] == sorted(
+        (row["accuracy"] for row in rows[1:]), reverse=True
+    )
+    assert {(row["rest"], row["onset"]) for row in rows} >= {
+        ("none", "immediate"),
+        ("initial", "immediate"),
+        ("tracked", "baseline"),
+    }
     assert {row["feature_scale"] for row in rows} == {"array", "taxel"}
-    assert {tuple(row["feature_kinds"]) for row in rows} >= {("mean",), ("mean", "activity"), ("mean", "integral")}
+    assert {tuple(row["feature_kinds"]) for row in rows} >= {
+        ("mean",),
+        ("mean", "activity"),
+        ("mean", "integral"),
+    }
     shown = front_end_table(record)
     assert shown[0] is record["chosen"] and len(shown) <= ROWS
     assert {(row["rest"], row["onset"]) for row in shown} == {(row["rest"], row["onset"]) for row in rows}
@@ -245,7 +293,9 @@ def test_the_record_says_what_was_judged_and_how():
 
 def test_a_preset_of_the_same_sensor_is_one_of_the_candidates():
     recordings = touched_at_random(24)
-    wide = replace(recordings, samples=np.tile(recordings.samples, (1, 2))[:, :8] + 15000, sample_rate_hz=2000.0)
+    wide = replace(
+        recordings, samples=np.tile(recordings.samples, (1, 2))[:, :8] + 15000, sample_rate_hz=2000.0
+    )
     record = choose_front_end(wide).record
     assert [row["name"] for row in [record["chosen"], *record["rivals"]]].count("pvdf") == 1
 
@@ -261,7 +311,8 @@ def test_the_first_group_that_can_be_left_out_is_taken():
         "other": np.arange(count) // 6,
     }
     recordings = replace(touched_at_random(count), groups=groups)
-    assert choose_split(recordings, None) == (["day"], "the archive's first group")  # session is the class itself
+    # session is the class itself
+    assert choose_split(recordings, None) == (["day"], "the archive's first group")
     assert choose_split(recordings, ["other"])[0] == ["other"]
     bare = replace(recordings, groups={})
     assert choose_split(bare, None)[0] == [] and choose_front_end(bare).record["split"] == []
@@ -290,6 +341,12 @@ def test_very_short_recordings_are_judged_too(make_recordings):
 
 
 def test_a_preset_asked_for_is_not_judged():
-    recordings = replace(touched_at_random(6), samples=np.tile(touched_at_random(6).samples, (1, 2))[:, :8], sample_rate_hz=2000.0)
+    recordings = replace(
+        touched_at_random(6),
+        samples=np.tile(touched_at_random(6).samples, (1, 2))[:, :8],
+        sample_rate_hz=2000.0,
+    )
     front_end = choosing.configure(recordings, PRESETS["pvdf"])
-    assert front_end.record is None and front_end.config == PRESETS["pvdf"].replace(class_names=recordings.class_names)
+    assert front_end.record is None and front_end.config == PRESETS["pvdf"].replace(
+        class_names=recordings.class_names
+    )

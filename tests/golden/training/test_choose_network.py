@@ -17,7 +17,15 @@ from eskin.golden.training import recipe as recipes
 from eskin.golden.training import train
 from eskin.golden.training.choice_table import network_name
 from eskin.golden.training.choose_front_end import choose_front_end
-from eskin.golden.training.choose_network import Candidate, check_units, goes_on, network, smallest_enough, splits_to_report, train_chosen
+from eskin.golden.training.choose_network import (
+    Candidate,
+    check_units,
+    goes_on,
+    network,
+    smallest_enough,
+    splits_to_report,
+    train_chosen,
+)
 from eskin.golden.training.quantise import quantise
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.table import each_row
@@ -56,7 +64,12 @@ def gripped() -> Recordings:
 def quick(monkeypatch):
     """Recipes of few updates: what is taken does not matter here."""
     monkeypatch.setattr(
-        recipes, "RECIPES", {name: dataclasses.replace(recipe, updates=min(recipe.updates, 6)) for name, recipe in recipes.RECIPES.items()}
+        recipes,
+        "RECIPES",
+        {
+            name: dataclasses.replace(recipe, updates=min(recipe.updates, 6))
+            for name, recipe in recipes.RECIPES.items()
+        },
     )
 
 
@@ -70,18 +83,42 @@ def test_the_fewest_multiplies_within_a_standard_error_of_the_best():
 
 
 def test_of_equal_cost_the_more_accurate_is_taken():
-    plain, squares = candidate("linear", None, 90, recipe="linear"), candidate("linear", None, 91, recipe="least squares")
+    plain, squares = (
+        candidate("linear", None, 90, recipe="linear"),
+        candidate("linear", None, 91, recipe="least squares"),
+    )
     assert smallest_enough([plain, squares]) is squares and smallest_enough([squares, plain]) is squares
     level = dataclasses.replace(plain, correct=np.roll(plain.correct, 3))  # loses 4 recordings and wins 3
     assert smallest_enough([level, squares]) is level and smallest_enough([squares, level]) is squares
-    assert network_name(squares.row(True)) == "linear (least squares)" and network_name(plain.row(False)) == "linear"
-    assert squares.multiplies_touch == 6 * 12 * 3 and candidate("gru", 8, 1).multiplies_touch == 6 * (3 * 8 * 20 + 16 + 24)
+    assert (
+        network_name(squares.row(True)) == "linear (least squares)"
+        and network_name(plain.row(False)) == "linear"
+    )
+    assert squares.multiplies_touch == 6 * 12 * 3 and candidate("gru", 8, 1).multiplies_touch == 6 * (
+        3 * 8 * 20 + 16 + 24
+    )
 
 
-@each_row(("right", "larger"), [((95, 80, 85, 88), True), ((80, 80, 85, 90), True), ((80, 85, 88, 89), False), ((90, 80, 86, 88), False)])
+@each_row(
+    ("right", "larger"),
+    [
+        ((95, 80, 85, 88), True),
+        ((80, 80, 85, 90), True),
+        ((80, 85, 88, 89), False),
+        ((90, 80, 86, 88), False),
+    ],
+)
 def test_gru_16_is_tried_where_12_is_not_level(right, larger):
     linear, *units = right
-    assert goes_on([candidate("linear", None, linear), *(candidate("gru", 4 * (k + 1), n) for k, n in enumerate(units))]) is larger
+    assert (
+        goes_on(
+            [
+                candidate("linear", None, linear),
+                *(candidate("gru", 4 * (k + 1), n) for k, n in enumerate(units)),
+            ]
+        )
+        is larger
+    )
 
 
 def test_a_linear_cell_decides_by_its_last_step_and_others_as_they_did():
@@ -116,7 +153,11 @@ def test_no_error_in_the_recordings_is_not_a_standard_error_of_nothing():
     """Laplace: n of n right is estimated as (n + 1) / (n + 2)."""
     share = 101 / 102
     assert choosing.least_error(100) == pytest.approx(np.sqrt(share * (1 - share) / 100))
-    perfect, near, behind = candidate("gru", 12, 1000, 1000), candidate("linear", None, 9995, 10000), candidate("linear", None, 998, 1000)
+    perfect, near, behind = (
+        candidate("gru", 12, 1000, 1000),
+        candidate("linear", None, 9995, 10000),
+        candidate("linear", None, 998, 1000),
+    )
     assert perfect.standard_error == choosing.least_error(1000) == pytest.approx(0.00099800, rel=1e-3)
     assert smallest_enough([perfect, near]) is near and smallest_enough([perfect, behind]) is perfect
     assert choosing.settled(near) is False and choosing.settled(perfect)
@@ -137,7 +178,12 @@ def test_what_cannot_be_taken_is_judged_with_one_seed(gripped, monkeypatch):
         return {(row["cell"], row["hidden"]): row["seeds"] for row in rows}
 
     linear, four, eight, twelve, sixteen = ("linear", 0), ("gru", 4), ("gru", 8), ("gru", 12), ("gru", 16)
-    assert seeds_of({linear: 400, four: 399, eight: 400, twelve: 400}) == {linear: 3, four: 1, eight: 1, twelve: 1}
+    assert seeds_of({linear: 400, four: 399, eight: 400, twelve: 400}) == {
+        linear: 3,
+        four: 1,
+        eight: 1,
+        twelve: 1,
+    }
     assert seeds_of({linear: 380, four: 200, eight: 370, twelve: 388, sixteen: 388}) == {
         linear: 3,
         four: 1,
@@ -168,7 +214,14 @@ def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_aug
         recipe.augments for recipe in recipes
     )
     recipes.clear()
-    touched = CONFIG.replace(onset="baseline", rest="tracked", rest_frames=13, onset_mean_frames=8, onset_check_frames=2, rearm_frames=32)
+    touched = CONFIG.replace(
+        onset="baseline",
+        rest="tracked",
+        rest_frames=13,
+        onset_mean_frames=8,
+        onset_check_frames=2,
+        rearm_frames=32,
+    )
     choosing.choose_network(gripped, touched, ["person"])
     assert [(recipe.squares, recipe.augments) for recipe in recipes] == [
         (False, True),
@@ -185,12 +238,18 @@ def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_aug
 def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     record = train_chosen(gripped, None, out=tmp_path / "m", folds=2, seeds=1)
     rows = record["candidates"]
-    assert [(row["cell"], row["hidden"]) for row in rows][:6] == [*[("linear", 0)] * 3, ("gru", 4), ("gru", 8), ("gru", 12)]
+    assert [(row["cell"], row["hidden"]) for row in rows][:6] == [
+        *[("linear", 0)] * 3,
+        ("gru", 4),
+        ("gru", 8),
+        ("gru", 12),
+    ]
     (chosen,) = (row for row in rows if row["chosen"])
     best = max(rows, key=lambda row: row["accuracy"])
     enough = [row for row in rows if row["accuracy"] >= best["accuracy"] - best["standard_error"]]
     assert chosen["multiplies_touch"] == min(row["multiplies_touch"] for row in enough)
-    assert chosen["cell"] == "linear" == record["config"]["network"]["cell"] and chosen["accuracy"] > 0.9  # recurrent ones had 6 updates
+    # recurrent ones had 6 updates
+    assert chosen["cell"] == "linear" == record["config"]["network"]["cell"] and chosen["accuracy"] > 0.9
     assert [split["groups"] for split in record["cross_validation"]] == [["person"]]
     assert record["cross_validation"][0]["integer_accuracy"] == pytest.approx(chosen["accuracy"])
     assert record["front_end"]["chosen"]["rest"] == "none" and record["front_end"]["rivals"]
@@ -202,13 +261,18 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
 
 def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, quick, tmp_path):
     record = train_chosen(gripped, None, out=tmp_path / "m", hidden=5, folds=2, seeds=1)
-    assert "candidates" not in record and (record["config"]["network"]["cell"], record["config"]["network"]["hidden"]) == ("gru", 5)
+    assert "candidates" not in record and (
+        record["config"]["network"]["cell"],
+        record["config"]["network"]["hidden"],
+    ) == ("gru", 5)
     assert record["front_end"]["chosen"]["rest"] == "none"
     assert any("try --cell auto" in sentence for sentence in record["warnings"])  # 6 updates teach it nothing
 
 
 def test_one_set_of_weights_for_all_windows_on_request(gripped, quick, tmp_path):
-    record = train_chosen(gripped, CONFIG, out=tmp_path / "m", cell="linear", weight_sets="one", folds=2, seeds=1)
+    record = train_chosen(
+        gripped, CONFIG, out=tmp_path / "m", cell="linear", weight_sets="one", folds=2, seeds=1
+    )
     assert record["config"]["network"]["weight_sets"] == "one" and record["parameters"] == 12 * 3 + 3
     assert FloatModel.load(tmp_path / "m").arrays["V"].shape == (1, 3, 12)
     for options in (dict(cell="gru"), dict(hidden=4), {}):  # CONFIG's own cell is a GRU
@@ -219,7 +283,10 @@ def test_one_set_of_weights_for_all_windows_on_request(gripped, quick, tmp_path)
 
 def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):
     record = train_chosen(gripped, CONFIG, out=tmp_path / "m", cell="auto", folds=2, seeds=1)
-    assert record["config"]["windows"] == CONFIG.to_dict()["windows"] and record["config"]["network"]["cell"] == "linear"
+    assert (
+        record["config"]["windows"] == CONFIG.to_dict()["windows"]
+        and record["config"]["network"]["cell"] == "linear"
+    )
     assert "front_end" not in record and len(record["candidates"]) >= 5
 
 
@@ -228,13 +295,24 @@ def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     record = train_chosen(gripped, config, out=tmp_path / "a", folds=2, seeds=1)
     plain = train.train(gripped, config, train.TrainingRequest(folds=2, seeds=1), out=tmp_path / "b")
     one, other = (FloatModel.load(tmp_path / name) for name in "ab")
-    assert all((one.arrays[name] == other.arrays[name]).all() for name in one.arrays) and one.config == other.config
-    assert record["cross_validation"] == plain["cross_validation"] and "candidates" not in record and "front_end" not in record
+    assert (
+        all((one.arrays[name] == other.arrays[name]).all() for name in one.arrays)
+        and one.config == other.config
+    )
+    assert (
+        record["cross_validation"] == plain["cross_validation"]
+        and "candidates" not in record
+        and "front_end" not in record
+    )
 
 
 def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(gripped, quick, tmp_path):
     record = train_chosen(gripped, None, out=tmp_path / "m", folds=0)
-    assert record["config"]["network"]["cell"] == "gru" and record["config"]["network"]["hidden"] == 12 and record["cross_validation"] == []
+    assert (
+        record["config"]["network"]["cell"] == "gru"
+        and record["config"]["network"]["hidden"] == 12
+        and record["cross_validation"] == []
+    )
     with pytest.raises(InputError, match="--cell auto: needs folds"):
         train_chosen(gripped, None, out=tmp_path / "n", cell="auto", folds=0)
 
@@ -257,8 +335,14 @@ def test_a_recurrent_network_may_stand_on_another_front_end(gripped, monkeypatch
 def test_rivals_are_of_other_gates_and_the_record_follows_the_choice(gripped):
     front_end = choose_front_end(gripped)
     for rival in front_end.rivals:
-        assert (rival.rest_level.rest, rival.onset_rule.onset) != (front_end.config.rest_level.rest, front_end.config.onset_rule.onset)
+        assert (rival.rest_level.rest, rival.onset_rule.onset) != (
+            front_end.config.rest_level.rest,
+            front_end.config.onset_rule.onset,
+        )
         moved = front_end.with_chosen(rival)
         assert moved.config == rival and moved.record["chosen"]["rest"] == rival.rest_level.rest
-        assert len(moved.record["rivals"]) == len(front_end.record["rivals"]) and moved.record["chosen"] not in moved.record["rivals"]
+        assert (
+            len(moved.record["rivals"]) == len(front_end.record["rivals"])
+            and moved.record["chosen"] not in moved.record["rivals"]
+        )
     assert front_end.with_chosen(front_end.config) is front_end

@@ -1,4 +1,5 @@
-"""`eskin compare` on networks for images: layer by layer, signal by signal, from the command line to the page."""
+"""`eskin compare` on networks for images: layer by layer, signal by signal, from the command line to the
+page."""
 
 from __future__ import annotations
 
@@ -39,14 +40,21 @@ def test_every_layer_and_every_signal_is_judged(folder):
     result = compare_stages(out / "model", scene)
     assert [one["stage"] for one in result["stages"]] == ["0 conv 3 4", "2 conv 3 6", "3 dense 3"]
     names = [one["signal"] for one in result["signals"]]
-    assert len(names) == 9 and names[-1] == "logits" and names[:3] == ["0 conv 3 4: weights", "0 conv 3 4: biases", "0 conv 3 4: map"]
+    assert (
+        len(names) == 9
+        and names[-1] == "logits"
+        and names[:3] == ["0 conv 3 4: weights", "0 conv 3 4: biases", "0 conv 3 4: map"]
+    )
     model, real = IntegerModel.load(out / "model", images=True), FloatModel.load(out / "model", images=True)
     ideal, trace = float_images(real, images_of(scene)), run_images(model, images_of(scene))
     error = np.abs(model.config.formats.logit_format.to_real(trace.logits) - ideal.logits)
     assert result["logit_error"]["max"] == pytest.approx(error.max()) and error.max() > 0
     fmt = model.config.image.map_formats[1]
-    assert result["signals"][5]["error_max"] == pytest.approx(np.abs(fmt.to_real(trace.maps[2]) - ideal.maps[2]).max())
-    for one in result["signals"]:  # biases are rounded to a step of their own layer's sums, not to that of weights
+    assert result["signals"][5]["error_max"] == pytest.approx(
+        np.abs(fmt.to_real(trace.maps[2]) - ideal.maps[2]).max()
+    )
+    # biases are rounded to a step of their own layer's sums, not to that of weights
+    for one in result["signals"]:
         assert one["error_max"] <= (one["step"] / 2 + 1e-12 if "biases" in one["signal"] else 1.0)
 
 
@@ -59,8 +67,15 @@ def test_a_spoiled_weight_shows_in_its_layer_alone(folder):
     FloatModel.load(out / "model", images=True).save(out / "spoiled", {})
     IntegerModel(integer.config, arrays).save(out / "spoiled")
     after = compare_stages(out / "spoiled", scene)
-    changed = [a["stage"] for a, b in zip(before["stages"], after["stages"], strict=True) if a["logit_max"] != b["logit_max"]]
-    assert changed == ["2 conv 3 6"] and after["signals"][3]["error_max"] > 10 * before["signals"][3]["error_max"]
+    changed = [
+        a["stage"]
+        for a, b in zip(before["stages"], after["stages"], strict=True)
+        if a["logit_max"] != b["logit_max"]
+    ]
+    assert (
+        changed == ["2 conv 3 6"]
+        and after["signals"][3]["error_max"] > 10 * before["signals"][3]["error_max"]
+    )
 
 
 def test_the_command_line_writes_page_and_json(folder, monkeypatch):
@@ -69,5 +84,8 @@ def test_the_command_line_writes_page_and_json(folder, monkeypatch):
     run = CliRunner()
     told = run.invoke(app, ["compare", "model", "--data", "images.npz", "--out", "page", "--json", "c.json"])
     assert told.exit_code == 0 and "0 conv 3 4: map" in told.output, told.output
-    assert "0 conv 3 4: map" in (out / "page/compare.html").read_text() and json.loads((out / "c.json").read_text())["steps"] == 36
+    assert (
+        "0 conv 3 4: map" in (out / "page/compare.html").read_text()
+        and json.loads((out / "c.json").read_text())["steps"] == 36
+    )
     assert run.invoke(app, ["compare", "model", "--out", "page"]).exit_code == 0  # made-up images

@@ -1,4 +1,5 @@
-"""Configurations derived from archives: presets where they fit, sizes that work where they do not, and the reasons said."""
+"""Configurations derived from archives: presets where they fit, sizes that work where they do not, and the
+reasons said."""
 
 from __future__ import annotations
 
@@ -30,7 +31,8 @@ def fabric(shared_data) -> Recordings:
 
 
 def cut(recordings: Recordings, *, taxels=None, decimate=1, shift=0, begin=0, end=None) -> Recordings:
-    """``recordings`` as another sensor would have given them: fewer taxels, a lower rate, fewer bits, another part of the time."""
+    """``recordings`` as another sensor would have given them: fewer taxels, a lower rate, fewer bits, another
+    part of the time."""
     parts = [recordings.recording(i)[begin:end:decimate, :taxels] >> shift for i in range(len(recordings))]
     return replace(
         recordings,
@@ -52,7 +54,9 @@ def touched(config, recordings) -> tuple[float, float]:
 def test_the_presets_are_recognised(pvdf, fabric):
     renamed = replace(pvdf, class_names=("a", "b", "c", "d", "e"))
     config, reasons = derive_config(renamed)
-    assert config == PRESETS["pvdf"].replace(class_names=renamed.class_names, volt_per_code=pvdf.volt_per_code)
+    assert config == PRESETS["pvdf"].replace(
+        class_names=renamed.class_names, volt_per_code=pvdf.volt_per_code
+    )
     assert "preset 'pvdf', which was taken" in reasons[-1]
     config, reasons = derive_config(fabric)
     assert config == PRESETS["fabric"] and "preset 'fabric'" in reasons[-1]
@@ -69,11 +73,24 @@ def test_another_rate_or_code_is_no_preset(pvdf, change):
     assert config.name == "derived" and "fit no preset" in reasons[0]
 
 
-@each_row("change", [dict(taxels=5, decimate=4), dict(taxels=5, decimate=4, shift=4), dict(taxels=6), dict(decimate=40), dict(end=6000)])
+@each_row(
+    "change",
+    [
+        dict(taxels=5, decimate=4),
+        dict(taxels=5, decimate=4, shift=4),
+        dict(taxels=6),
+        dict(decimate=40),
+        dict(end=6000),
+    ],
+)
 def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
     recordings = cut(pvdf, **change)
     config, reasons = derive_config(recordings)
-    assert config.onset_rule.onset == "baseline" and config.rest_level.rest == "tracked" and config.network.class_names == pvdf.class_names
+    assert (
+        config.onset_rule.onset == "baseline"
+        and config.rest_level.rest == "tracked"
+        and config.network.class_names == pvdf.class_names
+    )
     assert (config.sensor.taxels, config.sensor.sample_bits, config.sensor.sample_rate_hz) == (
         recordings.taxels,
         recordings.sample_bits,
@@ -83,7 +100,9 @@ def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
     assert found >= 0.9 and full >= 0.75, reasons
     # The axis touches down 0.4 s to 2.8 s into the recording: an onset in the lead-in would be noise.
     onsets = find_touches(config, recordings, steps=0)
-    early = onsets.onset_frame[onsets.first_touch()[onsets.first_touch() >= 0]] < 0.3 * recordings.sample_rate_hz
+    early = (
+        onsets.onset_frame[onsets.first_touch()[onsets.first_touch() >= 0]] < 0.3 * recordings.sample_rate_hz
+    )
     assert early.mean() <= 0.05
     assert any("onset when a taxel's mean" in reason for reason in reasons) or config.name == "pvdf"
 
@@ -92,7 +111,11 @@ def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
 def test_recordings_that_start_in_contact_open_at_once(fabric, change):
     recordings = cut(fabric, **change)
     config, reasons = derive_config(recordings)
-    assert config.onset_rule.onset == "immediate" and config.rest_level.rest == "initial" and config.name == "derived"
+    assert (
+        config.onset_rule.onset == "immediate"
+        and config.rest_level.rest == "initial"
+        and config.name == "derived"
+    )
     assert any("start in contact" in reason for reason in reasons)
     assert touched(config, recordings)[1] >= 0.9
 
@@ -100,7 +123,10 @@ def test_recordings_that_start_in_contact_open_at_once(fabric, change):
 def test_a_preset_whose_rule_finds_nothing_is_not_taken(pvdf):
     faint = replace(pvdf, samples=29000 + (pvdf.samples - 29000) // 8)
     config, reasons = derive_config(faint)
-    assert config.name == "derived" and "preset 'pvdf' has the same taxels, rate and codes but was not taken" in reasons[0]
+    assert (
+        config.name == "derived"
+        and "preset 'pvdf' has the same taxels, rate and codes but was not taken" in reasons[0]
+    )
     assert touched(config, faint)[0] >= 0.9
 
 
@@ -109,9 +135,17 @@ def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
     ends = find_touches(PRESETS["pvdf"], pvdf, steps=0)
     ends = ends.onset_frame[ends.first_touch()] + 1300
     parts = [pvdf.recording(i)[: ends[i]] for i in range(len(pvdf))]
-    short = replace(pvdf, samples=np.concatenate(parts), offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]))
+    short = replace(
+        pvdf,
+        samples=np.concatenate(parts),
+        offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]),
+    )
     config, reasons = derive_config(short)
-    assert config.name == "derived" and "preset 'pvdf'" in reasons[0] and "windows end after the recording" in reasons[0]
+    assert (
+        config.name == "derived"
+        and "preset 'pvdf'" in reasons[0]
+        and "windows end after the recording" in reasons[0]
+    )
     assert config.onset_rule.onset == "baseline" and config.windows.steps == 20 and config.last_frame < 2016
     assert touched(config, short)[0] >= 0.9
 
@@ -119,7 +153,9 @@ def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
 @each_row(("lengths", "steps"), [((40,) * 6, 20), ((9,) * 6, 8), ((2,) * 6, 1)])
 def test_very_short_recordings_get_a_configuration_too(make_recordings, lengths, steps):
     config, _ = derive_config(make_recordings(lengths=lengths))
-    assert config.windows.steps == steps and config.onset_rule.onset == "immediate" and config.sensor.taxels == 4
+    assert (
+        config.windows.steps == steps and config.onset_rule.onset == "immediate" and config.sensor.taxels == 4
+    )
 
 
 def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
@@ -131,7 +167,11 @@ def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
     samples[:, 4] = 7
     recordings = replace(recordings, samples=samples.astype(np.int32))
     config, reasons = derive_config(recordings)
-    assert str(config.sample_format) == "UQ(8,0)" and config.sensor.taxels == 5 and config.sensor.masked_taxels == (4,)
+    assert (
+        str(config.sample_format) == "UQ(8,0)"
+        and config.sensor.taxels == 5
+        and config.sensor.masked_taxels == (4,)
+    )
     assert any("taxel 4 never changes and is masked" in reason for reason in reasons)
     found, full = touched(config, recordings)
     assert found == full == 0.8  # taxel 4 of every fifth recording shows nothing
@@ -140,7 +180,10 @@ def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
 
 
 def test_what_no_accelerator_has_is_refused_with_the_file_named(make_recordings):
-    with pytest.raises(InputError, match="recordings 'made' give no working configuration: .*taxels: is 2; it must lie in 4..160"):
+    with pytest.raises(
+        InputError,
+        match="recordings 'made' give no working configuration: .*taxels: is 2; it must lie in 4..160",
+    ):
         derive_config(make_recordings(taxels=2))
     with pytest.raises(InputError, match="every taxel is constant"):
         derive_config(replace(make_recordings(), samples=np.full((220, 4), 9, np.int32)))
@@ -156,10 +199,15 @@ def test_the_fast_and_wide_sensor_gets_a_clock_that_can_take_it(make_recordings)
 def test_a_preset_takes_the_classes_of_the_recordings_and_a_file_does_not(make_recordings):
     recordings = make_recordings(taxels=8, sample_rate_hz=2000.0)
     front_end = configure(recordings, PRESETS["pvdf"])
-    assert front_end.config == PRESETS["pvdf"].replace(class_names=("class0", "class1")) and "class0, class1" in front_end.reasons[1]
+    assert (
+        front_end.config == PRESETS["pvdf"].replace(class_names=("class0", "class1"))
+        and "class0, class1" in front_end.reasons[1]
+    )
     assert front_end.record is None
     own = PRESETS["pvdf"].replace(name="mine")
-    with pytest.raises(InputError, match="array class_names: is class0, class1 and configuration 'mine' has Cube3"):
+    with pytest.raises(
+        InputError, match="array class_names: is class0, class1 and configuration 'mine' has Cube3"
+    ):
         configure(recordings, own)
     with pytest.raises(InputError, match="has 8 taxels and configuration 'fabric', field taxels, has 16"):
         configure(recordings, PRESETS["fabric"])

@@ -11,24 +11,53 @@ from tests.support.table import each_row
 NAMES = ("smooth", "rough", "edge")
 
 
-def split(accuracy: float = 0.9, confusion=((9, 1, 0, 0), (0, 9, 1, 0), (1, 0, 9, 0)), groups=("person",)) -> dict:
-    return {"groups": list(groups), "integer_accuracy": accuracy, "confusion": [list(row) for row in confusion]}
+def split(
+    accuracy: float = 0.9, confusion=((9, 1, 0, 0), (0, 9, 1, 0), (1, 0, 9, 0)), groups=("person",)
+) -> dict:
+    return {
+        "groups": list(groups),
+        "integer_accuracy": accuracy,
+        "confusion": [list(row) for row in confusion],
+    }
 
 
-def baseline(accuracy: float, name: str = "linear classifier on the same features", hardware: bool = True, groups=("person",)) -> dict:
-    return {"groups": list(groups), "name": name, "accuracy": accuracy, "standard_error": 0.02, "hardware": hardware}
+def baseline(
+    accuracy: float,
+    name: str = "linear classifier on the same features",
+    hardware: bool = True,
+    groups=("person",),
+) -> dict:
+    return {
+        "groups": list(groups),
+        "name": name,
+        "accuracy": accuracy,
+        "standard_error": 0.02,
+        "hardware": hardware,
+    }
 
 
 def test_a_network_below_its_best_baseline():
     assert doubts.below_baselines(split(), [], chosen=False) == []
-    assert doubts.below_baselines(split(), [baseline(0.915), baseline(0.99, groups=("speed",))], chosen=False) == []
+    assert (
+        doubts.below_baselines(split(), [baseline(0.915), baseline(0.99, groups=("speed",))], chosen=False)
+        == []
+    )
     (sentence,) = doubts.below_baselines(split(), [baseline(0.925), baseline(0.91)], chosen=False)
-    assert "92.5 %" in sentence and "90.0 %" in sentence and "2.5 points" in sentence and "--cell auto" in sentence
+    assert (
+        "92.5 %" in sentence
+        and "90.0 %" in sentence
+        and "2.5 points" in sentence
+        and "--cell auto" in sentence
+    )
     (sentence,) = doubts.below_baselines(split(), [baseline(0.93)], chosen=True)
     assert "--hidden" in sentence and "--cell auto" not in sentence
-    (sentence,) = doubts.below_baselines(split(), [baseline(0.93, "RBF-SVM on the same features", False)], chosen=True)
+    (sentence,) = doubts.below_baselines(
+        split(), [baseline(0.93, "RBF-SVM on the same features", False)], chosen=True
+    )
     assert "no hardware for it" in sentence
-    (sentence,) = doubts.below_baselines(split(), [baseline(0.93, "linear classifier on whole recordings", False)], chosen=True)
+    (sentence,) = doubts.below_baselines(
+        split(), [baseline(0.93, "linear classifier on whole recordings", False)], chosen=True
+    )
     assert "eskin inspect" in sentence
 
 
@@ -40,7 +69,10 @@ def test_a_choice_that_flatters_and_labels_that_may_be_luck():
     assert doubts.by_choice(split() | {"nested": nested(0.87, 1 / 21)}) == []
     assert doubts.by_choice(split() | {"nested": nested(0.87, shuffled=False)}) == []
     (sentence,) = doubts.by_choice(split() | {"nested": nested(0.85)})
-    assert "decides 90.0 % rightly on the folds it was chosen on, and one chosen without them, by a cheaper choice, 85.0 %" in sentence
+    assert (
+        "decides 90.0 % rightly on the folds it was chosen on, and one chosen without them, by a cheaper "
+        "choice, 85.0 %" in sentence
+    )
     (sentence,) = doubts.by_choice(split() | {"nested": nested(0.9, 2 / 21)})
     assert "shuffled labels are decided rightly up to 70.0 % (50.0 % on average)" in sentence
 
@@ -56,16 +88,28 @@ def test_a_lost_class():
     assert "rough is found no more often" in sentence and "taken for smooth" in sentence
     (sentence,) = doubts.lost_classes(split(confusion=((0, 1, 0, 9), (6, 3, 1, 0), (1, 0, 9, 0))), NAMES)
     assert "smooth, rough are found" in sentence and "smooth is mostly taken for nothing" in sentence
-    assert doubts.lost_classes(split(confusion=((9, 1, 0, 0), (0, 0, 0, 0), (1, 0, 9, 0))), NAMES) == []  # no recording of it
+    # no recording of it
+    assert doubts.lost_classes(split(confusion=((9, 1, 0, 0), (0, 0, 0, 0), (1, 0, 9, 0))), NAMES) == []
 
 
 def sessions(shift: float, groups: dict | None = None, each: int = 30, seed: int = 4) -> Recordings:
-    """Three classes that hardly differ, recorded in sessions of six in a row; every session has a pattern of its own, ``shift`` high."""
+    """Three classes that hardly differ, recorded in sessions of six in a row; every session has a pattern of
+    its own, ``shift`` high."""
     rng = np.random.default_rng(seed)
     labels = np.repeat(np.arange(3), each)
     patterns = rng.normal(0, shift, (len(labels), 20, 4))[np.arange(len(labels)) // 6]
-    samples = np.rint(patterns + rng.normal(0, 10, (len(labels), 20, 4)) + labels[:, None, None]).astype(np.int32)
-    return Recordings(samples.reshape(-1, 4), 20 * np.arange(len(labels) + 1), labels, NAMES, 100.0, groups or {}, source="sessions")
+    samples = np.rint(patterns + rng.normal(0, 10, (len(labels), 20, 4)) + labels[:, None, None]).astype(
+        np.int32
+    )
+    return Recordings(
+        samples.reshape(-1, 4),
+        20 * np.arange(len(labels) + 1),
+        labels,
+        NAMES,
+        100.0,
+        groups or {},
+        source="sessions",
+    )
 
 
 def test_neighbours_that_look_alike():
@@ -74,7 +118,8 @@ def test_neighbours_that_look_alike():
     groups = {"session": np.arange(90) // 6}
     assert "--group session" in doubts.look_alike(sessions(30.0, groups), [], 5)[0]
     assert doubts.look_alike(sessions(30.0, groups), ["session"], 5) == []  # a group was left out
-    assert doubts.look_alike(sessions(0.0), [], 5) == []  # the recordings of a class do not depend on their place
+    # the recordings of a class do not depend on their place
+    assert doubts.look_alike(sessions(0.0), [], 5) == []
     assert doubts.look_alike(sessions(30.0, each=3), [], 5) == []  # too few to tell
 
 
@@ -83,5 +128,13 @@ def test_recordings_in_any_order_are_not_doubted(seed):
     rng = np.random.default_rng(seed)
     labels = rng.permutation(np.repeat(np.arange(3), 20))
     samples = rng.normal(0, 30, (60, 20, 4)) + 10 * labels[:, None, None]
-    made = Recordings(np.rint(samples).astype(np.int32).reshape(-1, 4), 20 * np.arange(61), labels, NAMES, 100.0, {}, source="made")
+    made = Recordings(
+        np.rint(samples).astype(np.int32).reshape(-1, 4),
+        20 * np.arange(61),
+        labels,
+        NAMES,
+        100.0,
+        {},
+        source="made",
+    )
     assert doubts.look_alike(made, [], 5) == []

@@ -1,4 +1,5 @@
-"""golden/training/enrol.py: a shifted mounting is learnt, the configuration stays, what cannot be enrolled is refused."""
+"""golden/training/enrol.py: a shifted mounting is learnt, the configuration stays, what cannot be enrolled is
+refused."""
 
 from __future__ import annotations
 
@@ -31,7 +32,8 @@ def quick(monkeypatch):
 
 
 def mounted(recordings: Recordings, gains: np.ndarray = GAINS, offset: int = 40) -> Recordings:
-    """The same touches on a mounting that answers ``gains`` times as much and rests ``offset`` codes higher."""
+    """The same touches on a mounting that answers ``gains`` times as much and rests ``offset`` codes
+    higher."""
     samples = np.rint(1000 + offset + (recordings.samples - 1000) * gains).astype(np.int32)
     return dataclasses.replace(recordings, samples=samples)
 
@@ -65,13 +67,18 @@ def test_a_new_mounting_is_learnt_and_only_weights_change(model, tmp_path, layer
     result = enrol(model, FEW, tmp_path / "m", layers=layers, old=old)
     before, after = accuracy(model, REST), accuracy(tmp_path / "m", REST)
     assert before < 0.7  # else there is nothing to learn
-    assert after > before + 0.1 if layers == "all" else after >= before  # one layer can do little about a taxel that is turned over
+    # one layer can do little about a taxel that is turned over
+    assert after > before + 0.1 if layers == "all" else after >= before
     assert (tmp_path / "m" / "config.json").read_bytes() == (model / "config.json").read_bytes()
     one, two = IntegerModel.load(model).arrays, IntegerModel.load(tmp_path / "m").arrays
     changed = {name for name in one if (one[name] != two[name]).any()}
     assert changed == {"V", "b_y"} if layers == "dense" else changed > {"V", "b_y"}
     assert not changed & {"mean", "scale"}
-    assert result["after"] >= result["before"] and result["touches"] == {"rise": 2, "fall": 2, "pulse": 2} and result["passed"]
+    assert (
+        result["after"] >= result["before"]
+        and result["touches"] == {"rise": 2, "fall": 2, "pulse": 2}
+        and result["passed"]
+    )
     if old is not None:
         assert result["old_after"] >= result["old_before"] - 0.01
     else:
@@ -80,14 +87,19 @@ def test_a_new_mounting_is_learnt_and_only_weights_change(model, tmp_path, layer
 
 def test_the_float_model_that_is_written_is_the_integer_models(model, tmp_path):
     enrol(model, FEW, tmp_path / "m", old=OLD)
-    real, integer = float_run(FloatModel.load(tmp_path / "m"), REST), run(IntegerModel.load(tmp_path / "m"), REST)
+    real, integer = (
+        float_run(FloatModel.load(tmp_path / "m"), REST),
+        run(IntegerModel.load(tmp_path / "m"), REST),
+    )
     assert integer.agreement(real) > 0.95
     record = load_training(tmp_path / "m")
     assert record["enrolments"][0]["layers"] == "all" and "enrolments" not in load_training(model)
     codes = IntegerModel.load(tmp_path / "m").arrays
     quantise(tmp_path / "m")  # from the ranges that enrolment noted
     assert accuracy(tmp_path / "m", REST) > accuracy(model, REST) + 0.2
-    assert all(codes[name].shape == array.shape for name, array in IntegerModel.load(tmp_path / "m").arrays.items())
+    assert all(
+        codes[name].shape == array.shape for name, array in IntegerModel.load(tmp_path / "m").arrays.items()
+    )
 
 
 @pytest.mark.parametrize(
@@ -102,7 +114,8 @@ def test_the_float_model_that_is_written_is_the_integer_models(model, tmp_path):
     ],
 )
 def test_an_enrolment_that_loses_does_not_pass(model, tmp_path, monkeypatch, new, known, passed):
-    """By the accuracies (before, after) on the new recordings and on the known ones; at most a hundredth of these may be lost."""
+    """By the accuracies (before, after) on the new recordings and on the known ones; at most a hundredth of
+    these may be lost."""
     pair = enrolling.load_pair(model)
     measured = {True: new, False: known}
     trained = dataclasses.replace(pair, integer=dataclasses.replace(pair.integer, source="trained on"))
@@ -142,15 +155,24 @@ def test_narrow_weights_are_trained_on_as_they_are_held(model, tmp_path):
     before = accuracy(tmp_path / "m", OLD)
     result = enrol(tmp_path / "m", FEW, tmp_path / "m2", old=OLD)
     assert load_config(tmp_path / "m2").formats.weight_format.width == 4
-    assert accuracy(tmp_path / "m2", OLD) >= before - 0.02 and accuracy(tmp_path / "m2", REST) > accuracy(tmp_path / "m", REST) + 0.2
+    assert (
+        accuracy(tmp_path / "m2", OLD) >= before - 0.02
+        and accuracy(tmp_path / "m2", REST) > accuracy(tmp_path / "m", REST) + 0.2
+    )
     assert result["after"] > 0.8
 
 
 def test_integers_that_were_trained_by_themselves_are_the_start(tmp_path):
     train(OLD, SMALL, TrainingRequest(folds=0, quantisation_aware=True), out=tmp_path / "m")
     pair = enrolling.load_pair(tmp_path / "m")
-    assert all((pair.integer.arrays[name] == array).all() for name, array in IntegerModel.load(tmp_path / "m").arrays.items())
-    assert any((pair.real.arrays[name] != array).any() for name, array in FloatModel.load(tmp_path / "m").arrays.items())
+    assert all(
+        (pair.integer.arrays[name] == array).all()
+        for name, array in IntegerModel.load(tmp_path / "m").arrays.items()
+    )
+    assert any(
+        (pair.real.arrays[name] != array).any()
+        for name, array in FloatModel.load(tmp_path / "m").arrays.items()
+    )
     enrol(tmp_path / "m", FEW, tmp_path / "m2", layers="dense", old=OLD)
     one, two = IntegerModel.load(tmp_path / "m").arrays, IntegerModel.load(tmp_path / "m2").arrays
     assert {name for name in one if (one[name] != two[name]).any()} == {"V", "b_y"}
@@ -211,7 +233,8 @@ def test_what_cannot_be_enrolled_is_refused(model, tmp_path, change, says):
 
 
 def test_signals_beyond_the_formats_are_refused(tmp_path):
-    """A mounting eight times as strong, of which no clip takes anything: its features would need another format, so another bitstream."""
+    """A mounting eight times as strong, of which no clip takes anything: its features would need another
+    format, so another bitstream."""
     train(OLD, SMALL.replace(clip=0), TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m", OLD)
     strong = mounted(OLD.subset(of_classes(OLD, 2)), np.array([8.0, 8.0, -8.0, 8.0]), 500)
@@ -230,7 +253,8 @@ def test_the_model_itself_and_other_folders_are_not_written_over(model, tmp_path
 
 # ---------------------------------------------------------------------- evaluation
 BOTH = dataclasses.replace(
-    enrolling.joined(OLD.subset(np.arange(2, 90)), NEW.subset(np.arange(2, 60))), groups={"mounting": np.repeat([0, 1], [88, 58])}
+    enrolling.joined(OLD.subset(np.arange(2, 90)), NEW.subset(np.arange(2, 60))),
+    groups={"mounting": np.repeat([0, 1], [88, 58])},
 )
 
 
@@ -253,7 +277,8 @@ def test_enrolment_is_judged_on_what_no_training_saw():
 
 
 def watch_fits(monkeypatch, *, train_on: bool = True) -> dict:
-    """What both trainings are given, noted as they are called; ``train_on``: False: enrolment changes nothing."""
+    """What both trainings are given, noted as they are called; ``train_on``: False: enrolment changes
+    nothing."""
     seen: dict = {}
     fit_first, fit_more = enrolling.fit_networks, enrolling.fit
 
@@ -288,7 +313,8 @@ def test_the_first_touches_are_those_of_the_archive(monkeypatch):
     rows = judge(BOTH, question(ks=(1,), draw="first"))
     first = {88 + int(np.flatnonzero(BOTH.labels[88:] == label)[0]) for label in range(3)}
     assert set(seen["data"].touches.recording[seen["new"][1]].tolist()) == first
-    assert all(row["after"] == row["before"] and row["others_after"] == row["others_before"] for row in rows)  # nothing was trained
+    # nothing was trained
+    assert all(row["after"] == row["before"] and row["others_after"] == row["others_before"] for row in rows)
 
 
 @each_row(
@@ -307,31 +333,48 @@ def test_groups_that_cannot_be_left_out_are_refused(recordings, changes, says):
 
 def test_the_summary_weighs_by_recordings_and_tells_the_spread():
     def row(value, before, after, recordings):
-        return {"value": value, "k": 1, "before": before, "after": after, "others_before": 1.0, "others_after": None} | {
-            "recordings": recordings,
-            "others": 4,
-        }
+        return {
+            "value": value,
+            "k": 1,
+            "before": before,
+            "after": after,
+            "others_before": 1.0,
+            "others_after": None,
+        } | {"recordings": recordings, "others": 4}
 
-    runs = [[row("a", 0.5, 0.75, 30), row("b", 1.0, 1.0, 10)], [row("a", 0.7, 0.95, 30), row("b", 1.0, 1.0, 10)]]
+    runs = [
+        [row("a", 0.5, 0.75, 30), row("b", 1.0, 1.0, 10)],
+        [row("a", 0.7, 0.95, 30), row("b", 1.0, 1.0, 10)],
+    ]
     result = summary(["g"], "all", True, runs)
     first = result["rows"][0]
     assert first["group"] == "g" and first["before"] == pytest.approx(0.6) and first["others_after"] is None
     assert first["spread"]["after"] == pytest.approx(np.std([0.75, 0.95], ddof=1))
-    assert result["mean"]["1"]["after"] == pytest.approx(0.85 * 0.75 + 0.25) and result["mean"]["1"]["others_after"] is None
+    assert (
+        result["mean"]["1"]["after"] == pytest.approx(0.85 * 0.75 + 0.25)
+        and result["mean"]["1"]["others_after"] is None
+    )
     assert result["mean"]["1"]["spread"]["before"] == pytest.approx(np.std([0.625, 0.775], ddof=1))
     assert summary(["g"], "all", True, runs[:1])["mean"]["1"]["spread"]["before"] is None
 
 
 def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
-    """The labels of a value left out change nothing that is chosen for it; its part's values share one front end."""
+    """The labels of a value left out change nothing that is chosen for it; its part's values share one front
+    end."""
     monkeypatch.setattr(enrolling, "CHOICES", 2)
     mounting = np.arange(len(BOTH)) // 3 % 3
     three = dataclasses.replace(BOTH, groups={"mounting": mounting})
     values = enrolling.group_values(three, ["mounting"], [1])
     configs = enrolling.front_ends_without(three, values, ["mounting"], cell="lstm", hidden=4)
-    assert configs[0] == configs[2] and {(config.network.cell, config.network.hidden) for config in configs} == {("lstm", 4)}
+    assert configs[0] == configs[2] and {
+        (config.network.cell, config.network.hidden) for config in configs
+    } == {("lstm", 4)}
     labels = np.where(mounting == 1, np.random.default_rng(0).permutation(three.labels), three.labels)
     mixed = dataclasses.replace(three, labels=labels)
     field = enrolling.field_of(three)
-    monkeypatch.setattr(enrolling, "field_of", lambda mixed: dataclasses.replace(field, recordings=mixed.subset(field.numbers)))
+    monkeypatch.setattr(
+        enrolling,
+        "field_of",
+        lambda mixed: dataclasses.replace(field, recordings=mixed.subset(field.numbers)),
+    )
     assert enrolling.front_ends_without(mixed, values, ["mounting"], cell="lstm", hidden=4)[1] == configs[1]

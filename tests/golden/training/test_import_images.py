@@ -1,4 +1,5 @@
-"""Networks for images trained elsewhere: torch's own forward pass, batch norm folded, the way on to integers, every refusal."""
+"""Networks for images trained elsewhere: torch's own forward pass, batch norm folded, the way on to integers,
+every refusal."""
 
 from __future__ import annotations
 
@@ -59,12 +60,17 @@ def saved(path: Path, state: dict) -> Path:
 @each_row(("norm", "bias"), [(True, True), (True, False), (False, True)])
 def test_it_computes_what_torch_computes(tmp_path, norm, bias):
     theirs = network(norm=norm, bias=bias)
-    record = import_network(saved(tmp_path / "n.pt", theirs.state_dict()), config(), out=tmp_path / "m", mean=0, std=255)
+    record = import_network(
+        saved(tmp_path / "n.pt", theirs.state_dict()), config(), out=tmp_path / "m", mean=0, std=255
+    )
     model = FloatModel.load(tmp_path / "m", images=True)
     images = random_images(config(), 12, 1)
     with torch.no_grad():
         wanted = theirs.double()(torch.from_numpy(images / 255.0)[:, None]).numpy()
-    assert np.ptp(wanted, axis=0).max() > 0.05 and np.abs(float_images(model, images).logits - wanted).max() < 1e-6
+    assert (
+        np.ptp(wanted, axis=0).max() > 0.05
+        and np.abs(float_images(model, images).logits - wanted).max() < 1e-6
+    )
     assert list(record["imported"]["arrays"]) == ["0 conv 5 4", "2 conv 3 6", "4 dense 5", "5 dense 3"]
     integer = quantised(model, images)
     found = integer.config.formats.logit_format.to_real(run_images(integer, images).logits)
@@ -77,7 +83,21 @@ def test_the_command_line_takes_it_on_to_integers(tmp_path):
     (tmp_path / "c.json").write_text(config().to_json())
     file = saved(tmp_path / "n.pt", network().state_dict())
     run, out = CliRunner(), str(tmp_path / "m")
-    told = run.invoke(app, ["import", str(file), "--out", out, "--config", str(tmp_path / "c.json"), "--mean", "0", "--std", "255"])
+    told = run.invoke(
+        app,
+        [
+            "import",
+            str(file),
+            "--out",
+            out,
+            "--config",
+            str(tmp_path / "c.json"),
+            "--mean",
+            "0",
+            "--std",
+            "255",
+        ],
+    )
     assert told.exit_code == 0 and "0 conv 5 4 of 0" in told.output, told.output
     assert run.invoke(app, ["quantise", out, "--data", str(tmp_path / "images.npz")]).exit_code == 0
     assert run_images(IntegerModel.load(out, images=True), images_of(scene)).decision.shape == (15,)
@@ -91,11 +111,23 @@ STATE = network().state_dict()
 WRONG = [
     (_without(STATE, "12.weight", "12.bias"), {}, "ends before layer 'dense 3'"),
     (STATE | {"13.weight": torch.zeros(3, 3)}, {}, "array 13.weight: is more than the 4 layers"),
-    (STATE | {"0.weight": torch.zeros(4, 1, 3, 3)}, {}, r"array 0.weight: has shape \(4, 1, 3, 3\), and 'conv 5 4' takes \(4, 1, 5, 5\)"),
+    (
+        STATE | {"0.weight": torch.zeros(4, 1, 3, 3)},
+        {},
+        r"array 0.weight: has shape \(4, 1, 3, 3\), and 'conv 5 4' takes \(4, 1, 5, 5\)",
+    ),
     (network(pool_up=False).state_dict(), {}, r"array 9.weight: has shape \(5, 24\).*ceil_mode=True"),
-    (STATE | {"1.running_mean": torch.zeros(5)}, {}, "array 1.running_mean: is missing or has not the 4 channels"),
+    (
+        STATE | {"1.running_mean": torch.zeros(5)},
+        {},
+        "array 1.running_mean: is missing or has not the 4 channels",
+    ),
     (STATE | {"1.running_var": -torch.ones(4)}, {}, "array 1.running_var: is below 0"),
-    (STATE | {"12.bias": torch.full((3,), float("nan"))}, {}, "array 12.bias: holds values that are no finite numbers"),
+    (
+        STATE | {"12.bias": torch.full((3,), float("nan"))},
+        {},
+        "array 12.bias: holds values that are no finite numbers",
+    ),
     (STATE | {"12.bias": torch.zeros(4)}, {}, r"array 12.bias: has shape \(4,\) beside 3 outputs"),
     ({"rnn.weight_ih_l0": torch.zeros(3, 3)}, {}, "belongs to no convolution or dense layer"),
     (STATE, {"mean": 3.0}, "--mean 3: a map of images has zeros around it"),
@@ -120,6 +152,17 @@ def test_other_files_and_options_are_refused(tmp_path):
     with pytest.raises(InputError, match="is damaged or no torch file"):
         import_network(tmp_path / "n.pt", config(), out=tmp_path / "m", mean=0, std=255)
     (tmp_path / "c.json").write_text(config().to_json())
-    line = ["import", str(tmp_path / "n.pt"), "--out", str(tmp_path / "m"), "--config", str(tmp_path / "c.json"), "--cell", "gru"]
+    line = [
+        "import",
+        str(tmp_path / "n.pt"),
+        "--out",
+        str(tmp_path / "m"),
+        "--config",
+        str(tmp_path / "c.json"),
+        "--cell",
+        "gru",
+    ]
     refused = CliRunner().invoke(app, line)
-    assert isinstance(refused.exception, InputError) and "--cell: is for networks that read recordings" in str(refused.exception)
+    assert isinstance(
+        refused.exception, InputError
+    ) and "--cell: is for networks that read recordings" in str(refused.exception)

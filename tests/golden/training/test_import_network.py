@@ -1,4 +1,5 @@
-"""Networks trained elsewhere: torch's own forward pass, Keras's equations, every refusal, and the way on to the integer model."""
+"""Networks trained elsewhere: torch's own forward pass, Keras's equations, every refusal, and the way on to
+the integer model."""
 
 from __future__ import annotations
 
@@ -35,7 +36,9 @@ SCALE = {"mean": -3.5, "std": 140.0}
 class Network(torch.nn.Module):
     """A layer of torch and a Linear, as somebody would write it."""
 
-    def __init__(self, cell: type, taxels: int = 16, hidden: int = 10, classes: int = 3, seed: int = 1) -> None:
+    def __init__(
+        self, cell: type, taxels: int = 16, hidden: int = 10, classes: int = 3, seed: int = 1
+    ) -> None:
         super().__init__()
         torch.manual_seed(seed)
         more = {"batch_first": True} if cell in (torch.nn.GRU, torch.nn.LSTM) else {}
@@ -57,7 +60,9 @@ def saved(path: Path, state: dict) -> Path:
     return path
 
 
-def keras_arrays(gates: int, bias_rows: int, *, taxels: int = 16, hidden: int = 7, classes: int = 3, seed: int = 2) -> list[np.ndarray]:
+def keras_arrays(
+    gates: int, bias_rows: int, *, taxels: int = 16, hidden: int = 7, classes: int = 3, seed: int = 2
+) -> list[np.ndarray]:
     """kernel, recurrent, bias, dense kernel, dense bias; no bias is 0."""
     rng = np.random.default_rng(seed)
     width = gates * hidden
@@ -72,10 +77,11 @@ def keras_arrays(gates: int, bias_rows: int, *, taxels: int = 16, hidden: int = 
 
 
 def keras_logits(arrays: list[np.ndarray], features: np.ndarray) -> np.ndarray:
-    """Keras's GRU (one bias row: reset_after=False, two: True) or LSTM, and Dense, written from its documentation, one step at a time."""
+    """Keras's GRU (one bias row: reset_after=False, two: True) or LSTM, and Dense, written from its
+    documentation, one step at a time."""
     kernel, recurrent, bias, dense, dense_bias = arrays
     units = len(recurrent)
-    sigmoid = lambda v: 1 / (1 + np.exp(-v))  # noqa: E731
+    sigmoid = lambda v: 1 / (1 + np.exp(-v))
     h = c = np.zeros((len(features), units))
     logits = []
     for x in features.transpose(1, 0, 2):
@@ -89,7 +95,10 @@ def keras_logits(arrays: list[np.ndarray], features: np.ndarray) -> np.ndarray:
             z, r = sigmoid(xz + h @ uz), sigmoid(xr + h @ ur)
             h = z * h + (1 - z) * np.tanh(xh + (r * h) @ uh)
         else:
-            (xz, xr, xh), (hz, hr, hh) = np.split(x @ kernel + bias[0], 3, axis=1), np.split(h @ recurrent + bias[1], 3, axis=1)
+            (xz, xr, xh), (hz, hr, hh) = (
+                np.split(x @ kernel + bias[0], 3, axis=1),
+                np.split(h @ recurrent + bias[1], 3, axis=1),
+            )
             z, r = sigmoid(xz + hz), sigmoid(xr + hr)
             h = z * h + (1 - z) * np.tanh(xh + r * hh)
         logits.append(h @ dense + dense_bias)
@@ -115,11 +124,16 @@ def test_torch_network_computes_the_same(tmp_path, name, prefix):
         and model.arrays["sigma"] == 140
     )
     assert json.loads(json.dumps(record)) == json.loads((tmp_path / "model" / "training.json").read_text())
-    assert record["imported"]["file"] == str(file) and record["imported"]["arrays"]["dense"] == prefix + "head.weight"
+    assert (
+        record["imported"]["file"] == str(file)
+        and record["imported"]["arrays"]["dense"] == prefix + "head.weight"
+    )
     assert record["parameters"] == model.parameter_count == model.config.parameter_count
 
 
-@each_row("gates, bias_rows, cell, reset", [(3, 1, "gru", "before"), (3, 2, "gru", "after"), (4, 1, "lstm", None)])
+@each_row(
+    "gates, bias_rows, cell, reset", [(3, 1, "gru", "before"), (3, 2, "gru", "after"), (4, 1, "lstm", None)]
+)
 def test_keras_network_computes_the_same(tmp_path, gates, bias_rows, cell, reset):
     arrays = keras_arrays(gates, bias_rows)
     np.savez(tmp_path / "keras.npz", *arrays)
@@ -140,7 +154,9 @@ def test_sizes_formats_and_old_files(tmp_path):
         import_network(tmp_path / "net.pth", config, out=tmp_path / "model", reset="after", **SCALE)
         model = FloatModel.load(tmp_path / "model")
         assert model.config.network.hidden == hidden
-        assert np.array_equal(model.arrays["U_r"], network.recurrent.weight_hh_l0.detach().double().numpy()[:hidden])
+        assert np.array_equal(
+            model.arrays["U_r"], network.recurrent.weight_hh_l0.detach().double().numpy()[:hidden]
+        )
 
 
 # ---------------------------------------------------------------------- refusals
@@ -156,10 +172,26 @@ def refused(tmp_path: Path, file: Path, match: str, config: AcceleratorConfig = 
 @each_row(
     "cell, said, match",
     [
-        (torch.nn.GRU, ("gru", "before"), "has two bias rows, so its reset gate stands after the product: use --reset after"),
-        (torch.nn.GRU, ("lstm", "before"), "has 3 gates for each of 10 units, so the network is a GRU: use --cell gru --reset after"),
-        (torch.nn.LSTM, ("gru", "after"), "has 4 gates for each of 10 units, so the network is an LSTM: use --cell lstm"),
-        (torch.nn.RNN, ("gru", "after"), r"weight_hh_l0: has shape \(10, 10\), neither \(3 x hidden, hidden\) of a GRU nor \(4 x hidden"),
+        (
+            torch.nn.GRU,
+            ("gru", "before"),
+            "has two bias rows, so its reset gate stands after the product: use --reset after",
+        ),
+        (
+            torch.nn.GRU,
+            ("lstm", "before"),
+            "has 3 gates for each of 10 units, so the network is a GRU: use --cell gru --reset after",
+        ),
+        (
+            torch.nn.LSTM,
+            ("gru", "after"),
+            "has 4 gates for each of 10 units, so the network is an LSTM: use --cell lstm",
+        ),
+        (
+            torch.nn.RNN,
+            ("gru", "after"),
+            r"weight_hh_l0: has shape \(10, 10\), neither \(3 x hidden, hidden\) of a GRU nor \(4 x hidden",
+        ),
     ],
 )
 def test_torch_file_of_another_variant(tmp_path, cell, said, match):
@@ -170,8 +202,18 @@ def test_torch_file_of_another_variant(tmp_path, cell, said, match):
 @each_row(
     "gates, rows, said, match",
     [
-        (3, 1, ("gru", "after"), "array arr_2: has one bias row, so its reset gate stands before the product: use --reset before"),
-        (3, 2, ("gru", "before"), "array arr_2: has two bias rows, so its reset gate stands after the product: use --reset after"),
+        (
+            3,
+            1,
+            ("gru", "after"),
+            "array arr_2: has one bias row, so its reset gate stands before the product: use --reset before",
+        ),
+        (
+            3,
+            2,
+            ("gru", "before"),
+            "array arr_2: has two bias rows, so its reset gate stands after the product: use --reset after",
+        ),
         (3, 1, ("lstm", "before"), "so the network is a GRU: use --cell gru --reset before"),
         (3, 2, ("lstm", "before"), "so the network is a GRU: use --cell gru --reset after"),
         (4, 1, ("gru", "before"), "so the network is an LSTM: use --cell lstm"),
@@ -191,9 +233,15 @@ def test_without_a_word_the_configuration_speaks(tmp_path):
 
 def test_sizes_that_do_not_fit_the_configuration(tmp_path):
     file = saved(tmp_path / "net.pt", Network(torch.nn.GRU, 8, 10, 3).state_dict())
-    refused(tmp_path, file, "weight_ih_l0: takes 8 inputs and configuration 'synthetic', field taxels, has 16")
+    refused(
+        tmp_path, file, "weight_ih_l0: takes 8 inputs and configuration 'synthetic', field taxels, has 16"
+    )
     file = saved(tmp_path / "net.pt", Network(torch.nn.GRU, 16, 10, 5).state_dict())
-    refused(tmp_path, file, "head.weight: decides between 5 classes and configuration 'synthetic', field class_names, has 3")
+    refused(
+        tmp_path,
+        file,
+        "head.weight: decides between 5 classes and configuration 'synthetic', field class_names, has 3",
+    )
     file = saved(tmp_path / "net.pt", Network(torch.nn.GRU, 16, 33, 3).state_dict())
     refused(tmp_path, file, "field hidden: is 33; it must lie in 4..32")
     file = saved(tmp_path / "net.pt", Network(torch.nn.GRU).state_dict())
@@ -204,13 +252,31 @@ def test_torch_arrays_that_do_not_make_one_network(tmp_path):
     state, file = Network(torch.nn.GRU).state_dict(), tmp_path / "net.pt"
     for name in state:
         without = {key: value for key, value in state.items() if key != name}
-        match = "has 0 dense layers" if name == "head.weight" else "is there 0 times" if "weight_ih" in name else f"{name}: is missing"
+        match = (
+            "has 0 dense layers"
+            if name == "head.weight"
+            else "is there 0 times"
+            if "weight_ih" in name
+            else f"{name}: is missing"
+        )
         refused(tmp_path, saved(file, without), match)
-    refused(tmp_path, saved(file, state | {"recurrent.weight_ih_l1": torch.ones(30, 10)}), "l1: belongs to a second layer")
-    refused(tmp_path, saved(file, state | {"recurrent.weight_ih_l0_reverse": torch.ones(30, 16)}), "reverse: belongs to a second layer")
+    refused(
+        tmp_path,
+        saved(file, state | {"recurrent.weight_ih_l1": torch.ones(30, 10)}),
+        "l1: belongs to a second layer",
+    )
+    refused(
+        tmp_path,
+        saved(file, state | {"recurrent.weight_ih_l0_reverse": torch.ones(30, 16)}),
+        "reverse: belongs to a second layer",
+    )
     refused(tmp_path, saved(file, state | {"b.weight_ih_l0": torch.ones(30, 16)}), "is there 2 times")
     refused(tmp_path, saved(file, state | {"two.weight": torch.ones(3, 3)}), "has 2 dense layers")
-    refused(tmp_path, saved(file, state | {"norm.weight": torch.ones(10)}), "norm.weight: belongs to neither the recurrent layer nor")
+    refused(
+        tmp_path,
+        saved(file, state | {"norm.weight": torch.ones(10)}),
+        "norm.weight: belongs to neither the recurrent layer nor",
+    )
     for name, shape in (
         ("recurrent.weight_ih_l0", (33, 16)),
         ("recurrent.weight_ih_l0", (30,)),
@@ -219,9 +285,21 @@ def test_torch_arrays_that_do_not_make_one_network(tmp_path):
         ("head.bias", (3, 1)),
     ):
         refused(tmp_path, saved(file, state | {name: torch.ones(shape)}), f"{name}.*: has shape")
-    refused(tmp_path, saved(file, state | {"head.bias": torch.ones(4)}), "head.bias: has 4 values for 3 classes of head.weight")
-    refused(tmp_path, saved(file, state | {"head.bias": torch.ones(3).to_sparse()}), "head.bias: is no plain array of numbers")
-    refused(tmp_path, saved(file, {"state_dict": state, "epoch": 3}), "holds other things than tensors; save only the weights")
+    refused(
+        tmp_path,
+        saved(file, state | {"head.bias": torch.ones(4)}),
+        "head.bias: has 4 values for 3 classes of head.weight",
+    )
+    refused(
+        tmp_path,
+        saved(file, state | {"head.bias": torch.ones(3).to_sparse()}),
+        "head.bias: is no plain array of numbers",
+    )
+    refused(
+        tmp_path,
+        saved(file, {"state_dict": state, "epoch": 3}),
+        "holds other things than tensors; save only the weights",
+    )
     refused(tmp_path, saved(file, []), "holds other things than tensors")
     for value in (float("nan"), float("inf")):
         spoiled = {key: tensor.clone() for key, tensor in state.items()}
@@ -242,16 +320,30 @@ def test_keras_arrays_that_do_not_make_one_network(tmp_path):
     refused(tmp_path, file, "array arr_0: is missing")
     np.savez(file, *good, good[0])
     refused(tmp_path, file, "array arr_5: is one too many")
-    refused(tmp_path, replaced(1, good[1].T), r"array arr_1: has shape \(21, 7\), neither \(hidden, 3 x hidden\) of a GRU nor")
-    refused(tmp_path, replaced(0, good[0].T), r"array arr_0: has shape \(21, 16\), which does not go with a GRU of 7 units \(arr_1\)")
+    refused(
+        tmp_path,
+        replaced(1, good[1].T),
+        r"array arr_1: has shape \(21, 7\), neither \(hidden, 3 x hidden\) of a GRU nor",
+    )
+    refused(
+        tmp_path,
+        replaced(0, good[0].T),
+        r"array arr_0: has shape \(21, 16\), which does not go with a GRU of 7 units \(arr_1\)",
+    )
     refused(tmp_path, replaced(2, good[2].ravel()), "array arr_2: has shape .1, 42., which does not go with")
     refused(tmp_path, replaced(2, np.ones((3, 21))), "array arr_2: has shape")
     refused(tmp_path, replaced(2, np.float64(1)), "array arr_2: has shape")
     refused(tmp_path, replaced(3, np.ones((8, 3))), r"array arr_3: has shape \(8, 3\)")
     refused(tmp_path, replaced(4, np.ones(4)), "array arr_4: has 4 values for 3 classes of arr_3")
-    refused(tmp_path, replaced(0, np.full((16, 21), np.nan)), "array arr_0: holds values that are no finite numbers")
+    refused(
+        tmp_path,
+        replaced(0, np.full((16, 21), np.nan)),
+        "array arr_0: holds values that are no finite numbers",
+    )
     refused(tmp_path, replaced(0, np.full((16, 21), "x")), "array arr_0: holds <U1, not numbers")
-    refused(tmp_path, replaced(0, np.full((16, 21), None)), "arr_0: holds Python objects, which need a pickle")
+    refused(
+        tmp_path, replaced(0, np.full((16, 21), None)), "arr_0: holds Python objects, which need a pickle"
+    )
     np.savez(file, *keras_arrays(4, 2))
     refused(tmp_path, file, r"array arr_2: has shape \(2, 28\), which does not go with an LSTM", cell="lstm")
 
@@ -289,13 +381,21 @@ def test_damaged_files(tmp_path, kind):
     if kind == "keras.npz":
         np.savez(file, *keras_arrays(3, 2))
     else:
-        torch.save(Network(torch.nn.GRU).state_dict(), file, _use_new_zipfile_serialization=kind == "zipped.pt")
+        torch.save(
+            Network(torch.nn.GRU).state_dict(), file, _use_new_zipfile_serialization=kind == "zipped.pt"
+        )
     whole = file.read_bytes()
     for size in (0, 1, 10, 100, len(whole) // 2, len(whole) - 4):
         file.write_bytes(whole[:size])
-        refused(tmp_path, file, "is (damaged or no torch file|damaged or incomplete|no .npz archive|a single array)")
+        refused(
+            tmp_path,
+            file,
+            "is (damaged or no torch file|damaged or incomplete|no .npz archive|a single array)",
+        )
     file.write_bytes(b"a note to myself\n")
-    refused(tmp_path, file, "is (damaged or no torch file|damaged or incomplete|no .npz archive|a single array)")
+    refused(
+        tmp_path, file, "is (damaged or no torch file|damaged or incomplete|no .npz archive|a single array)"
+    )
 
 
 def test_a_changed_bit_is_seen(tmp_path):
@@ -325,7 +425,9 @@ def test_files_of_other_kinds(tmp_path):
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)
-@given(where=st.floats(0, 1), value=st.integers(0, 255), kind=st.sampled_from(["net.pt", "old.pth", "keras.npz"]))
+@given(
+    where=st.floats(0, 1), value=st.integers(0, 255), kind=st.sampled_from(["net.pt", "old.pth", "keras.npz"])
+)
 def test_any_changed_byte_is_refused_or_harmless(tmp_path_factory, where, value, kind):
     """Never anything but an InputError, whatever byte changes."""
     file = tmp_path_factory.mktemp("byte") / kind
@@ -345,7 +447,13 @@ def test_any_changed_byte_is_refused_or_harmless(tmp_path_factory, where, value,
 
 def test_normalisation_must_be_known(tmp_path):
     file = saved(tmp_path / "net.pt", Network(torch.nn.GRU).state_dict())
-    refused(tmp_path, file, "does not say how its inputs were normalised; give --mean and --std .codes., or --data", mean=None, std=None)
+    refused(
+        tmp_path,
+        file,
+        "does not say how its inputs were normalised; give --mean and --std .codes., or --data",
+        mean=None,
+        std=None,
+    )
     refused(tmp_path, file, "--std: is missing; give both", std=None)
     refused(tmp_path, file, "--mean: is missing; give both", mean=None)
     refused(tmp_path, file, "--std 0: is no spread above 0", std=0.0)
@@ -391,7 +499,11 @@ def test_measured_normalisation_is_that_of_training(tmp_path, scene):
     (trained,) = fit_networks(data, SLOW, Recipe(name="one", updates=1), everything, 0, lambda *_: None)
     model = FloatModel.load(tmp_path / "model")
     assert model.arrays["mu"] == trained.arrays["mu"] and model.arrays["sigma"] == trained.arrays["sigma"] > 1
-    assert record["normalisation"] == {"mean": float(model.arrays["mu"]), "std": float(model.arrays["sigma"]), "source": "synthetic scene"}
+    assert record["normalisation"] == {
+        "mean": float(model.arrays["mu"]),
+        "std": float(model.arrays["sigma"]),
+        "source": "synthetic scene",
+    }
     touches = find_touches(SLOW, scene)
     features = model.features(real_features(SLOW, touches.sums))[touches.completed == SLOW.windows.steps]
     assert abs(features.mean()) < 0.05 and abs(features.std() - 1) < 0.05
@@ -400,7 +512,15 @@ def test_measured_normalisation_is_that_of_training(tmp_path, scene):
 def test_no_touch_to_measure_on(tmp_path, make_recordings):
     file = saved(tmp_path / "net.pt", Network(torch.nn.GRU).state_dict())
     quiet = make_recordings(lengths=[2000] * 3, taxels=16, classes=3)
-    refused(tmp_path, file, "hold no touch to measure mean and deviation on", SLOW, mean=None, std=None, recordings=quiet)
+    refused(
+        tmp_path,
+        file,
+        "hold no touch to measure mean and deviation on",
+        SLOW,
+        mean=None,
+        std=None,
+        recordings=quiet,
+    )
 
 
 def trained_outside(scene: Recordings, cell: type, mean: float, std: float) -> Network:
@@ -434,14 +554,17 @@ def imported(tmp_path: Path, scene: Recordings, cell: type) -> tuple[Network, Pa
 
 @each_row("cell", [torch.nn.GRU, torch.nn.LSTM])
 def test_from_torch_to_codes_at_the_command_line(tmp_path, scene, cell):
-    """Imported with --mean and --std, quantised with --data: the integer model decides as the network did where it was trained."""
+    """Imported with --mean and --std, quantised with --data: the integer model decides as the network did
+    where it was trained."""
     network, folder = imported(tmp_path, scene, cell)
     model, touches = FloatModel.load(folder), find_touches(SLOW, scene)
     features = model.features(real_features(SLOW, touches.sums))
     with torch.no_grad():
         wanted = network(torch.from_numpy(features)).numpy()
     assert np.abs(wanted).max() > 1 and np.abs(model.forward(features)[1] - wanted).max() < 1e-12
-    with pytest.raises(InputError, match="has no ranges noted at training; give the recordings it was trained on .--data."):
+    with pytest.raises(
+        InputError, match="has no ranges noted at training; give the recordings it was trained on .--data."
+    ):
         quantise(folder)
     data, run = tmp_path / "scene.npz", CliRunner()
     np.savez(
@@ -468,14 +591,31 @@ def test_imported_network_in_hardware(tmp_path, scene, cell):
     _, folder = imported(tmp_path, scene, cell)
     few = scene.subset(scene.evenly(3))
     result = cosimulate(quantise(folder, scene), few, lanes=4, work=tmp_path / "work")
-    assert result["bit_exact"] and result["steps"] == 3 * SLOW.windows.steps and result["decisions"] == 3 * (SLOW.windows.steps + 1)
+    assert (
+        result["bit_exact"]
+        and result["steps"] == 3 * SLOW.windows.steps
+        and result["decisions"] == 3 * (SLOW.windows.steps + 1)
+    )
 
 
 def test_command_line_refuses_with_status_2(tmp_path, monkeypatch, capsys):
     from eskin.cli import main as command_line
 
     file = saved(tmp_path / "net.pt", Network(torch.nn.GRU).state_dict())
-    options = ["--out", str(tmp_path / "m"), "--config", "synthetic", "--cell", "gru", "--reset", "before", "--mean", "0", "--std", "1"]
+    options = [
+        "--out",
+        str(tmp_path / "m"),
+        "--config",
+        "synthetic",
+        "--cell",
+        "gru",
+        "--reset",
+        "before",
+        "--mean",
+        "0",
+        "--std",
+        "1",
+    ]
     monkeypatch.setattr("sys.argv", ["eskin", "import", str(file), *options])
     with pytest.raises(SystemExit) as end:
         command_line.main()

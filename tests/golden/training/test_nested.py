@@ -1,4 +1,5 @@
-"""Figures of folds that chose nothing: no label of a fold is seen by what is chosen for it, and noise stays at chance."""
+"""Figures of folds that chose nothing: no label of a fold is seen by what is chosen for it, and noise stays
+at chance."""
 
 from __future__ import annotations
 
@@ -24,7 +25,10 @@ from tests.support.gripped_scene import gripped_recordings
 @pytest.fixture
 def quick(monkeypatch):
     """Recipes of few updates."""
-    few = {name: dataclasses.replace(recipe, updates=min(recipe.updates, 6)) for name, recipe in recipes.RECIPES.items()}
+    few = {
+        name: dataclasses.replace(recipe, updates=min(recipe.updates, 6))
+        for name, recipe in recipes.RECIPES.items()
+    }
     monkeypatch.setattr(recipes, "RECIPES", few)
 
 
@@ -39,7 +43,10 @@ def nested_of(recordings: Recordings, field: Field, *cells: str) -> Nested:
     return Nested(recordings, field, ["person"], networks, 5, [0], {}, Datasets(recordings))
 
 
-@pytest.mark.parametrize("cells", [("linear",), *(pytest.param(cells, marks=pytest.mark.slow) for cells in (("gru",), ("linear", "gru")))])
+@pytest.mark.parametrize(
+    "cells",
+    [("linear",), *(pytest.param(cells, marks=pytest.mark.slow) for cells in (("gru",), ("linear", "gru")))],
+)
 def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, monkeypatch, cells):
     """Front end, network and training part of every fold stay as they are when the fold's labels change."""
     monkeypatch.setattr(nesting, "FEW", 0)
@@ -59,7 +66,9 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, mon
         labels[test] = (labels[test] + 1) % 3
         other = dataclasses.replace(recordings, labels=labels)
         trained.clear()
-        nested_of(other, dataclasses.replace(field, recordings=other.subset(field.numbers)), *cells).record(["person"])
+        nested_of(other, dataclasses.replace(field, recordings=other.subset(field.numbers)), *cells).record(
+            ["person"]
+        )
         assert trained[-1][fold] == before[fold] and not set(before[fold][2]) & set(test.tolist())
 
 
@@ -67,16 +76,36 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, mon
 def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
     rng = np.random.default_rng(5)
     samples = rng.integers(1990, 2010, (60 * 200, 8)).astype(np.int32)
-    noise = Recordings(samples, np.arange(0, 12001, 200), np.arange(60) % 2, ("a", "b"), 1000.0, {"person": np.arange(60) % 5})
+    noise = Recordings(
+        samples,
+        np.arange(0, 12001, 200),
+        np.arange(60) % 2,
+        ("a", "b"),
+        1000.0,
+        {"person": np.arange(60) % 5},
+    )
     record = train_chosen(noise, None, out=tmp_path / "m", cell="linear")
     (split,) = record["cross_validation"]
     nested, chosen = split["nested"], record["front_end"]["chosen"]["accuracy"]
     assert chosen > 0.65 and split["integer_accuracy"] > 0.6 and nested["integer_accuracy"] < 0.6
-    assert {"groups", "folds", "seeds", "float_accuracy", "agreement", "standard_error", "per_fold", "wall_s"} <= set(nested)
-    assert sum(fold["recordings"] for fold in nested["per_fold"]) == 60 and all(fold["network"] == "linear" for fold in nested["per_fold"])
+    assert {
+        "groups",
+        "folds",
+        "seeds",
+        "float_accuracy",
+        "agreement",
+        "standard_error",
+        "per_fold",
+        "wall_s",
+    } <= set(nested)
+    assert sum(fold["recordings"] for fold in nested["per_fold"]) == 60 and all(
+        fold["network"] == "linear" for fold in nested["per_fold"]
+    )
     shuffled = nested["shuffled"]
     assert shuffled["count"] == SHUFFLES and abs(shuffled["mean"] - 0.5) < 0.07 and shuffled["largest"] < 0.9
-    assert shuffled["as_good"] > 0.05 and any("that may be luck" in sentence for sentence in record["warnings"])
+    assert shuffled["as_good"] > 0.05 and any(
+        "that may be luck" in sentence for sentence in record["warnings"]
+    )
     assert any("on the folds it was chosen on" in sentence for sentence in record["warnings"])
 
 
@@ -85,14 +114,19 @@ def test_classes_that_are_there_are_found_and_luck_is_far(gripped, quick, tmp_pa
     recordings, _ = gripped
     record = train_chosen(recordings, None, out=tmp_path / "m", folds=4, seeds=1)
     nested = record["cross_validation"][0]["nested"]
-    assert nested["integer_accuracy"] > 0.9 and nested["shuffled"]["as_good"] == pytest.approx(1 / (1 + SHUFFLES))
-    assert {fold["network"] for fold in nested["per_fold"]} == {"linear (least squares)"}  # recurrent ones had 6 updates
+    assert nested["integer_accuracy"] > 0.9 and nested["shuffled"]["as_good"] == pytest.approx(
+        1 / (1 + SHUFFLES)
+    )
+    # recurrent ones had 6 updates
+    assert {fold["network"] for fold in nested["per_fold"]} == {"linear (least squares)"}
 
 
 def test_where_nothing_is_chosen_the_figure_is_as_it_was(gripped, quick, tmp_path):
     recordings, _ = gripped
     asked = with_network(configure(recordings, None).config, cell="linear")
-    (split,) = train_chosen(recordings, asked, out=tmp_path / "m", group=["person"], folds=2, seeds=1)["cross_validation"]
+    (split,) = train_chosen(recordings, asked, out=tmp_path / "m", group=["person"], folds=2, seeds=1)[
+        "cross_validation"
+    ]
     assert "nested" not in split
 
 
@@ -110,7 +144,11 @@ def test_without_a_figure_the_choice_is_not_called_unseen(gripped, quick, monkey
 def test_labels_are_shuffled_within_groups_or_between_whole_ones():
     labels, person = np.arange(24) % 3, np.arange(24) // 6
     made = shuffles(labels, [person])
-    assert made.shape == (1 + SHUFFLES, 24) and (made[0] == labels).all() and (made[1:] != labels).any(axis=1).all()
+    assert (
+        made.shape == (1 + SHUFFLES, 24)
+        and (made[0] == labels).all()
+        and (made[1:] != labels).any(axis=1).all()
+    )
     for group in range(4):
         assert (np.sort(made[:, person == group], axis=1) == np.sort(labels[person == group])).all()
     of_session = np.repeat([0, 0, 1, 1], 6)  # each session is of one class

@@ -1,4 +1,5 @@
-"""golden/training/quantise.py: ranges, formats, the integers against the float network, and what is refused."""
+"""golden/training/quantise.py: ranges, formats, the integers against the float network, and what is
+refused."""
 
 import dataclasses
 
@@ -10,7 +11,14 @@ from hypothesis import strategies as st
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, network_formats, with_network
+from eskin.golden.model.model import (
+    FloatModel,
+    IntegerModel,
+    load_config,
+    load_training,
+    network_formats,
+    with_network,
+)
 from eskin.golden.model.pipeline import float_run, run
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.training.evaluate import compare, evaluate, held
@@ -33,13 +41,19 @@ from tests.support.touch_scenes import SMALL, scene
 def float_model(config=SMALL, seed=0):
     """An untrained network, scaled as a trained one would be."""
     network = RecurrentClassifier(config, generator=torch.Generator().manual_seed(seed))
-    return FloatModel(config, {k: 2.5 * v for k, v in network.arrays().items()} | {"mu": np.array(5.0), "sigma": np.array(40.0)})
+    return FloatModel(
+        config,
+        {k: 2.5 * v for k, v in network.arrays().items()} | {"mu": np.array(5.0), "sigma": np.array(40.0)},
+    )
 
 
 def saved(folder, config=SMALL):
     recordings = scene(20, seed=1)
     model = float_model(config)
-    ranges = [{"signal": s, "min": low, "max": high} for s, (low, high) in profile(model, find_touches(config, recordings)).items()]
+    ranges = [
+        {"signal": s, "min": low, "max": high}
+        for s, (low, high) in profile(model, find_touches(config, recordings)).items()
+    ]
     model.save(folder, {"ranges": ranges, "config": config.to_dict()})
     return recordings
 
@@ -58,7 +72,10 @@ def test_a_covering_format_holds_the_range_and_no_finer_one_does(low, high, bits
 
 
 @each_row(("cell", "reset"), CELLS)
-@each_row("widths", [{}, {"weight_bits": 6, "state_bits": 10, "feature_bits": 8, "gate_bits": 8, "table_entries": 128}])
+@each_row(
+    "widths",
+    [{}, {"weight_bits": 6, "state_bits": 10, "feature_bits": 8, "gate_bits": 8, "table_entries": 128}],
+)
 def test_formats_hold_what_was_profiled(cell, reset, widths):
     config, recordings = with_network(SMALL, cell=cell, reset=reset), scene(20, seed=2)
     if reset == "after" or cell == "lstm":
@@ -72,9 +89,16 @@ def test_formats_hold_what_was_profiled(cell, reset, widths):
         ("dense", chosen.formats.dense_format),
     )
     held = () if widths else weights  # weights of few bits may saturate
-    for signal, fmt in (*held, ("logit", chosen.formats.logit_format), (COVERED_FEATURE, chosen.formats.feature_format)):
+    for signal, fmt in (
+        *held,
+        ("logit", chosen.formats.logit_format),
+        (COVERED_FEATURE, chosen.formats.feature_format),
+    ):
         lsb = 2.0**-fmt.frac_bits
-        assert fmt.to_real(fmt.min_code) - lsb / 2 <= ranges[signal][0] and ranges[signal][1] <= fmt.to_real(fmt.max_code) + lsb / 2, signal
+        assert (
+            fmt.to_real(fmt.min_code) - lsb / 2 <= ranges[signal][0]
+            and ranges[signal][1] <= fmt.to_real(fmt.max_code) + lsb / 2
+        ), signal
     assert (
         chosen.formats.weight_format.width
         == chosen.formats.recurrent_format.width
@@ -82,20 +106,28 @@ def test_formats_hold_what_was_profiled(cell, reset, widths):
         == widths.get("weight_bits", 8)
     )
     assert chosen.formats.state_format.int_bits == (2 if (cell, reset) == ("gru", "before") else 4)
-    assert chosen.formats.table_entries == widths.get("table_entries", 512) and chosen.formats.gate_frac == widths.get("gate_bits", 13)
+    assert chosen.formats.table_entries == widths.get(
+        "table_entries", 512
+    ) and chosen.formats.gate_frac == widths.get("gate_bits", 13)
     assert chosen.operand_bits <= 16 and chosen.feature_align >= 0 and chosen.accumulator_bits <= 32
 
 
 def test_weights_of_up_to_four_bits_bring_a_state_of_twelve():
     model = float_model()
     ranges = profile(model, find_touches(SMALL, scene(20, seed=2)))
-    assert [quantise_model(model, ranges, weight_bits=bits).config.formats.state_format.width for bits in (3, 4, 5)] == [12, 12, 14]
+    assert [
+        quantise_model(model, ranges, weight_bits=bits).config.formats.state_format.width
+        for bits in (3, 4, 5)
+    ] == [12, 12, 14]
     assert quantise_model(model, ranges, weight_bits=4, state_bits=10).config.formats.state_format.width == 10
 
 
 @each_row(
     ("cell", "reset", "changes"),
-    [*((*cell, {}) for cell in CELLS), ("gru", "before", {"compand": "log", "compand_knee": 7, "compand_frac": 6})],
+    [
+        *((*cell, {}) for cell in CELLS),
+        ("gru", "before", {"compand": "log", "compand_knee": 7, "compand_frac": 6}),
+    ],
 )
 def test_integers_follow_the_float_network(cell, reset, changes):
     """Wide formats give nearly the float logits: a wrong scale, name or merged bias would be far off."""
@@ -104,13 +136,18 @@ def test_integers_follow_the_float_network(cell, reset, changes):
     if changes:  # its mean and spread are those of window means
         model = FloatModel(config, dict(model.arrays) | {"mu": np.array(0.1), "sigma": np.array(1.5)})
     touches = find_touches(config, recordings)
-    integer = quantise_model(model, profile(model, touches), weight_bits=10, state_bits=16, table_entries=1024)
+    integer = quantise_model(
+        model, profile(model, touches), weight_bits=10, state_bits=16, table_entries=1024
+    )
     ideal, exact = float_run(model, recordings, touches=touches), run(integer, recordings, touches=touches)
     logits = integer.config.formats.logit_format.to_real(exact.logits)
     assert np.abs(logits - ideal.logits).max() < 0.03 * np.ptp(ideal.logits)
     features = integer.config.formats.feature_format.to_real(exact.features)
     done = np.arange(config.windows.steps) < touches.completed[:, None]
-    assert np.abs(features - ideal.features)[done].max() < 2 * 2.0**-integer.config.formats.feature_format.frac_bits
+    assert (
+        np.abs(features - ideal.features)[done].max()
+        < 2 * 2.0**-integer.config.formats.feature_format.frac_bits
+    )
     assert exact.agreement(ideal) > 0.9
 
 
@@ -146,7 +183,10 @@ def test_profiled_ranges_are_the_extremes_of_the_run():
     done = np.arange(SMALL.windows.steps) < touches.completed[:, None]
     assert ranges["feature"] == pytest.approx((trace.features[done].min(), trace.features[done].max()))
     assert ranges["logit"][0] <= trace.logits[done].min() and ranges["logit"][1] >= trace.logits[done].max()
-    assert ranges["weight"] == (min(model.arrays[f"W_{g}"].min() for g in "zrn"), max(model.arrays[f"W_{g}"].max() for g in "zrn"))
+    assert ranges["weight"] == (
+        min(model.arrays[f"W_{g}"].min() for g in "zrn"),
+        max(model.arrays[f"W_{g}"].max() for g in "zrn"),
+    )
     below, above = ranges[COVERED_FEATURE]
     assert np.mean((trace.features[done] >= below) & (trace.features[done] <= above)) >= 0.995
 
@@ -159,7 +199,9 @@ def test_quantise_writes_the_integers_into_the_folder(tmp_path):
     for name, array in IntegerModel.load(folder).arrays.items():
         np.testing.assert_array_equal(array, integer.arrays[name])
     record = {entry["signal"]: entry for entry in load_training(folder)["ranges"]}
-    assert record["state"]["format"] == "SQ(2,12)" and record["logit"]["format"] == str(integer.config.formats.logit_format)
+    assert record["state"]["format"] == "SQ(2,12)" and record["logit"]["format"] == str(
+        integer.config.formats.logit_format
+    )
     # ranges noted at training give the same integers without the recordings
     without = quantise(folder)
     assert without.config == integer.config
@@ -170,7 +212,9 @@ def test_a_second_quantisation_starts_afresh(tmp_path):
     folder = tmp_path / "model"
     saved(folder)
     first = quantise(folder)
-    assert quantise(folder, weight_bits=4, state_bits=8, gate_bits=8, table_entries=128).config != first.config
+    assert (
+        quantise(folder, weight_bits=4, state_bits=8, gate_bits=8, table_entries=128).config != first.config
+    )
     assert quantise(folder).config == first.config
 
 
@@ -199,7 +243,9 @@ def test_weights_of_16_bits_widen_the_accumulator_and_dsp_lanes_refuse_them():
     config = quantise_model(model, ranges, weight_bits=16, feature_bits=16).config
     assert config.weight_bits == 16 and 32 < config.accumulator_bits <= 48 and config.addend_parts == 3
     dsp = FloatModel(model.config.with_lanes(4, "dsp"), model.arrays)
-    with pytest.raises(InputError, match="field lane_type: is 'dsp', whose accumulator has 32 bits, and these formats need"):
+    with pytest.raises(
+        InputError, match="field lane_type: is 'dsp', whose accumulator has 32 bits, and these formats need"
+    ):
         quantise_model(dsp, ranges, weight_bits=16, feature_bits=16)
 
 
@@ -217,25 +263,38 @@ def test_quantising_without_touches_or_ranges_is_refused(tmp_path):
 
 def test_formats_for_fine_recurrent_weights_keep_the_operand_within_16_bits():
     ranges = {s: (-1.0, 1.0) for s in ("weight", "recurrent", "dense", "bias", "dense bias", "logit")}
-    ranges |= {"weight": (-7.0, 7.0), "recurrent": (-0.4, 0.4), "feature": (-12.0, 12.0), COVERED_FEATURE: (-12.0, 12.0)}
+    ranges |= {
+        "weight": (-7.0, 7.0),
+        "recurrent": (-0.4, 0.4),
+        "feature": (-12.0, 12.0),
+        COVERED_FEATURE: (-12.0, 12.0),
+    }
     chosen = choose_formats(PRESETS["pvdf"], ranges)
     assert chosen.operand_bits == 16 and str(chosen.formats.feature_format).startswith("SQ(5,")
 
 
 def test_the_rarest_features_get_bits_on_top_and_the_state_makes_room_for_recurrent_weights():
-    ranges = {s: (-1.0, 1.0) for s in ("weight", "recurrent", "dense", "bias", "dense bias", "logit")} | {COVERED_FEATURE: (-7.0, 7.0)}
+    ranges = {s: (-1.0, 1.0) for s in ("weight", "recurrent", "dense", "bias", "dense bias", "logit")} | {
+        COVERED_FEATURE: (-7.0, 7.0)
+    }
 
     def chosen(rarest: float, **widths) -> list[str]:
         formats = choose_formats(PRESETS["fabric"], ranges | {"feature": (-rarest, 7.0)}, **widths).formats
-        return [str(getattr(formats, name)) for name in ("feature_format", "recurrent_format", "state_format")]
+        return [
+            str(getattr(formats, name)) for name in ("feature_format", "recurrent_format", "state_format")
+        ]
 
     assert chosen(7.5) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
     assert chosen(30.0) == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]  # as fine as before, and nothing saturates
     one_table = choose_formats(PRESETS["fabric"], ranges | {"feature": (-30.0, 7.0)}).formats
-    assert one_table.gate_frac == one_table.state_format.frac_bits + 1  # as in the preset: one table serves gates and states
-    assert chosen(500.0) == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]  # no state gives up more, and recurrent weights nothing
-    assert chosen(30.0, feature_bits=12) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]  # as asked for: the rarest saturate
-    assert chosen(30.0, state_bits=14) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]  # a state as asked for makes no room
+    # as in the preset: one table serves gates and states
+    assert one_table.gate_frac == one_table.state_format.frac_bits + 1
+    # no state gives up more, and recurrent weights nothing
+    assert chosen(500.0) == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]
+    # as asked for: the rarest saturate
+    assert chosen(30.0, feature_bits=12) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
+    # a state as asked for makes no room
+    assert chosen(30.0, state_bits=14) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
     assert chosen(30.0, lean=True)[0].startswith("SQ(4,")
 
 
@@ -249,11 +308,14 @@ def test_a_preset_keeps_the_formats_that_it_always_had():
     def formats(name: str, **widths) -> list[str]:
         of_model = FloatModel(config.replace(name=name), model.arrays, "made")
         chosen = quantise_model(of_model, ranges, **widths).config.formats
-        return [str(getattr(chosen, field)) for field in ("feature_format", "recurrent_format", "state_format")]
+        return [
+            str(getattr(chosen, field)) for field in ("feature_format", "recurrent_format", "state_format")
+        ]
 
     assert formats("fabric") == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
     assert formats("derived") == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]
-    assert formats("fabric", feature_bits=14) == formats("derived", feature_bits=14)  # asked for: no preset's any more
+    # asked for: no preset's any more
+    assert formats("fabric", feature_bits=14) == formats("derived", feature_bits=14)
 
 
 def test_weak_signals_get_features_as_coarse_as_their_sums():
@@ -263,7 +325,10 @@ def test_weak_signals_get_features_as_coarse_as_their_sums():
     ranges = profile(model, find_touches(SMALL, scene(20, seed=1)))
     integer = quantise_model(weak, ranges)
     assert integer.config.features.feature_shift == (0,) and 2**14 <= integer.arrays["scale"][0] < 2**15
-    assert integer.config.formats.feature_format.frac_bits < quantise_model(model, ranges).config.formats.feature_format.frac_bits
+    assert (
+        integer.config.formats.feature_format.frac_bits
+        < quantise_model(model, ranges).config.formats.feature_format.frac_bits
+    )
 
 
 # ---------------------------------------------------------------------- evaluation
@@ -278,11 +343,18 @@ def test_evaluate_counts_what_it_says(tmp_path):
     assert result["integer_accuracy"] == pytest.approx(right / 20)
     same = sum(int(a == b) for a, b in zip(trace.decision, ideal.decision, strict=True))
     assert result["agreement"] == pytest.approx(same / 20)
-    assert np.sum(result["confusion"]) == 20 and np.trace(result["confusion"]) == right and np.sum(result["confusion"], axis=0)[-1] == 1
+    assert (
+        np.sum(result["confusion"]) == 20
+        and np.trace(result["confusion"]) == right
+        and np.sum(result["confusion"], axis=0)[-1] == 1
+    )
     assert [row["step"] for row in result["per_step"]] == [1, 2, 3, 4, 5, 6]
-    assert sum(c["recordings"] * c["integer_accuracy"] for c in result["per_class"].values()) == pytest.approx(right)
+    assert sum(
+        c["recordings"] * c["integer_accuracy"] for c in result["per_class"].values()
+    ) == pytest.approx(right)
     last = trace.local[trace.first[trace.first >= 0], 5] == recordings.labels[trace.first >= 0]
-    assert result["per_step"][5]["integer_accuracy"] == pytest.approx(last.sum() / 20)  # no touch, or cut short: wrong
+    # no touch, or cut short: wrong
+    assert result["per_step"][5]["integer_accuracy"] == pytest.approx(last.sum() / 20)
 
 
 def test_a_recording_without_a_touch_is_wrong_and_agreed_upon():
@@ -298,7 +370,9 @@ def test_float_and_integer_decisions_are_not_mixed_up():
     trace = run(quantise_model(model, profile(model, find_touches(SMALL, recordings))), recordings)
     ideal = dataclasses.replace(trace, decision=np.where(trace.decision < 0, -1, (trace.decision + 1) % 3))
     result = compare(ideal, trace, np.maximum(trace.decision, 0))
-    assert result["integer_accuracy"] == 0.95 and result["float_accuracy"] == 0 and result["agreement"] == 0.05
+    assert (
+        result["integer_accuracy"] == 0.95 and result["float_accuracy"] == 0 and result["agreement"] == 0.05
+    )
     assert np.trace(result["confusion"]) == 19
     classes = result["per_class"].values()
     assert sum(row["recordings"] * row["integer_accuracy"] for row in classes) == pytest.approx(19)
@@ -337,11 +411,21 @@ def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_pat
     plain, lean = quantise_model(model, ranges), quantise_model(model, ranges, lean=True)
     chosen = lean.config
     assert chosen.features.aligned_means and not plain.config.features.aligned_means
-    assert len(set(chosen.features.feature_shift)) == 1 and not (lean.arrays["mean"] % (1 << chosen.features.feature_shift[0])).any()
-    assert chosen.formats.feature_format.frac_bits >= plain.config.formats.feature_format.frac_bits and chosen.operand_bits <= 16
+    assert (
+        len(set(chosen.features.feature_shift)) == 1
+        and not (lean.arrays["mean"] % (1 << chosen.features.feature_shift[0])).any()
+    )
+    assert (
+        chosen.formats.feature_format.frac_bits >= plain.config.formats.feature_format.frac_bits
+        and chosen.operand_bits <= 16
+    )
     # every weight, bias and state at its worst: the logit still fits
-    worst = chosen.network.hidden * 2 ** (chosen.formats.dense_format.width - 1 + chosen.formats.state_format.width - 1)
-    worst += (2 ** (chosen.formats.dense_bias_format.width - 1) << chosen.dense_bias_shift) + (1 << chosen.logit_shift - 1)
+    worst = chosen.network.hidden * 2 ** (
+        chosen.formats.dense_format.width - 1 + chosen.formats.state_format.width - 1
+    )
+    worst += (2 ** (chosen.formats.dense_bias_format.width - 1) << chosen.dense_bias_shift) + (
+        1 << chosen.logit_shift - 1
+    )
     assert chosen.logit_proven and worst >> chosen.logit_shift <= chosen.formats.logit_format.max_code
     runs = [run(integer, recordings) for integer in (plain, lean)]
     assert np.mean(runs[0].decision == runs[1].decision) >= 0.9, "hardly another network"
@@ -351,5 +435,7 @@ def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_pat
     arrays["mean"] = arrays["mean"] + 1
     if chosen.features.feature_shift[0]:
         np.savez(tmp_path / "model" / "weights.npz", **arrays)
-        with pytest.raises(InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means promises"):
+        with pytest.raises(
+            InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means promises"
+        ):
             IntegerModel.load(tmp_path / "model")

@@ -1,4 +1,5 @@
-"""golden/training/train.py: determinism, splits, learning, the record; and the accuracy on the real recordings (slow in full)."""
+"""golden/training/train.py: determinism, splits, learning, the record; and the accuracy on the real
+recordings (slow in full)."""
 
 import dataclasses
 import json
@@ -33,7 +34,10 @@ QUICK = dataclasses.replace(RECIPES["onset"], updates=200)
 @pytest.fixture
 def quick(monkeypatch):
     """Recipes of few updates, so that what is not about accuracy stays quick."""
-    few = {name: dataclasses.replace(recipe, updates=15, epochs=min(recipe.epochs, 2)) for name, recipe in RECIPES.items()}
+    few = {
+        name: dataclasses.replace(recipe, updates=15, epochs=min(recipe.epochs, 2))
+        for name, recipe in RECIPES.items()
+    }
     monkeypatch.setattr(recipes, "RECIPES", few)
 
 
@@ -41,7 +45,8 @@ def quick(monkeypatch):
 def test_the_network_learns_a_task_that_a_constant_cannot():
     recordings = scene(90, seed=1)
     (result,) = cross_validate(recordings, SMALL, [["person"]], (0, 1), recipe=QUICK)
-    assert result["float_accuracy"] > 0.9 and result["integer_accuracy"] > 0.9  # chance is a third; one recording has no touch
+    # chance is a third; one recording has no touch
+    assert result["float_accuracy"] > 0.9 and result["integer_accuracy"] > 0.9
     assert result["agreement"] > 0.95
     assert result["float_accuracy"] <= 89 / 90
     assert len(result["per_step"]) == SMALL.windows.steps and result["per_step"][-1]["integer_accuracy"] > 0.9
@@ -55,7 +60,8 @@ def test_the_other_cells_learn_too(cell, reset):
 
 
 def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
-    """The last point against the float model alone: the loss of the one touch that each network has not seen."""
+    """The last point against the float model alone: the loss of the one touch that each network has not
+    seen."""
     recordings, recipe = scene(30, seed=4), dataclasses.replace(QUICK, updates=30)
     data = datasets.find_dataset(recordings, SMALL, recipe)
     rows = datasets.touch_rows(data, np.arange(30))
@@ -65,7 +71,11 @@ def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
     plain = fitting.fit_networks(data, SMALL, recipe, parts, 0, lambda *_: None)
     for one, other in zip(models, plain, strict=True):
         assert all(np.array_equal(one.arrays[name], other.arrays[name]) for name in one.arrays)
-    assert len(curves.updates) == losses.CURVE_POINTS and curves.updates[-1] == 30 and curves.losses.shape == (20, 3, 2)
+    assert (
+        len(curves.updates) == losses.CURVE_POINTS
+        and curves.updates[-1] == 30
+        and curves.losses.shape == (20, 3, 2)
+    )
     for m in (0, 1):
         touch = data.touches.take(tests[m])
         logits = models[m].forward(float_features(models[m], touch))[1][0, : touch.completed[0]]
@@ -74,14 +84,25 @@ def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
     assert np.isnan(curves.losses[:, 2, 1]).all() and np.isfinite(curves.losses[..., 0]).all()
     (record,) = cross_validate(recordings, SMALL, [["person"]], (0,), folds=2, recipe=recipe)
     curve = record["training_curve"]
-    assert len(curve["held_out_loss"]) == len(curve["updates"]) == 20 and curve["training_loss"][-1] < curve["training_loss"][0]
+    assert (
+        len(curve["held_out_loss"]) == len(curve["updates"]) == 20
+        and curve["training_loss"][-1] < curve["training_loss"][0]
+    )
     linear = with_network(SMALL, cell="linear")
-    (record,) = cross_validate(recordings, linear, [["person"]], (0,), folds=2, recipe=dataclasses.replace(RECIPES["linear"], updates=5))
+    (record,) = cross_validate(
+        recordings,
+        linear,
+        [["person"]],
+        (0,),
+        folds=2,
+        recipe=dataclasses.replace(RECIPES["linear"], updates=5),
+    )
     assert record["training_curve"] is None
 
 
 def test_many_networks_are_trained_in_shares(monkeypatch):
-    """Folds and seeds that a user may ask for do not all lie in memory at once; every network is there, and its own curve."""
+    """Folds and seeds that a user may ask for do not all lie in memory at once; every network is there, and
+    its own curve."""
     recordings, recipe, sizes = scene(30, seed=4), dataclasses.replace(QUICK, updates=4), []
     data = datasets.find_dataset(recordings, SMALL, recipe)
     rows = datasets.touch_rows(data, np.arange(30))
@@ -96,8 +117,15 @@ def test_many_networks_are_trained_in_shares(monkeypatch):
     monkeypatch.setattr(fitting, "TOGETHER", 3)
     curves, told = losses.LossCurves(data, SMALL, recipe, [rows[[place]] for place in range(7)]), []
     models = fitting.fit_networks(data, SMALL, recipe, parts, 0, lambda *done: told.append(done), curves)
-    assert sizes == [(3,), (3,), (1,)] and len(models) == 7 and curves.losses.shape == (4, 7, 2) and told[-1] == (12, 12)
-    assert len({model.arrays["W_z"].tobytes() for model in models}) == 7, "each begins with weights of its own"
+    assert (
+        sizes == [(3,), (3,), (1,)]
+        and len(models) == 7
+        and curves.losses.shape == (4, 7, 2)
+        and told[-1] == (12, 12)
+    )
+    assert len({model.arrays["W_z"].tobytes() for model in models}) == 7, (
+        "each begins with weights of its own"
+    )
     assert not np.isnan(curves.losses).any()
 
 
@@ -164,7 +192,8 @@ def test_the_model_written_does_not_depend_on_the_folds(tmp_path, quick):
     ],
 )
 def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, cell, reset, widths):
-    """Every batch of a fine-tuning run: features, then logits, against numpy and IntegerModel.forward of what is exported then."""
+    """Every batch of a fine-tuning run: features, then logits, against numpy and IntegerModel.forward of what
+    is exported then."""
     config = with_network(SMALL, cell=cell, reset=reset)
     forward, seen = IntegerNetwork.forward, []
 
@@ -181,9 +210,14 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 12)
     monkeypatch.setattr(fitting, "FINE_TUNING_RATE", 0.1)
     recipe = dataclasses.replace(RECIPES["onset"], updates=10, batch=16)
-    cross_validate(scene(30, seed=4), config, [[]], (0,), folds=2, recipe=recipe, widths=widths, quantisation_aware=True)
+    cross_validate(
+        scene(30, seed=4), config, [[]], (0,), folds=2, recipe=recipe, widths=widths, quantisation_aware=True
+    )
     assert len(seen) == 24
-    assert any((seen[0][name] != seen[-1][name]).any() for name in ("W_" + config.gates[0], "U_" + config.gates[-1], "V"))
+    assert any(
+        (seen[0][name] != seen[-1][name]).any()
+        for name in ("W_" + config.gates[0], "U_" + config.gates[-1], "V")
+    )
 
 
 @each_row("config", [SMALL, SMALL.replace(compand="log", compand_knee=7, compand_frac=6)])
@@ -191,14 +225,22 @@ def test_training_features_go_through_the_integer_normaliser(config):
     recordings = scene(30, seed=4)
     data = datasets.find_dataset(recordings, config, QUICK)
     part = datasets.touch_rows(data, np.arange(30))
-    models = fitting.fit_networks(data, config, dataclasses.replace(QUICK, updates=2), [part, part[::2]], 0, lambda *_: None)
+    models = fitting.fit_networks(
+        data, config, dataclasses.replace(QUICK, updates=2), [part, part[::2]], 0, lambda *_: None
+    )
     starts = [fitting.post_training(model, data, part, {}) for model in models]
     network = IntegerNetwork(models, [starts[0], IntegerModel(starts[0].config, starts[1].arrays)])
     real = np.stack([model.features(real_features(config, data.touches.sums)) for model in models])
     codes = network.feature_codes(torch.tensor(real)).numpy()
     done = data.touches.completed == config.windows.steps
     for model, start, code in zip(models, starts, codes, strict=True):
-        exact = normalise(starts[0].config, data.touches.sums, data.touches.completed, start.arrays["mean"], start.arrays["scale"])
+        exact = normalise(
+            starts[0].config,
+            data.touches.sums,
+            data.touches.completed,
+            start.arrays["mean"],
+            start.arrays["scale"],
+        )
         np.testing.assert_array_equal(code[done], exact[done])
         assert np.ptp(exact) > 100 and model.arrays["sigma"] > (1 if config is SMALL else 0.5)
 
@@ -210,7 +252,14 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     for aware in (False, True):
         for bits in (8, 2):
             (record,) = cross_validate(
-                recordings, SMALL, [["person"]], (0, 1), folds=2, recipe=QUICK, widths={"weight_bits": bits}, quantisation_aware=aware
+                recordings,
+                SMALL,
+                [["person"]],
+                (0, 1),
+                folds=2,
+                recipe=QUICK,
+                widths={"weight_bits": bits},
+                quantisation_aware=aware,
             )
             found[aware, bits] = record
             for kind in ("float", "integer"):
@@ -218,35 +267,53 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
                 assert len(record[f"{kind}_by_seed"]) == len(record["per_fold"]) == 2
     assert found[True, 2]["integer_accuracy"] > found[False, 2]["integer_accuracy"] + 0.05
     assert found[True, 8]["integer_accuracy"] > 0.85 and found[False, 8]["agreement"] > 0.95
-    assert len({record["float_accuracy"] for record in found.values()}) == 1  # they start from the same float networks
+    # they start from the same float networks
+    assert len({record["float_accuracy"] for record in found.values()}) == 1
 
 
 def test_networks_of_different_formats_are_tuned_as_if_alone(monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 5)
     data = datasets.find_dataset(scene(30, seed=4), SMALL, QUICK)
     part = datasets.touch_rows(data, np.arange(30))
-    first, second = fitting.fit_networks(data, SMALL, dataclasses.replace(QUICK, updates=5), [part, part], 0, lambda *_: None)
-    second = FloatModel(SMALL, {name: array * (3 if name.startswith("V") else 1) for name, array in second.arrays.items()})
+    first, second = fitting.fit_networks(
+        data, SMALL, dataclasses.replace(QUICK, updates=5), [part, part], 0, lambda *_: None
+    )
+    second = FloatModel(
+        SMALL, {name: array * (3 if name.startswith("V") else 1) for name, array in second.arrays.items()}
+    )
     both = fitting.fine_tune(data, QUICK, [part, part], [first, second], 0, {}, lambda *_: None)
     assert both[0].config != both[1].config
     for model, together in zip((first, second), both, strict=True):
         (alone,) = fitting.fine_tune(data, QUICK, [part], [model], 0, {}, lambda *_: None)
-        assert alone.config == together.config and all((alone.arrays[name] == together.arrays[name]).all() for name in alone.arrays)
+        assert alone.config == together.config and all(
+            (alone.arrays[name] == together.arrays[name]).all() for name in alone.arrays
+        )
 
 
 def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, quick, monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 20)
     recordings = scene(30, seed=9)
     record = train(
-        recordings, SMALL, TrainingRequest(folds=2, seeds=1, quantisation_aware=True, widths={"weight_bits": 4}), out=tmp_path / "m"
+        recordings,
+        SMALL,
+        TrainingRequest(folds=2, seeds=1, quantisation_aware=True, widths={"weight_bits": 4}),
+        out=tmp_path / "m",
     )
     tuned = IntegerModel.load(tmp_path / "m")
-    assert load_training(tmp_path / "m") == record and record["quantisation_aware"] and record["widths"] == {"weight_bits": 4}
+    assert (
+        load_training(tmp_path / "m") == record
+        and record["quantisation_aware"]
+        and record["widths"] == {"weight_bits": 4}
+    )
     assert tuned.config.weight_bits == 4 and record["cross_validation"][0]["agreement"] > 0
-    assert {entry["signal"]: entry["format"] for entry in record["ranges"]}["weight"] == str(tuned.config.formats.weight_format)
+    assert {entry["signal"]: entry["format"] for entry in record["ranges"]}["weight"] == str(
+        tuned.config.formats.weight_format
+    )
     evaluate(tmp_path / "m", recordings)
     after = quantise(tmp_path / "m", weight_bits=4)
-    assert after.config == tuned.config and any((after.arrays[name] != tuned.arrays[name]).any() for name in after.arrays)
+    assert after.config == tuned.config and any(
+        (after.arrays[name] != tuned.arrays[name]).any() for name in after.arrays
+    )
     assert not load_training(tmp_path / "m")["quantisation_aware"]
 
 
@@ -277,7 +344,10 @@ def test_no_group_is_on_both_sides(monkeypatch):
     monkeypatch.setattr(crossval, "_judge", noting_judge)
     results = cross_validate(recordings, SMALL, [["person"], []], (0, 1))
     (trained,) = seen
-    assert len(trained) == len(profiled) == len(judged) == 2 * (5 + 5) and [r["folds"] for r in results] == [5, 5]
+    assert len(trained) == len(profiled) == len(judged) == 2 * (5 + 5) and [r["folds"] for r in results] == [
+        5,
+        5,
+    ]
     person = recordings.groups["person"]
     for part, rows, test in zip(trained, profiled, judged, strict=True):
         assert part == rows and not part & test
@@ -298,8 +368,15 @@ def test_scaling_comes_from_the_training_part_only(monkeypatch):
     judge = crossval._judge
     monkeypatch.setattr(crossval, "_judge", lambda model, *rest: models.append(model) or judge(model, *rest))
     config = SMALL.replace(clip=0)
-    cross_validate(dataclasses.replace(loud, samples=samples), config, [["half"]], (0,), recipe=dataclasses.replace(QUICK, updates=1))
-    quiet, loud_sigma = models[1].arrays["sigma"], models[0].arrays["sigma"]  # the first fold leaves the quiet half out
+    cross_validate(
+        dataclasses.replace(loud, samples=samples),
+        config,
+        [["half"]],
+        (0,),
+        recipe=dataclasses.replace(QUICK, updates=1),
+    )
+    # the first fold leaves the quiet half out
+    quiet, loud_sigma = (models[1].arrays["sigma"], models[0].arrays["sigma"])
     assert loud_sigma > 2 * quiet
 
 
@@ -334,7 +411,8 @@ def test_a_taxel_gain_holds_for_the_whole_touch_and_differs_by_taxel():
     data = datasets.find_dataset(scene(30, seed=4), SMALL, plain)
     part = datasets.touch_rows(data, np.arange(30))
     batches = [
-        batching.Batches(data, SMALL, recipe, [part[:1]], torch.Generator().manual_seed(1))  # one touch, drawn 200 times
+        # one touch, drawn 200 times
+        batching.Batches(data, SMALL, recipe, [part[:1]], torch.Generator().manual_seed(1))
         for recipe in (plain, dataclasses.replace(plain, taxel_gain=1.5))
     ]
     (mu, sigma), (same, gained) = batches[0].scales[0], [batch.draw()[0][0] for batch in batches]
@@ -349,8 +427,14 @@ def test_a_dropped_channel_is_0_and_an_offset_the_same_for_the_whole_touch():
     data = datasets.find_dataset(scene(30, seed=4), SMALL, plain)
     part = datasets.touch_rows(data, np.arange(30))
     same, dropped, shifted = (
-        batching.Batches(data, SMALL, recipe, [part[:1]], torch.Generator().manual_seed(1)).draw()[0][0].numpy()
-        for recipe in (plain, dataclasses.replace(plain, channel_dropout=0.2), dataclasses.replace(plain, taxel_offset=0.5))
+        batching.Batches(data, SMALL, recipe, [part[:1]], torch.Generator().manual_seed(1))
+        .draw()[0][0]
+        .numpy()
+        for recipe in (
+            plain,
+            dataclasses.replace(plain, channel_dropout=0.2),
+            dataclasses.replace(plain, taxel_offset=0.5),
+        )
     )
     gone = (dropped == 0).all(axis=1)  # (touches, taxels)
     assert np.array_equal(dropped, np.where(gone[:, None], 0, same)) and 0.15 < gone.mean() < 0.25
@@ -403,17 +487,35 @@ def test_thesis_epochs_use_every_touch_once_an_epoch():
 def test_the_folder_and_the_record(tmp_path, quick):
     recordings = scene(30, seed=9)
     lines = []
-    request, config = TrainingRequest(folds=3, seeds=2, splits=[["person"]], seed=3), with_network(SMALL, hidden=8, steps=5)
+    request, config = (
+        TrainingRequest(folds=3, seeds=2, splits=[["person"]], seed=3),
+        with_network(SMALL, hidden=8, steps=5),
+    )
     record = train(recordings, config, request, out=tmp_path / "m", progress=lambda *line: lines.append(line))
     assert json.loads((tmp_path / "m" / "training.json").read_text()) == record
     config = load_config(tmp_path / "m")
-    assert (config.network.hidden, config.windows.steps) == (8, 5) and record["parameters"] == config.parameter_count
-    assert record["seed"] == 3 and record["recordings"] == 30 and record["touched"] == 29 and record["data"] == "scene"
+    assert (config.network.hidden, config.windows.steps) == (8, 5) and record[
+        "parameters"
+    ] == config.parameter_count
+    assert (
+        record["seed"] == 3
+        and record["recordings"] == 30
+        and record["touched"] == 29
+        and record["data"] == "scene"
+    )
     (split,) = record["cross_validation"]
-    assert split["groups"] == ["person"] and split["seeds"] == [3, 4] and split["folds"] == len(split["per_fold"]) == 3
+    assert (
+        split["groups"] == ["person"]
+        and split["seeds"] == [3, 4]
+        and split["folds"] == len(split["per_fold"]) == 3
+    )
     assert np.sum(split["confusion"]) == 2 * 30
     shares = [fold["recordings"] * fold["integer_accuracy"] for fold in split["per_fold"]]
-    assert split["integer_accuracy"] == pytest.approx(sum(shares) / 30) == pytest.approx(np.trace(split["confusion"]) / 60)
+    assert (
+        split["integer_accuracy"]
+        == pytest.approx(sum(shares) / 30)
+        == pytest.approx(np.trace(split["confusion"]) / 60)
+    )
     assert {what for what, _, _ in lines} == {"cross-validation", "training on all recordings"}
     quantise(tmp_path / "m", recordings)
     result = evaluate(tmp_path / "m", recordings)
@@ -425,7 +527,11 @@ def test_a_model_folder_is_replaced_and_others_are_not(tmp_path, quick):
     train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
     quantise(tmp_path / "m")
     train(recordings, SMALL, TrainingRequest(folds=0, seed=1), out=tmp_path / "m")
-    assert sorted(path.name for path in (tmp_path / "m").iterdir()) == ["config.json", "float.npz", "training.json"]
+    assert sorted(path.name for path in (tmp_path / "m").iterdir()) == [
+        "config.json",
+        "float.npz",
+        "training.json",
+    ]
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "thesis.doc").write_text("x")
     with pytest.raises(InputError, match=r"thesis\.doc"):
@@ -455,7 +561,12 @@ def test_recordings_without_a_touch_or_of_another_task_are_refused(tmp_path):
     with pytest.raises(InputError, match="no touch"):
         train(recordings, SMALL.replace(onset_threshold=5000), TrainingRequest(folds=0), out=tmp_path / "m")
     with pytest.raises(InputError, match="class_names"):
-        train(recordings, SMALL.replace(class_names=("a", "b", "c")), TrainingRequest(folds=0), out=tmp_path / "m")
+        train(
+            recordings,
+            SMALL.replace(class_names=("a", "b", "c")),
+            TrainingRequest(folds=0),
+            out=tmp_path / "m",
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -471,8 +582,14 @@ def test_one_split_of_the_piezo_recordings(shared_data):
 @pytest.mark.slow
 def test_accuracy_on_the_piezo_recordings(shared_data):
     recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
-    trial, speed, seq = cross_validate(recordings, PRESETS["pvdf"], [["trial"], ["speed"], ["seq"]], (0, 1, 2))
-    assert trial["integer_accuracy"] >= 0.99 and speed["integer_accuracy"] >= 0.97 and seq["integer_accuracy"] >= 0.70
+    trial, speed, seq = cross_validate(
+        recordings, PRESETS["pvdf"], [["trial"], ["speed"], ["seq"]], (0, 1, 2)
+    )
+    assert (
+        trial["integer_accuracy"] >= 0.99
+        and speed["integer_accuracy"] >= 0.97
+        and seq["integer_accuracy"] >= 0.70
+    )
     assert min(split["agreement"] for split in (trial, speed, seq)) >= 0.995
     assert trial["per_step"][2]["integer_accuracy"] >= 0.98
 
@@ -480,7 +597,9 @@ def test_accuracy_on_the_piezo_recordings(shared_data):
 @pytest.mark.slow
 def test_accuracy_on_the_fabric_recordings(shared_data):
     recordings = load_recordings(shared_data / "fabric_slide" / "recordings.npz")
-    (result,) = cross_validate(recordings, PRESETS["fabric"], default_splits(recordings, PRESETS["fabric"]), (0, 1, 2))
+    (result,) = cross_validate(
+        recordings, PRESETS["fabric"], default_splits(recordings, PRESETS["fabric"]), (0, 1, 2)
+    )
     assert result["integer_accuracy"] >= 0.94 and result["agreement"] >= 0.99
 
 
@@ -489,9 +608,12 @@ DETECTING = SMALL.replace(fault_frames=16, fault_activity=17)
 
 
 def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
-    """Decisions, float and integer, of every fold: those of eskin.golden.model.pipeline on the same recordings."""
+    """Decisions, float and integer, of every fold: those of eskin.golden.model.pipeline on the same
+    recordings."""
     recordings = scene(40, seed=3)
-    work = crossval.Folds(recordings, DETECTING, dataclasses.replace(QUICK, updates=15), [["person"]], (0,), 5)
+    work = crossval.Folds(
+        recordings, DETECTING, dataclasses.replace(QUICK, updates=15), [["person"]], (0,), 5
+    )
     models = work.fit(None)
     integers = work.quantise(models, {})
     assert work.data.touches.faults.any() and not work.data.touches.faults.all()
@@ -504,7 +626,10 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
             np.testing.assert_array_equal(decision, trace.decision[test])
             np.testing.assert_array_equal(local, trace.first_local()[test])
     (record,) = work.records(models, integers)
-    by_fold = [run(one, recordings.subset(test)).accuracy(recordings.labels[test]) for one, test in zip(integers, work.tests, strict=True)]
+    by_fold = [
+        run(one, recordings.subset(test)).accuracy(recordings.labels[test])
+        for one, test in zip(integers, work.tests, strict=True)
+    ]
     assert [fold["integer_accuracy"] for fold in record["per_fold"]] == pytest.approx(by_fold)
 
 
@@ -527,10 +652,17 @@ def test_networks_are_trained_and_profiled_on_what_the_fault_detector_leaves():
     )
     models, profiles = [], []
     for one in (data, loud):
-        (model,) = fitting.fit_networks(one, DETECTING, dataclasses.replace(plain, updates=3), [part], 0, lambda *_: None)
+        (model,) = fitting.fit_networks(
+            one, DETECTING, dataclasses.replace(plain, updates=3), [part], 0, lambda *_: None
+        )
         models.append(model)
         profiles.append(profile(model, one.touches))
     assert profiles[0] == profiles[1]
     assert all((models[0].arrays[name] == models[1].arrays[name]).all() for name in models[0].arrays)
     with pytest.raises(InputError, match="field fault_activity: is 17.*masks every taxel"):
-        datasets.scaling(DETECTING, data.means[part, : SMALL.windows.steps], data.touches.completed[part], np.ones_like(faults[part]))
+        datasets.scaling(
+            DETECTING,
+            data.means[part, : SMALL.windows.steps],
+            data.touches.completed[part],
+            np.ones_like(faults[part]),
+        )

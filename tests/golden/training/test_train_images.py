@@ -1,4 +1,5 @@
-"""Training networks for images: batch norm folded, augmentation, formats, few-bit weights, folders, refusals. Tiny images, few epochs."""
+"""Training networks for images: batch norm folded, augmentation, formats, few-bit weights, folders, refusals.
+Tiny images, few epochs."""
 
 from __future__ import annotations
 
@@ -30,12 +31,20 @@ from eskin.golden.training.image_formats import (
 )
 from eskin.golden.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
 from eskin.golden.training.quantise import quantise
-from eskin.golden.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network, tune_network
+from eskin.golden.training.train_images import (
+    ImageNetwork,
+    ImageRecipe,
+    augmented,
+    train_network,
+    tune_network,
+)
 from tests.support.image_scenes import SHAPES, shapes
 from tests.support.table import each_row
 
 LAYERS = ("conv 3 4", "pool", "conv 3 6", "pool", "dense 3")
-QUICK = ImageRecipe(epochs=30, batch=16, turn=0.0, mirror=False, shift=0.05, zoom=0.0, dropout=0.1, tuning_epochs=8)
+QUICK = ImageRecipe(
+    epochs=30, batch=16, turn=0.0, mirror=False, shift=0.05, zoom=0.0, dropout=0.1, tuning_epochs=8
+)
 
 
 def config() -> AcceleratorConfig:
@@ -52,7 +61,9 @@ def trained() -> FloatModel:
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("images") / "model"
     scene = shapes(20, 1)
-    record = train_image_model(scene, config(), out=out, folds=2, recipe=QUICK, workers=1, keep=Memo(out.parent / "kept"))
+    record = train_image_model(
+        scene, config(), out=out, folds=2, recipe=QUICK, workers=1, keep=Memo(out.parent / "kept")
+    )
     return out, scene, record
 
 
@@ -61,7 +72,12 @@ def test_batch_norm_is_folded_into_what_hardware_computes():
     network = ImageNetwork(config(), 0.0)
     for norm in network.norms.values():
         with torch.no_grad():
-            norm.running_mean.uniform_(-1, 1), norm.running_var.uniform_(0.5, 2), norm.weight.uniform_(-1, 1), norm.bias.uniform_(-1, 1)
+            (
+                norm.running_mean.uniform_(-1, 1),
+                norm.running_var.uniform_(0.5, 2),
+                norm.weight.uniform_(-1, 1),
+                norm.bias.uniform_(-1, 1),
+            )
     network.eval()
     images = images_of(shapes(4, 2))
     folded = float_images(FloatModel(config(), network.folded()), images).logits
@@ -77,16 +93,24 @@ def test_shapes_are_learned_and_the_integers_agree(trained):
     scene = shapes(40, 7)
     images = images_of(scene)
     ideal = float_images(trained, images)
-    whole = run_images(integers_of(trained, choose_image_formats(trained, profile_images(trained, images))), images)
+    whole = run_images(
+        integers_of(trained, choose_image_formats(trained, profile_images(trained, images))), images
+    )
     assert ideal.accuracy(scene.labels) > 0.9
-    assert whole.agreement(ideal) > 0.97 and not np.array_equal(whole.config.formats.logit_format.to_real(whole.logits), ideal.logits)
+    assert whole.agreement(ideal) > 0.97 and not np.array_equal(
+        whole.config.formats.logit_format.to_real(whole.logits), ideal.logits
+    )
 
 
 def test_the_seed_alone_decides():
     scene = shapes(4, 0)
     few = dataclasses.replace(QUICK, epochs=1)
-    once, again, other = (train_network(config(), images_of(scene), scene.labels, recipe=few, seed=seed) for seed in (3, 3, 4))
-    assert (once.arrays["W_0"] == again.arrays["W_0"]).all() and (once.arrays["W_0"] != other.arrays["W_0"]).any()
+    once, again, other = (
+        train_network(config(), images_of(scene), scene.labels, recipe=few, seed=seed) for seed in (3, 3, 4)
+    )
+    assert (once.arrays["W_0"] == again.arrays["W_0"]).all() and (
+        once.arrays["W_0"] != other.arrays["W_0"]
+    ).any()
 
 
 def test_training_with_four_bits_loses_little(trained):
@@ -101,7 +125,9 @@ def test_training_with_four_bits_loses_little(trained):
 
 def test_an_image_is_moved_only_as_far_as_the_recipe_says():
     generator = torch.Generator().manual_seed(0)
-    still = dataclasses.replace(ImageRecipe(), turn=0.0, mirror=False, shift=0.0, zoom=0.0, intensity=0.0, noise=0.0)
+    still = dataclasses.replace(
+        ImageRecipe(), turn=0.0, mirror=False, shift=0.0, zoom=0.0, intensity=0.0, noise=0.0
+    )
     images = torch.rand(6, 1, 10, 14)
     assert torch.allclose(augmented(images, still, generator), images, atol=1e-5)
     spot = torch.zeros(64, 1, 20, 40)
@@ -109,7 +135,11 @@ def test_an_image_is_moved_only_as_far_as_the_recipe_says():
     moved = augmented(spot, dataclasses.replace(still, shift=0.15), generator)
     places = [divmod(int(one.argmax()), 40) for one in moved]
     rows, across = zip(*places, strict=True)
-    assert max(abs(row - 10) for row in rows) in (2, 3, 4) and max(abs(column - 20) for column in across) in (5, 6, 7)
+    assert max(abs(row - 10) for row in rows) in (2, 3, 4) and max(abs(column - 20) for column in across) in (
+        5,
+        6,
+        7,
+    )
 
 
 def test_a_turned_bar_keeps_its_length():
@@ -117,11 +147,15 @@ def test_a_turned_bar_keeps_its_length():
     bar = torch.zeros(200, 1, 30, 60)
     bar[:, 0, 14:16, 15:45] = 1
     generator = torch.Generator().manual_seed(1)
-    still = dataclasses.replace(ImageRecipe(), turn=30.0, mirror=False, shift=0.0, zoom=0.0, intensity=0.0, noise=0.0)
+    still = dataclasses.replace(
+        ImageRecipe(), turn=30.0, mirror=False, shift=0.0, zoom=0.0, intensity=0.0, noise=0.0
+    )
     lengths = []
     for one in augmented(bar, still, generator)[:, 0]:
         row, column = torch.nonzero(one > 0.3, as_tuple=True)
-        lengths.append(float(torch.hypot((row.max() - row.min()).float(), (column.max() - column.min()).float())))
+        lengths.append(
+            float(torch.hypot((row.max() - row.min()).float(), (column.max() - column.min()).float()))
+        )
     assert min(lengths) > 26 and max(lengths) < 33
 
 
@@ -139,7 +173,9 @@ def test_other_scales_inside_leave_the_function_and_lose_less(trained):
 
     def error(model):
         whole = quantised(model, images)
-        return np.square(whole.config.formats.logit_format.to_real(run_images(whole, images).logits) - ideal).mean()
+        return np.square(
+            whole.config.formats.logit_format.to_real(run_images(whole, images).logits) - ideal
+        ).mean()
 
     assert error(even) < 0.2 * error(uneven)
 
@@ -148,13 +184,21 @@ def test_weights_take_the_closest_format():
     values = np.random.default_rng(0).normal(0, 0.2, 1000)
     for bits in (4, 8):
         fraction = weight_fraction(values, bits)
-        errors = [np.square(QFormat(bits - f, f).to_real(QFormat(bits - f, f).quantise(values)) - values).sum() for f in range(-2, 14)]
+        errors = [
+            np.square(QFormat(bits - f, f).to_real(QFormat(bits - f, f).quantise(values)) - values).sum()
+            for f in range(-2, 14)
+        ]
         assert fraction == int(np.argmin(errors)) - 2
 
 
 def test_a_shift_is_never_below_zero():
     """A layer of weights so coarse that its sums have fewer fraction bits than its map could have."""
-    arrays = {"W_0": np.full((4, 3, 3, 1), 100.0), "b_0": np.zeros(4), "W_2": np.full((6, 3, 3, 4), 100.0), "b_2": np.zeros(6)}
+    arrays = {
+        "W_0": np.full((4, 3, 3, 1), 100.0),
+        "b_0": np.zeros(4),
+        "W_2": np.full((6, 3, 3, 4), 100.0),
+        "b_2": np.zeros(6),
+    }
     arrays |= {"W_4": np.full((3, 24), 100.0), "b_4": np.zeros(3)}
     model = FloatModel(config(), arrays)
     chosen = choose_image_formats(model, {"0": 1e-9, "2": 1e-9, "4": 1e-9})
@@ -169,15 +213,29 @@ def test_a_folder_is_trained_quantised_and_judged(folder):
     assert integer.config.weight_bits == 8 and load_training(out)["ranges"].keys() == {"0", "2", "4"}
     result = evaluate(out, scene)
     assert result["recordings"] == 60 and result["passed"] and len(result["stages"]) == 3
-    assert result["logit_error"]["stage"] in ("0 conv 3 4", "2 conv 3 6", "4 dense 3") and result["logit_error"]["max"] > 0
+    assert (
+        result["logit_error"]["stage"] in ("0 conv 3 4", "2 conv 3 6", "4 dense 3")
+        and result["logit_error"]["max"] > 0
+    )
     coarse = quantise(out, scene, weight_bits=4)
-    assert coarse.config.weight_bits == 4 and evaluate(out, scene)["logit_error"]["mean"] > 2 * result["logit_error"]["mean"]
+    assert (
+        coarse.config.weight_bits == 4
+        and evaluate(out, scene)["logit_error"]["mean"] > 2 * result["logit_error"]["mean"]
+    )
 
 
 def test_finished_networks_are_not_trained_again(folder, monkeypatch):
     out, scene, record = folder
     monkeypatch.setattr("eskin.golden.training.image_models.judge", None)
-    again = train_image_model(scene, config(), out=out.parent / "again", folds=2, recipe=QUICK, workers=1, keep=Memo(out.parent / "kept"))
+    again = train_image_model(
+        scene,
+        config(),
+        out=out.parent / "again",
+        folds=2,
+        recipe=QUICK,
+        workers=1,
+        keep=Memo(out.parent / "kept"),
+    )
     assert again["cross_validation"] == record["cross_validation"]
 
 
@@ -186,30 +244,50 @@ def test_each_kind_of_weights_is_judged_seed_by_seed(folder, monkeypatch):
     (split,) = record["cross_validation"]
     by = {row["weights"]: row for row in split["by_weights"]}
     assert list(by) == ["float", "8 bits, rounded", "4 bits, rounded"] and by["float"]["agreement"] == 1
-    assert by["float"]["by_seed"] == [split["float_accuracy"]] and by["8 bits, rounded"]["by_seed"] == [split["integer_accuracy"]]
+    assert by["float"]["by_seed"] == [split["float_accuracy"]] and by["8 bits, rounded"]["by_seed"] == [
+        split["integer_accuracy"]
+    ]
 
-    def made(shared, piece):  # right with float, one image in two with 8 bits, none with 4 bits of seed 1, all of seed 0
+    # right with float, one image in two with 8 bits, none with 4 bits of seed 1, all of seed 0
+    def made(shared, piece):
         _, truth = shared
         out = np.array(piece.left_out)
         wrong = (truth[out] + 1) % 3
         few = truth[out] if piece.seed == 0 else wrong
         half = np.where(out % 2, truth[out], wrong)
-        return {"float": truth[out].tolist(), "w8": half.tolist(), "w4": few.tolist(), "tuned": few.tolist(), "wall_s": 0.0}
+        return {
+            "float": truth[out].tolist(),
+            "w8": half.tolist(),
+            "w4": few.tolist(),
+            "tuned": few.tolist(),
+            "wall_s": 0.0,
+        }
 
     monkeypatch.setattr("eskin.golden.training.image_models.judge", made)
-    many = train_image_model(scene, config(), out=out.parent / "many", folds=2, seeds=2, recipe=QUICK, workers=1)
+    many = train_image_model(
+        scene, config(), out=out.parent / "many", folds=2, seeds=2, recipe=QUICK, workers=1
+    )
     by = {row["weights"]: row for row in many["cross_validation"][0]["by_weights"]}
     assert by["8 bits, rounded"]["by_seed"] == [0.5, 0.5] and by["8 bits, rounded"]["spread"] == 0
-    assert by["4 bits, rounded"]["by_seed"] == [1.0, 0.0] and by["4 bits, rounded"]["accuracy"] == by["4 bits, rounded"]["agreement"] == 0.5
+    assert (
+        by["4 bits, rounded"]["by_seed"] == [1.0, 0.0]
+        and by["4 bits, rounded"]["accuracy"] == by["4 bits, rounded"]["agreement"] == 0.5
+    )
     assert by["4 bits, rounded"]["spread"] == pytest.approx(0.5**0.5)
 
 
 def test_auto_takes_the_smallest_that_is_level():
     scene = shapes(1, 0, (28, 50))
     candidates = [image_config(scene, name) for name in CANDIDATES]
-    for shares, taken in [((0.93, 0.925, 0.90), "four"), ((0.93, 0.90, 0.925), "tactnet-half"), ((0.96, 0.9, 0.9), "tactnet")]:
+    for shares, taken in [
+        ((0.93, 0.925, 0.90), "four"),
+        ((0.93, 0.90, 0.925), "tactnet-half"),
+        ((0.96, 0.9, 0.9), "tactnet"),
+    ]:
         correct = [(np.arange(400) < 400 * share).astype(float) for share in shares]
-        rows = _candidate_rows(candidates, [{"float_accuracy": share, "agreement": 1.0} for share in shares], correct, 1)
+        rows = _candidate_rows(
+            candidates, [{"float_accuracy": share, "agreement": 1.0} for share in shares], correct, 1
+        )
         assert [one["cell"] for one in rows if one["chosen"]] == [taken]
 
 
@@ -220,9 +298,15 @@ def test_auto_takes_the_smallest_that_is_level():
         ({"cell": "tactnet", "hidden": 8}, "--hidden 8: --cell tactnet takes no number of units"),
         ({"cell": "tactnet", "steps": 3}, "--steps: networks for images have none"),
         ({"cell": "tactnet", "widths": {"state_bits": 8}}, "--state-bits: networks for images have none"),
-        ({"cell": "tactnet", "widths": {"weight_bits": 6}}, "--weight-bits 6: networks for images have weights of 4 or 8 bits"),
+        (
+            {"cell": "tactnet", "widths": {"weight_bits": 6}},
+            "--weight-bits 6: networks for images have weights of 4 or 8 bits",
+        ),
         ({"cell": "auto", "folds": 0}, "--cell auto: needs folds"),
-        ({"asked": config()}, "array images: holds images of 8 x 9 pixels and configuration 'shapes' takes 8 x 8"),
+        (
+            {"asked": config()},
+            "array images: holds images of 8 x 9 pixels and configuration 'shapes' takes 8 x 8",
+        ),
     ],
 )
 def test_what_images_do_not_have_is_refused_before_any_work(tmp_path, options, words):

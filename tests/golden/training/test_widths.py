@@ -1,4 +1,5 @@
-"""golden/training/widths.py: the narrowest widths that keep an error on recordings left out, and what is refused."""
+"""golden/training/widths.py: the narrowest widths that keep an error on recordings left out, and what is
+refused."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ from tests.support.touch_scenes import SMALL, scene
 QUICK = dataclasses.replace(RECIPES["onset"], updates=120)
 E = 0.3
 RESERVE = 0.5
-"""Share of E that is asked for where E is judged on further recordings: the largest of more recordings is larger."""
+"""Share of E that is asked for where E is judged on further recordings: the largest of more recordings is
+larger."""
 
 
 @pytest.fixture(scope="module")
@@ -45,22 +47,38 @@ def cases():
 def test_a_case_has_not_seen_what_is_left_out_of_it(cases):
     assert len(cases) == 5
     for case in cases:
-        assert len(case.seen) and len(case.left_out) and not set(case.seen.recording) & set(case.left_out.recording)
-    assert set(np.concatenate([case.left_out.recording for case in cases])) == set(range(1, 60))  # 0 is never touched
+        assert (
+            len(case.seen)
+            and len(case.left_out)
+            and not set(case.seen.recording) & set(case.left_out.recording)
+        )
+    # 0 is never touched
+    assert set(np.concatenate([case.left_out.recording for case in cases])) == set(range(1, 60))
 
 
 def test_the_first_widths_that_keep_the_limit_are_chosen_and_narrower_ones_break_it(cases):
     headroom = feature_headroom(cases)
     chosen, tried = choose_widths(cases, E)
-    assert tried[-1] is chosen and chosen.max <= E and all(one.max > E for one in tried[:-1]) and len(tried) > 1
-    assert [(one.weight_bits, one.table_entries) for one in tried] == [(w, t) for w in WEIGHTS for t in TABLES][: len(tried)]
-    errors = [logit_error(stage_errors(case.model, integers_of(case, headroom, **chosen.widths), case.left_out))["max"] for case in cases]
+    assert (
+        tried[-1] is chosen and chosen.max <= E and all(one.max > E for one in tried[:-1]) and len(tried) > 1
+    )
+    assert [(one.weight_bits, one.table_entries) for one in tried] == [
+        (w, t) for w in WEIGHTS for t in TABLES
+    ][: len(tried)]
+    errors = [
+        logit_error(stage_errors(case.model, integers_of(case, headroom, **chosen.widths), case.left_out))[
+            "max"
+        ]
+        for case in cases
+    ]
     assert chosen.max == pytest.approx(max(errors))
 
 
 def test_features_left_out_do_not_saturate_and_the_headroom_is_theirs(cases):
     case = cases[0]
-    large = dataclasses.replace(case, left_out=dataclasses.replace(case.left_out, sums=4 * case.left_out.sums))
+    large = dataclasses.replace(
+        case, left_out=dataclasses.replace(case.left_out, sums=4 * case.left_out.sums)
+    )
     assert feature_headroom([case]) < 1.5 and feature_headroom([large]) > 2.5
     ranges = with_headroom(profile(case.model, case.seen), feature_headroom([large]))
     assert ranges[COVERED_FEATURE] == ranges["feature"]
@@ -72,19 +90,29 @@ def test_features_left_out_do_not_saturate_and_the_headroom_is_theirs(cases):
 
 def test_an_error_that_no_width_keeps_is_refused_with_the_best_there_is(cases):
     with pytest.raises(
-        InputError, match=r"field logit_error: 1e-05 cannot be met .* the best is 0\.\d+, with weights of 1\d bits .*: ask for"
+        InputError,
+        match=r"field logit_error: 1e-05 cannot be met .* the best is 0\.\d+, with weights of 1\d bits .*: "
+        r"ask for",
     ):
         choose_widths(cases[:1], 1e-5)
     dsp = [dataclasses.replace(cases[0], model=FloatModel(SMALL.with_lanes(4, "dsp"), cases[0].model.arrays))]
-    with pytest.raises(InputError, match="wider weights are refused: .*field lane_type: is 'dsp', whose accumulator has 32 bits"):
+    with pytest.raises(
+        InputError,
+        match="wider weights are refused: .*field lane_type: is 'dsp', whose accumulator has 32 bits",
+    ):
         choose_widths(dsp, 1e-5)
 
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory):
-    """A model folder, the recordings it was trained on, and others that neither training nor the choice of widths has seen."""
+    """A model folder, the recordings it was trained on, and others that neither training nor the choice of
+    widths has seen."""
     folder, patch = tmp_path_factory.mktemp("widths") / "model", pytest.MonkeyPatch()
-    patch.setattr(recipes, "RECIPES", {name: dataclasses.replace(recipe, updates=120) for name, recipe in RECIPES.items()})
+    patch.setattr(
+        recipes,
+        "RECIPES",
+        {name: dataclasses.replace(recipe, updates=120) for name, recipe in RECIPES.items()},
+    )
     recordings = scene(60, seed=5)
     train(recordings, SMALL, TrainingRequest(folds=0), out=folder)
     patch.undo()
@@ -98,7 +126,9 @@ def test_the_folders_integers_keep_the_error_on_recordings_that_nobody_saw(train
     judged = evaluate(folder, fresh)
     assert 0 < judged["logit_error"]["mean"] < judged["logit_error"]["max"] <= E
     rough, _ = quantise_by_error(folder, recordings, 40 * E, group=["person"])
-    assert rough.config.weight_bits < said["weight_bits"] and evaluate(folder, fresh)["logit_error"]["max"] > E
+    assert (
+        rough.config.weight_bits < said["weight_bits"] and evaluate(folder, fresh)["logit_error"]["max"] > E
+    )
 
 
 def test_a_network_trained_elsewhere_stands_for_itself(trained, tmp_path):
@@ -123,8 +153,13 @@ def test_a_linear_cell_has_neither_gates_nor_states_and_its_widths_are_chosen_to
         ideal, exact = decide_touches(case.model, case.left_out), decide_touches(integer, case.left_out)
         error = np.abs(integer.config.formats.logit_format.to_real(exact.logits) - ideal.logits)[done]
         found = {one.stage: one for one in stage_errors(case.model, integer, case.left_out)}
-        assert found["logits"].mean == pytest.approx(error.mean()) and found["logits"].max == pytest.approx(error.max())
-        assert 0 < found["accumulators"].max < found["logits"].max + 1 / 512 and 0 < found["accumulators"].used < 1
+        assert found["logits"].mean == pytest.approx(error.mean()) and found["logits"].max == pytest.approx(
+            error.max()
+        )
+        assert (
+            0 < found["accumulators"].max < found["logits"].max + 1 / 512
+            and 0 < found["accumulators"].used < 1
+        )
 
 
 @each_row("limit", [0.0, -1.0, float("nan"), float("inf")])
@@ -134,6 +169,8 @@ def test_a_limit_that_is_none_is_refused(tmp_path, limit):
 
 
 def test_a_scene_without_touches_is_refused():
-    quiet = AcceleratorConfig.of(**{**{k: v for k, v in SMALL.fields().items() if k != "name"}, "onset_threshold": 5000})
+    quiet = AcceleratorConfig.of(
+        **{**{k: v for k, v in SMALL.fields().items() if k != "name"}, "onset_threshold": 5000}
+    )
     with pytest.raises(InputError, match="no touch"):
         fold_cases(scene(10), quiet, [[]], recipe=QUICK, folds=2)

@@ -15,8 +15,11 @@ def test_raw_features_are_mean_deviation_and_change_of_each_part():
     loaded = result_case.recordings(3)
     features = raw_features(loaded)
     assert features.shape == (3, 3 * PARTS * loaded.taxels)
-    part = np.array([loaded.recording(n)[30:60, 2].astype(float) for n in range(3)])  # the second tenth of 300 frames
-    for kind, values in enumerate((part.mean(axis=1), part.std(axis=1), np.abs(np.diff(part, axis=1)).sum(axis=1) / 30)):
+    # the second tenth of 300 frames
+    part = np.array([loaded.recording(n)[30:60, 2].astype(float) for n in range(3)])
+    for kind, values in enumerate(
+        (part.mean(axis=1), part.std(axis=1), np.abs(np.diff(part, axis=1)).sum(axis=1) / 30)
+    ):
         column = features[:, (kind * PARTS + 1) * loaded.taxels + 2]
         np.testing.assert_allclose(column, (values - values.mean()) / values.std())
 
@@ -44,6 +47,14 @@ def test_nothing_of_the_fold_is_learnt():
 def test_rows_for_the_report():
     loaded = result_case.recordings(12)
     rows = yardsticks(loaded, CONFIG, ["person"], 5)
-    assert [row["name"] for row in rows] == ["RBF-SVM on the same features", "linear classifier on whole recordings"]
+    assert [row["name"] for row in rows] == [
+        "RBF-SVM on the same features",
+        "linear classifier on whole recordings",
+    ]
     for row in rows:
-        assert 0 <= row["accuracy"] <= 1 and row["standard_error"] >= 0 and row["multiplies"] > 0 and not row["hardware"]
+        assert (
+            0 <= row["accuracy"] <= 1
+            and row["standard_error"] >= 0
+            and row["multiplies"] > 0
+            and not row["hardware"]
+        )

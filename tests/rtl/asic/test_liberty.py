@@ -37,7 +37,8 @@ cell (la) { area : 31; latch (IQ, IQN) { enable : "G"; data_in : "D"; }
 cell (sg13g2_tiehi) { area : 7; } cell (sg13g2_tielo) { area : 7; }
 """
 BUFFERS = "".join(
-    f'cell (sg13g2_buf_{size}) {{ area : {area}; pin (X) {{ direction : output; function : "A"; }} pin (A) {{ direction : input; }} }}\n'
+    f'cell (sg13g2_buf_{size}) {{ area : {area}; pin (X) {{ direction : output; function : "A"; }} pin (A) '
+    "{ direction : input; } }\n"
     for size, area in ((1, 7), (4, 14.5), (16, 45))
 )
 GATE = """cell (gate) { area : 27; clock_gating_integrated_cell : "latch_posedge"; pin (C) { direction : input; clock : true;
@@ -62,13 +63,28 @@ def file(folder: Path, name: str, body: str, temperature: float = 25, packed: bo
 def test_cells_are_read_with_units_roles_and_states(tmp_path):
     library = read(file(tmp_path, "cells.lib.gz", CELLS + GATE + MACRO, packed=True))
     cells = library.cells
-    kinds = {"sg13g2_nand2_1": "logic", "ff": "flip-flop", "la": "latch", "gate": "gate", "ram": "memory", "sg13g2_tiehi": "other"}
+    kinds = {
+        "sg13g2_nand2_1": "logic",
+        "ff": "flip-flop",
+        "la": "latch",
+        "gate": "gate",
+        "ram": "memory",
+        "sg13g2_tiehi": "other",
+    }
     assert {name: cells[name].kind for name in kinds} == kinds
     nand = cells["sg13g2_nand2_1"]
-    assert nand.area == 7.25 and nand.leakage == pytest.approx(80e-12) and nand.pins["A"].capacitance == pytest.approx(3e-15)
+    assert (
+        nand.area == 7.25
+        and nand.leakage == pytest.approx(80e-12)
+        and nand.pins["A"].capacitance == pytest.approx(3e-15)
+    )
     assert nand.pins["Y"].toggle_j == pytest.approx((4 + 2) / 2 * 1e-12)
     assert cells["ff"].state["clear"] == "!R" and cells["la"].state["enable"] == "G"
-    assert cells["gate"].pins["E"].gate == "enable" and list(library.wire_loads) == ["10k"] and library.temperature == 25
+    assert (
+        cells["gate"].pins["E"].gate == "enable"
+        and list(library.wire_loads) == ["10k"]
+        and library.temperature == 25
+    )
     assert (cells["ram"].words, cells["ram"].bits) == (16, 8)
     assert cells["ram"].access_j == pytest.approx({"read": 26.5e-12, "write": 32.9e-12})
 
@@ -76,7 +92,9 @@ def test_cells_are_read_with_units_roles_and_states(tmp_path):
 def test_corners_follow_from_what_files_say(tmp_path):
     typ, slow = read(file(tmp_path, "a.lib", CELLS)), read(file(tmp_path, "b.lib", CELLS, 125))
     found = corners([slow, typ, read(file(tmp_path, "m.lib", MACRO))])
-    assert found["slow"] == [slow] and found["typ"][0] is typ and len(found["typ"]) == 2 and found["fast"] == []
+    assert (
+        found["slow"] == [slow] and found["typ"][0] is typ and len(found["typ"]) == 2 and found["fast"] == []
+    )
     with pytest.raises(InputError, match="no file holds standard cells of the typical corner"):
         corners([slow])
     with pytest.raises(InputError, match=r"a\.lib and a\.lib both hold cells of the typ corner"):
@@ -91,9 +109,12 @@ BROKEN = {
     b"library (x) { cell (a) { pin () {} } }": r"cell \(a\) is damaged",
     b"library (x) { cell (a) { ff (IQ) { next_state : D; } } }": r"cell \(a\) is damaged",
     b"library (x) { cell (a) { area : 1e400; } }": "'1e400' is no number",
-    b"library (x) { cell (a) { memory () { address_width : 999; word_width : 1e9; } } }": "no macro is so large",
-    b'library (x) { cell (a) { pin (Y) { timing () { cell_rise (t) { values ("1e, 2"); } } } } }': "'1e' is no number",
-    b"library (x) { wire_load (a) { fanout_length (b, c); } }": r"wire_load \(a\) is damaged: 'b' is no number",
+    b"library (x) { cell (a) { memory () { address_width : 999; word_width : 1e9; } } }": "no macro is so "
+    "large",
+    b'library (x) { cell (a) { pin (Y) { timing () { cell_rise (t) { values ("1e, 2"); } } } } '
+    b"}": "'1e' is no number",
+    b"library (x) { wire_load (a) { fanout_length (b, c); } }": r"wire_load \(a\) is damaged: 'b' is no "
+    r"number",
     b"library (x) { capacitive_load_unit (1..2, pf); }": "'1..2' is no number",
     b"library (x) {}" + b" " * 2000: "more than 0 MB",
     gzip.compress(b"library (x) {}" + b" " * (1 << 24)): "more than 0 MB",
@@ -113,8 +134,12 @@ def test_no_liberty_is_one_sentence(tmp_path, monkeypatch, text):
         read(tmp_path / "y.lib")
 
 
-TOKENS = re.findall(r'"[^"]*"|[\w.]+|\s+|.', HEAD.format(temperature=25) + CELLS + BUFFERS + GATE + MACRO + "}", re.DOTALL)
-ODD = st.sampled_from(["", "(", ")", "{", "}", ";", ":", ",", '"', "1e400", "nan", "-1", "x", "\n", "()", '"1e, 2"', "\\"])
+TOKENS = re.findall(
+    r'"[^"]*"|[\w.]+|\s+|.', HEAD.format(temperature=25) + CELLS + BUFFERS + GATE + MACRO + "}", re.DOTALL
+)
+ODD = st.sampled_from(
+    ["", "(", ")", "{", "}", ";", ":", ",", '"', "1e400", "nan", "-1", "x", "\n", "()", '"1e, 2"', "\\"]
+)
 
 
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -167,14 +192,23 @@ def test_wire_loads_between_and_behind_the_tables_lengths(tmp_path):
     wire = read(file(tmp_path, "cells.lib", CELLS + GATE)).wire_loads["10k"]
     assert wire.farad == pytest.approx(0.3e-15)
     wire = WireLoad(lengths={1: 10.0, 5: 90.0}, slope=20.0, farad=1e-15)
-    assert [wire.capacitance(count) for count in (0, 1, 3, 5, 7)] == pytest.approx([0, 10e-15, 50e-15, 90e-15, 130e-15])
+    assert [wire.capacitance(count) for count in (0, 1, 3, 5, 7)] == pytest.approx(
+        [0, 10e-15, 50e-15, 90e-15, 130e-15]
+    )
 
 
 def test_nets_with_many_receivers_get_trees_of_buffers_and_the_clock_does_not(tmp_path):
     cells = read(file(tmp_path, "cells.lib", CELLS + BUFFERS + GATE)).cells
-    flip_flops = {f"f{k}": {"type": "ff", "connections": {"CLK": [2], "D": [3], "R": ["1"], "Q": [100 + k]}} for k in range(50)}
+    flip_flops = {
+        f"f{k}": {"type": "ff", "connections": {"CLK": [2], "D": [3], "R": ["1"], "Q": [100 + k]}}
+        for k in range(50)
+    }
     source = {"type": "ff", "connections": {"CLK": [2], "D": [4], "R": ["1"], "Q": [3]}}
-    module = {"ports": {"clk": {"bits": [2]}}, "netnames": {"last": {"bits": [200]}}, "cells": flip_flops | {"source": source}}
+    module = {
+        "ports": {"clk": {"bits": [2]}},
+        "netnames": {"last": {"bits": [200]}},
+        "cells": flip_flops | {"source": source},
+    }
     assert buffer_of(cells).name == "sg13g2_buf_4"
     assert insert(module, cells, 16) == 4
     reached, driver = [], {}

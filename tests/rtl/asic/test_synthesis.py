@@ -1,4 +1,5 @@
-"""What a chip's registers and memories are made of does what the design says: seen on small ones, in the process's own cells."""
+"""What a chip's registers and memories are made of does what the design says: seen on small ones, in the
+process's own cells."""
 
 from __future__ import annotations
 
@@ -32,7 +33,12 @@ class Words(wiring.Component):
         write, look = memory.write_port(), memory.read_port()
         count = Signal(4, init=9)
         m.d.comb += [write.addr.eq(self.to), write.data.eq(self.data), write.en.eq(self.write)]
-        m.d.comb += [look.addr.eq(self.at), look.en.eq(self.look), self.word.eq(look.data), self.count.eq(count)]
+        m.d.comb += [
+            look.addr.eq(self.at),
+            look.en.eq(self.look),
+            self.word.eq(look.data),
+            self.count.eq(count),
+        ]
         with m.If(self.counts):
             m.d.sync += count.eq(count + 1)
         return m
@@ -41,12 +47,15 @@ class Words(wiring.Component):
 @pytest.mark.timeout(300)
 @each_row("cells", ["tiny", "real"])
 def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cells):
-    process = process_of("ihp-sg13g2", corners([read(path) for path in liberty_files(cells, tmp_path)])["typ"])
+    process = process_of(
+        "ihp-sg13g2", corners([read(path) for path in liberty_files(cells, tmp_path)])["typ"]
+    )
     netlist = synthesise(Words(), process, tmp_path / "words", top="words")
     assert [row["kind"] for row in netlist.memories] == ["latches"]
     nets = Nets(netlist.module, process.cells)
     chip = Chip(netlist.module, process.cells, expression, seed=5)
-    # A gate a word, one in front of them that a write opens, one of the word that was read, one of the count: nothing else on the clock.
+    # A gate a word, one in front of them that a write opens, one of the word that was read, one of the count:
+    # nothing else on the clock.
     on_the_clock = [nets.cells[name].kind for name, *_ in nets.receivers[nets.clock]]
     assert on_the_clock == ["gate"] * 3 and len(chip.program.gates) == 9
     rng = random.Random(6)
@@ -54,7 +63,12 @@ def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cell
     seen, count = None, None
     for _ in range(600):
         reset = rng.random() < 0.05
-        now = {"to": rng.randrange(6), "data": rng.getrandbits(5), "write": rng.getrandbits(1), "at": rng.randrange(6)}
+        now = {
+            "to": rng.randrange(6),
+            "data": rng.getrandbits(5),
+            "write": rng.getrandbits(1),
+            "at": rng.randrange(6),
+        }
         now |= {"look": rng.getrandbits(1), "counts": rng.getrandbits(1), "rst": int(reset)}
         for name, value in now.items():
             chip.put(name, value)

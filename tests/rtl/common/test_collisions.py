@@ -1,4 +1,5 @@
-"""Memories that carry NO_COLLISION: a read that collides with a write gives garbage here, as it may in an FPGA, and nothing may change."""
+"""Memories that carry NO_COLLISION: a read that collides with a write gives garbage here, as it may in an
+FPGA, and nothing may change."""
 
 import pytest
 from amaranth.back import rtlil
@@ -22,7 +23,9 @@ def garbage(monkeypatch):
             port.data = Signal(len(Value.cast(value)))
             hit = Signal(reset_less=True)
             with m.If(port.en):
-                m.d.sync += hit.eq(Cat(write.en.any() & (write.addr == port.addr) for write in self.write_ports).any())
+                m.d.sync += hit.eq(
+                    Cat(write.en.any() & (write.addr == port.addr) for write in self.write_ports).any()
+                )
             m.d.comb += Value.cast(value).eq(port.data ^ hit.replicate(len(port.data)))
         m.submodules.memory = elaborate(self, platform)
         for port, value in reads:
@@ -49,7 +52,10 @@ def test_a_collision_shows(attributes, value):
     sim.run()
 
 
-@pytest.mark.parametrize(("name", "stalls"), [("three end together", (0.3, 0.5)), ("pvdf", (0.0, 0.0)), ("every frame", (0.3, 0.5))])
+@pytest.mark.parametrize(
+    ("name", "stalls"),
+    [("three end together", (0.3, 0.5)), ("pvdf", (0.0, 0.0)), ("every frame", (0.3, 0.5))],
+)
 def test_front_end(name, stalls):
     config = test_normaliser.shifted(test_normaliser.CASES[name])
     stream, means = test_normaliser.make_stream(config, 150, seed=11), test_normaliser.means_of(config)
@@ -64,10 +70,13 @@ def test_classifier_scores(decision):
 
 
 def test_only_large_memories_begin_as_anything():
-    """Two memories with contents, which may have one name in two modules: what the part cannot fill loses them, the other keeps them."""
+    """Two memories with contents, which may have one name in two modules: what the part cannot fill loses
+    them, the other keeps them."""
     m = Module()
     for name, style, word in (("large", "huge", 0xA5), ("small", "block", 0x5A)):
-        m.submodules[name] = memory = Memory(shape=8, depth=1, init=[word], attrs={"ram_style": style, "no_rw_check": 1})
+        m.submodules[name] = memory = Memory(
+            shape=8, depth=1, init=[word], attrs={"ram_style": style, "no_rw_check": 1}
+        )
         memory.read_port()
     text = rtlil.convert(m, name="top", ports=(), emit_src=False)
     assert text.count("8'10100101") == text.count("8'01011010") == 1 and text.count("cell $meminit_v2") == 2

@@ -1,4 +1,5 @@
-"""rtl/common/fixed.py against golden/core/formats.py, and the bench against a stage that is known to be right or wrong."""
+"""rtl/common/fixed.py against golden/core/formats.py, and the bench against a stage that is known to be right
+or wrong."""
 
 import numpy as np
 import pytest
@@ -45,7 +46,15 @@ def span(shape):
 @each_row("source", [signed(8), unsigned(8), signed(3), unsigned(3), signed(1), unsigned(1)])
 @each_row(
     "target",
-    [QFormat(5, 0), QFormat(1, 3, False), QFormat(8, 0), QFormat(12, 0), QFormat(8, 0, False), QFormat(9, 0, False), QFormat(1, 0)],
+    [
+        QFormat(5, 0),
+        QFormat(1, 3, False),
+        QFormat(8, 0),
+        QFormat(12, 0),
+        QFormat(8, 0, False),
+        QFormat(9, 0, False),
+        QFormat(1, 0),
+    ],
 )
 def test_saturate_every_code(source, target):
     codes = list(span(source))
@@ -62,7 +71,13 @@ def test_narrow_every_code(shift):
 
 
 @settings(max_examples=60, deadline=None)
-@given(width=st.integers(2, 40), shift=st.integers(0, 30), bits=st.integers(1, 32), is_signed=st.booleans(), draw=st.data())
+@given(
+    width=st.integers(2, 40),
+    shift=st.integers(0, 30),
+    bits=st.integers(1, 32),
+    is_signed=st.booleans(),
+    draw=st.data(),
+)
 def test_narrow_any_width(width, shift, bits, is_signed, draw):
     target, source = QFormat(bits, 0, is_signed), signed(width)
     low, high = -(1 << width - 1), (1 << width - 1) - 1
@@ -110,7 +125,11 @@ class Negator(wiring.Component):
         m = Module()
         m.d.comb += self.i.ready.eq(~self.o.valid | self.o.ready)
         with m.If(self.i.ready):
-            m.d.sync += [self.o.valid.eq(self.i.valid), self.o.p.value.eq(-self.i.p.value), self.o.p.last.eq(self.i.p.last)]
+            m.d.sync += [
+                self.o.valid.eq(self.i.valid),
+                self.o.p.value.eq(-self.i.p.value),
+                self.o.p.last.eq(self.i.p.last),
+            ]
         if self.fault == "payload":
             m.d.sync += self.o.p.value.eq(self.o.p.value + 1)
         if self.fault == "valid":
@@ -133,7 +152,9 @@ def test_bench_moves_every_beat(stalls):
     bench.run()
     assert values(out) == NEGATED and len(taken) == len(BEATS)
     if stalls == (0, 0):
-        assert [beat.cycle for beat in out] == [cycle + 1 for cycle in taken] and taken == list(range(len(BEATS)))
+        assert [beat.cycle for beat in out] == [cycle + 1 for cycle in taken] and taken == list(
+            range(len(BEATS))
+        )
 
 
 @each_row("fault, message", [("payload", "payload changed"), ("valid", "valid fell"), ("deaf", "timeout")])

@@ -1,4 +1,5 @@
-"""The one-port memory: what it gives against a list, and its iCE40 block on the vendor's cell model against its behaviour."""
+"""The one-port memory: what it gives against a list, and its iCE40 block on the vendor's cell model against
+its behaviour."""
 
 from __future__ import annotations
 
@@ -28,7 +29,10 @@ SCRIPT = "proc -norom\nopt_clean\nmemory_collect\nwrite_verilog -noattr block.v\
 def accesses() -> list[tuple[int, int, int, int]]:
     """Random (address, enable, write, data)."""
     rng = random.Random(5)
-    return [(rng.randrange(WORDS), int(rng.random() < 0.85), rng.choice((0, 0, 1, 2, 3)), rng.randrange(1 << 16)) for _ in range(ACCESSES)]
+    return [
+        (rng.randrange(WORDS), int(rng.random() < 0.85), rng.choice((0, 0, 1, 2, 3)), rng.randrange(1 << 16))
+        for _ in range(ACCESSES)
+    ]
 
 
 def expected() -> list[int | None]:
@@ -116,12 +120,29 @@ def test_on_the_vendor_s_cell_and_as_verilog_with_unknown_contents(tmp_path, pla
         bench = bench.replace(".write(write)", ".write({write[0], write[1]})")
     (tmp_path / "bench.v").write_text(bench)
     (tmp_path / "block.v").write_text(block)
-    words = [f"{address << 19 | enable << 18 | write << 16 | data:010x}\n" for address, enable, write, data in accesses()]
+    words = [
+        f"{address << 19 | enable << 18 | write << 16 | data:010x}\n"
+        for address, enable, write, data in accesses()
+    ]
     (tmp_path / "accesses.hex").write_text("".join(words))
-    (tmp_path / "expected.hex").write_text("".join(f"{0 if word is None else 1 << 16 | word:05x}\n" for word in expected()))
-    build = ["iverilog", "-g2012", "-DNO_ICE40_DEFAULT_ASSIGNMENTS", "-s", "bench", "-o", "bench.vvp", "bench.v", "block.v"]
+    (tmp_path / "expected.hex").write_text(
+        "".join(f"{0 if word is None else 1 << 16 | word:05x}\n" for word in expected())
+    )
+    build = [
+        "iverilog",
+        "-g2012",
+        "-DNO_ICE40_DEFAULT_ASSIGNMENTS",
+        "-s",
+        "bench",
+        "-o",
+        "bench.vvp",
+        "bench.v",
+        "block.v",
+    ]
     subprocess.run([*build, str(CELLS)], cwd=tmp_path, check=True, capture_output=True, timeout=120)
-    done = subprocess.run(["vvp", "-n", "bench.vvp"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        ["vvp", "-n", "bench.vvp"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120
+    )
     wrong, compared = map(int, re.search(r"(\d+) wrong of (\d+)", done.stdout).groups())
     assert compared > ACCESSES // 3
     assert (wrong > 0) == broken

@@ -19,8 +19,8 @@ def top_two(numbers):
 
 
 def play(config, touches, *, stall=0.0, seed=0):
-    """Feed logits of touches (lists of steps; too few: the recording ends); returns decisions, cycles of the last logits, and how many
-    decisions were taken when a touch ended."""
+    """Feed logits of touches (lists of steps; too few: the recording ends); returns decisions, cycles of the
+    last logits, and how many decisions were taken when a touch ended."""
     dut = Classifier(config)
     bench = Bench(dut, seed=seed, quiet=3 * config.classes + 80)
     out = bench.collect(dut.o, stall=stall)
@@ -62,22 +62,32 @@ def play(config, touches, *, stall=0.0, seed=0):
 def expected(config, touches):
     """Decisions, and how many there are when each touch ends."""
     rows, ends = [], []
-    unsure = lambda margin: int(margin < config.network.margin_threshold)  # noqa: E731
+    unsure = lambda margin: int(margin < config.network.margin_threshold)
     early = config.network.decision == "early"
     for steps in touches:
         votes, streak, before, given = [0] * config.classes, 0, None, False
         for step, logits in enumerate(steps):
             best, margin = top_two(logits)
             votes[best] += 1
-            rows.append({"class": best, "margin": margin, "step": step, "is_global": 0, "partial": 0, "unsure": 0})
-            streak = (streak + 1 if streak and best == before else 1) if margin >= config.network.early_margin else 0
+            rows.append(
+                {"class": best, "margin": margin, "step": step, "is_global": 0, "partial": 0, "unsure": 0}
+            )
+            streak = (
+                (streak + 1 if streak and best == before else 1)
+                if margin >= config.network.early_margin
+                else 0
+            )
             before = best
             if early and not given and streak >= config.network.early_steps:
                 rows.append(rows[-1] | {"is_global": 1, "unsure": unsure(margin)})
                 given = True
         open_touch = len(steps) < config.windows.steps
         if steps and not given:
-            best, margin = top_two(votes) if config.network.decision == "vote" else (rows[-1]["class"], rows[-1]["margin"])
+            best, margin = (
+                top_two(votes)
+                if config.network.decision == "vote"
+                else (rows[-1]["class"], rows[-1]["margin"])
+            )
             rows.append(
                 {
                     "class": best,
@@ -103,9 +113,12 @@ RULES = (
 )
 
 
-@pytest.mark.parametrize("number", range(len(RULES)), ids=[" ".join(map(str, rule.values())) for rule in RULES])
+@pytest.mark.parametrize(
+    "number", range(len(RULES)), ids=[" ".join(map(str, rule.values())) for rule in RULES]
+)
 def test_decisions(number):
-    """Numbers of classes in turn, stalls in every other: votes, last and early decisions meet each of them."""
+    """Numbers of classes in turn, stalls in every other: votes, last and early decisions meet each of
+    them."""
     rule, classes, stall = RULES[number], (2, 3, 32)[number % 3], 0.6 * (number % 2)
     config = PRESETS["thesis"].replace(steps=4, class_names=tuple(map(str, range(classes))), **rule)
     rng = random.Random(classes)
@@ -123,7 +136,9 @@ def test_decisions(number):
     out, last_logit, ended = play(config, touches, stall=stall, seed=classes)
     assert (values(out), ended) == expected(config, touches)
     if not stall:
-        assert [beat.cycle for beat in out if not beat.value["is_global"]] == [cycle + logit_to_decision(config) for cycle in last_logit]
+        assert [beat.cycle for beat in out if not beat.value["is_global"]] == [
+            cycle + logit_to_decision(config) for cycle in last_logit
+        ]
 
 
 def test_finish_without_a_step_gives_no_decision():

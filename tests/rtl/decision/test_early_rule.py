@@ -25,7 +25,9 @@ def test_met_after_as_many_decisions_of_one_class_with_margin_enough(wanted, mar
             ctx.set(dut.best, decision[0])
             ctx.set(dut.margin, decision[1])
             last = [*past, decision][-wanted:]
-            expected = len(last) == wanted and all(best == decision[0] and size >= margin for best, size in last)
+            expected = len(last) == wanted and all(
+                best == decision[0] and size >= margin for best, size in last
+            )
             assert ctx.get(dut.met) == expected
             met += expected
             taken, ended = rng.random() < 0.8, rng.random() < 0.1

@@ -1,4 +1,5 @@
-"""Both searches: class and margin of random scores, ties, ends of the range, and the cycle in which they are there."""
+"""Both searches: class and margin of random scores, ties, ends of the range, and the cycle in which they are
+there."""
 
 from __future__ import annotations
 
@@ -13,11 +14,16 @@ from tests.support.table import each_row
 
 
 def config_of(cell: str, classes: int):
-    return PRESETS["thesis"].replace(cell=cell, decision="last", class_names=tuple(f"class{k}" for k in range(classes)))
+    return PRESETS["thesis"].replace(
+        cell=cell, decision="last", class_names=tuple(f"class{k}" for k in range(classes))
+    )
 
 
 @each_row("classes", [2, 3, 7, 8])
-@each_row(("cell", "search", "latency"), [("gru", SearchTwice, lambda n: n + 3), ("linear", SearchOnce, lambda n: 2)])
+@each_row(
+    ("cell", "search", "latency"),
+    [("gru", SearchTwice, lambda n: n + 3), ("linear", SearchOnce, lambda n: 2)],
+)
 def test_class_and_margin_of_any_scores_in_their_cycle(cell, search, latency, classes):
     dut, rng, found = make_search(config_of(cell, classes)), random.Random(classes), []
     assert type(dut) is search

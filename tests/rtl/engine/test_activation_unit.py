@@ -18,7 +18,8 @@ from tests.support.table import each_row
 @each_row("gate_activation", ["sigmoid", "hard_sigmoid"])
 @each_row("entries", [64, 256, 512, 1024])
 def test_tables_are_symmetric_monotone_and_near(entries, gate_activation):
-    """s(-x) + s(x) = 1 and tanh odd, exactly; the centre exact; error at most half a code at each entry's own x."""
+    """s(-x) + s(x) = 1 and tanh odd, exactly; the centre exact; error at most half a code at each entry's own
+    x."""
     config = PRESETS["thesis"].replace(table_entries=entries, gate_activation=gate_activation)
     sigmoid, tanh = sigmoid_table(config), tanh_table(config)
     half = entries // 2
@@ -32,7 +33,16 @@ def test_tables_are_symmetric_monotone_and_near(entries, gate_activation):
     assert np.abs(tanh - np.tanh(x / 2) * 2**config.formats.state_format.frac_bits).max() <= 0.5 + 1e-9
 
 
-@each_row("changes", [{}, {"lane_type": "dsp"}, {"gate_frac": 12}, {"gate_activation": "hard_sigmoid"}, {"state_format": QFormat(2, 8)}])
+@each_row(
+    "changes",
+    [
+        {},
+        {"lane_type": "dsp"},
+        {"gate_frac": 12},
+        {"gate_activation": "hard_sigmoid"},
+        {"state_format": QFormat(2, 8)},
+    ],
+)
 def test_hardware_gives_every_entry_one_cycle_later(changes):
     """One table for both where their codes differ by a constant, two otherwise; held while not enabled.
 
@@ -64,7 +74,12 @@ def test_hardware_gives_every_entry_one_cycle_later(changes):
 
 @each_row(
     ("changes", "tables"),
-    [({}, 1), ({"lane_type": "dsp", "lanes": 5}, 1), ({"lane_type": "dsp", "lanes": 4}, 2), ({"lanes": 12, "gate_frac": 12}, 2)],
+    [
+        ({}, 1),
+        ({"lane_type": "dsp", "lanes": 5}, 1),
+        ({"lane_type": "dsp", "lanes": 4}, 2),
+        ({"lanes": 12, "gate_frac": 12}, 2),
+    ],
 )
 def test_two_tables_where_the_codes_are_not_alike_or_a_few_dsp_lanes_spare_logic(changes, tables):
     config, depths = PRESETS["thesis"].replace(**changes), []
@@ -97,7 +112,11 @@ def test_a_wrong_entry_is_told_in_the_cycle_after_its_look_up_only():
     async def bench(ctx):
         following = 0
         for _ in range(1500):
-            enable, walk, index = rng.random() < 0.5, rng.random() < 0.5, rng.choice([rng.randrange(-32, 32), wrong - 32])
+            enable, walk, index = (
+                rng.random() < 0.5,
+                rng.random() < 0.5,
+                rng.choice([rng.randrange(-32, 32), wrong - 32]),
+            )
             for signal, value in ((dut.enable, enable), (dut.walk, walk), (dut.index, index)):
                 ctx.set(signal, value)
             await ctx.tick()

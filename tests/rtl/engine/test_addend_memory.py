@@ -1,4 +1,5 @@
-"""Biases and partial sums: words at both ends of the accumulator, in two or three parts from the host or whole from a step."""
+"""Biases and partial sums: words at both ends of the accumulator, in two or three parts from the host or
+whole from a step."""
 
 from __future__ import annotations
 
@@ -15,12 +16,18 @@ from eskin.rtl.program.memory_map import Memory
 from eskin.rtl.program.schedule import schedule
 from tests.support.table import each_row
 
-WIDE = dict(weight_format=QFormat(3, 13), recurrent_format=QFormat(4, 12), feature_format=QFormat(3, 11), state_format=QFormat(2, 14))
+WIDE = dict(
+    weight_format=QFormat(3, 13),
+    recurrent_format=QFormat(4, 12),
+    feature_format=QFormat(3, 11),
+    state_format=QFormat(2, 14),
+)
 
 
 @each_row(("formats", "parts"), [({}, 2), (WIDE, 3)])
 def test_every_word_is_read_back_whole(formats, parts):
-    """Loaded twice, in the engine's reset after each write as the host's control does it, and after another memory's words."""
+    """Loaded twice, in the engine's reset after each write as the host's control does it, and after another
+    memory's words."""
     config = PRESETS["thesis"].replace(**formats)
     assert config.addend_parts == parts
     plan, rng = schedule(config), random.Random(1)
@@ -43,7 +50,8 @@ def test_every_word_is_read_back_whole(formats, parts):
 
     async def bench(ctx):
         ctx.set(dut.load.select, 1 << load_lines(config)[Memory.ADDENDS])
-        for address in range(2 * parts - 1):  # a load that is left in the middle of a word; the next one begins anew
+        # a load that is left in the middle of a word; the next one begins anew
+        for address in range(2 * parts - 1):
             await write(ctx, address, 0xBEEF)
         for address, word in enumerate(words):
             if address < len(plan.bias_rows):

@@ -1,4 +1,5 @@
-"""Gates and constants under one address: every word the host or the step writes is read back, and nothing in the other's place."""
+"""Gates and constants under one address: every word the host or the step writes is read back, and nothing in
+the other's place."""
 
 from __future__ import annotations
 
@@ -25,7 +26,9 @@ def run(dut, body) -> None:
 
 
 def configuration(cell: str, lanes: int, **changes):
-    return PRESETS["thesis"].replace(cell=cell, lanes=lanes, lane_type="dsp", state_format=QFormat(4, 12), **changes)
+    return PRESETS["thesis"].replace(
+        cell=cell, lanes=lanes, lane_type="dsp", state_format=QFormat(4, 12), **changes
+    )
 
 
 @each_row("lanes", [1, 4])
@@ -41,7 +44,12 @@ def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
 
         async def load(select, address, word):
             line = 1 << load_lines(config)[select]
-            for signal, value in ((dut.load.select, line), (dut.load.address, address), (dut.load.data, word), (dut.load.enable, 1)):
+            for signal, value in (
+                (dut.load.select, line),
+                (dut.load.address, address),
+                (dut.load.data, word),
+                (dut.load.enable, 1),
+            ):
                 ctx.set(signal, value)
             await ctx.tick()
             ctx.set(dut.load.enable, 0)
@@ -53,7 +61,9 @@ def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
         for region in program.gate_regions:
             for index in range(config.network.hidden):
                 address = place.gate(region, index)
-                expected[address] = code = config.gate_one if index == 0 else rng.randrange(1, config.gate_one)
+                expected[address] = code = (
+                    config.gate_one if index == 0 else rng.randrange(1, config.gate_one)
+                )
                 for signal, value in ((dut.write_address, address), (dut.write_data, code), (dut.write, 1)):
                     ctx.set(signal, value)
                 await ctx.tick()
@@ -93,7 +103,12 @@ def test_where_memories_begin_as_told_only_a_shared_lane_has_one_for_each(lanes)
     config = configuration("gru", lanes)
 
     def parts(platform: str | None) -> set[str]:
-        return {name for _, name, _ in Fragment.get(CoefficientMemory(config, cell_program(config)), platform).subfragments}
+        return {
+            name
+            for _, name, _ in Fragment.get(
+                CoefficientMemory(config, cell_program(config)), platform
+            ).subfragments
+        }
 
     assert parts("ice40") == ({"gates", "constants"} if lanes == 1 else {"both"})
     assert parts(None) == {"gates", "constants"}

@@ -1,4 +1,5 @@
-"""The compact engine's accumulator against the same sequence in plain integers: random instructions, words and weights."""
+"""The compact engine's accumulator against the same sequence in plain integers: random instructions, words
+and weights."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ from tests.support.table import each_row
 
 @each_row("seed", range(3))
 def test_random_sums(seed):
-    """Each sum begins with ``clear``; what an instruction says acts when its word is there, a cycle later. Sums stay within the width."""
+    """Each sum begins with ``clear``; what an instruction says acts when its word is there, a cycle later.
+    Sums stay within the width."""
     config = small("gru", "before", 1, lane_type="serial")
     code, rng = schedule(config).compact, random.Random(seed)
     dut = CompactAccumulator(config, code)
@@ -30,7 +32,10 @@ def test_random_sums(seed):
             ctx.set(dut.clear, 0)
             acc, plane, due = code.reset_value, code.first_plane, None
             for number in range(rng.randrange(1, 14)):
-                now = {name: rng.randrange(4) == 0 for name in fields} | {"use": rng.choice(list(Use)), "fresh": rng.random() < 0.7}
+                now = {name: rng.randrange(4) == 0 for name in fields} | {
+                    "use": rng.choice(list(Use)),
+                    "fresh": rng.random() < 0.7,
+                }
                 word, weight = rng.randrange(-(1 << 11), 1 << 11), rng.randrange(2)
                 ctx.set(dut.mac, 1)
                 for name in fields:

@@ -1,4 +1,5 @@
-"""The compact engine (one serial lane): its program against golden cells in every format, then the hardware, its cycles and memories."""
+"""The compact engine (one serial lane): its program against golden cells in every format, then the hardware,
+its cycles and memories."""
 
 from __future__ import annotations
 
@@ -42,14 +43,17 @@ def planned(config) -> CompactProgram:
 
 # ---------------------------------------------------------------------- the program, interpreted
 class Interpreter:
-    """The program in plain integers, one instruction after the other; the accumulator's width is only watched."""
+    """The program in plain integers, one instruction after the other; the accumulator's width is only
+    watched."""
 
     def __init__(self, model: IntegerModel) -> None:
         self.config, self.code = model.config, planned(model.config)
         images = memory_images(model.config, model.arrays)
         self.data = images[Memory.CONSTANTS] + [0] * (self.code.data_words - self.code.constant_words)
         bits = self.code.weight_word_bits
-        self.weights = [images[0][k // bits] >> (k + 1) % bits & 1 for k in range(len(self.code.weight_order))]
+        self.weights = [
+            images[0][k // bits] >> (k + 1) % bits & 1 for k in range(len(self.code.weight_order))
+        ]
         self.acc = self.largest = self.plane = self.bit = self.answer = 0
         self.tables = sigmoid_table(model.config).tolist(), tanh_table(model.config).tolist()
 
@@ -112,8 +116,11 @@ def interpreted(model: IntegerModel, centred: np.ndarray) -> tuple[list[int], li
 
 
 def formats(draw) -> dict:
-    """Any formats: some need bits of the accumulator below what is added, some wide ones, some biases finer or coarser than weights."""
-    fmt = lambda low, high, whole: QFormat(i := draw(st.integers(*whole)), draw(st.integers(max(0, low - i), high - i)))  # noqa: E731
+    """Any formats: some need bits of the accumulator below what is added, some wide ones, some biases finer
+    or coarser than weights."""
+    fmt = lambda low, high, whole: QFormat(
+        i := draw(st.integers(*whole)), draw(st.integers(max(0, low - i), high - i))
+    )
     return {
         "weight_format": fmt(2, 16, (1, 5)),
         "recurrent_format": fmt(2, 16, (1, 5)),
@@ -157,8 +164,16 @@ def check_program(model: IntegerModel) -> None:
     code = machine.code
     assert machine.largest < 1 << code.accumulator_bits - 1
     config = model.config
-    widths = {config.formats.weight_format.width, config.formats.recurrent_format.width, config.formats.dense_format.width}
-    SEEN.update({"guard"} if code.guard > 1 else (), {"wide"} if max(widths) > 12 else (), {"mixed"} if len(widths) == 3 else ())
+    widths = {
+        config.formats.weight_format.width,
+        config.formats.recurrent_format.width,
+        config.formats.dense_format.width,
+    }
+    SEEN.update(
+        {"guard"} if code.guard > 1 else (),
+        {"wide"} if max(widths) > 12 else (),
+        {"mixed"} if len(widths) == 3 else (),
+    )
 
 
 def test_the_program_gives_the_golden_values_in_any_format_and_never_leaves_its_accumulator():
@@ -169,12 +184,17 @@ def test_the_program_gives_the_golden_values_in_any_format_and_never_leaves_its_
 
 @pytest.mark.parametrize(("cell", "reset"), CELLS)
 def test_the_widest_values_fit_the_accumulator_and_come_near_its_end(cell, reset):
-    """Weights, biases and sums at the ends of their formats; states, which tanh holds within 1, stay two bits off the end of theirs."""
+    """Weights, biases and sums at the ends of their formats; states, which tanh holds within 1, stay two bits
+    off the end of theirs."""
     config = serial(cell, reset, hidden=12, taxels=16, steps=3)
     model = random_integer_model(config, seed=1)
     largest = 0
     for weight, sums in ((-128, -32768), (127, -32768), (127, 32767)):
-        ends = {name: np.full_like(array, weight << 8 * (name[0] == "b")) for name, array in model.arrays.items() if name[0] in "WUVb"}
+        ends = {
+            name: np.full_like(array, weight << 8 * (name[0] == "b"))
+            for name, array in model.arrays.items()
+            if name[0] in "WUVb"
+        }
         ends["scale"] = np.full_like(model.arrays["scale"], 32767)
         widest = IntegerModel(model.config, {**model.arrays, **ends})
         centred = np.full((1, config.windows.steps, config.sensor.taxels), sums)
@@ -188,9 +208,14 @@ def test_the_widest_values_fit_the_accumulator_and_come_near_its_end(cell, reset
 
 @pytest.mark.parametrize(("cell", "reset"), CELLS)
 def test_what_the_hardware_relies_on_between_instructions(cell, reset):
-    """A sum is finished a cycle after its last MAC; a table answers a cycle after its index; a STORE comes after an instruction that does
-    nothing, or after the look-up; jumps have one more instruction; a run is of a length that the column counter knows."""
-    code = planned(PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=1, lane_type="serial", state_format=QFormat(4, 12)))
+    """A sum is finished a cycle after its last MAC; a table answers a cycle after its index; a STORE comes
+    after an instruction that does nothing, or after the look-up; jumps have one more instruction; a run is of
+    a length that the column counter knows."""
+    code = planned(
+        PRESETS["thesis"].replace(
+            cell=cell, reset=reset, lanes=1, lane_type="serial", state_format=QFormat(4, 12)
+        )
+    )
     for before, after in (*pairwise(code.prologue), *pairwise(code.step)):
         one, two = before.instruction, after.instruction
         assert one.op != Op.MAC or not (two.op in (Op.STORE, Op.JUMP) or two.clear)
@@ -201,11 +226,16 @@ def test_what_the_hardware_relies_on_between_instructions(cell, reset):
         assert not one.fetch or two.use == Use.BIT
     bits = [one.cycles for one in code.step if one.instruction.use == Use.WEIGHT]
     assert sum(bits) == len(code.weight_order) == len(set(code.weight_order))
-    assert code.step[0].instruction.wait and code.prologue[0].address == 0 and code.prologue[-1].address == code.wait - 1
+    assert (
+        code.step[0].instruction.wait
+        and code.prologue[0].address == 0
+        and code.prologue[-1].address == code.wait - 1
+    )
 
 
 def test_an_operation_waits_for_those_that_read_what_it_replaces():
-    """A cell with a look at the old c when it is already known how the new one will be; and two that wait for each other."""
+    """A cell with a look at the old c when it is already known how the new one will be; and two that wait for
+    each other."""
     keep, look = ElementOp("keep", (("S.c", "f"),), state="c"), ElementOp("look", (("S.c", "o"),), state="h")
     f, o = (RowBlock(name, ((f"U_{name}", "h"),), "sigmoid", name, f"b_{name}", "sigmoid") for name in "fo")
     peep = CellProgram((), (f, o, DENSE), (NORMALISE, keep, look), ("h", "x", "c"), ("f", "o"), ())
@@ -223,9 +253,22 @@ def test_an_operation_waits_for_those_that_read_what_it_replaces():
         ("gru", "before", {}),
         ("gru", "after", {"decision": "last"}),
         ("lstm", "before", {}),
-        ("gru", "before", {"dense_format": QFormat(6, 2), "weight_format": QFormat(2, 5), "gate_activation": "hard_sigmoid"}),
-        # so much is rounded away that nothing reaches as far up in the accumulator as the half that it is reset to
-        ("gru", "before", {"weight_format": QFormat(1, 11), "recurrent_format": QFormat(1, 11), "table_entries": 64}),
+        (
+            "gru",
+            "before",
+            {
+                "dense_format": QFormat(6, 2),
+                "weight_format": QFormat(2, 5),
+                "gate_activation": "hard_sigmoid",
+            },
+        ),
+        # so much is rounded away that nothing reaches as far up in the accumulator as the half that it is
+        # reset to
+        (
+            "gru",
+            "before",
+            {"weight_format": QFormat(1, 11), "recurrent_format": QFormat(1, 11), "table_entries": 64},
+        ),
     ],
 )
 def test_bit_exact_and_cycles_of_the_program(cell, reset, changes):
@@ -233,13 +276,19 @@ def test_bit_exact_and_cycles_of_the_program(cell, reset, changes):
 
 
 def test_sums_at_the_ends_of_every_format_are_bit_exact():
-    """Sums beyond the index and beyond the state: the table's answer is stored whatever the accumulator holds."""
+    """Sums beyond the index and beyond the state: the table's answer is stored whatever the accumulator
+    holds."""
     config = serial(hidden=4, taxels=16, steps=2).replace(state_format=QFormat(2, 12))
     model = random_integer_model(config, seed=2)
     ends = {name: np.sign(array) * 127 for name, array in model.arrays.items() if name[0] in "WUV"}
-    model = IntegerModel(model.config, {**model.arrays, **ends, "scale": np.full_like(model.arrays["scale"], 32767)})
+    model = IntegerModel(
+        model.config, {**model.arrays, **ends, "scale": np.full_like(model.arrays["scale"], 32767)}
+    )
     centred = np.where(ends["W_r"][:1] < 0, -32768, 32767) * np.ones((1, config.windows.steps, 1), np.int64)
-    assert abs(interpreted(model, centred)[2].largest) >> 1 + planned(model.config).guard > config.formats.state_format.magnitude
+    assert (
+        abs(interpreted(model, centred)[2].largest) >> 1 + planned(model.config).guard
+        > config.formats.state_format.magnitude
+    )
     features, hidden, logits, rows = expected(model, centred)
     seen, got_rows, _ = run(model, centred)
     assert (seen["feature"], seen["state"], seen["logit"], got_rows) == (features, hidden, logits, rows)
@@ -249,13 +298,19 @@ def test_windows_that_come_while_results_are_written_wait():
     """From the second window on every sum is offered in a cycle that stores a result."""
     model = random_integer_model(serial(hidden=4, taxels=4, steps=2), seed=5)
     centred = windows(model.config, touches=2, seed=5)
-    dut, seen, refused = compact_engine.make_engine(model.config, memory_images(model.config, model.arrays)), [], []
+    dut, seen, refused = (
+        compact_engine.make_engine(model.config, memory_images(model.config, model.arrays)),
+        [],
+        [],
+    )
     bench = Bench(dut, quiet=3 * schedule(model.config).step_cycles, max_cycles=60_000)
 
     async def offer(ctx):
         ctx.set(dut.decider_idle, 1)
         for number, beat in enumerate(beats(model.config, centred)):
-            while number >= model.config.sensor.taxels and not any(ctx.get(tap.valid) for tap in (dut.feature, dut.state, dut.logit)):
+            while number >= model.config.sensor.taxels and not any(
+                ctx.get(tap.valid) for tap in (dut.feature, dut.state, dut.logit)
+            ):
                 await ctx.tick()
             ctx.set(dut.i.p, beat)
             ctx.set(dut.i.valid, 1)
@@ -289,7 +344,9 @@ class LoadedBench(wiring.Component):
 
     def __init__(self, config) -> None:
         self.engine = compact_engine.make_engine(config)
-        super().__init__({name: self.engine.signature.members[name] for name in ("i", "load", "decider_idle")})
+        super().__init__(
+            {name: self.engine.signature.members[name] for name in ("i", "load", "decider_idle")}
+        )
 
     def elaborate(self, platform):
         m = Module()
@@ -297,7 +354,9 @@ class LoadedBench(wiring.Component):
         m.submodules.engine = ResetInserter(self.load.enable)(engine)
         wiring.connect(m, wiring.flipped(self.i), engine.i)
         m.d.comb += [engine.decider_idle.eq(self.decider_idle), engine.load.enable.eq(self.load.enable)]
-        m.d.comb += [getattr(engine.load, name).eq(getattr(self.load, name)) for name in ("select", "address", "data")]
+        m.d.comb += [
+            getattr(engine.load, name).eq(getattr(self.load, name)) for name in ("select", "address", "data")
+        ]
         return m
 
 
@@ -313,7 +372,12 @@ def test_words_loaded_at_any_pace_are_there():
         line = load_lines(model.config)
         for select, words in memory_images(model.config, model.arrays).items():
             for address, word in enumerate(words if select != Memory.MEANS else ()):
-                for name, value in (("select", 1 << line[select]), ("address", address), ("data", word % (1 << 16)), ("enable", 1)):
+                for name, value in (
+                    ("select", 1 << line[select]),
+                    ("address", address),
+                    ("data", word % (1 << 16)),
+                    ("enable", 1),
+                ):
                     ctx.set(getattr(dut.load, name), value)
                 await ctx.tick()
                 ctx.set(dut.load.enable, 0)
@@ -333,7 +397,9 @@ def test_words_loaded_at_any_pace_are_there():
 # ---------------------------------------------------------------------- memory contents
 @pytest.mark.parametrize(("cell", "reset"), CELLS)
 def test_images_hold_every_parameter(cell, reset):
-    config = PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=1, lane_type="serial", state_format=QFormat(4, 12))
+    config = PRESETS["thesis"].replace(
+        cell=cell, reset=reset, lanes=1, lane_type="serial", state_format=QFormat(4, 12)
+    )
     model = random_integer_model(config, seed=3)
     code, images = planned(model.config), memory_images(model.config, model.arrays)
     assert is_compact(model.config) and set(images) == {0, Memory.CONSTANTS, Memory.MEANS}
@@ -347,13 +413,19 @@ def test_images_hold_every_parameter(cell, reset):
         base = code.regions[f"bias.{block.name}"] << code.index_bits
         bias = model.arrays[block.bias].tolist()
         assert images[Memory.CONSTANTS][base : base + len(bias)] == bias
-    assert images[Memory.CONSTANTS][code.regions["scale"] << code.index_bits :] == model.arrays["scale"].tolist()
-    assert len(load_writes(model.config, model.arrays)) == 3 + len(images[0]) + len(images[Memory.CONSTANTS]) + 2 * 2 + 1
+    assert (
+        images[Memory.CONSTANTS][code.regions["scale"] << code.index_bits :] == model.arrays["scale"].tolist()
+    )
+    assert (
+        len(load_writes(model.config, model.arrays))
+        == 3 + len(images[0]) + len(images[Memory.CONSTANTS]) + 2 * 2 + 1
+    )
     assert load_words(model.config) == len(images[0])
 
 
 def test_the_thesis_fits_the_memories_of_a_small_part():
-    """Words of the thesis's memories: 1 block memory of data, 1 of program, 3 of weights (256 x 16 bits each, 2048 x 2)."""
+    """Words of the thesis's memories: 1 block memory of data, 1 of program, 3 of weights (256 x 16 bits each,
+    2048 x 2)."""
     config = PRESETS["thesis"].replace(lanes=1, lane_type="serial")
     code, packed = planned(config), compact_sequencer.Packing(planned(config))
     assert code.data_words <= 256 and len(packed.words) <= 256 and packed.bits <= 16

@@ -1,4 +1,5 @@
-"""What a STORE of the compact engine writes: every kind at and beyond the ends of its format, and the tables' answers."""
+"""What a STORE of the compact engine writes: every kind at and beyond the ends of its format, and the tables'
+answers."""
 
 from __future__ import annotations
 
@@ -18,7 +19,11 @@ def test_sat_of_every_kind_and_the_tables_answers():
     config = small("gru", "before", 1, lane_type="serial")
     code, rng = schedule(config).compact, random.Random(1)
     dut, formats = CompactResult(config, code), config.formats
-    of_kind = {Kind.INDEX: config.index_format, Kind.LOGIT: formats.logit_format, Kind.STATE: formats.state_format}
+    of_kind = {
+        Kind.INDEX: config.index_format,
+        Kind.LOGIT: formats.logit_format,
+        Kind.STATE: formats.state_format,
+    }
     of_kind |= {Kind.FEATURE: formats.feature_format}
     tables = sigmoid_table(config).tolist(), tanh_table(config).tolist()
     largest = (1 << code.accumulator_bits - 1) - 1

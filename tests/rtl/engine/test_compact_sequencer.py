@@ -1,4 +1,5 @@
-"""The compact engine's sequencer: the instructions of the program as it is done, loops, columns and waiting included; its words."""
+"""The compact engine's sequencer: the instructions of the program as it is done, loops, columns and waiting
+included; its words."""
 
 from __future__ import annotations
 
@@ -31,13 +32,22 @@ def test_every_instruction_in_its_place_and_number(held):
     code, rng = schedule(config).compact, random.Random(3)
     dut = CompactSequencer(config, code)
     steps = config.windows.steps
-    behind = Executed(code.instructions[-1], len(code.instructions) - 1, 0, 0, 1)  # the jump back acts after it
-    wanted = [(one, step) for step in range(steps) for one in (*(code.prologue if step == 0 else ()), *code.step)]
-    wanted = [pair for one, step in wanted for pair in ([(one, step)] + [(behind, (step + 1) % steps)] * (one is code.step[-1]))]
+    # the jump back acts after it
+    behind = Executed(code.instructions[-1], len(code.instructions) - 1, 0, 0, 1)
+    wanted = [
+        (one, step) for step in range(steps) for one in (*(code.prologue if step == 0 else ()), *code.step)
+    ]
+    wanted = [
+        pair
+        for one, step in wanted
+        for pair in ([(one, step)] + [(behind, (step + 1) % steps)] * (one is code.step[-1]))
+    ]
     wanted += [(one, 0) for one in (*code.prologue, *code.step[:40])]
 
     async def bench(ctx):
-        assert not any(ctx.get(flag) for flag in (dut.mac, dut.store, dut.jump, dut.control)), "nothing has come yet"
+        assert not any(ctx.get(flag) for flag in (dut.mac, dut.store, dut.jump, dut.control)), (
+            "nothing has come yet"
+        )
         ctx.set(dut.go, 0)
         await ctx.tick()
         for one, step in wanted:
@@ -51,10 +61,14 @@ def test_every_instruction_in_its_place_and_number(held):
                 assert ctx.get(dut.started)
             columns = code.limit(instruction.limit) if instruction.op == Op.MAC and instruction.run else 1
             for column in range(columns):
-                assert [ctx.get(flag) for flag in flags] == [instruction.op == op for op in (Op.MAC, Op.STORE, Op.JUMP, Op.CONTROL)]
+                assert [ctx.get(flag) for flag in flags] == [
+                    instruction.op == op for op in (Op.MAC, Op.STORE, Op.JUMP, Op.CONTROL)
+                ]
                 assert ctx.get(dut.word) == dut.packing.words[one.address] and ctx.get(dut.index) == one.index
                 assert ctx.get(dut.column) == column and ctx.get(dut.first_step) == (step == 0)
-                assert ctx.get(dut.runs) == (columns > 1) and (ctx.get(dut.fresh) == (column == 0) or instruction.op == Op.CONTROL)
+                assert ctx.get(dut.runs) == (columns > 1) and (
+                    ctx.get(dut.fresh) == (column == 0) or instruction.op == Op.CONTROL
+                )
                 assert ctx.get(dut.last_class) == (one.index == config.classes - 1)
                 await ctx.tick()
             ctx.set(dut.go, 0)

@@ -1,4 +1,5 @@
-"""Around the multiplier of element-wise operations, on its own: operands, what a sum starts from, narrowed results, table index."""
+"""Around the multiplier of element-wise operations, on its own: operands, what a sum starts from, narrowed
+results, table index."""
 
 from __future__ import annotations
 
@@ -18,7 +19,11 @@ CASES = {
     "features narrower than states": {"state_format": QFormat(6, 8)},
     "on the one lane": {"lanes": 1, "lane_type": "dsp"},
     "cell state": {"cell": "lstm", "state_format": QFormat(4, 12)},
-    "an index with one fraction bit less than a state": {"cell": "lstm", "table_entries": 1024, "state_format": QFormat(4, 8)},
+    "an index with one fraction bit less than a state": {
+        "cell": "lstm",
+        "table_entries": 1024,
+        "state_format": QFormat(4, 8),
+    },
 }
 
 
@@ -28,12 +33,15 @@ def test_equal_to_the_formulas(changes):
     plan, rng = schedule(config), random.Random(1)
     dut = ElementwiseUnit(config, plan)
     state = config.formats.state_format
-    keeps = all(op.between for op in plan.program.elements if op.state and op.state != "x")  # states need no saturation
+    # states need no saturation
+    keeps = all(op.between for op in plan.program.elements if op.state and op.state != "x")
     half = 0 if plan.shared else 1 << config.formats.gate_frac - 1
 
     def drawn(bits: int) -> int:
         low, high = -(1 << bits - 1), (1 << bits - 1) - 1
-        return rng.choice([low, high, 0, -1, rng.randint(low, high), rng.randint(low >> bits // 2, high >> bits // 2)])
+        return rng.choice(
+            [low, high, 0, -1, rng.randint(low, high), rng.randint(low >> bits // 2, high >> bits // 2)]
+        )
 
     async def bench(ctx):
         for _ in range(400):
@@ -45,8 +53,20 @@ def test_equal_to_the_formulas(changes):
                 s, t, x = s >> 1, t >> 1, 0  # a difference of states stays within 16 bits
             acc = drawn(config.elementwise_bits)
             if keeps and not feature:
-                acc = drawn(state.width) << config.formats.gate_frac | rng.randrange(1 << config.formats.gate_frac)
-            given = {"s": s, "not_t": ~t, "x": x, "use_t": use_t, "minus": minus, "add": add, "acc": acc, "feature": feature, "tick": tick}
+                acc = drawn(state.width) << config.formats.gate_frac | rng.randrange(
+                    1 << config.formats.gate_frac
+                )
+            given = {
+                "s": s,
+                "not_t": ~t,
+                "x": x,
+                "use_t": use_t,
+                "minus": minus,
+                "add": add,
+                "acc": acc,
+                "feature": feature,
+                "tick": tick,
+            }
             for name, value in given.items():
                 ctx.set(getattr(dut, name), value)
             floor = acc >> config.formats.gate_frac
@@ -58,7 +78,9 @@ def test_equal_to_the_formulas(changes):
             before = ctx.get(dut.index)
             await ctx.tick()
             if config.state_index_shift > 0:
-                assert ctx.get(dut.index) == (narrow(kept, config.state_index_shift, config.index_format) if tick else before)
+                assert ctx.get(dut.index) == (
+                    narrow(kept, config.state_index_shift, config.index_format) if tick else before
+                )
 
     sim = Simulator(dut)
     sim.add_clock(1e-6)

@@ -1,4 +1,5 @@
-"""The engine and the classifier behind it, bit for bit against golden cells, and their cycles against the schedule."""
+"""The engine and the classifier behind it, bit for bit against golden cells, and their cycles against the
+schedule."""
 
 from __future__ import annotations
 
@@ -22,14 +23,24 @@ class EngineBench(wiring.Component):
 
     def __init__(self, config: AcceleratorConfig, images) -> None:
         self.engine, self.classifier = make_engine(config, images), Classifier(config)
-        super().__init__({"i": self.engine.signature.members["i"], "o": self.classifier.signature.members["o"], "finish": wiring.In(1)})
+        super().__init__(
+            {
+                "i": self.engine.signature.members["i"],
+                "o": self.classifier.signature.members["o"],
+                "finish": wiring.In(1),
+            }
+        )
 
     def elaborate(self, platform):
         m = Module()
         m.submodules.engine, m.submodules.classifier = engine, classifier = self.engine, self.classifier
         wiring.connect(m, wiring.flipped(self.i), engine.i)
         wiring.connect(m, classifier.o, wiring.flipped(self.o))
-        m.d.comb += [classifier.logit.eq(engine.logit), engine.decider_idle.eq(classifier.idle), classifier.finish.eq(self.finish)]
+        m.d.comb += [
+            classifier.logit.eq(engine.logit),
+            engine.decider_idle.eq(classifier.idle),
+            classifier.finish.eq(self.finish),
+        ]
         return m
 
 
@@ -37,7 +48,9 @@ def small(cell: str, reset: str, lanes: int, **changes) -> AcceleratorConfig:
     """A small configuration of a cell: 5 taxels, 6 hidden, 3 classes, 3 steps."""
     windows = {"steps": 3, "hop": 4, "window": 8, "touch_frames": 64, "pretrigger_frames": 4}
     sizes = {"taxels": 5, "hidden": 6, "lanes": lanes, **windows, **changes}
-    return PRESETS["thesis"].replace(name="small", cell=cell, reset=reset, state_format=QFormat(4, 12), loadable=False, **sizes)
+    return PRESETS["thesis"].replace(
+        name="small", cell=cell, reset=reset, state_format=QFormat(4, 12), loadable=False, **sizes
+    )
 
 
 def windows(config: AcceleratorConfig, touches: int, seed: int) -> np.ndarray:
@@ -79,7 +92,11 @@ def expected(model: IntegerModel, centred: np.ndarray):
             rows.append((0, step, int(order[0]), int(logit[order[0]] - logit[order[1]])))
         votes = np.bincount([row[2] for row in rows[-config.windows.steps :]], minlength=config.classes)
         order = np.argsort(-votes, kind="stable")
-        final = (int(order[0]), int(votes[order[0]] - votes[order[1]])) if config.network.decision == "vote" else rows[-1][2:]
+        final = (
+            (int(order[0]), int(votes[order[0]] - votes[order[1]]))
+            if config.network.decision == "vote"
+            else rows[-1][2:]
+        )
         rows.append((1, config.windows.steps - 1, *final))
     return features.reshape(-1).tolist(), hidden.reshape(-1).tolist(), logits.reshape(-1).tolist(), rows
 
@@ -100,7 +117,12 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
         taps += [engine.started, engine.step.valid, engine.step.value]
         while True:
             _, _, lv, l, fv, f, sv, s, started, done, slots = await ctx.tick().sample(*taps)
-            for name, valid, value in (("logit", lv, l), ("feature", fv, f), ("state", sv, s), ("slots", done, slots)):
+            for name, valid, value in (
+                ("logit", lv, l),
+                ("feature", fv, f),
+                ("state", sv, s),
+                ("slots", done, slots),
+            ):
                 if valid:
                     seen[name].append(int(value))
             if started:
@@ -114,13 +136,20 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
 
 @pytest.mark.parametrize(
     ("cell", "reset", "lanes", "decision"),
-    [("gru", "before", 1, "vote"), ("lstm", "before", 2, "last"), ("gru", "after", 4, "last"), ("lstm", "before", 4, "vote")],
+    [
+        ("gru", "before", 1, "vote"),
+        ("lstm", "before", 2, "last"),
+        ("gru", "after", 4, "last"),
+        ("lstm", "before", 4, "vote"),
+    ],
 )
 def test_bit_exact_and_cycles_of_the_schedule(cell, reset, lanes, decision):
     check_exact_and_cycles(small(cell, reset, lanes, decision=decision), touches=3)
 
 
-@pytest.mark.parametrize(("cell", "reset", "lanes"), [("gru", "after", 4), ("lstm", "before", 1), ("gru", "before", 2)])
+@pytest.mark.parametrize(
+    ("cell", "reset", "lanes"), [("gru", "after", 4), ("lstm", "before", 1), ("gru", "before", 2)]
+)
 def test_dsp_lanes_are_bit_exact_too(cell, reset, lanes):
     check_exact_and_cycles(small(cell, reset, lanes, lane_type="dsp"), touches=2)
 

@@ -1,6 +1,8 @@
-"""The engine's memories leave open what a read gives of a word that is written in the same cycle: no such read may matter.
+"""The engine's memories leave open what a read gives of a word that is written in the same cycle: no such
+read may matter.
 
-`eskin.rtl.engine.engine.Memory` is replaced by one whose read port gives the complement after such a read; the engine must stay bit-exact.
+`eskin.rtl.engine.engine.Memory` is replaced by one whose read port gives the complement after such a read;
+the engine must stay bit-exact.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 class PoisonedMemory(wiring.Component):
     """`amaranth.lib.memory.Memory` as the engine uses it, with the poison.
 
-    delay: cycles between the write and the read that collide. 0: what synthesis leaves open; 1: a use that is allowed and happens.
+    delay: cycles between the write and the read that collide. 0: what synthesis leaves open; 1: a use that is
+    allowed and happens.
     """
 
     delay = 0
@@ -81,7 +84,12 @@ def play(monkeypatch, cell, reset, lanes, lane_type, delay=0):
     return expected(model, centred), (seen["feature"], seen["state"], seen["logit"], rows), len(made)
 
 
-QUICK = (("gru", "before", 4, "dsp"), ("gru", "after", 1, "plain"), ("lstm", "before", 4, "plain"), ("lstm", "before", 1, "dsp"))
+QUICK = (
+    ("gru", "before", 4, "dsp"),
+    ("gru", "after", 1, "plain"),
+    ("lstm", "before", 4, "plain"),
+    ("lstm", "before", 1, "dsp"),
+)
 SLOW = [
     (*cell, lanes, lane_type)
     for cell in CELLS
@@ -90,7 +98,10 @@ SLOW = [
 ]
 
 
-@pytest.mark.parametrize(("cell", "reset", "lanes", "lane_type"), [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)])
+@pytest.mark.parametrize(
+    ("cell", "reset", "lanes", "lane_type"),
+    [*QUICK, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)],
+)
 def test_no_read_of_a_word_that_is_being_written_matters(monkeypatch, cell, reset, lanes, lane_type):
     wanted, got, made = play(monkeypatch, cell, reset, lanes, lane_type)
     if lane_type == "serial":
@@ -113,7 +124,13 @@ def test_a_colliding_read_is_poisoned_until_the_next(read, seen):
     port, write = dut.read_port(), dut.write_port()
 
     async def bench(ctx):
-        for signal, value in ((write.addr, 5), (write.data, 0x1234), (write.en, 1), (port.addr, 5), (port.en, 0)):
+        for signal, value in (
+            (write.addr, 5),
+            (write.data, 0x1234),
+            (write.en, 1),
+            (port.addr, 5),
+            (port.en, 0),
+        ):
             ctx.set(signal, value)
         await ctx.tick()
         ctx.set(port.addr, read)

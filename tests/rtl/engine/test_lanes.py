@@ -1,4 +1,5 @@
-"""Every lane type against plain arithmetic: which slot takes operands, addend and controls, and when the sum is there."""
+"""Every lane type against plain arithmetic: which slot takes operands, addend and controls, and when the sum
+is there."""
 
 from __future__ import annotations
 
@@ -17,7 +18,13 @@ from eskin.rtl.program.timing import timing
 from tests.support.table import each_row
 
 A_BITS, B_BITS, ACC_BITS = 16, 8, 30
-KINDS = [("plain", False, True), ("plain", True, True), ("plain", True, False), ("dsp", False, True), ("dsp", True, False)]
+KINDS = [
+    ("plain", False, True),
+    ("plain", True, True),
+    ("plain", True, False),
+    ("dsp", False, True),
+    ("dsp", True, False),
+]
 """(lane type, load_with_operands, accumulates), as the engine uses them."""
 
 
@@ -31,7 +38,8 @@ def ends(rng: random.Random, bits: int) -> int:
 
 
 def dot_products(seed: int, count: int, most: int) -> list[tuple[int, list[tuple[int, int] | None]]]:
-    """(addend, operands) of sums that stay within ACC_BITS; None: a slot without a product. A sum of one product for ``most`` 1."""
+    """(addend, operands) of sums that stay within ACC_BITS; None: a slot without a product. A sum of one
+    product for ``most`` 1."""
     rng = random.Random(seed)
     found = []
     for _ in range(count):
@@ -46,7 +54,8 @@ def play(lane_type: str, with_operands: bool, accumulates: bool, sums, gap_of_ti
     """The sums as the lane gives them, each in the slot that the timing names and in no earlier one."""
     when = timing(config_of(lane_type))
     dut = make_lane(
-        config_of(lane_type), lane_signature(A_BITS, B_BITS, ACC_BITS, load_with_operands=with_operands, accumulates=accumulates)
+        config_of(lane_type),
+        lane_signature(A_BITS, B_BITS, ACC_BITS, load_with_operands=with_operands, accumulates=accumulates),
     )
     assert type(dut) is LANE_TYPES[lane_type]
     gap = when.gap if accumulates else 0
@@ -109,13 +118,23 @@ def test_a_sum_begins_at_either_end_of_the_accumulator(lane_type, with_operands,
 @pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), KINDS)
 def test_a_slot_may_take_any_number_of_cycles(lane_type, with_operands, accumulates):
     rng = random.Random(4)
-    play(lane_type, with_operands, accumulates, dot_products(5, 40, 4 if accumulates else 1), lambda: rng.choice([0, 0, 1, 5]))
+    play(
+        lane_type,
+        with_operands,
+        accumulates,
+        dot_products(5, 40, 4 if accumulates else 1),
+        lambda: rng.choice([0, 0, 1, 5]),
+    )
 
 
 @settings(max_examples=30, derandomize=True, deadline=None)
 @given(
     lane_type=st.sampled_from(["plain", "dsp"]),
-    terms=st.lists(st.one_of(st.none(), st.tuples(st.integers(-32768, 32767), st.integers(-128, 127))), min_size=1, max_size=8),
+    terms=st.lists(
+        st.one_of(st.none(), st.tuples(st.integers(-32768, 32767), st.integers(-128, 127))),
+        min_size=1,
+        max_size=8,
+    ),
     loads=st.lists(st.integers(-1000, 1000), min_size=1, max_size=3),
 )
 def test_any_products(lane_type, terms, loads):

@@ -1,4 +1,5 @@
-"""The checksum: every bit of every constant bears on it, it costs no slot, it flags what is wrong and nothing else."""
+"""The checksum: every bit of every constant bears on it, it costs no slot, it flags what is wrong and nothing
+else."""
 
 from __future__ import annotations
 
@@ -7,17 +8,41 @@ import pytest
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.model.model import random_integer_model
-from eskin.rtl.program.memory_map import Control, Fault, Memory, Register, Status, load_writes, memory_images, memory_words, words_per_entry
+from eskin.rtl.program.memory_map import (
+    Control,
+    Fault,
+    Memory,
+    Register,
+    Status,
+    load_writes,
+    memory_images,
+    memory_words,
+    words_per_entry,
+)
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
-from eskin.rtl.program.signature import START, WIDTH, advance, check_words, fold, parity, reads, residue, retreat, unseen
+from eskin.rtl.program.signature import (
+    START,
+    WIDTH,
+    advance,
+    check_words,
+    fold,
+    parity,
+    reads,
+    residue,
+    retreat,
+    unseen,
+)
 from eskin.rtl.top.accelerator import Accelerator
 from tests.rtl.top.test_accelerator import CONFIGS, Host, check, play, recordings
 from tests.support.stream_bench import Bench
 
 REFUSED = "thesis, serial lane"
 QUICK = "thesis, ROM, one lane"
-CHECKED = [QUICK, *(pytest.param(name, marks=pytest.mark.slow) for name in CONFIGS if name not in (QUICK, REFUSED))]
+CHECKED = [
+    QUICK,
+    *(pytest.param(name, marks=pytest.mark.slow) for name in CONFIGS if name not in (QUICK, REFUSED)),
+]
 
 
 def checked(name: str, **changes):
@@ -25,7 +50,9 @@ def checked(name: str, **changes):
 
 
 def constant_counts(config, code) -> dict[str | int, int]:
-    counts: dict[str | int, int] = {lane: len(code.plan.weight_words) for lane in range(config.hardware.lanes)}
+    counts: dict[str | int, int] = {
+        lane: len(code.plan.weight_words) for lane in range(config.hardware.lanes)
+    }
     return counts | {"addend": len(code.plan.bias_rows), "gate": code.layout.constant_words}
 
 
@@ -49,9 +76,16 @@ def test_check_words_bring_every_length_to_zero_and_a_changed_word_does_not():
     model = random_integer_model(config, seed=2)
     code = Microcode(schedule(model.config))
     images = memory_images(model.config, model.arrays)
-    weights, addends, constants = [images[lane] for lane in range(config.hardware.lanes)], images[Memory.ADDENDS], images[Memory.CONSTANTS]
+    weights, addends, constants = (
+        [images[lane] for lane in range(config.hardware.lanes)],
+        images[Memory.ADDENDS],
+        images[Memory.CONSTANTS],
+    )
     lengths = len(config.window_lengths)
-    assert lengths > 1 and [residue(code, weights, addends, constants, length) for length in range(lengths)] == [0] * lengths
+    assert (
+        lengths > 1
+        and [residue(code, weights, addends, constants, length) for length in range(lengths)] == [0] * lengths
+    )
     rng = np.random.default_rng(1)
     for _ in range(40):
         lane, word, bit = (
@@ -62,9 +96,13 @@ def test_check_words_bring_every_length_to_zero_and_a_changed_word_does_not():
         wrong = [list(image) for image in weights]
         wrong[lane][word] ^= 1 << bit
         assert residue(code, wrong, addends, constants, 0) != 0
-    other = [*constants[:1], constants[1] ^ 4, *constants[2:]]  # the other length's scale: seen where it is used
+    # the other length's scale: seen where it is used
+    other = [*constants[:1], constants[1] ^ 4, *constants[2:]]
     assert residue(code, weights, addends, other, 0) == 0 and residue(code, weights, addends, other, 1) != 0
-    assert check_words(code, weights, addends, [*constants[: code.layout.check_base], *[0] * lengths]) == constants[-lengths:]
+    assert (
+        check_words(code, weights, addends, [*constants[: code.layout.check_base], *[0] * lengths])
+        == constants[-lengths:]
+    )
 
 
 def test_the_register_runs_through_every_value_and_back():
@@ -75,7 +113,12 @@ def test_the_register_runs_through_every_value_and_back():
         if value == START:
             break
     assert seen == (1 << WIDTH) - 1
-    assert fold(-1, 20) == 0xFFFF ^ 0xF and fold(0x1234_5678, 32) == 0x1234 ^ 0x5678 and parity(-1, 3) == 1 and parity(0b1010, 4) == 0
+    assert (
+        fold(-1, 20) == 0xFFFF ^ 0xF
+        and fold(0x1234_5678, 32) == 0x1234 ^ 0x5678
+        and parity(-1, 3) == 1
+        and parity(0b1010, 4) == 0
+    )
 
 
 @pytest.mark.parametrize("name", CHECKED)
@@ -85,7 +128,9 @@ def test_bit_exact_and_without_a_flag_where_nothing_is_wrong(name):
     data = recordings(config, list(CONFIGS).index(name) + 40, [150, 60])
     streams, statuses = play(model, data, stall=0.2)
     check(model, data, streams)
-    assert streams["decision"] and not any(status[1] & (Fault.CHECKSUM | Fault.WATCHDOG) or status[0] & Status.FAULT for status in statuses)
+    assert streams["decision"] and not any(
+        status[1] & (Fault.CHECKSUM | Fault.WATCHDOG) or status[0] & Status.FAULT for status in statuses
+    )
 
 
 def touch_data(config, frames: int = 110):
@@ -94,7 +139,9 @@ def touch_data(config, frames: int = 110):
     return data
 
 
-@pytest.mark.parametrize(("select", "word", "bit"), [(1, 3, 7), (Memory.CONSTANTS, 3, 9), (Memory.MEANS, 0, 1)])
+@pytest.mark.parametrize(
+    ("select", "word", "bit"), [(1, 3, 7), (Memory.CONSTANTS, 3, 9), (Memory.MEANS, 0, 1)]
+)
 def test_a_word_that_is_not_the_image_s_is_flagged_before_the_global_decision(select, word, bit):
     config = checked("thesis", rearm_frames=60)
     model = random_integer_model(config, seed=3)
@@ -115,7 +162,8 @@ def test_a_word_that_is_not_the_image_s_is_flagged_before_the_global_decision(se
 
 
 def run_with(model, data, writes, seen, after=None) -> int:
-    """Play one recording on a model loaded by ``writes``; FAULTS at the end. ``seen``: (global, flagged) of each decision."""
+    """Play one recording on a model loaded by ``writes``; FAULTS at the end. ``seen``: (global, flagged) of
+    each decision."""
     dut = Accelerator(model.config)
     bench = Bench(dut, seed=1, quiet=100, max_cycles=100_000)
 
@@ -137,7 +185,11 @@ def run_with(model, data, writes, seen, after=None) -> int:
         await ctx.tick()
         for samples in data.recording(0):
             for taxel, sample in enumerate(samples):
-                beat = {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == model.config.sensor.taxels - 1)}
+                beat = {
+                    "sample": int(sample),
+                    "first": int(taxel == 0),
+                    "last": int(taxel == model.config.sensor.taxels - 1),
+                }
                 ctx.set(dut.i.payload, beat)
                 ctx.set(dut.i.valid, 1)
                 while not (await ctx.tick().sample(dut.i.ready))[-1]:
@@ -157,11 +209,14 @@ def run_with(model, data, writes, seen, after=None) -> int:
 
 
 def test_a_reload_word_by_word_raises_no_flag_and_a_half_one_does():
-    """Between the write of a word and of its check word no touch passes: nothing is judged. When one begins before, it is."""
+    """Between the write of a word and of its check word no touch passes: nothing is judged. When one begins
+    before, it is."""
     config = checked("thesis", rearm_frames=60)
     model, other = random_integer_model(config, seed=3), random_integer_model(config, seed=4)
     first, second = load_writes(model.config, model.arrays), load_writes(other.config, other.arrays)
-    assert first != second and run_with(other, touch_data(config), [*first, *second], []) & Fault.CHECKSUM == 0
+    assert (
+        first != second and run_with(other, touch_data(config), [*first, *second], []) & Fault.CHECKSUM == 0
+    )
     half = second[: len(second) // 2]
     assert run_with(other, touch_data(config), [*first, *half], []) & Fault.CHECKSUM
 
@@ -175,7 +230,9 @@ def test_memories_that_were_never_loaded_are_flagged():
 def test_a_write_behind_a_memory_s_last_word_is_refused_and_flagged():
     config = checked("thesis", rearm_frames=60)
     model = random_integer_model(config, seed=3)
-    sizes = {select: count * words_per_entry(config, select) for select, count in memory_words(config).items()}
+    sizes = {
+        select: count * words_per_entry(config, select) for select, count in memory_words(config).items()
+    }
     assert sorted(sizes) == sorted([*range(config.hardware.lanes), *map(int, Memory)])
     writes = load_writes(model.config, model.arrays)
     flags: list[tuple[int, bool, bool]] = []
@@ -192,7 +249,13 @@ def test_a_write_behind_a_memory_s_last_word_is_refused_and_flagged():
             whole = await host.read(Register.FAULTS)
             for _ in range(size + 3):
                 await host.write(Register.MEMORY_DATA, 0x5A5A)
-            flags.append((select, bool(whole & Fault.WRITE_REFUSED), bool(await host.read(Register.FAULTS) & Fault.WRITE_REFUSED)))
+            flags.append(
+                (
+                    select,
+                    bool(whole & Fault.WRITE_REFUSED),
+                    bool(await host.read(Register.FAULTS) & Fault.WRITE_REFUSED),
+                )
+            )
 
     run_with(model, touch_data(config, 3), writes, [], after=attack)
     assert flags == [(select, False, True) for select in sizes]
@@ -203,7 +266,9 @@ def test_a_write_behind_a_memory_s_last_word_is_refused_and_flagged():
             *((Register.MEMORY_DATA, word) for word in load_of(writes, select)),
             *[(Register.MEMORY_DATA, 0x5A5A)] * (size + 3),
         ]
-    assert run_with(model, touch_data(config), flood, []) & Fault.CHECKSUM == 0, "what was refused has changed a memory"
+    assert run_with(model, touch_data(config), flood, []) & Fault.CHECKSUM == 0, (
+        "what was refused has changed a memory"
+    )
 
 
 def load_of(writes, select) -> list[int]:

@@ -1,4 +1,5 @@
-"""A product in digits of 4 is the product: every operand of small widths, and the lanes' widths at random and at their ends."""
+"""A product in digits of 4 is the product: every operand of small widths, and the lanes' widths at random and
+at their ends."""
 
 from __future__ import annotations
 

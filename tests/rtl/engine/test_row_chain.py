@@ -20,11 +20,20 @@ def test_chain_against_a_list(lanes):
 
     async def bench(ctx):
         for cycle in range(400):
-            tick, swap, shift = cycle == 0 or rng.random() < 0.8, cycle == 0 or rng.random() < 0.15, rng.random() < 0.6
+            tick, swap, shift = (
+                cycle == 0 or rng.random() < 0.8,
+                cycle == 0 or rng.random() < 0.15,
+                rng.random() < 0.6,
+            )
             shift &= not swap  # never asked for together
             sums = [rng.choice([-top, top - 1, rng.randrange(-top, top)]) for _ in range(lanes)]
             addend = rng.choice([-top, top - 1, rng.randrange(-top, top)])
-            for signal, value in ((dut.tick, tick), (dut.swap, swap), (dut.shift, shift), (dut.addend, addend)):
+            for signal, value in (
+                (dut.tick, tick),
+                (dut.swap, swap),
+                (dut.shift, shift),
+                (dut.addend, addend),
+            ):
                 ctx.set(signal, value)
             for lane, value in enumerate(sums):
                 ctx.set(dut.acc[lane], value)

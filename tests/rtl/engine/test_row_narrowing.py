@@ -1,5 +1,5 @@
-"""A finished row to index, value and logit against eskin.golden.core.formats.narrow: every total of a small format, the ends of the real
-one."""
+"""A finished row to index, value and logit against eskin.golden.core.formats.narrow: every total of a small
+format, the ends of the real one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ class Small:
     recurrent, accumulator_bits, index_bits = True, 14, 5
     sigmoid_shift, tanh_shift, value_shift, logit_shift = 7, 6, 5, 8
     logit_proven = False
-    index_format, formats = QFormat(5, 0), SimpleNamespace(state_format=QFormat(2, 3), logit_format=QFormat(3, 1))
+    index_format, formats = (
+        QFormat(5, 0),
+        SimpleNamespace(state_format=QFormat(2, 3), logit_format=QFormat(3, 1)),
+    )
 
 
 def expected(config, total: int) -> tuple[int, int, int, int]:
@@ -53,9 +56,16 @@ def check(config, totals) -> None:
     sim = Simulator(dut)
     sim.add_testbench(bench)
     sim.run()
-    formats = (config.index_format, config.index_format, config.formats.state_format, config.formats.logit_format)
+    formats = (
+        config.index_format,
+        config.index_format,
+        config.formats.state_format,
+        config.formats.logit_format,
+    )
     for seen, fmt in zip(ends, formats, strict=True):
-        assert {-(1 << fmt.width - 1), (1 << fmt.width - 1) - 1} <= seen, "an end of a format was never reached"
+        assert {-(1 << fmt.width - 1), (1 << fmt.width - 1) - 1} <= seen, (
+            "an end of a format was never reached"
+        )
 
 
 def test_a_proven_logit_has_no_saturator_and_needs_none():

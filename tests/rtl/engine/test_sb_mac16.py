@@ -54,19 +54,25 @@ endmodule
 
 
 def operations(accumulates: bool, acc_bits: int) -> list[tuple[int, ...]]:
-    """Random (tick, a, b, swap, load, valid), often at the ends of the formats; the one thing the schedule promises is kept."""
+    """Random (tick, a, b, swap, load, valid), often at the ends of the formats; the one thing the schedule
+    promises is kept."""
     rng = random.Random(acc_bits)
 
     def number(bits: int) -> int:
         low, high = -(1 << bits - 1), (1 << bits - 1) - 1
-        return rng.choice([low, high, 0, -1, 1, rng.randint(low, high), rng.randint(low, high)]) & (1 << bits) - 1
+        return (
+            rng.choice([low, high, 0, -1, 1, rng.randint(low, high), rng.randint(low, high)])
+            & (1 << bits) - 1
+        )
 
     found = []
     for k in range(OPERATIONS):
         early = k < SETTLED
         swap = int(rng.random() < 0.2 or (early and accumulates))
         valid = int(early or rng.random() < 0.7) & ~(swap & accumulates)
-        found.append((int(early or rng.random() < 0.7), number(16), number(16), swap, number(acc_bits), valid))
+        found.append(
+            (int(early or rng.random() < 0.7), number(16), number(16), swap, number(acc_bits), valid)
+        )
     return found
 
 
@@ -76,15 +82,25 @@ def verilog(accumulates: bool, acc_bits: int, name: str, platform: str | None) -
     signature = lane_signature(16, 16, acc_bits, load_with_operands=not accumulates, accumulates=accumulates)
     # not under the system's temporary folder, which the tool does not see
     with tempfile.TemporaryDirectory(dir=BUILD) as folder:
-        (Path(folder) / "lane.il").write_text(rtlil.convert(DspLane(signature), name=name, platform=platform, emit_src=False))
-        (Path(folder) / "lane.ys").write_text("read_rtlil lane.il\nproc\nopt_clean\nwrite_verilog -noattr lane.v\n")
+        (Path(folder) / "lane.il").write_text(
+            rtlil.convert(DspLane(signature), name=name, platform=platform, emit_src=False)
+        )
+        (Path(folder) / "lane.ys").write_text(
+            "read_rtlil lane.il\nproc\nopt_clean\nwrite_verilog -noattr lane.v\n"
+        )
         run_tool("yosys", ["-q", "lane.ys"], Path(folder))
         return (Path(folder) / "lane.v").read_text()
 
 
-def differences(tmp_path: Path, accumulates: bool, acc_bits: int, change=lambda text: text) -> tuple[int, int]:
-    """(operations after which the two differ, operations that moved the sum); ``change`` alters the block's Verilog."""
-    behaviour, block = verilog(accumulates, acc_bits, "behaviour", None), verilog(accumulates, acc_bits, "block", ICE40)
+def differences(
+    tmp_path: Path, accumulates: bool, acc_bits: int, change=lambda text: text
+) -> tuple[int, int]:
+    """(operations after which the two differ, operations that moved the sum); ``change`` alters the block's
+    Verilog."""
+    behaviour, block = (
+        verilog(accumulates, acc_bits, "behaviour", None),
+        verilog(accumulates, acc_bits, "block", ICE40),
+    )
     assert "SB_MAC16" in block and "SB_MAC16" not in behaviour
     (tmp_path / "behaviour.v").write_text(behaviour)
     (tmp_path / "block.v").write_text(change(block))
@@ -99,9 +115,22 @@ def differences(tmp_path: Path, accumulates: bool, acc_bits: int, change=lambda 
     for mark, value in (("ACC", acc_bits), ("LAST", OPERATIONS - 1), ("SETTLED", SETTLED)):
         bench = bench.replace(f"@{mark}@", str(value))
     (tmp_path / "bench.v").write_text(bench)
-    build = ["iverilog", "-g2012", "-DNO_ICE40_DEFAULT_ASSIGNMENTS", "-s", "bench", "-o", "bench.vvp", "bench.v", "behaviour.v", "block.v"]
+    build = [
+        "iverilog",
+        "-g2012",
+        "-DNO_ICE40_DEFAULT_ASSIGNMENTS",
+        "-s",
+        "bench",
+        "-o",
+        "bench.vvp",
+        "bench.v",
+        "behaviour.v",
+        "block.v",
+    ]
     subprocess.run([*build, str(CELLS)], cwd=tmp_path, check=True, capture_output=True, timeout=120)
-    done = subprocess.run(["vvp", "-n", "bench.vvp"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(
+        ["vvp", "-n", "bench.vvp"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120
+    )
     differ, moved = re.search(r"(\d+) differences, moved (\d+) times", done.stdout).groups()
     return int(differ), int(moved)
 

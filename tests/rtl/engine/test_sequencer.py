@@ -37,7 +37,9 @@ def play(code: Microcode, cycles: int, go=lambda cycle: 1, restart=lambda cycle:
         for cycle in range(cycles):
             for signal, value in ((dut.go, go(cycle)), (dut.restart, restart(cycle)), (anew, reset(cycle))):
                 ctx.set(signal, value)
-            _, _, enable, waiting, ended, *values = await ctx.tick().sample(dut.enable, dut.waiting, dut.ended, *fields)
+            _, _, enable, waiting, ended, *values = await ctx.tick().sample(
+                dut.enable, dut.waiting, dut.ended, *fields
+            )
             if enable:
                 taken.append((cycle, dict(zip(FIELDS, values, strict=True)), ended))
             if waiting:
@@ -52,7 +54,8 @@ def play(code: Microcode, cycles: int, go=lambda cycle: 1, restart=lambda cycle:
 
 
 def check(code: Microcode, taken, passes: list[bool]) -> None:
-    """The words taken are the program's: the prologue and a step, then steps with a prologue where ``passes`` says so."""
+    """The words taken are the program's: the prologue and a step, then steps with a prologue where ``passes``
+    says so."""
     words = [{name: word[name] for name in FIELDS} for word in code.unrolled()]
     first = [None] * code.idle_words + list(range(len(words)))
     order = list(first)
@@ -61,10 +64,14 @@ def check(code: Microcode, taken, passes: list[bool]) -> None:
     assert len(taken) <= len(order), "give more passes"
     for (_, word, _), number in zip(taken, order, strict=False):
         if number is None:
-            assert not any(word[name] for name in CONTROLS if any(other[name] != words[0][name] for other in words))
+            assert not any(
+                word[name] for name in CONTROLS if any(other[name] != words[0][name] for other in words)
+            )
         else:
             assert word == words[number]
-    assert [ended for _, _, ended in taken] == [int(number == len(words) - 1) for number in order[: len(taken)]]
+    assert [ended for _, _, ended in taken] == [
+        int(number == len(words) - 1) for number in order[: len(taken)]
+    ]
 
 
 def test_every_slot_in_its_cycle_and_on_to_the_next_step(code):
@@ -72,7 +79,9 @@ def test_every_slot_in_its_cycle_and_on_to_the_next_step(code):
     taken, _ = play(code, code.idle_words + 3 * length)
     check(code, taken, [False, False, False])
     cycles = [cycle for cycle, _, _ in taken]
-    assert cycles == list(range(1, code.idle_words + 3 * length)), "the first word takes a cycle to arrive, then none is lost"
+    assert cycles == list(range(1, code.idle_words + 3 * length)), (
+        "the first word takes a cycle to arrive, then none is lost"
+    )
 
 
 def test_restart_begins_with_the_prologue(code):
@@ -83,16 +92,20 @@ def test_restart_begins_with_the_prologue(code):
 
 
 def test_restart_is_looked_at_in_the_last_word_but_two(code):
-    before = code.idle_words + sum(word["repeat"] + 1 for word in code.words[:-2])  # slots up to that word's last, in cycle `before`
+    # slots up to that word's last, in cycle `before`
+    before = code.idle_words + sum(word["repeat"] + 1 for word in code.words[:-2])
     for cycle, seen in ((before - 1, False), (before, True), (before + 1, False)):
         if code.words[-3]["repeat"] == 0 or seen:
-            taken, _ = play(code, code.idle_words + 3 * len(code.slots), restart=lambda now, cycle=cycle: now == cycle)
+            taken, _ = play(
+                code, code.idle_words + 3 * len(code.slots), restart=lambda now, cycle=cycle: now == cycle
+            )
             check(code, taken, [seen, False, False])
 
 
 def test_after_a_reset_in_any_cycle_the_prologue(code):
     end = code.idle_words + len(code.slots)  # the last slot's cycle
-    for at in range(end - code.words[-3]["repeat"] - 5, end + 2):  # the program's turning point among them; its output is not reset
+    # the program's turning point among them; its output is not reset
+    for at in range(end - code.words[-3]["repeat"] - 5, end + 2):
         taken, _ = play(code, at + 2 * end, reset=lambda cycle, at=at: cycle == at)
         check(code, [slot for slot in taken if slot[0] > at], [False] * 3)
 

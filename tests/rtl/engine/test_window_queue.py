@@ -1,4 +1,5 @@
-"""Windows come in at random and are released at random: order, lengths, marks, and that nothing is taken without room."""
+"""Windows come in at random and are released at random: order, lengths, marks, and that nothing is taken
+without room."""
 
 from __future__ import annotations
 
@@ -30,7 +31,16 @@ def test_windows_are_read_in_order_and_never_overwritten(eager):
             number, taxel = beats[min(at, len(beats) - 1)]
             length, final = windows[number]
             ctx.set(dut.i.valid, offers)
-            ctx.set(dut.i.p, {"value": 0, "length": length, "first": taxel == 0, "last": taxel == CONFIG.inputs - 1, "final": final})
+            ctx.set(
+                dut.i.p,
+                {
+                    "value": 0,
+                    "length": length,
+                    "first": taxel == 0,
+                    "last": taxel == CONFIG.inputs - 1,
+                    "final": final,
+                },
+            )
             ctx.set(dut.hold, hold)
             assert ctx.get(dut.waiting) == bool(held) == ctx.get(dut.any)
             release = bool(held) and rng.random() < 0.1

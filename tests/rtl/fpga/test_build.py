@@ -1,4 +1,5 @@
-"""From a model to a bitstream: figures that add up, the same bits from the same seed, and refusals that say what helps."""
+"""From a model to a bitstream: figures that add up, the same bits from the same seed, and refusals that say
+what helps."""
 
 from __future__ import annotations
 
@@ -71,15 +72,23 @@ def two_blocks(tmp_path_factory) -> Netlist:
 
 def test_a_cell_belongs_to_the_block_that_drives_its_output(two_blocks, tmp_path):
     result = place(two_blocks, target("icebreaker"), PINS, tmp_path, seed=1)
-    assert {name: counts["ff"] for name, counts in result.blocks.items()} == {"classifier": 8, "control": 12, "top": 8}
+    assert {name: counts["ff"] for name, counts in result.blocks.items()} == {
+        "classifier": 8,
+        "control": 12,
+        "top": 8,
+    }
     assert sum(counts["cells"] for counts in result.blocks.values()) == result.utilisation["logic cells"][0]
-    # The adder's carries lie in the block that adds, with the two-bit room that nextpnr needs at a chain's end at most.
+    # The adder's carries lie in the block that adds, with the two-bit room that nextpnr needs at a chain's
+    # end at most.
     assert 7 <= result.blocks["classifier"]["carry"] <= 9 and 11 <= result.blocks["control"]["carry"] <= 13
     assert "to control" in result.path and "ns through" in result.path
 
 
 def test_a_seed_gives_its_own_bitstream_every_time(two_blocks, tmp_path):
-    made = [place(two_blocks, target("icebreaker"), PINS, tmp_path / str(run), seed=seed) for run, seed in enumerate((1, 1, 2))]
+    made = [
+        place(two_blocks, target("icebreaker"), PINS, tmp_path / str(run), seed=seed)
+        for run, seed in enumerate((1, 1, 2))
+    ]
     first, again, other = (one.bitstream.read_bytes() for one in made)
     assert bytes.fromhex("7eaa997e") in first[:64]  # the word that wakes an iCE40
     assert first == again and first != other
@@ -87,7 +96,8 @@ def test_a_seed_gives_its_own_bitstream_every_time(two_blocks, tmp_path):
 
 # ---------------------------------------------------------------------- multipliers
 class Products(wiring.Component):
-    """Two instantiated blocks, the sum of one loaded into the next and a part of that registered, and one product to be inferred."""
+    """Two instantiated blocks, the sum of one loaded into the next and a part of that registered, and one
+    product to be inferred."""
 
     def __init__(self) -> None:
         super().__init__({"i": In(1), "load": In(1), "o": Out(1), "p": Out(1)})
@@ -170,20 +180,39 @@ def test_a_small_accelerator_becomes_a_bitstream_or_says_what_is_missing(call, f
     assert status == 0 and all(line.startswith(told) for line in err.splitlines()), err
     result = json.loads((folder / "small" / "build.json").read_text())
     assert {"target", "device", "lut", "ff", "dsp", "bram", "fmax_hz", "seed", "bitstream"} <= result.keys()
-    assert result["device"] == "iCE40UP5K" and result["dsp"] == 1 and result["seed"] == 1 and result["lanes"] == 1
-    assert sorted(path.name for path in (folder / "small").iterdir()) == ["build.json", "made_icebreaker.bin", "netlist.v"]
+    assert (
+        result["device"] == "iCE40UP5K"
+        and result["dsp"] == 1
+        and result["seed"] == 1
+        and result["lanes"] == 1
+    )
+    assert sorted(path.name for path in (folder / "small").iterdir()) == [
+        "build.json",
+        "made_icebreaker.bin",
+        "netlist.v",
+    ]
     netlist = (folder / "small" / "netlist.v").read_text()
     used, every = result["utilisation"], result["blocks"]
     for column, what in (("cells", "logic cells"), ("dsp", "multipliers"), ("bram", "block memories")):
         assert sum(counts[column] for counts in every.values()) == used[what]["used"]
     assert sum(counts["lut"] for counts in every.values()) == netlist.count("SB_LUT4 #(")
     assert sum(counts["ff"] for counts in every.values()) == netlist.count("  SB_DFF")
-    # Of the harness: a register for every bit that goes in or out, a multiplexer for those that go out, room between carry chains.
+    # Of the harness: a register for every bit that goes in or out, a multiplexer for those that go out, room
+    # between carry chains.
     harness = every["top"]
-    assert harness["ff"] == 45 + 34 and 45 + 34 <= harness["cells"] <= 45 + 34 + 3 and harness["bram"] == harness["dsp"] == 0
+    assert (
+        harness["ff"] == 45 + 34
+        and 45 + 34 <= harness["cells"] <= 45 + 34 + 3
+        and harness["bram"] == harness["dsp"] == 0
+    )
     assert result["logic_cells"] == used["logic cells"]["used"] - harness["cells"]
     assert {"onset", "windows", "normaliser", "cell", "classifier", "control"} <= every.keys()
-    for shown in (f"{result['fmax_hz'] / 1e6:.1f} MHz", result["critical_path"], "(harness)", "budget: decision"):
+    for shown in (
+        f"{result['fmax_hz'] / 1e6:.1f} MHz",
+        result["critical_path"],
+        "(harness)",
+        "budget: decision",
+    ):
         assert shown in out
 
     _misses_its_clock(call, folder)
@@ -192,7 +221,9 @@ def test_a_small_accelerator_becomes_a_bitstream_or_says_what_is_missing(call, f
 
 def _misses_its_clock(call, folder) -> None:
     """The same placement against another clock: status 1, by how much, and a clock that it reaches."""
-    status, _, err = call("--target", "icebreaker", "--lanes", 1, "--no-link", "--clock", 200e6, "--out", "fast")
+    status, _, err = call(
+        "--target", "icebreaker", "--lanes", 1, "--no-link", "--clock", 200e6, "--out", "fast"
+    )
     result = json.loads((folder / "fast" / "build.json").read_text())
     assert status == 1 and not result["clock_met"]
     missing = 100 * (1 - result["fmax_hz"] / 200e6)
@@ -201,7 +232,9 @@ def _misses_its_clock(call, folder) -> None:
         f"eskin: misses its clock: {result['fmax_hz'] / 1e6:.1f} of 200 MHz, {missing:.1f} % too slow; "
         f"--clock {reached} is a clock it reaches\n"
     )
-    assert call("--target", "icebreaker", "--lanes", 1, "--no-link", "--clock", reached, "--out", "fast")[0] == 0
+    assert (
+        call("--target", "icebreaker", "--lanes", 1, "--no-link", "--clock", reached, "--out", "fast")[0] == 0
+    )
 
 
 def _does_not_fit() -> None:
@@ -223,7 +256,13 @@ def _does_not_fit() -> None:
         ("icebreaker", 12, "plain", {"multipliers": (13, 8)}, "--lanes 7"),
         ("icebreaker", 6, "plain", {"logic cells": (6000, 5280)}, "--lanes 1"),
         ("icestick", 1, "serial", {"block memories": (20, 16)}, "--target icebreaker has a larger part"),
-        ("icestick", 1, "serial", {"block memories": (17, 16)}, "table_entries 256 in the model's config.json needs one less"),
+        (
+            "icestick",
+            1,
+            "serial",
+            {"block memories": (17, 16)},
+            "table_entries 256 in the model's config.json needs one less",
+        ),
         ("icebreaker", 1, "plain", {"logic cells": (6000, 5280)}, "--target ulx3s"),
         ("ulx3s", 1, "plain", {"logic cells": (30000, 24288)}, "fewer taxels"),
     ],
@@ -232,7 +271,10 @@ def test_the_option_that_helps(board, lanes, lane_type, shortage, helps):
     config = CONFIG.with_lanes(lanes, lane_type)
     said = job.misfit_sentence(config, target(board), False, DoesNotFit(shortage))
     assert ("--target ulx3s has a larger part" in said) == (board == "icebreaker")
-    assert "--no-link" in job.misfit_sentence(config, target(board), True, DoesNotFit(shortage)) and "--no-link" not in said
+    assert (
+        "--no-link" in job.misfit_sentence(config, target(board), True, DoesNotFit(shortage))
+        and "--no-link" not in said
+    )
     (what, (needed, available)) = next(iter(shortage.items()))
     assert f"{needed} {what} of {available} ({needed - available} too many)" in said and helps in said
     assert ("table_entries" in said) == (shortage == {"block memories": (17, 16)})
@@ -256,7 +298,9 @@ BLOCKS_SHORT = [
 
 @each_row(("what", "lane_type", "again"), BLOCKS_SHORT)
 @each_row("enough", [True, False])
-def test_weights_go_into_large_memories_where_block_memories_run_out(what, lane_type, again, enough, monkeypatch):
+def test_weights_go_into_large_memories_where_block_memories_run_out(
+    what, lane_type, again, enough, monkeypatch
+):
     config, tried = CONFIG.with_lanes(2, lane_type), []
     request = job.BuildRequest(config=config, arrays={}, target=target("icebreaker"))
 
@@ -285,7 +329,10 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(what, lane_
         (("--table", "--target", "ulx3s"), "leave out --target"),
         (("--table", "--lanes", "4"), "leave out --lanes"),
         (("--table", "--class-pins", "none"), "--class-pins"),
-        (("--target", "icebreaker", "--no-link", "--class-pins", "none"), "--class-pins: is for a build with the link"),
+        (
+            ("--target", "icebreaker", "--no-link", "--class-pins", "none"),
+            "--class-pins: is for a build with the link",
+        ),
         (("--target", "icebreaker", "--out", "model"), "is the input model"),
         (("--target", "icebreaker", "--baud", "5e6"), "baud 5e+06"),
     ],
@@ -306,7 +353,12 @@ def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeyp
             raise job.BuildError("needs 1 logic cell too many")
         count = dict.fromkeys(job.implementation.COLUMNS, 7)
         best = Implementation(
-            seed=3, fmax_hz=5.55e7, path="from a to b", blocks={"cell": count, "top": count}, utilisation={}, bitstream=tmp_path / "x.bin"
+            seed=3,
+            fmax_hz=5.55e7,
+            path="from a to b",
+            blocks={"cell": count, "top": count},
+            utilisation={},
+            bitstream=tmp_path / "x.bin",
         )
         return job._result(config, board, link, best, [best], 12e6), None, None
 
@@ -315,7 +367,8 @@ def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeyp
     request = job.BuildRequest(config=model.config, arrays=model.arrays, target=target("ulx3s"), seeds=5)
     rows = job.table(request, tmp_path)
     assert [row[:4] for row in rows] == [
-        (target(name).device, name, f"{lanes} {kind}", "yes" if link else "no") for name, lanes, kind, link in asked
+        (target(name).device, name, f"{lanes} {kind}", "yes" if link else "no")
+        for name, lanes, kind, link in asked
     ]
     assert [(name, lanes, link) for name, lanes, _, link in asked] == list(job.TABLE_ROWS)
     assert all(kind == ("serial" if name.startswith("ices") else kind) for name, _, kind, _ in asked)
@@ -323,9 +376,14 @@ def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeyp
     missing = next(row for row in rows if row[1] == "icestick")
     assert missing[-1] == "needs 1 logic cell too many" and set(missing[4:-1]) == {"-"}
     alone, with_link = rows[0], rows[1]
-    assert (alone[4], with_link[4]) == ("7", "14") and "55.5" in alone  # the harness is not counted, the link's pins are
+    assert (alone[4], with_link[4]) == (
+        "7",
+        "14",
+    ) and "55.5" in alone  # the harness is not counted, the link's pins are
     lines = (tmp_path / job.TABLE).read_text().splitlines()
-    assert len(lines) == 2 + len(rows) and all(line.count("|") == len(job.TABLE_COLUMNS) + 1 for line in lines)
+    assert len(lines) == 2 + len(rows) and all(
+        line.count("|") == len(job.TABLE_COLUMNS) + 1 for line in lines
+    )
     assert len(json.loads((tmp_path / "builds.json").read_text())) == len(rows) - 1
 
 
@@ -343,8 +401,10 @@ def test_more_classes_than_pins_are_refused():
     with pytest.raises(job.InputError) as refused:
         Wiring(config=config, target=target("icesugar-nano"), link=True, class_pins="each").sites()
     assert str(refused.value) == (
-        "--target icesugar-nano: has 9 free pins and 9 classes need 10; --class-pins binary needs 5, --class-pins none needs 1, "
-        "--target icebreaker has 16, --target upduino has 14, --target ulx3s has 28, --target icestick has 16, --no-link needs none"
+        "--target icesugar-nano: has 9 free pins and 9 classes need 10; --class-pins binary needs 5, "
+        "--class-pins none needs 1, "
+        "--target icebreaker has 16, --target upduino has 14, --target ulx3s has 28, --target icestick has "
+        "16, --no-link needs none"
     )
 
 
@@ -368,7 +428,8 @@ def test_four_lanes_but_one_where_nothing_multiplies(board, lanes):
 
 
 class Program(wiring.Component):
-    """Fetches in every cycle, as the sequencer does: ``wrong`` when a block memory that reads 0 for ``blind`` cycles was believed."""
+    """Fetches in every cycle, as the sequencer does: ``wrong`` when a block memory that reads 0 for ``blind``
+    cycles was believed."""
 
     def __init__(self, blind: int) -> None:
         self._blind = blind
@@ -387,7 +448,8 @@ class Program(wiring.Component):
 @pytest.mark.parametrize("clock_hz", [None, 48e6])
 @pytest.mark.parametrize("name", TARGETS)
 def test_nothing_is_fetched_before_block_memories_read(name, clock_hz, monkeypatch):
-    """An iCE40's read 0 for microseconds after configuration; the design stays in its reset for 15 us and then runs for good."""
+    """An iCE40's read 0 for microseconds after configuration; the design stays in its reset for 15 us and
+    then runs for good."""
     board = target(name)
     clock = clock_hz or board.clock_hz
     blind = math.ceil(15e-6 * clock) if board.family.name == "ice40" else 0
@@ -411,8 +473,17 @@ def test_nothing_is_fetched_before_block_memories_read(name, clock_hz, monkeypat
 
 
 def test_every_block_of_the_accelerator_has_a_name():
-    paths = ("front_end.onset_detector", "front_end.pretrigger_ring", "front_end.window_averager", "front_end.normaliser", "engine.core")
+    paths = (
+        "front_end.onset_detector",
+        "front_end.pretrigger_ring",
+        "front_end.window_averager",
+        "front_end.normaliser",
+        "engine.core",
+    )
     named = [blocks.block_of(f"inner.accelerator.{path}.x") for path in (*paths, "classifier", "control")]
     assert named == ["onset", "ring", "windows", "normaliser", "cell", "classifier", "control"]
-    assert blocks.block_of("inner.link.receiver") == "link" and blocks.block_of("inner.accelerator.x") == "wiring"
+    assert (
+        blocks.block_of("inner.link.receiver") == "link"
+        and blocks.block_of("inner.accelerator.x") == "wiring"
+    )
     assert blocks.block_of("x") == "top"

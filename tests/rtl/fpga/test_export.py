@@ -20,33 +20,65 @@ def test_text_is_deterministic_portable_and_complete():
     config = PRESETS["pvdf"].replace(feature_shift=(3,), hidden=4)
     text = export(config)
     script = (
-        "from eskin.golden.core.config import PRESETS; from eskin.rtl.fpga.export import export; import hashlib;"
-        "print(hashlib.sha256(export(PRESETS['pvdf'].replace(feature_shift=(3,), hidden=4)).encode()).hexdigest())"
+        "from eskin.golden.core.config import PRESETS; from eskin.rtl.fpga.export import export; import "
+        "hashlib;"
+        "print(hashlib.sha256(export(PRESETS['pvdf'].replace(feature_shift=(3,), "
+        "hidden=4)).encode()).hexdigest())"
     )
     other = subprocess.run(
-        [sys.executable, "-c", script], cwd=ROOT, env={**os.environ, "PYTHONHASHSEED": "77"}, capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", script],
+        cwd=ROOT,
+        env={**os.environ, "PYTHONHASHSEED": "77"},
+        capture_output=True,
+        text=True,
+        timeout=120,
     )
     assert other.stdout.strip() == hashlib.sha256(text.encode()).hexdigest(), other.stderr
-    assert "always @*" not in text and "always @(*)" not in text, "always @* misses its time-zero event in Icarus"
+    assert "always @*" not in text and "always @(*)" not in text, (
+        "always @* misses its time-zero event in Icarus"
+    )
     assert str(ROOT) not in text and "/src" not in text, "no path of the machine that generated it"
-    for port in ("i__payload", "i__valid", "i__ready", "o__payload", "bus__addr", "busy", "probe__state__value", "clk", "rst"):
+    for port in (
+        "i__payload",
+        "i__valid",
+        "i__ready",
+        "o__payload",
+        "bus__addr",
+        "busy",
+        "probe__state__value",
+        "clk",
+        "rst",
+    ):
         assert port in text
 
 
 @each_row("preset", ["pvdf", "thesis"])
 def test_kinds_of_feature_that_are_off_leave_no_trace(preset, monkeypatch):
-    """The Verilog of the mean alone is that of a configuration written before there were other kinds, whatever their fields hold."""
+    """The Verilog of the mean alone is that of a configuration written before there were other kinds,
+    whatever their fields hold."""
     config = PRESETS[preset].replace(hidden=4, feature_shift=dict(pvdf=(3,), thesis=(5, 4))[preset])
     untold = config.to_dict()
-    for field in ("feature_kinds", "activity_rule", "activity_block", "integral_knee", "integral_frac", "feature_scale"):
+    for field in (
+        "feature_kinds",
+        "activity_rule",
+        "activity_block",
+        "integral_knee",
+        "integral_frac",
+        "feature_scale",
+    ):
         del untold["features"][field]
     told = config.replace(activity_rule="change", activity_block=64, integral_knee=3, integral_frac=5)
-    both = export(config.replace(feature_kinds=("mean", "integral"), feature_shift=config.features.feature_shift * 2))
+    both = export(
+        config.replace(feature_kinds=("mean", "integral"), feature_shift=config.features.feature_shift * 2)
+    )
     assert "feature_expander" in both
 
     def never(config):
         raise AssertionError("an expander is made")
 
     monkeypatch.setattr(front_end, "FeatureExpander", never)
-    digests = {hashlib.sha256(export(one).encode()).hexdigest() for one in (AcceleratorConfig.from_dict(untold), config, told)}
+    digests = {
+        hashlib.sha256(export(one).encode()).hexdigest()
+        for one in (AcceleratorConfig.from_dict(untold), config, told)
+    }
     assert len(digests) == 1

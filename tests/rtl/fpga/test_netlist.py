@@ -1,4 +1,5 @@
-"""Netlists under the harness of the generated Verilog: exact on both families, and a flipped bit of a look-up table is seen."""
+"""Netlists under the harness of the generated Verilog: exact on both families, and a flipped bit of a look-up
+table is seen."""
 
 from __future__ import annotations
 
@@ -15,7 +16,14 @@ import pytest
 
 from eskin.cosim import flow, runner
 from eskin.cosim.activity import FILE, Count, instrument, read_count
-from eskin.cosim.netlist import ECP5_CELLS, NAME_LENGTH_MAX, Hardware, netlist_hardware, recovered_hardware, shorten_names
+from eskin.cosim.netlist import (
+    ECP5_CELLS,
+    NAME_LENGTH_MAX,
+    Hardware,
+    netlist_hardware,
+    recovered_hardware,
+    shorten_names,
+)
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import IntegerModel, random_integer_model
@@ -65,7 +73,15 @@ def play(model, recordings, tmp_path):
     design = generate(model.config, model.arrays, tmp_path / "design")
 
     def call(hardware: Hardware, simulator: str = "icarus", **options):
-        return flow.cosim(design, vectors, simulator=simulator, hardware=hardware, work=tmp_path / "work", builds=BUILDS, **options)
+        return flow.cosim(
+            design,
+            vectors,
+            simulator=simulator,
+            hardware=hardware,
+            work=tmp_path / "work",
+            builds=BUILDS,
+            **options,
+        )
 
     return call
 
@@ -89,9 +105,13 @@ def test_the_netlist_is_exact_and_a_flipped_bit_is_seen(model, play, tmp_path):
 
 
 SPARED = {
-    "20 classes, weights a window": dict(cell="linear", decision="last", class_names=tuple(f"c{k}" for k in range(20))),
+    "20 classes, weights a window": dict(
+        cell="linear", decision="last", class_names=tuple(f"c{k}" for k in range(20))
+    ),
     "asked for": dict(spare_blocks=True, checksum=True),
-    "all kinds": dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", integral_knee=4),
+    "all kinds": dict(
+        feature_kinds=("mean", "activity", "integral"), activity_rule="change", integral_knee=4
+    ),
 }
 """Designs that an iCE40 UP5K is spared block memories for."""
 
@@ -100,7 +120,8 @@ SPARED = {
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", SPARED)
 def test_weights_in_large_memories_are_exact(recordings, tmp_path, name):
-    """Two models one after the other: the host's writes and the engine's reads share the large memories' only port."""
+    """Two models one after the other: the host's writes and the engine's reads share the large memories' only
+    port."""
     config = CONFIG.replace(**SPARED[name], lanes=4, lane_type="dsp")
     for seed in (5, 6):
         model = random_integer_model(config, seed)
@@ -109,7 +130,9 @@ def test_weights_in_large_memories_are_exact(recordings, tmp_path, name):
         trace = run(model, recordings)
         vectors = write_vectors(tmp_path / f"{seed}.npz", trace, recordings, [9])
         design = generate(model.config, model.arrays, tmp_path / f"design{seed}")
-        result = flow.cosim(design, vectors, simulator="icarus", hardware=hardware, work=tmp_path / "work", builds=BUILDS)
+        result = flow.cosim(
+            design, vectors, simulator="icarus", hardware=hardware, work=tmp_path / "work", builds=BUILDS
+        )
         assert result["bit_exact"] and result["steps"] >= 3, result["mismatch_list"]
 
 
@@ -123,12 +146,15 @@ def test_without_probes_decisions_and_registers_are_compared(model, play):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("target", "family"), [("icebreaker", "ice40"), ("icestick", "ice40"), ("ulx3s", "ecp5")])
+@pytest.mark.parametrize(
+    ("target", "family"), [("icebreaker", "ice40"), ("icestick", "ice40"), ("ulx3s", "ecp5")]
+)
 def test_flipped_bits_are_seen_in_every_family(model, play, tmp_path, target, family):
     """Not all of them: adders count cycles too, and the upper bits of sums are out of a short run's reach."""
     config = model.config.with_lanes(1, "serial") if target == "icestick" else model.config
     hardware, _ = netlist_of(config, model.arrays, target)
-    if target != "icestick":  # the design of ``play`` has plain lanes, whose steps take other cycles but have the same values
+    # the design of ``play`` has plain lanes, whose steps take other cycles but have the same values
+    if target != "icestick":
         assert play(hardware)["bit_exact"]
 
     def is_seen(seed: int) -> bool:
@@ -142,10 +168,19 @@ def test_flipped_bits_are_seen_in_every_family(model, play, tmp_path, target, fa
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("target", "lane_type"), [("icebreaker", "plain"), ("icestick", "serial"), ("ulx3s", "plain")])
+@pytest.mark.parametrize(
+    ("target", "lane_type"), [("icebreaker", "plain"), ("icestick", "serial"), ("ulx3s", "plain")]
+)
 def test_both_netlists_run_on_verilator(model, recordings, tmp_path, target, lane_type):
     result = cosimulate(
-        model, recordings, lanes=1, lane_type=lane_type, work=tmp_path / "work", level="netlist", target=target, builds=BUILDS
+        model,
+        recordings,
+        lanes=1,
+        lane_type=lane_type,
+        work=tmp_path / "work",
+        level="netlist",
+        target=target,
+        builds=BUILDS,
     )
     assert result["passed"] and result["without_probes"]["bit_exact"] and result["without_probes"]["cells"]
     json.dumps(result)
@@ -156,9 +191,20 @@ def test_both_netlists_run_on_verilator(model, recordings, tmp_path, target, lan
 @pytest.mark.timeout(900)
 def test_the_bitstream_reads_back_as_the_same_design(model, recordings, tmp_path):
     result = cosimulate(
-        model, recordings, lanes=1, lane_type="serial", work=tmp_path / "work", level="bitstream", target="icestick", builds=BUILDS
+        model,
+        recordings,
+        lanes=1,
+        lane_type="serial",
+        work=tmp_path / "work",
+        level="bitstream",
+        target="icestick",
+        builds=BUILDS,
     )
-    assert result["passed"] and result["level"] == "bitstream" and result["stages"]["decision"]["compared_values"]
+    assert (
+        result["passed"]
+        and result["level"] == "bitstream"
+        and result["stages"]["decision"]["compared_values"]
+    )
 
 
 def test_a_missing_icebox_is_named(tmp_path, monkeypatch):
@@ -172,7 +218,10 @@ def test_a_missing_icebox_is_named(tmp_path, monkeypatch):
     [
         ({"level": "netlist"}, "--level netlist: needs a board; add --target"),
         ({"target": "icebreaker"}, "--target icebreaker: is for netlists; add --level netlist"),
-        ({"level": "bitstream", "target": "icebreaker"}, "--level bitstream: reads back iCE40 parts without multipliers"),
+        (
+            {"level": "bitstream", "target": "icebreaker"},
+            "--level bitstream: reads back iCE40 parts without multipliers",
+        ),
         ({"level": "netlist", "target": "nonesuch"}, "--target nonesuch: is no known board"),
     ],
 )
@@ -243,7 +292,12 @@ endmodule
 
 def test_counters_cover_every_register_multiplier_and_memory():
     text = instrument(NETLIST, lambda name: name.split(".")[0])
-    assert "now_0 = {q[0]}" in text and "now_1 = {q[1]}" in text and "toggles engine" in text and "toggles front_end" in text
+    assert (
+        "now_0 = {q[0]}" in text
+        and "now_1 = {q[1]}" in text
+        and "toggles engine" in text
+        and "toggles front_end" in text
+    )
     assert (
         "operands_0 = {{ d, 14'h0000 }, 16'h0003}" in text
         and "64'(d[0] && 1'h1)" in text
@@ -253,8 +307,12 @@ def test_counters_cover_every_register_multiplier_and_memory():
 
 
 def test_a_count_is_read_back(tmp_path):
-    (tmp_path / FILE).write_text("cycles 100\ntoggles cell 30\ntoggles ring 4\nmultiplies 5\nram_reads 6\nlarge_uses 7\n")
-    assert read_count(tmp_path) == Count(cycles=100, toggles={"cell": 30, "ring": 4}, multiplies=5, ram_reads=6, large_uses=7)
+    (tmp_path / FILE).write_text(
+        "cycles 100\ntoggles cell 30\ntoggles ring 4\nmultiplies 5\nram_reads 6\nlarge_uses 7\n"
+    )
+    assert read_count(tmp_path) == Count(
+        cycles=100, toggles={"cell": 30, "ring": 4}, multiplies=5, ram_reads=6, large_uses=7
+    )
 
 
 CLOCKS = 40
@@ -282,14 +340,32 @@ def test_counters_count_what_changes(tmp_path):
     (tmp_path / "driver.sv").write_text(DRIVER)
     verilator, environment = runner._verilator()
     models = netlist_hardware(tmp_path / "counted.v", "ice40", "made")
-    command = [verilator, "--binary", "--timing", "-Wno-fatal", "-Wno-lint", "--top-module", "harness", *models.options, "driver.sv"]
-    built = subprocess.run([*command, *models.sources], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600)
+    command = [
+        verilator,
+        "--binary",
+        "--timing",
+        "-Wno-fatal",
+        "-Wno-lint",
+        "--top-module",
+        "harness",
+        *models.options,
+        "driver.sv",
+    ]
+    built = subprocess.run(
+        [*command, *models.sources],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
     assert built.returncode == 0, built.stderr[-2000:]
     subprocess.run([tmp_path / "obj_dir" / "Vharness"], cwd=tmp_path, check=True, timeout=60)
     driven = [0] + [(step * step >> 1) & 3 for step in range(CLOCKS)]  # d at each rising edge
     held = [0, 0, *driven][: CLOCKS + 1]  # q at each rising edge, and before the first
     toggles = [sum((before ^ after) >> bit & 1 for before, after in pairwise(held)) for bit in (0, 1)]
-    changes = 1 + sum(before != after for before, after in pairwise(driven[:CLOCKS]))  # operand b is not 0 at the first edge
+    # operand b is not 0 at the first edge
+    changes = 1 + sum(before != after for before, after in pairwise(driven[:CLOCKS]))
     count = read_count(tmp_path)
     assert count.cycles == CLOCKS and count.toggles == {"engine": toggles[0], "front_end": toggles[1]}
     assert count.multiplies == changes and count.ram_reads == sum(value & 1 for value in driven[:CLOCKS])
@@ -308,7 +384,11 @@ def test_counts_depend_on_the_work_and_not_on_the_pace(model, play, tmp_path):
         results.append(play(hardware, "verilator", **options))
         counts.append(read_count(tmp_path / "work"))
     assert all(result["bit_exact"] for result in results)
-    assert counts[1].cycles - counts[0].cycles == results[1]["simulated_cycles"] - results[0]["simulated_cycles"] > 0
+    assert (
+        counts[1].cycles - counts[0].cycles
+        == results[1]["simulated_cycles"] - results[0]["simulated_cycles"]
+        > 0
+    )
     assert counts[0].multiplies == pytest.approx(counts[1].multiplies, rel=0.02)
     assert counts[0].multiplies >= 0.8 * results[0]["steps"] * CONFIG.multiplies
     assert counts[0].toggles["cell"] == pytest.approx(counts[1].toggles["cell"], rel=0.02)
@@ -317,7 +397,12 @@ def test_counts_depend_on_the_work_and_not_on_the_pace(model, play, tmp_path):
 def test_the_block_ram_of_the_ecp5_works_in_every_width(tmp_path):
     """Words written and read back at 36, 18 and 9 bits, against an array; read before write."""
     bench = ECP5_CELLS.with_name("cells_ecp5.sv")
-    ports = [f"{name}{p}{k}" for p in "AB" for name, count in (("DI", 18), ("AD", 14), ("DO", 18)) for k in range(count)]
+    ports = [
+        f"{name}{p}{k}"
+        for p in "AB"
+        for name, count in (("DI", 18), ("AD", 14), ("DO", 18))
+        for k in range(count)
+    ]
     assert all(re.search(rf"\b{port}\b", bench.read_text()) for port in ports)
     for width in (36, 18, 9):
         connect = [
@@ -326,24 +411,31 @@ def test_the_block_ram_of_the_ecp5_works_in_every_width(tmp_path):
             for name, n in (("DI", 18), ("AD", 14), ("DO", 18))
             for k in range(n)
         ]
-        connect += [f".CLK{p}(clk), .CE{p}(1'b1), .OCE{p}(1'b1), .RST{p}(1'b0), .CS{p}0(1'b0), .CS{p}1(1'b0), .CS{p}2(1'b0)" for p in "AB"]
+        connect += [
+            f".CLK{p}(clk), .CE{p}(1'b1), .OCE{p}(1'b1), .RST{p}(1'b0), .CS{p}0(1'b0), .CS{p}1(1'b0), "
+            f".CS{p}2(1'b0)"
+            for p in "AB"
+        ]
         mask = (1 << width) - 1
         rng = np.random.default_rng(width)
         words = [int(word) & mask for word in rng.integers(0, 1 << 36, 16)]
         shift = {36: 5, 18: 4, 9: 3}[width]
         low = {36: 15, 18: 3, 9: 0}[width]
         write = "".join(
-            f"ada = {n << shift | low}; dia = 18'h{word & 0x3FFFF:x}; dib = 18'h{word >> 18:x}; wea = 1; #1 clk = 1; #1 clk = 0;\n"
+            f"ada = {n << shift | low}; dia = 18'h{word & 0x3FFFF:x}; dib = 18'h{word >> 18:x}; wea = 1; #1 "
+            "clk = 1; #1 clk = 0;\n"
             for n, word in enumerate(words)
         )
         got = {36: "{dob, doa}", 18: "dob", 9: "dob[8:0]"}[width]
         read = "".join(
-            f'adb = {n << shift}; wea = 0; #1 clk = 1; #1 clk = 0; if ({got} !== {word}) $display("wrong {n}: %h", {got});\n'
+            f'adb = {n << shift}; wea = 0; #1 clk = 1; #1 clk = 0; if ({got} !== {word}) $display("wrong '
+            f'{n}: %h", {got});\n'
             for n, word in enumerate(words)
         )
         source = tmp_path / f"bench{width}.sv"
         source.write_text(
-            "module bench; reg clk = 0, wea = 0; reg [17:0] dia, dib; wire [17:0] doa, dob; reg [13:0] ada = 0, adb = 0;\n"
+            "module bench; reg clk = 0, wea = 0; reg [17:0] dia, dib; wire [17:0] doa, dob; reg [13:0] ada "
+            "= 0, adb = 0;\n"
             f"DP16KD #(.DATA_WIDTH_A({width}), .DATA_WIDTH_B({width}), .INITVAL_00(320'd0)) dut\n"
             f"({', '.join(connect)}, .WEA(wea), .WEB(1'b0));\n"
             f'initial begin #1;\n{write}{read}$display("done"); $finish; end endmodule\n'
@@ -354,4 +446,6 @@ def test_the_block_ram_of_the_ecp5_works_in_every_width(tmp_path):
 def simulate(source: Path, folder: Path) -> str:
     program = folder / "bench.vvp"
     subprocess.run(["iverilog", "-g2012", "-o", program, source, ECP5_CELLS], check=True, timeout=60)
-    return subprocess.run(["vvp", "-n", program], check=True, capture_output=True, text=True, timeout=60).stdout.strip()
+    return subprocess.run(
+        ["vvp", "-n", program], check=True, capture_output=True, text=True, timeout=60
+    ).stdout.strip()

@@ -19,7 +19,9 @@ BUILDS = Path("build/simulators")
 
 
 @cache
-def campaign(*, checksum: bool = True, watchdog: bool = True, name: str = "tracked, free") -> upset_campaign.Campaign:
+def campaign(
+    *, checksum: bool = True, watchdog: bool = True, name: str = "tracked, free"
+) -> upset_campaign.Campaign:
     """A small design; tables of 64 entries, so that a touch at full pace leaves time to walk through them."""
     config = CONFIGS[name].replace(checksum=checksum, watchdog=watchdog, table_entries=64)
     model = random_integer_model(config, seed=5)
@@ -32,13 +34,19 @@ def test_every_register_and_memory_has_a_site():
     config = CONFIGS["tracked, free"].replace(checksum=True, watchdog=True, feature_shift=(3,))
     text, sites = with_upsets(config)
     numbers = [site.number for site in sites if not site.words]
-    assert sorted(numbers) == list(range(1, len(numbers) + 1)) and all(f"upset_register == {number} " in text for number in numbers)
+    assert sorted(numbers) == list(range(1, len(numbers) + 1)) and all(
+        f"upset_register == {number} " in text for number in numbers
+    )
     clocked = [line for line in text.splitlines() if "<=" in line and "upset_memory" not in line]
     plain = [line for line in clocked if "upset_register" not in line]
-    assert len(clocked) - len(plain) >= len(numbers) and all("] <= " in line for line in plain), "a register without a way in"
+    assert len(clocked) - len(plain) >= len(numbers) and all("] <= " in line for line in plain), (
+        "a register without a way in"
+    )
     names = {site.name for site in sites}
     assert {"engine.coefficients.gates", "engine.weights_0", "watchdog.count", "control.measure"} <= names
-    assert {"control", "engine.sequencer", "front_end.onset_detector", "classifier"} <= {site.block for site in sites}
+    assert {"control", "engine.sequencer", "front_end.onset_detector", "classifier"} <= {
+        site.block for site in sites
+    }
 
 
 def test_a_memory_bit_and_a_register_bit_can_be_flipped_and_the_rest_is_as_golden_says():
@@ -70,27 +78,38 @@ def test_a_memory_bit_and_a_register_bit_can_be_flipped_and_the_rest_is_as_golde
 
 
 def test_a_recording_left_at_any_cycle_around_a_decision_leaves_nothing_to_the_next():
-    """`arm` is written, and takes hold, in every cycle around the first and the last two decisions of a touch: what is offered by then is
-    the last recording's, what comes later the next one's."""
+    """`arm` is written, and takes hold, in every cycle around the first and the last two decisions of a
+    touch: what is offered by then is the last recording's, what comes later the next one's."""
     made = campaign()
     (clean,) = made.play([bench.NONE])
     offered = [event[2] for event in clean["recordings"][0]["decisions"][: len(made.scenario.expected[0][0])]]
     cycles = sorted({at + shift for at in (offered[0], *offered[-2:]) for shift in range(-12, 9)})
-    # The bench reads three registers before it writes `arm`: from the leaving cycle on, 5 cycles are the last recording's yet.
+    # The bench reads three registers before it writes `arm`: from the leaving cycle on, 5 cycles are the last
+    # recording's yet.
     assert {at - 4 for at in offered[-2:]} | {at - 5 for at in offered[-2:]} <= set(cycles)
     upsets = [(way, 0, 0, 0, 0, cycle) for way in (bench.ARM_AGAIN, bench.RESET) for cycle in cycles]
     results = made.play(upsets)
-    assert [upset for upset, result in zip(upsets, results, strict=True) if not made.next_recording_exact(result)] == []
+    assert [
+        upset for upset, result in zip(upsets, results, strict=True) if not made.next_recording_exact(result)
+    ] == []
     whole = clean["recordings"][0]["decisions"]
     for (way, *_, cycle), result in zip(upsets, results, strict=True):
-        last = cycle + (0 if way == bench.RESET else 3)  # of the cycles whose decisions are written down with the recording that is left
+        # of the cycles whose decisions are written down with the recording that is left
+        last = cycle + (0 if way == bench.RESET else 3)
         seen = [event[0] for event in result["recordings"][0]["decisions"]]
         assert seen == [event[0] for event in whole if event[2] <= last], (way, cycle)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["tracked, free", "two windows end together", "thesis", "tracked, DSP lane, LSTM", "tracked, touch windows, LSTM"]
+    "name",
+    [
+        "tracked, free",
+        "two windows end together",
+        "thesis",
+        "tracked, DSP lane, LSTM",
+        "tracked, touch windows, LSTM",
+    ],
 )
 def test_no_flip_flop_hangs_the_chain(name):
     """Every flip-flop bit at least once, at least 2000 flips."""
@@ -98,12 +117,17 @@ def test_no_flip_flop_hangs_the_chain(name):
     bits = sum(site.width for site in made.flip_flops())
     counts = upset_campaign.summary(upset_campaign.upset_flip_flops(made, max(2 * bits, 2000), 7))
     assert counts["hangs"] == 0 and counts["cleared"] > 0, counts
-    assert all(name.startswith(("control.mask", "engine.")) for name in counts["until_written"]), counts["until_written"]
+    assert all(name.startswith(("control.mask", "engine.")) for name in counts["until_written"]), counts[
+        "until_written"
+    ]
 
 
 @pytest.mark.slow
 def test_without_the_watchdog_some_hang():
-    assert upset_campaign.summary(upset_campaign.upset_flip_flops(campaign(watchdog=False), 2000, 7))["hangs"] > 0
+    assert (
+        upset_campaign.summary(upset_campaign.upset_flip_flops(campaign(watchdog=False), 2000, 7))["hangs"]
+        > 0
+    )
 
 
 @pytest.mark.slow
@@ -113,7 +137,10 @@ def test_every_bit_of_every_constant_is_flagged(name):
     made = campaign(name=name)
     bits = sum(map(len, made.constants().values()))
     kinds = upset_campaign.flagged_by_kind(upset_campaign.upset_constants(made, bits, 1))
-    assert all(flips == flagged for flips, flagged in kinds.values()) and sum(flips for flips, _ in kinds.values()) == bits, kinds
+    assert (
+        all(flips == flagged for flips, flagged in kinds.values())
+        and sum(flips for flips, _ in kinds.values()) == bits
+    ), kinds
 
 
 @pytest.mark.slow

@@ -1,4 +1,5 @@
-"""rtl/frontend/compander.py and eskin.golden.model.preprocess.compand: every sum of narrow windows, and what the formula promises."""
+"""rtl/frontend/compander.py and eskin.golden.model.preprocess.compand: every sum of narrow windows, and what
+the formula promises."""
 
 import numpy as np
 import pytest
@@ -14,7 +15,16 @@ from tests.support.stream_bench import Bench, values
 
 def companding(knee, fraction, **changes):
     """Sums of 11 bits: 4 taxels, 16 frames, deviations within +-60."""
-    sizes = {"taxels": 4, "hop": 8, "window": 16, "steps": 4, "clip": 60, "compand": "log", "compand_knee": knee, "compand_frac": fraction}
+    sizes = {
+        "taxels": 4,
+        "hop": 8,
+        "window": 16,
+        "steps": 4,
+        "clip": 60,
+        "compand": "log",
+        "compand_knee": knee,
+        "compand_frac": fraction,
+    }
     return PRESETS["pvdf"].replace(**{**sizes, **changes})
 
 
@@ -28,7 +38,9 @@ def test_every_sum_is_companded_as_the_golden_model_does(knee, fraction):
     sums, stall = np.arange(-1024, 1024), 0.2 * (knee % 2)
     dut = Compander(config)
     bench = Bench(dut, seed=fraction)
-    beats = [{"complement": ~int(d), "taxel": k % 4, "length": 0, "final": k % 3 == 0} for k, d in enumerate(sums)]
+    beats = [
+        {"complement": ~int(d), "taxel": k % 4, "length": 0, "final": k % 3 == 0} for k, d in enumerate(sums)
+    ]
     bench.drive(dut.i, beats, stall=stall)
     out = bench.collect(dut.o, stall=stall)
     bench.run()
@@ -48,7 +60,8 @@ def test_companding_is_odd_and_monotone_and_can_be_undone(knee, fraction):
     back = (2.0**whole * (1 + part / 2.0**fraction) - 1) * 2**knee
     lost = np.abs(sums) - back
     assert (lost >= 0).all() and (lost < (np.abs(sums) + 2**knee) / 2**fraction + 1e-9).all()
-    # never further from the true logarithm than a straight line between powers of two is, and a step of the fraction
+    # never further from the true logarithm than a straight line between powers of two is, and a step of the
+    # fraction
     true = np.log2(1 + np.abs(sums) / 2**knee)
     assert (np.abs(np.abs(found) / 2**fraction - true) < 0.0861 + 2.0**-fraction).all()
 

@@ -1,5 +1,5 @@
-"""rtl/frontend/fault_detector.py against eskin.golden.model.preprocess: every change of two samples, streams with gaps, recordings in
-turn."""
+"""rtl/frontend/fault_detector.py against eskin.golden.model.preprocess: every change of two samples, streams
+with gaps, recordings in turn."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,8 @@ def golden_flags(config, stream) -> np.ndarray:
 
 
 def play(config, streams, *, gap=0.0, seed=0):
-    """For each stream, after a reset: ``flag`` at each beat (frames, taxels), and ``flags`` at the end; and how often ``raised`` was high.
+    """For each stream, after a reset: ``flag`` at each beat (frames, taxels), and ``flags`` at the end; and
+    how often ``raised`` was high.
 
     gap: chance of an idle cycle after each beat, repeated.
     """
@@ -95,14 +96,18 @@ def pairs(bits: int, taxels: int) -> list[np.ndarray]:
     return [both[:, at : at + taxels] for at in range(0, len(codes), taxels)]
 
 
-@pytest.mark.parametrize(("limit", "signed"), [(0, False), (1, True), (3, False), (4, True), (7, False), (7, True), (8, True), (20, False)])
+@pytest.mark.parametrize(
+    ("limit", "signed"),
+    [(0, False), (1, True), (3, False), (4, True), (7, False), (7, True), (8, True), (20, False)],
+)
 def test_every_change_of_a_small_format(limit, signed):
     config = config_of(taxels=128, sample_bits=4, sample_signed=signed, fault_frames=2, fault_activity=limit)
     streams = pairs(4, 128)
     seen, _ = play(config, [stream - 8 * signed for stream in streams])
     for stream, (_, at_end) in zip(streams, seen, strict=True):
         low = (stream - 8 * signed) % 16
-        change = np.minimum((low[1] - low[0]) % 16, (low[0] - low[1]) % 16)  # read off the specification once more
+        # read off the specification once more
+        change = np.minimum((low[1] - low[0]) % 16, (low[0] - low[1]) % 16)
         failed = np.where((low[1] == 0) | (low[1] == 15), 0, change) <= limit
         assert at_end == sum(1 << int(taxel) for taxel in np.flatnonzero(failed))
         assert np.array_equal(failed, activity(config, stream - 8 * signed) <= limit)
@@ -122,7 +127,9 @@ CASES = {
     "block of 2": dict(fault_frames=2, fault_activity=0),
     "no limit": dict(fault_activity=65535),
     "limit 1": dict(fault_activity=1, sample_bits=10),
-    "limit wider than a change": dict(fault_frames=32, fault_activity=300, sample_bits=16, sample_signed=True),
+    "limit wider than a change": dict(
+        fault_frames=32, fault_activity=300, sample_bits=16, sample_signed=True
+    ),
 }
 
 
@@ -130,7 +137,9 @@ def stream_of(config, seed: int, frames: int = 100) -> np.ndarray:
     """Walks of small and of large steps, standstills, swings between the ends of the range."""
     rng = np.random.default_rng(seed)
     low, high = config.sample_format.min_code, config.sample_format.max_code
-    steps = rng.integers(-6, 7, (frames, config.sensor.taxels)) * rng.choice([1, 1, 40], (frames, config.sensor.taxels))
+    steps = rng.integers(-6, 7, (frames, config.sensor.taxels)) * rng.choice(
+        [1, 1, 40], (frames, config.sensor.taxels)
+    )
     stream = np.clip((low + high) // 2 + steps.cumsum(axis=0), low, high)
     for _ in range(4):
         begin, taxel = rng.integers(frames), rng.integers(config.sensor.taxels)

@@ -1,4 +1,5 @@
-"""rtl/frontend/feature_expander.py: every kind of feature against loops over frames; the whole chain with every subset, bit-exact."""
+"""rtl/frontend/feature_expander.py: every kind of feature against loops over frames; the whole chain with
+every subset, bit-exact."""
 
 from __future__ import annotations
 
@@ -21,7 +22,9 @@ from tests.support.front_end_cases import CASES, detect, frame_beats, make_strea
 from tests.support.stream_bench import Bench, values
 from tests.support.table import each_row
 
-SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size) if subset != ("mean",)]
+SUBSETS = [
+    subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size) if subset != ("mean",)
+]
 BLOCKS = {
     "thesis": 1,
     "even windows together": 1,
@@ -39,7 +42,12 @@ BLOCKS = {
 
 def config_of(name: str, subset: tuple[str, ...], rule: str, **changes) -> AcceleratorConfig:
     return CASES[name].replace(
-        feature_kinds=subset, activity_rule=rule, activity_block=BLOCKS[name], integral_knee=4, integral_frac=6, **changes
+        feature_kinds=subset,
+        activity_rule=rule,
+        activity_block=BLOCKS[name],
+        integral_knee=4,
+        integral_frac=6,
+        **changes,
     )
 
 
@@ -48,8 +56,9 @@ def beats_in(config, seen):
 
 
 def expected_beats(config: AcceleratorConfig, seen) -> list[dict]:
-    """What the expander makes of the deviations, frame by frame; of integrals None where no window takes one: outside of touches and, where
-    hops run on, in the first hop of a touch, in which nobody knows yet that it is one."""
+    """What the expander makes of the deviations, frame by frame; of integrals None where no window takes one:
+    outside of touches and, where hops run on, in the first hop of a touch, in which nobody knows yet that it
+    is one."""
     block, found = config.features.activity_block, []
     if config.windows.window_mode == "touch":
         runs = [(range(start, min(end, len(seen.values)) + 1), start) for _, start, end in seen.touches]
@@ -74,7 +83,11 @@ def expected_beats(config: AcceleratorConfig, seen) -> list[dict]:
                 integral = None
                 if begin is not None:
                     integral = int(
-                        companded(np.array(sum(column[begin - 1 : t])), config.features.integral_knee, config.features.integral_frac)
+                        companded(
+                            np.array(sum(column[begin - 1 : t])),
+                            config.features.integral_knee,
+                            config.features.integral_frac,
+                        )
                     )
                 amounts = {"mean": column[t - 1], "activity": activity, "integral": integral}
                 for kind in config.features.feature_kinds:
@@ -105,10 +118,13 @@ def same(config, found: list[dict], wanted: list[dict]) -> None:
 
 @pytest.mark.parametrize("name", BLOCKS)
 def test_every_kind_of_every_deviation(name):
-    """All kinds by one rule with stalls, and a subset by the other at full rate; touches come at any place of a hop."""
+    """All kinds by one rule with stalls, and a subset by the other at full rate; touches come at any place of
+    a hop."""
     number = list(BLOCKS).index(name)
     rules = ("sum", "change")[:: 1 - 2 * (number % 2)]
-    for rule, subset, stalls in zip(rules, (FEATURE_KINDS, SUBSETS[number % 6]), ((0.3, 0.5), (0.0, 0.0)), strict=True):
+    for rule, subset, stalls in zip(
+        rules, (FEATURE_KINDS, SUBSETS[number % 6]), ((0.3, 0.5), (0.0, 0.0)), strict=True
+    ):
         config = config_of(name, subset, rule)
         seen = detect(config, make_stream(config, 130, seed=11 + number))
         assert seen.touches
@@ -131,13 +147,18 @@ def test_documented_pace_and_latency(subset):
 
 
 def test_extremes_neither_wrap_nor_saturate():
-    """The largest and smallest deviations for a whole touch, and changes from one end to the other with every block."""
+    """The largest and smallest deviations for a whole touch, and changes from one end to the other with every
+    block."""
     for name in ("thesis", "pvdf", "immediate touch", "fabric"):
         config = config_of(name, FEATURE_KINDS, "change")
         bound, block = config.deviation_bound, config.features.activity_block
         low = config.sample_format.min_code if config.rest_level.rest == "none" else -bound
         frames = 2 * config.last_frame
-        for pattern in (np.full(frames, bound), np.full(frames, low), np.where(np.arange(frames) // block % 2, bound, low)):
+        for pattern in (
+            np.full(frames, bound),
+            np.full(frames, low),
+            np.where(np.arange(frames) // block % 2, bound, low),
+        ):
             seen = detect(config, make_stream(config, frames, seed=5, touches=[20]))
             seen.values[:] = pattern[:, None]
             out, _ = expand(config, beats_in(config, seen))
@@ -146,7 +167,8 @@ def test_extremes_neither_wrap_nor_saturate():
 
 @pytest.mark.parametrize("name", ["two end together", "pvdf", "immediate touch", "synthetic faults"])
 def test_windows_of_all_kinds(name):
-    """Expander and averager: the value that each window gives of each kind, further passes at the end of a touch included."""
+    """Expander and averager: the value that each window gives of each kind, further passes at the end of a
+    touch included."""
     for rule, stall in (("sum", 0.0), ("change", 0.4)) if name == "two end together" else (("change", 0.4),):
         config = config_of(name, FEATURE_KINDS, rule)
         seen = detect(config, make_stream(config, 200, seed=8))
@@ -204,14 +226,26 @@ SLOW = pytest.mark.slow
 QUICK = ("opens at once, hard sigmoid", "thesis, ROM, one lane")
 
 
-@pytest.mark.parametrize("name", [name if name in QUICK else pytest.param(name, marks=SLOW) for name in WHOLE])
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=SLOW) for name in WHOLE]
+)
 def test_every_subset_is_bit_exact_at_every_stage(name):
-    """Every configuration with two of the subsets, rules and scales by turns, at full rate and with stalls."""
+    """Every configuration with two of the subsets, rules and scales by turns, at full rate and with
+    stalls."""
     number = list(WHOLE).index(name)
     for turn in range(2):
         subset = ("mean",) if turn == 1 and number % 4 == 0 else SUBSETS[(number + 3 * turn) % 6]
         scale, rule = ("array", "taxel")[(number + turn) % 2], ("sum", "change")[(number // 2 + turn) % 2]
-        changes = dict(feature_kinds=subset, activity_rule=rule, feature_scale=scale, integral_knee=5, integral_frac=7) | WHOLE[name]
+        changes = (
+            dict(
+                feature_kinds=subset,
+                activity_rule=rule,
+                feature_scale=scale,
+                integral_knee=5,
+                integral_frac=7,
+            )
+            | WHOLE[name]
+        )
         if subset == ("integral",):
             changes["compand"] = "none"
         if subset == ("mean",):
@@ -219,16 +253,24 @@ def test_every_subset_is_bit_exact_at_every_stage(name):
         config = CONFIGS[name].replace(**changes)
         model = random_integer_model(config, seed=number + 1)
         tried = (recordings(config, number + 40 + k, [150, 60, 33]) for k in range(20))
-        data = next(made for made in tried if len(run(model, made).streams["decision"][0]) > 4)  # some have no touch
+        # some have no touch
+        data = next(made for made in tried if len(run(model, made).streams["decision"][0]) > 4)
         streams, statuses = play(model, data, stall=0.4 * (turn % 2))
         check(model, data, streams)
-        assert not any(status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN | Fault.TAXEL) for status in statuses)
+        assert not any(
+            status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN | Fault.TAXEL) for status in statuses
+        )
 
 
 @SLOW
 @pytest.mark.parametrize(
     ("name", "subset"),
-    [("thesis", FEATURE_KINDS), ("thesis", ("integral",)), ("tracked, free", ("mean", "activity")), ("tracked, free", ("mean",))],
+    [
+        ("thesis", FEATURE_KINDS),
+        ("thesis", ("integral",)),
+        ("tracked, free", ("mean", "activity")),
+        ("tracked, free", ("mean",)),
+    ],
 )
 def test_frames_keep_up_at_the_lowest_clock(name, subset):
     """Frames, not steps, decide it with many lanes; the documented cycles of a frame are enough."""
@@ -243,30 +285,50 @@ def test_frames_keep_up_at_the_lowest_clock(name, subset):
 
 @pytest.mark.parametrize(
     ("lane_type", "scales"),
-    [("plain", ("taxel",)), pytest.param("plain", ("array",), marks=SLOW), pytest.param("dsp", ("array", "taxel"), marks=SLOW)],
+    [
+        ("plain", ("taxel",)),
+        pytest.param("plain", ("array",), marks=SLOW),
+        pytest.param("dsp", ("array", "taxel"), marks=SLOW),
+    ],
 )
 def test_several_lengths_with_a_checksum(lane_type, scales):
-    """Means and scales by length, kind and taxel; check words for each length; no constant is called wrong."""
+    """Means and scales by length, kind and taxel; check words for each length; no constant is called
+    wrong."""
     for scale in scales:
         config = CONFIGS["two windows end together"].replace(
-            feature_kinds=("mean", "integral"), feature_scale=scale, checksum=True, watchdog=True, lanes=2, lane_type=lane_type
+            feature_kinds=("mean", "integral"),
+            feature_scale=scale,
+            checksum=True,
+            watchdog=True,
+            lanes=2,
+            lane_type=lane_type,
         )
         assert len(config.window_lengths) > 1
         model = random_integer_model(config, seed=6)
         data = recordings(config, 44, [150, 60])
         streams, statuses = play(model, data)
         check(model, data, streams)
-        assert streams["decision"] and not any(status[1] & (Fault.CHECKSUM | Fault.WATCHDOG) for status in statuses)
+        assert streams["decision"] and not any(
+            status[1] & (Fault.CHECKSUM | Fault.WATCHDOG) for status in statuses
+        )
 
 
 @SLOW
 @pytest.mark.parametrize(
     ("name", "hardware"),
-    [("tracked, free", dict(lanes=4, activity_block=5)), ("thesis", dict(lanes=1, lane_type="serial")), ("tracked, free", dict(lanes=1))],
+    [
+        ("tracked, free", dict(lanes=4, activity_block=5)),
+        ("thesis", dict(lanes=1, lane_type="serial")),
+        ("tracked, free", dict(lanes=1)),
+    ],
 )
 def test_a_linear_cell_on_all_kinds(name, hardware):
     config = with_network(CONFIGS[name], cell="linear").replace(
-        feature_kinds=FEATURE_KINDS, feature_scale="taxel", activity_rule="change", integral_knee=5, **hardware
+        feature_kinds=FEATURE_KINDS,
+        feature_scale="taxel",
+        activity_rule="change",
+        integral_knee=5,
+        **hardware,
     )
     model = random_integer_model(config, seed=3)
     data = recordings(config, 41, [130, 60])

@@ -1,4 +1,5 @@
-"""Beats of any framing become whole frames; faults are told; what the sender frames well goes through as it is."""
+"""Beats of any framing become whole frames; faults are told; what the sender frames well goes through as it
+is."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ CONFIG = PRESETS["thesis"].replace(taxels=TAXELS)
 
 
 def play(beats: list[tuple[int, int]], seed: int) -> tuple[list[tuple[int, int | None]], int]:
-    """(taxel, number of the sender's beat or None where one is repeated) of each beat that is taken, and the cycles with a fault.
+    """(taxel, number of the sender's beat or None where one is repeated) of each beat that is taken, and the
+    cycles with a fault.
 
     ``beats``: (first, last) of what the sender offers, one after the other.
     """
@@ -63,7 +65,9 @@ def test_what_is_framed_badly_is_told_and_frames_stay_whole(seed):
     short, long, stray = frame(3), [(1, 0), *[(0, 0)] * TAXELS, (0, 1)], [(0, 0)] * 2
     taken, faults = play([*frame(), *short, *frame(), *stray, *long, *frame()], seed)
     assert [taxel for taxel, _ in taken] == list(range(TAXELS)) * 5 and faults >= 3
-    assert [number is None for _, number in taken[TAXELS : 2 * TAXELS]] == [False] * 3 + [True] * 2, "a short frame is filled up"
+    assert [number is None for _, number in taken[TAXELS : 2 * TAXELS]] == [False] * 3 + [True] * 2, (
+        "a short frame is filled up"
+    )
     assert None not in [number for _, number in (*taken[:TAXELS], *taken[-TAXELS:])]
 
 

@@ -1,4 +1,5 @@
-"""Moving sums of random deviations against plain sums: which taxels exceed the threshold, and when the verdict is there."""
+"""Moving sums of random deviations against plain sums: which taxels exceed the threshold, and when the
+verdict is there."""
 
 from __future__ import annotations
 
@@ -22,7 +23,9 @@ def test_the_verdict_of_each_block_is_that_of_plain_sums(mean, check):
     bits = config.deviation_bound.bit_length() + 1
     dut, rng = MovingSums(config, signed(bits)), random.Random(mean)
     most = config.deviation_bound
-    values = [[rng.choice((-most, most, 0, rng.randint(-900, 900))) for _ in range(TAXELS)] for _ in range(FRAMES)]
+    values = [
+        [rng.choice((-most, most, 0, rng.randint(-900, 900))) for _ in range(TAXELS)] for _ in range(FRAMES)
+    ]
     masked, verdicts = [k == 2 for k in range(TAXELS)], []
 
     async def bench(ctx):
@@ -62,6 +65,12 @@ def test_the_verdict_of_each_block_is_that_of_plain_sums(mean, check):
     sim.add_clock(1e-6)
     sim.add_testbench(bench)
     sim.run()
-    sums = [[sum(row[k] for row in values[max(0, end - mean) : end]) for k in range(TAXELS)] for end in range(check, FRAMES + 1, check)]
-    wanted = [any(abs(value) > 300 * mean for value, off in zip(row, masked, strict=True) if not off) for row in sums]
+    sums = [
+        [sum(row[k] for row in values[max(0, end - mean) : end]) for k in range(TAXELS)]
+        for end in range(check, FRAMES + 1, check)
+    ]
+    wanted = [
+        any(abs(value) > 300 * mean for value, off in zip(row, masked, strict=True) if not off)
+        for row in sums
+    ]
     assert verdicts == wanted and any(wanted) and len(wanted) == FRAMES // check

@@ -1,4 +1,5 @@
-"""rtl/frontend/normaliser.py against the formula, and the four front-end components in a chain against the golden preprocessing."""
+"""rtl/frontend/normaliser.py against the formula, and the four front-end components in a chain against the
+golden preprocessing."""
 
 import gc
 
@@ -26,8 +27,8 @@ def means_of(config, seed=0):
 
 
 def centred_beats(config, sums, lengths, means, masked=(), faults=None):
-    """Expected beats for sums (windows, taxels) with the given length indices; ``final`` on each ``steps``-th window. ``faults`` (windows,
-    taxels)."""
+    """Expected beats for sums (windows, taxels) with the given length indices; ``final`` on each ``steps``-th
+    window. ``faults`` (windows, taxels)."""
     return [
         {
             "value": 0
@@ -46,7 +47,11 @@ def centred_beats(config, sums, lengths, means, masked=(), faults=None):
 def load_words(config, means):
     """Address and 16-bit word of every load, in the order of the port's description."""
     words = config.mean_words
-    return [(q * words + word, mean >> 16 * word & 0xFFFF) for q, mean in enumerate(means) for word in range(words)]
+    return [
+        (q * words + word, mean >> 16 * word & 0xFFFF)
+        for q, mean in enumerate(means)
+        for word in range(words)
+    ]
 
 
 def loader(port, words):
@@ -80,13 +85,19 @@ def test_equal_to_the_formula(name, shifts, loadable, stalls):
         [
             rng.integers(-span, span, config.sensor.taxels)
             if k % 3
-            else means[q] + rng.integers(-40000, 40000, config.sensor.taxels).clip(-span - means[q], span - means[q])
+            else means[q]
+            + rng.integers(-40000, 40000, config.sensor.taxels).clip(-span - means[q], span - means[q])
             for k, q in enumerate(lengths)
         ]
     )
     sums[0, 0], sums[1, 1] = span, -span - 1
     beats = [
-        {"complement": ~int(d), "taxel": taxel, "length": q, "final": int((k + 1) % config.windows.steps == 0)}
+        {
+            "complement": ~int(d),
+            "taxel": taxel,
+            "length": q,
+            "final": int((k + 1) % config.windows.steps == 0),
+        }
         for k, (window, q) in enumerate(zip(sums, lengths, strict=True))
         for taxel, d in enumerate(window)
     ]
@@ -143,12 +154,15 @@ def golden_centred(config, streams, means, masked=()):
     beats = []
     for index, (sums, completed) in enumerate(zip(touches.sums, touches.completed, strict=True)):
         faults = None if touches.faults is None else touches.faults[index]
-        beats += centred_beats(config, sums[:completed], config.length_index[:completed], means, masked, faults)
+        beats += centred_beats(
+            config, sums[:completed], config.length_index[:completed], means, masked, faults
+        )
     return beats, len(touches)
 
 
 def run_chain(config, streams, means, *, stalls=(0.0, 0.0), seed=0, masked=(), cuts=()):
-    """Centred beats of all recordings in turn, a reset (``arm``) before each. ``cuts``: recordings that stop mid-frame, output dropped."""
+    """Centred beats of all recordings in turn, a reset (``arm``) before each. ``cuts``: recordings that stop
+    mid-frame, output dropped."""
     dut, reset = FrontEnd(config, None if config.hardware.loadable else means), Signal()
     bench = Bench(ResetInserter(reset)(dut), seed=seed, quiet=200)
     beats, gaps, ends = [], [], []
@@ -157,7 +171,9 @@ def run_chain(config, streams, means, *, stalls=(0.0, 0.0), seed=0, masked=(), c
         gaps += [400 if number else 40] + [0] * (len(part) - 1)
         beats += part
         ends.append(len(beats))
-    taken = bench.drive(dut.i, beats, **({"stall": stalls[0]} if len(streams) == 1 else {"gaps": gaps}), after=30)
+    taken = bench.drive(
+        dut.i, beats, **({"stall": stalls[0]} if len(streams) == 1 else {"gaps": gaps}), after=30
+    )
     out = bench.collect(dut.o, stall=stalls[1])
     kept = []
 
@@ -183,7 +199,15 @@ def run_chain(config, streams, means, *, stalls=(0.0, 0.0), seed=0, masked=(), c
 
 @pytest.mark.parametrize(
     "name",
-    ["thesis", "fabric", "immediate touch, faults", "two end together, faults", "synthetic faults", "pvdf faults", "every frame, 5 of 7"],
+    [
+        "thesis",
+        "fabric",
+        "immediate touch, faults",
+        "two end together, faults",
+        "synthetic faults",
+        "pvdf faults",
+        "every frame, 5 of 7",
+    ],
 )
 def test_chain_equals_golden(name):
     config = shifted(CASES[name])
@@ -192,7 +216,10 @@ def test_chain_equals_golden(name):
     assert touches == 1 if config.opens_at_once else touches > 1
     if config.faults.fault_frames:
         assert golden_centred(config.replace(fault_frames=0), [stream], means)[0] != expected
-    assert run_chain(config, [stream], means, stalls=(0.3, 0.5), seed=1, masked=config.sensor.masked_taxels) == expected
+    assert (
+        run_chain(config, [stream], means, stalls=(0.3, 0.5), seed=1, masked=config.sensor.masked_taxels)
+        == expected
+    )
 
 
 @pytest.mark.parametrize(("name", "masked"), [("thesis", (0, 3)), ("pvdf", (1,))])
@@ -214,7 +241,8 @@ def test_chain_onset_early_late_and_never():
 
 @pytest.mark.parametrize("name", ["thesis", "two end together, faults", "pvdf faults"])
 def test_chain_arm_begins_a_new_recording(name):
-    """Three recordings in a row, the second cut in the middle of a frame and of a touch: the third is as if it were alone."""
+    """Three recordings in a row, the second cut in the middle of a frame and of a touch: the third is as if
+    it were alone."""
     config = shifted(CASES[name])
     streams, means = [make_stream(config, 110, seed=seed) for seed in (11, 14, 12)], means_of(config)
     expected, _ = golden_centred(config, [streams[0], streams[2]], means)
@@ -231,7 +259,9 @@ def test_chain_at_the_presets_own_constants(name):
     frames = 6600 if config.windows.window_mode == "touch" else 3000
     stream = 26400 + rng.integers(-40, 41, (frames, 4))
     stream[300:800, 1] += 2000
-    means = [26400 * length + 77 if config.rest_level.rest == "none" else 55 for length in config.window_lengths]
+    means = [
+        26400 * length + 77 if config.rest_level.rest == "none" else 55 for length in config.window_lengths
+    ]
     expected, touches = golden_centred(config, [stream], means)
     assert touches == 1 and len(expected) == 80
     assert run_chain(config, [stream], means) == expected

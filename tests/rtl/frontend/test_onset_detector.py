@@ -20,7 +20,9 @@ def run(config, beats, *, stalls=(0.0, 0.0), seed=0, masked=()):
     bench = Bench(dut, seed=seed)
     taken = bench.drive(dut.i, beats, stall=stalls[0])
     out = bench.collect(dut.o, stall=stalls[1])
-    flags = {name: bench.watch(getattr(dut, name)) for name in ("touch_started", "framing_fault", "armed", "touch")}
+    flags = {
+        name: bench.watch(getattr(dut, name)) for name in ("touch_started", "framing_fault", "armed", "touch")
+    }
 
     async def set_mask(ctx):
         ctx.set(dut.mask, sum(1 << taxel for taxel in masked))
@@ -46,7 +48,8 @@ PAIRS = (
     "every frame, 5 of 7",
     "fabric",
 )
-"""Cases in which every pair of rest level, onset rule, window mode, clip, filter and fault flags meets; windows are not the detector's."""
+"""Cases in which every pair of rest level, onset rule, window mode, clip, filter and fault flags meets;
+windows are not the detector's."""
 
 
 @pytest.mark.parametrize("name", PAIRS)
@@ -54,7 +57,8 @@ def test_equal_to_the_specification_with_stalls(name):
     config = CASES[name]
     stream = make_stream(config, 250, seed=11)
     seen = detect(config, stream)
-    assert len(seen.touches) == 1 if config.opens_at_once else len(seen.touches) >= 2  # or the test would show little
+    # or the test would show little
+    assert len(seen.touches) == 1 if config.opens_at_once else len(seen.touches) >= 2
     out, _, flags = run(config, sample_beats(stream), stalls=(0.2, 0.3), seed=1)
     assert values(out) == frame_beats(config, seen)
     assert len(flags["touch_started"]) == len(seen.touches) and not flags["framing_fault"]
@@ -62,13 +66,16 @@ def test_equal_to_the_specification_with_stalls(name):
 
 @pytest.mark.parametrize("name", ["thesis", "band clipped", "band tracked", "synthetic", "pvdf", "fabric"])
 def test_full_rate_and_latency(name):
-    """One beat a cycle; a block end of the baseline rule costs three cycles; `armed` and `touch` follow each frame."""
+    """One beat a cycle; a block end of the baseline rule costs three cycles; `armed` and `touch` follow each
+    frame."""
     config = CASES[name]
     stream = make_stream(config, 120, seed=3)
     seen = detect(config, stream)
     out, taken, flags = run(config, sample_beats(stream))
     assert values(out) == frame_beats(config, seen)
-    latency = {"thesis": 1, "band clipped": 2, "band tracked": 2, "synthetic": 2, "pvdf": 3, "fabric": 2}[name]
+    latency = {"thesis": 1, "band clipped": 2, "band tracked": 2, "synthetic": 2, "pvdf": 3, "fabric": 2}[
+        name
+    ]
     taxels = config.sensor.taxels
     for index, (cycle, beat) in enumerate(zip(taken, out, strict=True)):
         frame, taxel = index // taxels + 1, index % taxels
@@ -102,7 +109,9 @@ def test_band_edges_are_inside(sample):
     stream = np.full((30, 4), REST)
     stream[9, 3] = sample
     _, _, flags = run(config, sample_beats(stream))
-    assert len(flags["touch_started"]) == (not config.onset_rule.band_low <= sample <= config.onset_rule.band_high)
+    assert len(flags["touch_started"]) == (
+        not config.onset_rule.band_low <= sample <= config.onset_rule.band_high
+    )
 
 
 @pytest.mark.parametrize("name", ["thesis", "pvdf"])
@@ -110,7 +119,9 @@ def test_a_masked_taxel_never_counts(name):
     config = CASES[name]
     stream = make_stream(config, 250, seed=21)
     unmasked = detect(config, stream).touches
-    busiest = next(taxel for taxel in range(config.sensor.taxels) if detect(config, stream, (taxel,)).touches != unmasked)
+    busiest = next(
+        taxel for taxel in range(config.sensor.taxels) if detect(config, stream, (taxel,)).touches != unmasked
+    )
     seen = detect(config, stream, masked=(busiest,))
     out, _, _ = run(config, sample_beats(stream), masked=(busiest,))
     assert values(out) == frame_beats(config, seen)
@@ -121,7 +132,10 @@ FRAMING_FAULTS = ("early first", "early last", "late last", "stray beats")
 
 def repaired(stream, beats_of_frame):
     """The frames the detector makes of broken ones: missing taxels repeat the last sample."""
-    rows = [list(frame[:count]) + [frame[count - 1]] * (len(frame) - count) for frame, count in zip(stream, beats_of_frame, strict=True)]
+    rows = [
+        list(frame[:count]) + [frame[count - 1]] * (len(frame) - count)
+        for frame, count in zip(stream, beats_of_frame, strict=True)
+    ]
     return np.array(rows)
 
 
@@ -156,11 +170,14 @@ def test_framing_faults_are_flagged_and_the_next_frame_is_whole(fault):
 
 @pytest.mark.parametrize("name", ["thesis", "every frame", "fabric"])
 def test_a_reset_begins_a_new_recording(name):
-    """Memories keep their old contents: nothing of the first recording, cut in the middle of a frame, may show in the second."""
+    """Memories keep their old contents: nothing of the first recording, cut in the middle of a frame, may
+    show in the second."""
     config = CASES[name]
     first, second = make_stream(config, 90, seed=7) + 15, make_stream(config, 120, seed=8)
     cut = sample_beats(first)[: 90 * config.sensor.taxels - 2]
-    assert values(beats_after_reset(OnsetDetector(config), cut, sample_beats(second))) == frame_beats(config, detect(config, second))
+    assert values(beats_after_reset(OnsetDetector(config), cut, sample_beats(second))) == frame_beats(
+        config, detect(config, second)
+    )
 
 
 @settings(max_examples=12, deadline=None, derandomize=True)
@@ -177,12 +194,18 @@ def test_equal_to_the_specification_for_any_rule(data):
     )
     if base.onset_rule.onset == "baseline":
         check, blocks = draw(st.sampled_from([1, 2, 4])), draw(st.sampled_from([1, 2, 4, 8]))
-        changes |= dict(onset_check_frames=check, onset_mean_frames=check * blocks, onset_threshold=draw(st.integers(1, 60)))
+        changes |= dict(
+            onset_check_frames=check,
+            onset_mean_frames=check * blocks,
+            onset_threshold=draw(st.integers(1, 60)),
+        )
     config = base.replace(**changes)
     stream = make_stream(config, 150, seed=draw(st.integers(0, 1 << 30)))
     masked = draw(st.sets(st.integers(0, config.sensor.taxels - 1), max_size=1))
     stalls = (draw(st.sampled_from([0.0, 0.4])), draw(st.sampled_from([0.0, 0.4])))
-    out, _, _ = run(config, sample_beats(stream), stalls=stalls, seed=draw(st.integers(0, 1 << 30)), masked=masked)
+    out, _, _ = run(
+        config, sample_beats(stream), stalls=stalls, seed=draw(st.integers(0, 1 << 30)), masked=masked
+    )
     assert values(out) == frame_beats(config, detect(config, stream, masked))
 
 

@@ -1,4 +1,5 @@
-"""rtl/frontend/onset_filter.py: every sequence of eight frames for M of up to 5, and frames that are not judged."""
+"""rtl/frontend/onset_filter.py: every sequence of eight frames for M of up to 5, and frames that are not
+judged."""
 
 import itertools
 import random
@@ -15,7 +16,11 @@ from tests.support.stream_bench import Bench
 def test_m_of_k(hits, span):
     dut, reset = OnsetFilter(PRESETS["pvdf"].replace(onset_hits=hits, onset_span=span)), Signal()
     bench, rng = Bench(ResetInserter(reset)(dut)), random.Random(span)
-    every = itertools.product((0, 1), repeat=8) if span < 6 else [[rng.randrange(2) for _ in range(40)] for _ in range(40)]
+    every = (
+        itertools.product((0, 1), repeat=8)
+        if span < 6
+        else [[rng.randrange(2) for _ in range(40)] for _ in range(40)]
+    )
 
     async def play(ctx):
         for sequence in every:

@@ -11,11 +11,14 @@ from tests.support.table import each_row
 
 
 class Ring(wiring.Component):
-    """The ring and a reader's count of beats, which says ``touch_last`` with the last of frame e, as the averager does."""
+    """The ring and a reader's count of beats, which says ``touch_last`` with the last of frame e, as the
+    averager does."""
 
     def __init__(self, config):
         self.ring, self.beats = PreTriggerRing(config), config.last_frame * config.sensor.taxels
-        super().__init__({name: port for name, port in self.ring.signature.members.items() if name != "touch_last"})
+        super().__init__(
+            {name: port for name, port in self.ring.signature.members.items() if name != "touch_last"}
+        )
 
     def elaborate(self, platform):
         m, left = Module(), Signal(range(self.beats), init=self.beats - 1)
@@ -68,9 +71,11 @@ def test_onset_within_the_first_frames(onset):
 
 @pytest.mark.parametrize(("taxels", "gap", "pause"), [(4, 0, 1), (8, 0, 0), (4, 1, 0)])
 def test_latency_and_full_rate(taxels, gap, pause):
-    """The replay begins 3 cycles after the onset's last beat, and every other cycle brings a beat; at that pace nothing is held up.
+    """The replay begins 3 cycles after the onset's last beat, and every other cycle brings a beat; at that
+    pace nothing is held up.
 
-    In a frame of less than 6 taxels, one a cycle, the frame too many has not gone when the last one comes: a cycle's pause for both.
+    In a frame of less than 6 taxels, one a cycle, the frame too many has not gone when the last one comes: a
+    cycle's pause for both.
     """
     config = CASES["thesis"].replace(taxels=taxels)
     seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
@@ -83,7 +88,9 @@ def test_latency_and_full_rate(taxels, gap, pause):
     last = 30 * taxels - 1
     paced = len(taken) if gap else last + 2 * taxels
     assert taken[:paced] == [gap + beat * (1 + gap) + pause * (beat > last + 1) for beat in range(paced)]
-    assert [beat.cycle for beat in out[: 40 * taxels]] == [taken[last] + 3 + pause + 2 * n for n in range(40 * taxels)]
+    assert [beat.cycle for beat in out[: 40 * taxels]] == [
+        taken[last] + 3 + pause + 2 * n for n in range(40 * taxels)
+    ]
 
 
 def test_input_waits_only_for_a_full_ring():
@@ -119,13 +126,15 @@ def test_a_reset_forgets_everything(cut_frame):
     first = detect(config, make_stream(config, 100, seed=5, touches=[30]))
     second = detect(config, make_stream(config, 70, seed=6, touches=[3]))
     cut = frame_beats(config, first)[: cut_frame * config.sensor.taxels - 2]
-    assert values(beats_after_reset(Ring(config), cut, frame_beats(config, second))) == touch_beats(config, second)
+    assert values(beats_after_reset(Ring(config), cut, frame_beats(config, second))) == touch_beats(
+        config, second
+    )
 
 
 @pytest.mark.parametrize("taxels", [4, 16])
 def test_an_onset_right_behind_a_touch_that_was_read_late(taxels):
-    """The ring is full of frames to drop when the touch's last beat is read, and the next touch begins with the first frame that fits in:
-    of those that come while frames are dropped none is missing."""
+    """The ring is full of frames to drop when the touch's last beat is read, and the next touch begins with
+    the first frame that fits in: of those that come while frames are dropped none is missing."""
     config = CASES["thesis"].replace(taxels=taxels)
     assert config.onset_rule.rearm_frames == config.ring_frames
     end = detect(config, make_stream(config, 200, seed=5, touches=[30])).touches[0][2]

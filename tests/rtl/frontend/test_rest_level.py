@@ -1,4 +1,5 @@
-"""The reciprocal of the settling sum, and levels of one taxel against plain arithmetic (all formats: test_onset_detector.py)."""
+"""The reciprocal of the settling sum, and levels of one taxel against plain arithmetic (all formats:
+test_onset_detector.py)."""
 
 from __future__ import annotations
 
@@ -65,5 +66,7 @@ def test_reciprocal_is_exact(divisor):
     factor, shift = exact_reciprocal(divisor, largest)
     multiples = np.arange(0, largest + 1, divisor, dtype=np.int64)
     for number in (multiples, np.minimum(multiples + divisor - 1, largest)):  # where a floor can go wrong
-        assert all(int(n) * factor >> shift == int(n) // divisor for n in number[:: max(1, len(number) // 5000)])
+        assert all(
+            int(n) * factor >> shift == int(n) // divisor for n in number[:: max(1, len(number) // 5000)]
+        )
     assert largest * factor >> shift == largest // divisor

@@ -10,7 +10,9 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.touch_state import TouchState
 from tests.support.table import each_row
 
-TOUCHES = PRESETS["thesis"].replace(pretrigger_frames=3, hop=2, window=4, steps=2, touch_frames=12, rearm_frames=14)
+TOUCHES = PRESETS["thesis"].replace(
+    pretrigger_frames=3, hop=2, window=4, steps=2, touch_frames=12, rearm_frames=14
+)
 
 
 @each_row("share", [0.05, 0.3])
@@ -20,7 +22,8 @@ def test_frames_of_a_touch_with_its_history_then_as_many_quiet_ones(share):
 
     async def bench(ctx):
         nonlocal touches
-        state, before, left, quiet = "armed", 0, 0, 0  # frames since the last touch, as many as count; still to come; quiet so far
+        # frames since the last touch, as many as count; still to come; quiet so far
+        state, before, left, quiet = ("armed", 0, 0, 0)
         for _ in range(1500):
             met, judged, leaves = rng.random() < share, rng.random() < 0.9, rng.random() < 0.7
             ctx.set(dut.met, met)

@@ -1,4 +1,5 @@
-"""rtl/frontend/window_averager.py: exact sums of overlapping windows, against sums taken straight over the frames."""
+"""rtl/frontend/window_averager.py: exact sums of overlapping windows, against sums taken straight over the
+frames."""
 
 from types import SimpleNamespace
 
@@ -9,7 +10,17 @@ from hypothesis import strategies as st
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.rtl.frontend.window_averager import WindowAverager
-from tests.support.front_end_cases import BAND, BASE, CASES, TOUCH, detect, frame_beats, make_stream, sum_beats, touch_beats
+from tests.support.front_end_cases import (
+    BAND,
+    BASE,
+    CASES,
+    TOUCH,
+    detect,
+    frame_beats,
+    make_stream,
+    sum_beats,
+    touch_beats,
+)
 from tests.support.stream_bench import Bench, beats_after_reset, values
 
 
@@ -37,7 +48,8 @@ WINDOWS = (
     "pvdf faults",
     "fabric",
 )
-"""One case for each way in which windows lie, in touches and in running hops; the onset rules before them make no difference here."""
+"""One case for each way in which windows lie, in touches and in running hops; the onset rules before them
+make no difference here."""
 
 
 @pytest.mark.parametrize("name", WINDOWS)
@@ -58,7 +70,13 @@ def one_touch(config, frames):
 def thesis_of(steps, touch_frames=6144, **changes):
     hop = touch_frames // steps
     return AcceleratorConfig.of(
-        **(BASE | BAND | TOUCH | dict(hop=hop, window=2 * hop + 1, steps=steps, touch_frames=touch_frames) | changes)
+        **(
+            BASE
+            | BAND
+            | TOUCH
+            | dict(hop=hop, window=2 * hop + 1, steps=steps, touch_frames=touch_frames)
+            | changes
+        )
     )
 
 
@@ -72,16 +90,29 @@ def test_any_number_of_windows(steps, touch_frames):
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
-@given(hop=st.integers(1, 9), odd=st.booleans(), steps=st.integers(1, 8), extra=st.integers(0, 20), seed=st.integers(0, 1 << 30))
+@given(
+    hop=st.integers(1, 9),
+    odd=st.booleans(),
+    steps=st.integers(1, 8),
+    extra=st.integers(0, 20),
+    seed=st.integers(0, 1 << 30),
+)
 def test_any_touch_window(hop, odd, steps, extra, seed):
     """Every way in which windows can be clipped or end together, two touches in a row."""
     frames = max(2, hop * (steps - 1) + 1 + extra)
     config = AcceleratorConfig.of(
-        **(BASE | BAND | TOUCH | dict(pretrigger_frames=0, hop=hop, window=2 * hop + odd, steps=steps, touch_frames=frames))
+        **(
+            BASE
+            | BAND
+            | TOUCH
+            | dict(pretrigger_frames=0, hop=hop, window=2 * hop + odd, steps=steps, touch_frames=frames)
+        )
     )
     rng = np.random.default_rng(seed)
     last = config.last_frame
-    seen = SimpleNamespace(values=rng.integers(-4095, 4096, (2 * last, 4)), touches=[(0, 1, last), (0, last + 1, 2 * last)])
+    seen = SimpleNamespace(
+        values=rng.integers(-4095, 4096, (2 * last, 4)), touches=[(0, 1, last), (0, last + 1, 2 * last)]
+    )
     out, _ = run(config, beats_in(config, seen), stalls=(0.2, 0.2), seed=seed)
     assert values(out) == sum_beats(config, seen)
 
@@ -96,15 +127,25 @@ def test_extreme_sums_do_not_overflow():
 
 @pytest.mark.parametrize("name", ["two end together", "even windows together"])
 def test_latency_and_full_rate(name):
-    """Two operations a beat, three in a frame that ends a window of 2 hop + 1; one a taxel for each further window that ends together."""
+    """Two operations a beat, three in a frame that ends a window of 2 hop + 1; one a taxel for each further
+    window that ends together."""
     config = CASES[name]
     rng = np.random.default_rng(1)
-    last, taxels, odd = config.last_frame, config.sensor.taxels, config.windows.window - 2 * config.windows.hop
-    seen = SimpleNamespace(values=rng.integers(-9, 9, (2 * last, taxels)), touches=[(0, 1, last), (0, last + 1, 2 * last)])
+    last, taxels, odd = (
+        config.last_frame,
+        config.sensor.taxels,
+        config.windows.window - 2 * config.windows.hop,
+    )
+    seen = SimpleNamespace(
+        values=rng.integers(-9, 9, (2 * last, taxels)), touches=[(0, 1, last), (0, last + 1, 2 * last)]
+    )
     out, taken = run(config, beats_in(config, seen))
     assert values(out) == sum_beats(config, seen)
     cycle, beats, sums = 0, [], []
-    ends = {end: [k for k, (_, window_end) in enumerate(config.window_spans) if window_end == end] for _, end in config.window_spans}
+    ends = {
+        end: [k for k, (_, window_end) in enumerate(config.window_spans) if window_end == end]
+        for _, end in config.window_spans
+    }
     for _ in range(2):
         for frame in range(1, last + 1):
             hop, place = divmod(frame - 1, config.windows.hop)
@@ -128,7 +169,9 @@ def test_a_reset_begins_anew(name, cut):
     first, second = (detect(config, make_stream(config, 200, seed=seed)) for seed in (11, 12))
     whole = beats_in(config, first)
     cut_beats = whole[: min(cut * config.sensor.taxels, len(whole)) - 2]
-    assert values(beats_after_reset(WindowAverager(config), cut_beats, beats_in(config, second))) == sum_beats(config, second)
+    assert values(
+        beats_after_reset(WindowAverager(config), cut_beats, beats_in(config, second))
+    ) == sum_beats(config, second)
 
 
 IMPULSES = (1, 307, 308, 614, 615, 616, 922, 6140, 6141, 6144)
@@ -137,8 +180,11 @@ IMPULSES = (1, 307, 308, 614, 615, 616, 922, 6140, 6141, 6144)
 @pytest.mark.slow
 @pytest.mark.parametrize("steps", [20, 256])
 def test_thesis_impulses(steps):
-    """The exact constants of the thesis on four taxels: each impulse frame shows in its windows and in no other."""
-    config = PRESETS["thesis"].replace(taxels=4, hop=6144 // steps, window=2 * (6144 // steps) + 1, steps=steps)
+    """The exact constants of the thesis on four taxels: each impulse frame shows in its windows and in no
+    other."""
+    config = PRESETS["thesis"].replace(
+        taxels=4, hop=6144 // steps, window=2 * (6144 // steps) + 1, steps=steps
+    )
     frames = np.zeros((6144, 4), dtype=np.int64)
     for number, frame in enumerate(IMPULSES):
         frames[frame - 1] = [1 << number, 3 << number, -(1 << number), 26400]
@@ -147,7 +193,10 @@ def test_thesis_impulses(steps):
     assert values(out) == sum_beats(config, seen) and len(out) == 4 * steps
     if steps == 20:
         sums = [~out[4 * k].value["complement"] for k in range(20)]
-        windows = {frame: {k + 1 for k in range(20) if sums[k] >> number & 1} for number, frame in enumerate(IMPULSES)}
+        windows = {
+            frame: {k + 1 for k in range(20) if sums[k] >> number & 1}
+            for number, frame in enumerate(IMPULSES)
+        }
         assert windows == {
             1: {1},
             307: {1},

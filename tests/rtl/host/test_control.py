@@ -7,7 +7,16 @@ from amaranth.sim import Simulator
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.host.control import HostControl
-from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Control, Fault, Measure, Memory, Register, Status
+from eskin.rtl.program.memory_map import (
+    ID_VALUE,
+    VERSION_VALUE,
+    Control,
+    Fault,
+    Measure,
+    Memory,
+    Register,
+    Status,
+)
 from tests.support.table import each_row
 
 
@@ -66,7 +75,10 @@ def test_identity_masks_and_unknown_addresses():
     play(body)
 
 
-@each_row(("changes", "there"), [({}, {*range(10), 0x10, 0x11}), ({"fault_frames": 16}, {*range(10), 0x10, 0x11, 0x20, 0x21})])
+@each_row(
+    ("changes", "there"),
+    [({}, {*range(10), 0x10, 0x11}), ({"fault_frames": 16}, {*range(10), 0x10, 0x11, 0x20, 0x21})],
+)
 def test_an_address_without_a_register_reads_zero_writes_nothing_and_is_flagged(changes, there):
     """Five bits of it were decoded: writing 0x22 armed, reading 0x20 gave the identity."""
 
@@ -90,7 +102,9 @@ def test_an_address_without_a_register_reads_zero_writes_nothing_and_is_flagged(
                 assert not ctx.get(dut.load.enable), hex(address)
                 await ctx.tick()
                 ctx.set(dut.bus.w_stb, 0)
-                assert not ctx.get(dut.clear) and not ctx.get(dut.restart) and not ctx.get(dut.busy), hex(address)
+                assert not ctx.get(dut.clear) and not ctx.get(dut.restart) and not ctx.get(dut.busy), hex(
+                    address
+                )
             assert ctx.get(dut.mask) == mask and await read(Register.LONGEST) == longest, hex(address)
             assert await read(Register.FAULTS) == Fault.ADDRESS, hex(address)
             await write(Register.CONTROL, Control.CLEAR_FAULTS)
@@ -105,12 +119,19 @@ def test_loading_counts_the_address_up_and_is_refused_during_a_touch():
         ctx.set(dut.bus.w_data, 0xBEEF)
         ctx.set(dut.bus.w_stb, 1)
         load, line = dut.load, {select: 1 << line for select, line in load_lines(dut._config).items()}
-        assert [ctx.get(s) for s in (load.enable, load.select, load.address, load.data)] == [1, line[Memory.MEANS], 0, 0xBEEF]
+        assert [ctx.get(s) for s in (load.enable, load.select, load.address, load.data)] == [
+            1,
+            line[Memory.MEANS],
+            0,
+            0xBEEF,
+        ]
         await ctx.tick()
         assert ctx.get(load.address) == 1
         ctx.set(dut.bus.w_stb, 0)
         await write(Register.MEMORY_SELECT, Memory.CONSTANTS)
-        assert (ctx.get(load.select), ctx.get(load.address)) == (line[Memory.CONSTANTS], 0), "a memory is loaded from its first word on"
+        assert (ctx.get(load.select), ctx.get(load.address)) == (line[Memory.CONSTANTS], 0), (
+            "a memory is loaded from its first word on"
+        )
         await begin_or_end(ctx, dut.touch_started)
         assert await read(Register.STATUS) & Status.TOUCH
         ctx.set(dut.bus.addr, Register.MEMORY_DATA)
@@ -240,7 +261,8 @@ def test_touches_count_modulo_256():
 
 
 def test_a_mask_or_measure_as_it_woke_up_or_was_written_is_no_fault():
-    """Each with an odd and an even number of ones; what is written above a register's last bit does not count."""
+    """Each with an odd and an even number of ones; what is written above a register's last bit does not
+    count."""
 
     async def body(ctx, dut, write, read):
         await ctx.tick()
@@ -313,7 +335,12 @@ def test_the_counter_measures_what_is_asked_for():
         await windows(ctx, dut, 4)
 
     async def body(ctx, dut, write, read):
-        for measure, longest in ((Measure.FRAME, 5), (Measure.STEP, 7), (Measure.WINDOWS, 11), (Measure.FRAME, 5)):
+        for measure, longest in (
+            (Measure.FRAME, 5),
+            (Measure.STEP, 7),
+            (Measure.WINDOWS, 11),
+            (Measure.FRAME, 5),
+        ):
             await write(Register.MEASURE, measure)
             assert await read(Register.LONGEST) == 0, "writing MEASURE begins anew"
             await everything(ctx, dut)
@@ -328,7 +355,12 @@ def test_the_counter_measures_what_is_asked_for():
 
 
 @each_row(
-    ("measure", "lengths"), [(Measure.FRAME, [3, 5, 4, 6, 1]), (Measure.STEP, [4, 4, 9, 2, 10, 1]), (Measure.WINDOWS, [2, 8, 8, 9, 3])]
+    ("measure", "lengths"),
+    [
+        (Measure.FRAME, [3, 5, 4, 6, 1]),
+        (Measure.STEP, [4, 4, 9, 2, 10, 1]),
+        (Measure.WINDOWS, [2, 8, 8, 9, 3]),
+    ],
 )
 def test_the_longest_of_many(measure, lengths):
     async def body(ctx, dut, write, read):

@@ -19,7 +19,18 @@ def play(measure: Measure, events, *, after: int = 4) -> int:
     async def bench(ctx):
         ctx.set(dut.measure, int(measure))
         for event in [*events, *[{}] * after]:
-            for name in ("clear", "anew", "forget", "offered", "first", "taken", "last", "slot_done", "step_done", "windows_open"):
+            for name in (
+                "clear",
+                "anew",
+                "forget",
+                "offered",
+                "first",
+                "taken",
+                "last",
+                "slot_done",
+                "step_done",
+                "windows_open",
+            ):
                 ctx.set(getattr(dut, name), event.get(name, 0))
             await ctx.tick()
         result.append(ctx.get(dut.longest))
@@ -51,7 +62,10 @@ def test_the_longest_of_random_lengths(measure):
     # what was counted before a recording began, or something else was measured, is no part of the next
     half = [{"slot_done": 1}] * 30
     for stop in ("clear", "anew"):
-        assert play(Measure.STEP, [*half, {stop: 1, "forget": 1}, *half[:7], {"slot_done": 1, "step_done": 1}]) == 8
+        assert (
+            play(Measure.STEP, [*half, {stop: 1, "forget": 1}, *half[:7], {"slot_done": 1, "step_done": 1}])
+            == 8
+        )
 
 
 @pytest.mark.slow

@@ -7,7 +7,14 @@ import random
 from eskin.golden.core.config import PRESETS
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.host.flash_loader import FlashLoader
-from eskin.rtl.program.flash_image import FLASH_OFFSET, checksum, design_number, flash_image, sealed, write_count
+from eskin.rtl.program.flash_image import (
+    FLASH_OFFSET,
+    checksum,
+    design_number,
+    flash_image,
+    sealed,
+    write_count,
+)
 from eskin.rtl.program.memory_map import Control, Register, load_writes
 from tests.support.spi_flash import SpiFlash
 from tests.support.stream_bench import Bench
@@ -68,7 +75,8 @@ def test_any_flipped_bit_is_refused():
         (sealed(NUMBER + 1, WRITES), 0),  # of another design
         (sealed(NUMBER, WRITES[:-1]), 6),  # too short
         (sealed(NUMBER, [*WRITES, (9, 1)]), 6),
-        (sealed(NUMBER, [WRITES[1], WRITES[0], *WRITES[2:]])[:-4] + sealed(NUMBER, WRITES)[-4:], 6),  # exchanged
+        # exchanged
+        (sealed(NUMBER, [WRITES[1], WRITES[0], *WRITES[2:]])[:-4] + sealed(NUMBER, WRITES)[-4:], 6),
     ],
 )
 def test_what_is_no_whole_image_of_this_design_is_refused(image, written):
@@ -85,7 +93,11 @@ def test_at_another_place_or_asleep_there_is_nothing():
 def test_an_image_is_the_hosts_writes_and_tells_its_design():
     model = random_integer_model(PRESETS["thesis"], 1)
     image = flash_image(model.config, model.arrays)
-    assert len(image) == 3 * (2 + write_count(model.config)) + 4 == 3 * (2 + len(load_writes(model.config, model.arrays))) + 4
+    assert (
+        len(image)
+        == 3 * (2 + write_count(model.config)) + 4
+        == 3 * (2 + len(load_writes(model.config, model.arrays))) + 4
+    )
     assert checksum(b"123456789") == 0x0376E6E7  # the catalogue's check value of CRC-32/MPEG-2
     other = random_integer_model(PRESETS["thesis"].replace(hidden=model.config.network.hidden + 1), 1)
     assert design_number(other.config) != design_number(model.config)

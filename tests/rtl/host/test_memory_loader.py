@@ -13,7 +13,10 @@ from eskin.rtl.program.memory_map import load_words, memory_words, words_per_ent
 from tests.support.table import each_row
 
 
-@each_row("hardware", [{"lanes": 6}, {"lanes": 4, "checksum": True}, {"lanes": 1, "lane_type": "serial"}, {"loadable": False}])
+@each_row(
+    "hardware",
+    [{"lanes": 6}, {"lanes": 4, "checksum": True}, {"lanes": 1, "lane_type": "serial"}, {"loadable": False}],
+)
 def test_every_word_of_a_random_memory_goes_to_its_place(hardware):
     config = PRESETS["thesis"].replace(**hardware)
     dut, rng, lines = MemoryLoader(config), random.Random(1), load_lines(config)
@@ -34,7 +37,9 @@ def test_every_word_of_a_random_memory_goes_to_its_place(hardware):
                 ctx.set(dut.locked, locked)
                 ctx.set(dut.written, 1)
                 taken = ctx.get(dut.load.enable)
-                if config.hardware.checksum and address == memory_words(config)[number] * words_per_entry(config, number):
+                if config.hardware.checksum and address == memory_words(config)[number] * words_per_entry(
+                    config, number
+                ):
                     locked = True
                 assert taken == (not locked and config.hardware.loadable) and ctx.get(dut.refused) == locked
                 assert ctx.get(dut.load.select) == 1 << lines[number]

@@ -1,4 +1,5 @@
-"""The serial link on its own, at its pins: packets in, frames and bus accesses out, and the other way round; damage of every kind."""
+"""The serial link on its own, at its pins: packets in, frames and bus accesses out, and the other way round;
+damage of every kind."""
 
 from __future__ import annotations
 
@@ -34,7 +35,8 @@ def write(number: int, address: int, word: int) -> bytes:
 def play(line, *, divisor=4, config=CONFIG, decisions=(), ready=None, quiet=40, read_value=lambda address: 0):
     """What the link makes of ``line``: bytes, ``None`` (10 bits of idle), or (byte, stop bit).
 
-    frames: complete lists of samples. writes, reads: bus accesses. bodies: of packets it sent. expected, damaged.
+    frames: complete lists of samples. writes, reads: bus accesses. bodies: of packets it sent. expected,
+    damaged.
     """
     dut = UartLink(config, divisor)
     seen = SimpleNamespace(frames=[], writes=[], reads=[], sent=bytearray(), expected=0, errors=[])
@@ -70,7 +72,9 @@ def play(line, *, divisor=4, config=CONFIG, decisions=(), ready=None, quiet=40, 
             while not any(ctx.get(strobe) for strobe in strobes):
                 await ctx.changed(*strobes)
             valid, w_stb, r_stb, is_ready, beat, address, word = (
-                await ctx.tick().sample(*strobes, dut.frame.ready, dut.frame.payload, dut.bus.addr, dut.bus.w_data)
+                await ctx.tick().sample(
+                    *strobes, dut.frame.ready, dut.frame.payload, dut.bus.addr, dut.bus.w_data
+                )
             )[2:]
             if valid and is_ready:
                 if beat.first != (not beats):
@@ -122,17 +126,35 @@ def play(line, *, divisor=4, config=CONFIG, decisions=(), ready=None, quiet=40, 
 
 def test_frames_writes_and_reads():
     samples = [[1, 2, 3, 4], [0x7E7E, 0x7D7D, 0x5E7D, 0xFFFF], [0, 0x7D5D, 0x8000, 0x7E]]
-    line = frame(0, samples[0]) + write(1, 0x02, 0x7D7E) + frame(2, samples[1]) + link.read_packet(0x13) + bytes(0)
-    seen = play([*line, *[None] * 20, *frame(3, samples[2]), *write(4, 0x3F, 0xABCD)], read_value=lambda address: 0x7E00 | address)
+    line = (
+        frame(0, samples[0])
+        + write(1, 0x02, 0x7D7E)
+        + frame(2, samples[1])
+        + link.read_packet(0x13)
+        + bytes(0)
+    )
+    seen = play(
+        [*line, *[None] * 20, *frame(3, samples[2]), *write(4, 0x3F, 0xABCD)],
+        read_value=lambda address: 0x7E00 | address,
+    )
     assert seen.frames == samples
     assert seen.writes == [(2, 0x7D7E), (0x3F, 0xABCD)] and seen.reads == [0x13]
-    assert [link.parse(body) for body in seen.bodies] == [link.Answer(0x13, 0x7E13, 3, 0)] and not seen.damaged
+    assert [link.parse(body) for body in seen.bodies] == [
+        link.Answer(0x13, 0x7E13, 3, 0)
+    ] and not seen.damaged
     assert seen.expected == 5
 
 
 def test_a_question_during_an_answer_does_not_change_it():
-    seen = play([*link.read_packet(0x13), *link.read_packet(0x02), *[None] * 20], read_value=lambda address: 0x100 | address)
-    assert [link.parse(body) for body in seen.bodies] == [link.Answer(0x13, 0x113, 0, 0)] and seen.reads == [0x13] and not seen.damaged
+    seen = play(
+        [*link.read_packet(0x13), *link.read_packet(0x02), *[None] * 20],
+        read_value=lambda address: 0x100 | address,
+    )
+    assert (
+        [link.parse(body) for body in seen.bodies] == [link.Answer(0x13, 0x113, 0, 0)]
+        and seen.reads == [0x13]
+        and not seen.damaged
+    )
 
 
 def test_the_first_packet_after_a_reset_needs_no_flag_in_front():
@@ -148,20 +170,32 @@ def test_divisors_and_decisions(divisor):
     ]
     seen = play([*frame(0, [9, 8, 7, 6]), *[None] * 5], divisor=divisor, decisions=decisions)
     payloads = [pack(decision_layout, fields) for fields in decisions]
-    assert [link.parse(body) for body in seen.bodies] == [link.Decision(k, payload) for k, payload in enumerate(payloads)]
+    assert [link.parse(body) for body in seen.bodies] == [
+        link.Decision(k, payload) for k, payload in enumerate(payloads)
+    ]
     assert seen.frames == [[9, 8, 7, 6]]
 
 
 def test_check_sequences_of_the_device_are_escaped_too():
     def sequence(number, margin):
-        payload = pack(decision_layout, {"class": 2, "margin": margin, "step": 3, "is_global": 0, "partial": 0}) | link.DECISION
+        payload = (
+            pack(decision_layout, {"class": 2, "margin": margin, "step": 3, "is_global": 0, "partial": 0})
+            | link.DECISION
+        )
         return link.frame_check(bytes([number]) + payload.to_bytes(4, "little")).to_bytes(2, "little")
 
     wanted = [(0, 0x7E), (0, 0x7D), (1, 0x7E), (1, 0x7D)]  # which byte is which
-    margins = [next(m for m in range(1 << 16) if sequence(k, m)[place] == byte) for k, (place, byte) in enumerate(wanted)]
-    decisions = [{"class": 2, "margin": margin, "step": 3, "is_global": 0, "partial": 0} for margin in margins]
+    margins = [
+        next(m for m in range(1 << 16) if sequence(k, m)[place] == byte)
+        for k, (place, byte) in enumerate(wanted)
+    ]
+    decisions = [
+        {"class": 2, "margin": margin, "step": 3, "is_global": 0, "partial": 0} for margin in margins
+    ]
     seen = play([None] * 40, decisions=decisions, quiet=5)
-    assert [link.parse(body) for body in seen.bodies] == [link.Decision(k, pack(decision_layout, d)) for k, d in enumerate(decisions)]
+    assert [link.parse(body) for body in seen.bodies] == [
+        link.Decision(k, pack(decision_layout, d)) for k, d in enumerate(decisions)
+    ]
     assert not seen.damaged
 
 
@@ -176,7 +210,10 @@ def test_the_check_sequence_is_crc_16_ibm_sdlc():
 
 @settings(max_examples=200, deadline=None, derandomize=True)
 @given(
-    bodies=st.lists(st.binary(min_size=1, max_size=40) | st.lists(st.sampled_from(b"\x7d\x7e\x5d\x5e\x20"), min_size=1).map(bytes)),
+    bodies=st.lists(
+        st.binary(min_size=1, max_size=40)
+        | st.lists(st.sampled_from(b"\x7d\x7e\x5d\x5e\x20"), min_size=1).map(bytes)
+    ),
     cut=st.integers(0, 200),
 )
 def test_packets_survive_the_line_in_any_pieces(bodies, cut):
@@ -203,7 +240,13 @@ def test_one_changed_byte_of_a_frame_never_passes(samples, kind, place, bit):
 
 
 SAMPLES = [[0x7E00 + k, 0x7D7D - k, k << 12, 0x1234 * k & 0xFFFF] for k in range(5)]
-PACKETS = [frame(0, SAMPLES[0]), write(1, 2, 0x7E7D), frame(2, SAMPLES[1]), frame(3, SAMPLES[2]), write(4, 0xB, 7)]
+PACKETS = [
+    frame(0, SAMPLES[0]),
+    write(1, 2, 0x7E7D),
+    frame(2, SAMPLES[1]),
+    frame(3, SAMPLES[2]),
+    write(4, 0xB, 7),
+]
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -214,7 +257,15 @@ def test_damage_anywhere_then_everything_again_acts_exactly_once(seed):
         at = rng.randrange(len(line))
         byte = line[at] if isinstance(line[at], int) else 0
         line[at : at + 1] = rng.choice(
-            [[], [byte] * 2, [byte ^ 1 << rng.randrange(8)], [(byte, 0)], [(0, 0)] * 3, [*rng.randbytes(9)], [*link.read_packet(3), byte]]
+            [
+                [],
+                [byte] * 2,
+                [byte ^ 1 << rng.randrange(8)],
+                [(byte, 0)],
+                [(0, 0)] * 3,
+                [*rng.randbytes(9)],
+                [*link.read_packet(3), byte],
+            ]
         )
     seen = play([*line, *[None] * 30, *b"".join(PACKETS), *[None] * 3, *link.read_packet(0)])
     assert seen.frames == SAMPLES[:3] and seen.writes == [(2, 0x7E7D), (0xB, 7)] and seen.expected == 5
@@ -225,7 +276,10 @@ def test_damage_anywhere_then_everything_again_acts_exactly_once(seed):
 @pytest.mark.parametrize("packet", [PACKETS[0], write(0, 2, 5)])
 def test_a_flipped_bit_in_any_byte_makes_a_packet_nothing(packet):
     rng = random.Random(6)
-    flipped = [packet[:at] + bytes([packet[at] ^ 1 << rng.randrange(8)]) + packet[at + 1 :] for at in range(1, len(packet) - 1)]
+    flipped = [
+        packet[:at] + bytes([packet[at] ^ 1 << rng.randrange(8)]) + packet[at + 1 :]
+        for at in range(1, len(packet) - 1)
+    ]
     seen = play(b"".join(flipped) + frame(0, SAMPLES[1]), quiet=5)
     assert seen.frames == SAMPLES[1:2] and seen.writes == [] and seen.expected == 1
 
@@ -240,8 +294,12 @@ def test_lengths_are_exact():
     odd = link.pack(bytes([0, link.FRAME]) + bytes(9))
     two_words, none = link.ordered_packet(0, 2, [1, 2]), link.pack(bytes([0, 2]))
     # As long as the count of words could go round by, with a frame's beginning wherever it does.
-    endless = link.ordered_packet(0, 0, [link.FRAME << 8 if (word + 1) % 8 == 0 else 9 for word in range(4 + 4 * 8)])
-    seen = play(short + long + odd + two_words + none + endless + link.pack(b"") + b"\x7e\x7e" + PACKETS[0], quiet=5)
+    endless = link.ordered_packet(
+        0, 0, [link.FRAME << 8 if (word + 1) % 8 == 0 else 9 for word in range(4 + 4 * 8)]
+    )
+    seen = play(
+        short + long + odd + two_words + none + endless + link.pack(b"") + b"\x7e\x7e" + PACKETS[0], quiet=5
+    )
     assert seen.frames == SAMPLES[:1] and seen.writes == [] and seen.expected == 1
 
 
@@ -253,7 +311,10 @@ def test_an_escape_before_a_flag_breaks_a_packet_off():
 def test_what_comes_while_a_frame_waits_is_dropped_and_taken_when_sent_again():
     # The accelerator is not ready until the first three packets have gone by.
     until = 10 * 4 * sum(map(len, PACKETS[:3]))
-    seen = play([*PACKETS[0], *PACKETS[1], *PACKETS[2], *[None] * 20, *PACKETS[1], *PACKETS[2]], ready=lambda cycle: cycle > until)
+    seen = play(
+        [*PACKETS[0], *PACKETS[1], *PACKETS[2], *[None] * 20, *PACKETS[1], *PACKETS[2]],
+        ready=lambda cycle: cycle > until,
+    )
     assert seen.frames == SAMPLES[:2] and seen.writes == [(2, 0x7E7D)] and seen.expected == 3
 
 
@@ -282,7 +343,8 @@ def test_many_taxels_back_to_back_at_the_fastest_rate():
 
 @pytest.mark.parametrize("after", [1, 150, 270, 305, 340])
 def test_a_decision_withdrawn_on_its_way_does_not_count(after):
-    """Broken off it is no packet; when its last byte was under way it is one, and the next decision has the same number."""
+    """Broken off it is no packet; when its last byte was under way it is one, and the next decision has the
+    same number."""
     payload = {"class": 3, "margin": 0x1234, "step": 7, "is_global": 1, "partial": 0}
     others = {"class": 1, "margin": 0, "step": 0, "is_global": 0, "partial": 0}
 
@@ -311,9 +373,11 @@ def test_rates():
 
 @pytest.mark.parametrize(("divisor", "high"), [(4, 0.3), (6, 1), (4, 7)])
 def test_after_a_break_of_any_length_bytes_back_to_back_are_received(divisor, high):
-    """The receiver began anew in the break, then met each byte in its middle: five bytes back to back became four wrong ones."""
+    """The receiver began anew in the break, then met each byte in its middle: five bytes back to back became
+    four wrong ones."""
     dut, got, sent = UartReceiver(divisor), [], [0x7E, 0x55, 0x00, 0xFF, 0x31]
-    breaks = [9.8 + 0.3 * k for k in range(70)]  # in bits: it ends at every phase of a byte that the receiver could take it for
+    # in bits: it ends at every phase of a byte that the receiver could take it for
+    breaks = [9.8 + 0.3 * k for k in range(70)]
     line = [(level, 1) for byte in sent for level in [0, *(byte >> k & 1 for k in range(8)), 1]]
 
     async def talk(ctx):

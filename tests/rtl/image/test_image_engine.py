@@ -1,4 +1,5 @@
-"""The image engine against sums written out, value by value, and against its cycle formula, on random networks."""
+"""The image engine against sums written out, value by value, and against its cycle formula, on random
+networks."""
 
 from __future__ import annotations
 
@@ -17,9 +18,9 @@ from tests.support.image_case import LOGIT, ImageCase, make_case, random_case
 
 
 def run(case: ImageCase, lane_type: str, images: int = 2, wrong: tuple[int, int, int] | None = None) -> int:
-    """Load the network, compute images one after the other (the maps of the one are the next one's random contents), compare all. With
-    ``wrong``, (memory, word, bit) that is loaded inverted, compare nothing. Returns how often a word was found wrong, and before the last
-    logit."""
+    """Load the network, compute images one after the other (the maps of the one are the next one's random
+    contents), compare all. With ``wrong``, (memory, word, bit) that is loaded inverted, compare nothing.
+    Returns how often a word was found wrong, and before the last logit."""
     plan, computed, found = case.plan, 0, 0
     dut, lines = ImageEngine(plan, lane_type), image_lines(plan)
 
@@ -31,7 +32,9 @@ def run(case: ImageCase, lane_type: str, images: int = 2, wrong: tuple[int, int,
                 words[wrong[1]] ^= 1 << wrong[2]
             ctx.set(dut.load.select, 1 << lines[select])
             halves = 2 if select == ImageMemory.BIASES else 1
-            for address, word in enumerate(word >> 16 * half & 0xFFFF for word in words for half in range(halves)):
+            for address, word in enumerate(
+                word >> 16 * half & 0xFFFF for word in words for half in range(halves)
+            ):
                 ctx.set(dut.load.address, address)
                 ctx.set(dut.load.data, word)
                 await ctx.tick()
@@ -78,12 +81,30 @@ def run(case: ImageCase, lane_type: str, images: int = 2, wrong: tuple[int, int,
 
 CORNERS = {
     "kernel larger than the map": (1, 1, ["conv 5 3", "dense 3"], 2, 8),
-    "narrow map, odd pool, last group of one": (3, 2, ["conv 5 9", "pool", "conv 3 5", "pool", "dense 5"], 8, 8),
+    "narrow map, odd pool, last group of one": (
+        3,
+        2,
+        ["conv 5 9", "pool", "conv 3 5", "pool", "dense 5"],
+        8,
+        8,
+    ),
     "one lane, conv on conv, two dense": (3, 5, ["conv 3 3", "conv 1 2", "pool", "dense 5", "dense 3"], 1, 8),
     "four bits on eight lanes": (5, 4, ["conv 3 6", "pool", "dense 9"], 8, 4),
     "four bits on one lane: eight taps a word": (2, 3, ["dense 3", "dense 2"], 1, 4),
-    "pairs, odd rows and columns, then channels on all lanes": (5, 7, ["conv 5 4", "pool", "conv 3 8", "pool", "dense 3"], 8, 8),
-    "pairs behind pairs, a map of one column": (4, 1, ["conv 3 2", "pool", "conv 1 2", "pool", "dense 2"], 4, 8),
+    "pairs, odd rows and columns, then channels on all lanes": (
+        5,
+        7,
+        ["conv 5 4", "pool", "conv 3 8", "pool", "dense 3"],
+        8,
+        8,
+    ),
+    "pairs behind pairs, a map of one column": (
+        4,
+        1,
+        ["conv 3 2", "pool", "conv 1 2", "pool", "dense 2"],
+        4,
+        8,
+    ),
     "pairs on sixteen lanes": (3, 4, ["conv 3 8", "pool", "dense 5"], 16, 4),
 }
 
@@ -117,12 +138,17 @@ def test_a_wrong_bit_of_any_memory_is_seen_before_the_last_logit(checked, seed):
 
 def test_a_program_without_an_end_is_seen(checked):
     flags = (len(checked.plan.passes) - 1) * (PASS_WORDS + 1)
-    assert run(checked, "plain", 1, (ImageMemory.PASSES, flags, 4)), "the bit that says which pass is the last"
+    assert run(checked, "plain", 1, (ImageMemory.PASSES, flags, 4)), (
+        "the bit that says which pass is the last"
+    )
 
 
 def test_the_checksum_changes_no_cycle_and_sees_no_fault_where_none_is(checked):
     run(checked, "dsp")
-    assert checked.plan.cycles == make_case(3, 4, ["conv 3 4", "pool", "conv 1 16", "dense 5"], lanes=8).plan.cycles
+    assert (
+        checked.plan.cycles
+        == make_case(3, 4, ["conv 3 4", "pool", "conv 1 16", "dense 5"], lanes=8).plan.cycles
+    )
 
 
 @pytest.mark.parametrize("seed", range(3))

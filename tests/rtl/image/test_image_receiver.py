@@ -13,10 +13,14 @@ CONFIG = AcceleratorConfig.of_image(4, 5, ["dense 2"], ("a", "b"))
 
 
 def run(frames: list[list[int]], seed: int) -> tuple[list[tuple[int, int]], list[int], int, int]:
-    """Pixels (address, value) that are written, cycles from the last of them to each start, framing faults, first pixels told; the
-    classifier is free at random."""
+    """Pixels (address, value) that are written, cycles from the last of them to each start, framing faults,
+    first pixels told; the classifier is free at random."""
     dut, rng = ImageReceiver(CONFIG), random.Random(seed)
-    left = [(value, number == 0, number == len(frame) - 1) for frame in frames for number, value in enumerate(frame)]
+    left = [
+        (value, number == 0, number == len(frame) - 1)
+        for frame in frames
+        for number, value in enumerate(frame)
+    ]
     pixels: list[tuple[int, int]] = []
     waits: list[int] = []
     told = [0, 0]
@@ -72,6 +76,29 @@ def test_too_few_rows_start_nothing():
 
 
 def test_a_short_row_is_filled_up_with_its_last_pixel_and_told():
-    pixels, waits, faults, _ = run([[1, 2, 3, 4, 5], [6, 7], [8, 9, 10, 11, 12], [13, 14, 15, 16, 17]], seed=4)
-    assert [value for _, value in pixels] == [1, 2, 3, 4, 5, 6, 7, 7, 7, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17]
+    pixels, waits, faults, _ = run(
+        [[1, 2, 3, 4, 5], [6, 7], [8, 9, 10, 11, 12], [13, 14, 15, 16, 17]], seed=4
+    )
+    assert [value for _, value in pixels] == [
+        1,
+        2,
+        3,
+        4,
+        5,
+        6,
+        7,
+        7,
+        7,
+        7,
+        8,
+        9,
+        10,
+        11,
+        12,
+        13,
+        14,
+        15,
+        16,
+        17,
+    ]
     assert faults > 0 and len(waits) == 1

@@ -1,4 +1,5 @@
-"""rtl/interface/ddc232_converter.py: set-up, a frame's codes at their taxels, quiet times, and each kind of wrong answer."""
+"""rtl/interface/ddc232_converter.py: set-up, a frame's codes at their taxels, quiet times, and each kind of
+wrong answer."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ def plan_of(**fields):
 
 
 def play(frames: int, codes, spoil=lambda name, value: value, **fields):
-    """(for every frame that ended (codes by taxel, fault, was away), the slave); ``codes(channel)`` are those of inputs 1..32."""
+    """(for every frame that ended (codes by taxel, fault, was away), the slave); ``codes(channel)`` are those
+    of inputs 1..32."""
     plan = plan_of(**fields)
     dut = Ddc232Converter(plan, 5)
     bench, ended, got = Bench(dut, max_cycles=100_000, quiet=10), [], {}
@@ -67,9 +69,9 @@ def test_every_code_at_its_taxel(fields, first):
     ended, slave = play(2, lambda channel: table[channel], **fields)
     assert ended == [({taxel: table[first + taxel] for taxel in range(5)}, ConverterFault(0), False)] * 2
     assert slave.configurations == [7 << 9 | (fields.get("ddc_bits", 20) == 20) << 8 | 1 << 7]
-    assert len(slave.conv_edges) == WARM_UP + 2 and {b - a for a, b in zip(slave.conv_edges, slave.conv_edges[1:], strict=False)} == {
-        PERIOD
-    }
+    assert len(slave.conv_edges) == WARM_UP + 2 and {
+        b - a for a, b in zip(slave.conv_edges, slave.conv_edges[1:], strict=False)
+    } == {PERIOD}
     for conv in slave.conv_edges:
         assert all(abs(edge - conv) >= QUIET for edge in slave.dclk_edges)
 
@@ -97,7 +99,9 @@ def test_what_is_wrong_is_told_and_the_chip_is_set_up_anew():
 @pytest.mark.parametrize("bit", range(88))
 @pytest.mark.slow
 def test_every_bit_of_the_readback_is_looked_at_but_those_of_the_revision(bit):
-    ended, _ = play(1, lambda channel: 1000, lambda name, value: value ^ 1 << bit if name == "readback" else value)
+    ended, _ = play(
+        1, lambda channel: 1000, lambda name, value: value ^ 1 << bit if name == "readback" else value
+    )
     assert (ended[0][1] == ConverterFault.READBACK) == (not 72 <= bit < 76)
 
 

@@ -1,4 +1,5 @@
-"""rtl/interface/interface_registers.py: what the host reads and sets beside the accelerator; everything else goes through."""
+"""rtl/interface/interface_registers.py: what the host reads and sets beside the accelerator; everything else
+goes through."""
 
 from __future__ import annotations
 
@@ -15,13 +16,16 @@ ALL = PRESETS["thesis"].replace(converter="ads7953", position=True, stimulator="
 
 
 def play(body, config=ALL):
-    """Run ``async body(ctx, dut, write, read)``; the accelerator's side answers a read with the address times 257."""
+    """Run ``async body(ctx, dut, write, read)``; the accelerator's side answers a read with the address times
+    257."""
     dut = InterfaceRegisters(config)
     through: list[tuple[str, int, int]] = []
 
     async def accelerator(ctx):
         while True:
-            _, _, w_stb, r_stb, addr, w_data = await ctx.tick().sample(dut.inner.w_stb, dut.inner.r_stb, dut.inner.addr, dut.inner.w_data)
+            _, _, w_stb, r_stb, addr, w_data = await ctx.tick().sample(
+                dut.inner.w_stb, dut.inner.r_stb, dut.inner.addr, dut.inner.w_data
+            )
             if w_stb:
                 through.append(("write", addr, w_data))
             if r_stb:
@@ -58,7 +62,9 @@ def test_settings_start_as_configured_and_hold_what_was_written():
     registers = [InterfaceRegister[f"STIM_{name.upper()}"] for name in names]
 
     async def body(ctx, dut, write, read):
-        assert [await read(register) for register in registers] == [getattr(ALL.interface, f"stim_{name}") for name in names]
+        assert [await read(register) for register in registers] == [
+            getattr(ALL.interface, f"stim_{name}") for name in names
+        ]
         rng = random.Random(3)
         for _ in range(20):
             words = [rng.getrandbits(16) for _ in names]
@@ -88,7 +94,10 @@ def test_the_latest_position_and_how_many():
             ctx.set(dut.position.valid, 0)
             ctx.set(dut.position.payload, {"x": 1, "y": 2, "peak": 3, "ended": 0, "direction": 0})
             assert await read(InterfaceRegister.POSITION) == told["x"] | told["y"] << 8
-            assert await read(InterfaceRegister.POSITION_PEAK) == told["peak"] | told["direction"] << 8 | told["ended"] << 11
+            assert (
+                await read(InterfaceRegister.POSITION_PEAK)
+                == told["peak"] | told["direction"] << 8 | told["ended"] << 11
+            )
             assert await read(InterfaceRegister.POSITIONS) == count
         assert not ctx.get(dut.armed)
         await write(Register.CONTROL, Control.CLEAR_FAULTS)
@@ -96,7 +105,10 @@ def test_the_latest_position_and_how_many():
         await write(Register.CONTROL, Control.ARM)
         assert await read(InterfaceRegister.POSITIONS) == 0 and ctx.get(dut.armed)
 
-    assert play(body) == [("write", int(Register.CONTROL), int(Control.CLEAR_FAULTS)), ("write", int(Register.CONTROL), int(Control.ARM))]
+    assert play(body) == [
+        ("write", int(Register.CONTROL), int(Control.CLEAR_FAULTS)),
+        ("write", int(Register.CONTROL), int(Control.ARM)),
+    ]
 
 
 def test_faults_stay_until_they_are_cleared():
@@ -120,6 +132,8 @@ def test_every_other_access_goes_through_in_its_cycle():
             assert await read(number) == 257 * number
             await write(number, 0x1234)
 
-    assert play(body) == [event for number in others for event in (("read", number, 0), ("write", number, 0x1234))]
+    assert play(body) == [
+        event for number in others for event in (("read", number, 0), ("write", number, 0x1234))
+    ]
     assert not set(mapped(ALL)) & set(map(int, interface_registers(ALL)))
     assert interface_registers(PRESETS["thesis"]) == []

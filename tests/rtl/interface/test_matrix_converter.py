@@ -1,4 +1,5 @@
-"""rtl/interface/matrix_converter.py: every cell's code at its taxel after its time to settle, and each kind of wrong answer."""
+"""rtl/interface/matrix_converter.py: every cell's code at its taxel after its time to settle, and each kind
+of wrong answer."""
 
 from __future__ import annotations
 
@@ -12,19 +13,30 @@ from eskin.rtl.interface.matrix_converter import MatrixConverter
 from tests.support.stream_bench import Bench
 
 FIELDS = dict(
-    converter="matrix", rows=3, columns=5, taxels=15, clock_hz=2e6, sample_rate_hz=500.0, sample_bits=12, band_low=100, band_high=4000
+    converter="matrix",
+    rows=3,
+    columns=5,
+    taxels=15,
+    clock_hz=2e6,
+    sample_rate_hz=500.0,
+    sample_bits=12,
+    band_low=100,
+    band_high=4000,
 )
 
 
 def play(codes, spoil=lambda word, cell: word, frames=2):
-    """(for every frame that ended (codes by taxel, fault), addresses of select's falls with the cycles since they changed, cycles)."""
+    """(for every frame that ended (codes by taxel, fault), addresses of select's falls with the cycles since
+    they changed, cycles)."""
     plan = converter_plan(PRESETS["thesis"].replace(**FIELDS))
     dut = MatrixConverter(plan)
     bench, ended, got, samples = Bench(dut, max_cycles=50_000, quiet=10), [], {}, []
 
     async def chip(ctx):
         word, said, select, clock, since, at = 0, 0, 1, 0, 0, (0, 0)
-        async for *_, now, level, row, column in ctx.tick().sample(dut.pins.cs_n, dut.pins.sclk, dut.pins.row, dut.pins.column):
+        async for *_, now, level, row, column in ctx.tick().sample(
+            dut.pins.cs_n, dut.pins.sclk, dut.pins.row, dut.pins.column
+        ):
             since = 0 if (row, column) != at else since + 1
             at = (row, column)
             if select and not now:

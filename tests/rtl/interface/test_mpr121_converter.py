@@ -1,4 +1,5 @@
-"""rtl/interface/mpr121_converter.py and i2c_master.py: what is written, cells between electrodes, each kind of wrong answer."""
+"""rtl/interface/mpr121_converter.py and i2c_master.py: what is written, cells between electrodes, each kind
+of wrong answer."""
 
 from __future__ import annotations
 
@@ -16,13 +17,30 @@ from eskin.rtl.interface.mpr121_converter import Mpr121Converter
 from tests.support.pin_chips import MprSlave
 from tests.support.stream_bench import Bench
 
-SMALL = dict(converter="mpr121", rows=5, columns=3, taxels=15, sample_rate_hz=100.0, sample_bits=11, band_low=100, band_high=2000)
+SMALL = dict(
+    converter="mpr121",
+    rows=5,
+    columns=3,
+    taxels=15,
+    sample_rate_hz=100.0,
+    sample_bits=11,
+    band_low=100,
+    band_high=2000,
+)
 TWO = SMALL | dict(rows=6, columns=7, taxels=42, mpr_chips=2)
 
 
-def play(frames: int, electrodes, spoil=lambda slave, ended: None, *, first=50, ends: list[int] | None = None, **fields):
-    """(for every frame that ended (codes by taxel, fault, was away), the slave, cycles of each frame, the plan); ``first`` cycles before
-    the chip's first data; to ``ends`` the cycle in which each frame ended."""
+def play(
+    frames: int,
+    electrodes,
+    spoil=lambda slave, ended: None,
+    *,
+    first=50,
+    ends: list[int] | None = None,
+    **fields,
+):
+    """(for every frame that ended (codes by taxel, fault, was away), the slave, cycles of each frame, the
+    plan); ``first`` cycles before the chip's first data; to ``ends`` the cycle in which each frame ended."""
     config = PRESETS["thesis"].replace(**(SMALL | fields))
     plan = dataclasses.replace(mpr_plan(config), quarter=3, reset=20, first=first)
     dut = Mpr121Converter(plan)
@@ -62,7 +80,14 @@ def test_every_cell_of_its_electrodes(fields):
     own = np.array([[*table[0x5A][: plan.electrodes[0]], *table[0x5B][: sum(plan.electrodes[1:])]]])
     assert ended == [(dict(enumerate(cells_of(own, config)[0].tolist())), ConverterFault(0), False)] * 2
     assert max(took) <= plan.scan_cycles
-    one = [(0x80, 0x63), (0x5E, 0), *((0x41 + k, (12, 6)[k % 2]) for k in range(24)), (0x5C, 0x10), (0x5D, 0x20), (0x5E, 0x8F)]
+    one = [
+        (0x80, 0x63),
+        (0x5E, 0),
+        *((0x41 + k, (12, 6)[k % 2]) for k in range(24)),
+        (0x5C, 0x10),
+        (0x5D, 0x20),
+        (0x5E, 0x8F),
+    ]
     assert slave.written == [(0x5A + chip, *word) for chip in range(plan.chips) for word in one]
 
 

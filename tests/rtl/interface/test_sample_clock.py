@@ -29,5 +29,7 @@ def test_tick_number_k_comes_k_periods_after_the_first(clock, rate):
 
     bench.process(play)
     bench.run()
-    due = [begin + -(-k * q // p) for begin, cycles in begun for k in range(cycles) if -(-k * q // p) < cycles]
+    due = [
+        begin + -(-k * q // p) for begin, cycles in begun for k in range(cycles) if -(-k * q // p) < cycles
+    ]
     assert ticks == due

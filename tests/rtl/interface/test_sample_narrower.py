@@ -1,4 +1,5 @@
-"""rtl/interface/sample_narrower.py against the golden conversion, every code of 12 bits and the ends of wider ones."""
+"""rtl/interface/sample_narrower.py against the golden conversion, every code of 12 bits and the ends of wider
+ones."""
 
 from __future__ import annotations
 
@@ -17,15 +18,28 @@ FORMS = {
     "offset, zeros appended": dict(code_offset=700, code_shift=-5),
     "narrower, rounded": dict(code_offset=-3, code_shift=3),
     "offset without shift": dict(code_offset=-27352, code_shift=0),
-    "20 bits, zero at 4096": dict(converter="spi", spi_frame_bits=28, spi_channel_bit=24, spi_code_bits=20, code_offset=4096, code_shift=4),
+    "20 bits, zero at 4096": dict(
+        converter="spi",
+        spi_frame_bits=28,
+        spi_channel_bit=24,
+        spi_code_bits=20,
+        code_offset=4096,
+        code_shift=4,
+    ),
 }
 
 
 @each_row("name", FORMS)
 def test_it_equals_the_golden_conversion(name):
-    config = PRESETS["fabric"].replace(sample_signed=False).replace(**(dict(converter="ads7953") | FORMS[name]))
+    config = (
+        PRESETS["fabric"].replace(sample_signed=False).replace(**(dict(converter="ads7953") | FORMS[name]))
+    )
     top = 1 << code_bits(config)
-    codes = np.unique(np.concatenate([np.arange(0, 1500), np.arange(0, top, max(1, top // 3000)), np.arange(top - 1500, top)]))
+    codes = np.unique(
+        np.concatenate(
+            [np.arange(0, 1500), np.arange(0, top, max(1, top // 3000)), np.arange(top - 1500, top)]
+        )
+    )
     dut, got = SampleNarrower(config), []
 
     async def play(ctx):
@@ -47,4 +61,9 @@ def test_a_code_of_a_sample_is_the_nearest_and_the_way_back_is_exact():
     codes = np.arange(4096)
     assert (codes_of(samples_of(codes, config), config) == codes).all()
     config = PRESETS["pvdf"].replace(converter="ads7953", code_offset=-27352, code_shift=0)
-    assert samples_of(codes_of(np.array([27352, 29000, 31447, 40000]), config), config).tolist() == [27352, 29000, 31447, 31447]
+    assert samples_of(codes_of(np.array([27352, 29000, 31447, 40000]), config), config).tolist() == [
+        27352,
+        29000,
+        31447,
+        31447,
+    ]

@@ -19,12 +19,21 @@ FIELDS = {
     "mcp3208x2": dict(converter="mcp3208x2"),
     "in series": dict(converter="mcp3208x2", data_lines=1),
     "ad7476": dict(converter="ad7476"),
-    "spi": dict(converter="spi", spi_frame_bits=24, spi_channels=4, spi_channel_bit=20, spi_code_bit=2, spi_delay=1, spi_tag_bits=2),
+    "spi": dict(
+        converter="spi",
+        spi_frame_bits=24,
+        spi_channels=4,
+        spi_channel_bit=20,
+        spi_code_bit=2,
+        spi_delay=1,
+        spi_tag_bits=2,
+    ),
 }
 
 
 def frame_of(fields: dict, codes: list[int], spoil=None):
-    """(codes by taxel, fault, cycles) of one frame; ``spoil(word, select, line, transfer)`` changes what a line says."""
+    """(codes by taxel, fault, cycles) of one frame; ``spoil(word, select, line, transfer)`` changes what a
+    line says."""
     config = PRESETS["thesis"].replace(**(SLOW | fields))
     plan, chip = spi_plan(config), spi_chip(config)
     dut, channels = SpiConverter(plan, 16), plan.chip.channels
@@ -35,8 +44,14 @@ def frame_of(fields: dict, codes: list[int], spoil=None):
             transfer[0] += 1
         select = fell.bit_length() - 1
         channel = transfer[0] % plan.per_select - chip.delay
-        code = codes[(select * plan.lines + line) * channels + channel] if channel >= 0 else random.getrandbits(chip.code_bits)
-        word = code << chip.code_bit | ((channel if channel >= 0 else 9) << chip.tag_bit & (1 << chip.tag_bits + chip.tag_bit) - 1)
+        code = (
+            codes[(select * plan.lines + line) * channels + channel]
+            if channel >= 0
+            else random.getrandbits(chip.code_bits)
+        )
+        word = code << chip.code_bit | (
+            (channel if channel >= 0 else 9) << chip.tag_bit & (1 << chip.tag_bits + chip.tag_bit) - 1
+        )
         return spoil(word, select, line, channel) if spoil else word
 
     slave = SpiSlave(dut.pins, chip.bits, answer)
@@ -76,9 +91,14 @@ def test_every_code_at_its_taxel(name):
 
 def test_commands_are_those_of_the_data_sheets():
     plan = spi_plan(PRESETS["thesis"].replace(converter="ads7953"))
-    assert [command for _, command in plan.transfers] == [0x1800 | channel << 7 for channel in range(16)] + [0, 0]
+    assert [command for _, command in plan.transfers] == [0x1800 | channel << 7 for channel in range(16)] + [
+        0,
+        0,
+    ]
     plan = spi_plan(PRESETS["thesis"].replace(converter="mcp3208x2"))
-    assert [f"{command:019b}"[:5] for _, command in plan.transfers] == [f"11{channel:03b}" for channel in range(8)]
+    assert [f"{command:019b}"[:5] for _, command in plan.transfers] == [
+        f"11{channel:03b}" for channel in range(8)
+    ]
 
 
 @pytest.mark.parametrize("name", FIELDS)
@@ -98,7 +118,11 @@ def test_a_stuck_line_is_a_fault(name, level):
 
 @pytest.mark.parametrize("absent", [0, 1])
 def test_one_chip_of_a_series_that_is_stuck_is_a_fault(absent):
-    fault = frame_of(FIELDS["in series"], [700 + k for k in range(16)], lambda word, select, *_: 0 if select == absent else word)[1]
+    fault = frame_of(
+        FIELDS["in series"],
+        [700 + k for k in range(16)],
+        lambda word, select, *_: 0 if select == absent else word,
+    )[1]
     assert fault == ConverterFault.STUCK
 
 
@@ -109,8 +133,13 @@ def test_one_taxel_at_its_end_is_no_fault():
 
 def test_a_wrong_number_and_a_wrong_null_bit_are_faults():
     for at in (0, 5, 15):
-        assert frame_of(FIELDS["ads7953"], [700] * 16, lambda w, s, line, c: w ^ 0x2000 if c == at else w)[1] == ConverterFault.ORDER  # noqa: B023
+        assert (
+            frame_of(FIELDS["ads7953"], [700] * 16, lambda w, s, line, c: w ^ 0x2000 if c == at else w)[1]  # noqa: B023
+            == ConverterFault.ORDER
+        )
     assert (
-        frame_of(FIELDS["mcp3208x2"], [700] * 16, lambda w, s, line, c: w | 1 << 12 if (line, c) == (1, 7) else w)[1]
+        frame_of(
+            FIELDS["mcp3208x2"], [700] * 16, lambda w, s, line, c: w | 1 << 12 if (line, c) == (1, 7) else w
+        )[1]
         == ConverterFault.ORDER
     )

@@ -14,10 +14,19 @@ from tests.support.table import each_row
 
 def plan_of(bits=16, lines=1, selects=1, half=2, lead=2, high=1) -> SpiPlan:
     chip = SpiChip(bits=bits, channels=1, sclk_hz=1e6, conversions_hz=1e6, high_s=0, lead_s=0)
-    return SpiPlan(chip=chip, lines=lines, selects=selects, transfers=((0, 0),), half=half, lead=lead, high=high)
+    return SpiPlan(
+        chip=chip, lines=lines, selects=selects, transfers=((0, 0),), half=half, lead=lead, high=high
+    )
 
 
-@each_row("shape", [dict(), dict(bits=19, lines=2, half=6, lead=6, high=6), dict(bits=5, lines=3, selects=2, half=3, lead=9, high=4)])
+@each_row(
+    "shape",
+    [
+        dict(),
+        dict(bits=19, lines=2, half=6, lead=6, high=6),
+        dict(bits=5, lines=3, selects=2, half=3, lead=9, high=4),
+    ],
+)
 def test_words_cross_and_every_time_is_kept(shape):
     plan, rng = plan_of(**shape), random.Random(str(shape))
     dut, bits = SpiMaster(plan), plan.chip.bits

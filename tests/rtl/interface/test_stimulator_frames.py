@@ -1,4 +1,5 @@
-"""rtl/interface/stimulator_frames.py: every byte against the protocol's table, limits, and OFF as the last word whatever happens."""
+"""rtl/interface/stimulator_frames.py: every byte against the protocol's table, limits, and OFF as the last
+word whatever happens."""
 
 from __future__ import annotations
 
@@ -17,7 +18,8 @@ ON_CYCLES = 400
 
 
 def simulate(body) -> None:
-    """Run ``body(ctx, dut, reset, run)``; ``run(cycles)`` lets time pass and returns the bytes that were taken."""
+    """Run ``body(ctx, dut, reset, run)``; ``run(cycles)`` lets time pass and returns the bytes that were
+    taken."""
     dut, reset = StimulatorFrames(Interface(), ON_CYCLES), Signal()
 
     async def bench(ctx):
@@ -105,7 +107,8 @@ def test_after_a_fault_or_the_time_limit_a_new_touch_is_needed():
 
 @pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
 def test_random_faults_end_with_off(count):
-    """A fault, the end of the request, another electrode, a reset or nothing but time, at any byte of a burst."""
+    """A fault, the end of the request, another electrode, a reset or nothing but time, at any byte of a
+    burst."""
     rng, kinds = random.Random(5), []
 
     async def body(ctx, dut, reset, run):

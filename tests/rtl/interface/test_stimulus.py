@@ -1,4 +1,5 @@
-"""rtl/interface/stimulus.py: electrodes of classes and of positions, how long a request lasts, and the serial line behind it."""
+"""rtl/interface/stimulus.py: electrodes of classes and of positions, how long a request lasts, and the serial
+line behind it."""
 
 from __future__ import annotations
 
@@ -46,9 +47,18 @@ def test_decisions_by_table_and_the_time_they_hold():
 @each_row(("rows", "columns"), [(13, 9), (16, 10), (4, 4)])
 def test_positions_by_the_arrays_size(rows, columns):
     config = AcceleratorConfig.of(
-        taxels=rows * columns, rows=rows, columns=columns, position=True, stimulator="positions", sample_rate_hz=100.0
+        taxels=rows * columns,
+        rows=rows,
+        columns=columns,
+        position=True,
+        stimulator="positions",
+        sample_rate_hz=100.0,
     )
-    places = [(x, y) for y in range(16 * (rows - 1) + 1) for x in (0, 16 * (columns - 1), (7 * y) % (16 * columns - 15))]
+    places = [
+        (x, y)
+        for y in range(16 * (rows - 1) + 1)
+        for x in (0, 16 * (columns - 1), (7 * y) % (16 * columns - 15))
+    ]
     seen = run_events(config, [{"x": x, "y": y} for x, y in places] + [{"x": 0, "y": 0, "ended": 1}])
     wanted = [4 * (6 * (2 * y + 16) // (32 * rows)) + 4 * (2 * x + 16) // (32 * columns) for x, y in places]
     assert seen[:-1] == [(1, electrode) for electrode in wanted] and not seen[-1][0]

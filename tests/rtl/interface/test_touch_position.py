@@ -1,4 +1,5 @@
-"""rtl/interface/touch_position.py against the golden positions, bit for bit; the golden ones against where the touches were."""
+"""rtl/interface/touch_position.py against the golden positions, bit for bit; the golden ones against where
+the touches were."""
 
 from __future__ import annotations
 
@@ -17,12 +18,26 @@ SIZES = {"13x9": (13, 9), "16x10": (16, 10), "4x4": (4, 4)}
 
 
 def config_of(rows: int, columns: int, **fields) -> AcceleratorConfig:
-    base = dict(taxels=rows * columns, rows=rows, columns=columns, sample_bits=8, sample_rate_hz=100.0, band_high=255, position=True)
+    base = dict(
+        taxels=rows * columns,
+        rows=rows,
+        columns=columns,
+        sample_bits=8,
+        sample_rate_hz=100.0,
+        band_high=255,
+        position=True,
+    )
     return AcceleratorConfig.of(**(base | dict(position_rest=REST, position_threshold=10) | fields))
 
 
-def hardware(samples: np.ndarray, config: AcceleratorConfig, clear_after: int | None = None, clear_at: int | None = None) -> list[tuple]:
-    """What is told, by frame; ``clear`` behind frame ``clear_after``, or with the beat ``clear_at`` of the frame behind it."""
+def hardware(
+    samples: np.ndarray,
+    config: AcceleratorConfig,
+    clear_after: int | None = None,
+    clear_at: int | None = None,
+) -> list[tuple]:
+    """What is told, by frame; ``clear`` behind frame ``clear_after``, or with the beat ``clear_at`` of the
+    frame behind it."""
     dut, taxels = TouchPosition(config), config.sensor.taxels
     bench, told, frame_now = Bench(dut, max_cycles=2_000_000), [], [0]
 
@@ -31,7 +46,9 @@ def hardware(samples: np.ndarray, config: AcceleratorConfig, clear_after: int | 
             for place, sample in enumerate(cells):
                 last = place == taxels - 1
                 ctx.set(dut.clear, clear_after is not None and frame == clear_after + 1 and place == clear_at)
-                ctx.set(dut.i, {"valid": 1, "payload": {"sample": int(sample), "first": place == 0, "last": last}})
+                ctx.set(
+                    dut.i, {"valid": 1, "payload": {"sample": int(sample), "first": place == 0, "last": last}}
+                )
                 await ctx.tick()
                 if last:
                     frame_now[0] = frame
@@ -70,7 +87,10 @@ def test_bit_exact_on_generated_touches(size):
     assert hardware(samples, config) == as_told(golden)
 
 
-@each_row("fields", [dict(sample_signed=True, position_rest=-100, band_high=100), dict(sample_bits=16, band_high=60000)])
+@each_row(
+    "fields",
+    [dict(sample_signed=True, position_rest=-100, band_high=100), dict(sample_bits=16, band_high=60000)],
+)
 def test_bit_exact_on_random_frames_of_other_samples(fields):
     config = config_of(4, 5, **fields)
     low, high = config.sample_format.min_code, config.sample_format.max_code
@@ -83,7 +103,9 @@ def test_bit_exact_on_random_frames_of_other_samples(fields):
 def test_clear_forgets_the_touch():
     config = config_of(4, 4)
     samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
-    golden = as_told(positions(samples[:5], config)) + [(f + 5, *rest) for f, *rest in as_told(positions(samples[5:], config))]
+    golden = as_told(positions(samples[:5], config)) + [
+        (f + 5, *rest) for f, *rest in as_told(positions(samples[5:], config))
+    ]
     assert hardware(samples, config, clear_after=4) == golden and not any(row[4] for row in golden[:5])
 
 
@@ -91,7 +113,9 @@ def test_clear_forgets_the_touch():
 def test_of_a_frame_with_a_clear_in_it_nothing_is_told(beat):
     config = config_of(4, 4)
     samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
-    golden = as_told(positions(samples[:5], config)) + [(f + 6, *rest) for f, *rest in as_told(positions(samples[6:], config))]
+    golden = as_told(positions(samples[:5], config)) + [
+        (f + 6, *rest) for f, *rest in as_told(positions(samples[6:], config))
+    ]
     assert hardware(samples, config, clear_after=4, clear_at=beat) == golden
 
 
@@ -105,7 +129,9 @@ def test_the_centre_is_near_the_truth_and_slides_give_their_direction(size, inne
     for p in golden:
         if not p.ended and truth[p.frame]:
             x, y = truth[p.frame]
-            if (1.5 <= x <= columns - 2.5 and 1.5 <= y <= rows - 2.5) or (size == "4x4" and 1 <= x <= 2 and 1 <= y <= 2):
+            if (1.5 <= x <= columns - 2.5 and 1.5 <= y <= rows - 2.5) or (
+                size == "4x4" and 1 <= x <= 2 and 1 <= y <= 2
+            ):
                 errors.append(np.hypot(p.x / 16 - x, p.y / 16 - y))
     assert len(errors) > 10 and np.max(errors) < inner_error
     ends = [p for p in golden if p.ended]

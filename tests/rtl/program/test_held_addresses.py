@@ -1,4 +1,5 @@
-"""On a chip an address that a slot does not use is the one before it; addresses that are used are the same everywhere."""
+"""On a chip an address that a slot does not use is the one before it; addresses that are used are the same
+everywhere."""
 
 from __future__ import annotations
 
@@ -12,7 +13,9 @@ from tests.support.table import each_row
 @each_row("cell", [{}, {"cell": "lstm"}, {"cell": "linear"}])
 def test_only_unused_addresses_are_held(cell, lanes):
     config = PRESETS["thesis"].replace(lanes=lanes, **cell)
-    usual, held = (Microcode(schedule(config.replace(clock_gate=stops, one_port=stops))) for stops in (False, True))
+    usual, held = (
+        Microcode(schedule(config.replace(clock_gate=stops, one_port=stops))) for stops in (False, True)
+    )
     assert usual.slots == held.slots
     before, after = list(usual.unrolled()), list(held.unrolled())
     changes = [0, 0]

@@ -1,4 +1,5 @@
-"""Cycles of the published networks on so many lanes, by the formula that the other tests hold the hardware to."""
+"""Cycles of the published networks on so many lanes, by the formula that the other tests hold the hardware
+to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The check words of image networks: every weight counts, and the places of taps are those of a loop written out."""
+"""The check words of image networks: every weight counts, and the places of taps are those of a loop written
+out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The linear cell: golden against a direct formula, hardware on every lane type, cycles, checksum, fit, import, what fits a part."""
+"""The linear cell: golden against a direct formula, hardware on every lane type, cycles, checksum, fit,
+import, what fits a part."""
 
 from __future__ import annotations
 
@@ -10,7 +11,13 @@ import pytest
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.model.model import FloatModel, IntegerModel, describe_formats, random_integer_model, with_network
+from eskin.golden.model.model import (
+    FloatModel,
+    IntegerModel,
+    describe_formats,
+    random_integer_model,
+    with_network,
+)
 from eskin.golden.model.vectors import random_recordings
 from eskin.golden.training.import_network import import_network
 from eskin.golden.training.linear_fit import fit_linear
@@ -59,10 +66,15 @@ def test_logits_are_a_running_sum_that_is_never_narrowed(sets):
         for step in range(config.windows.steps):
             matrix = v[step if sets == "window" else 0]
             for row in range(config.classes):
-                sums[row] += sum(int(matrix[row, k]) * int(features[touch, step, k]) for k in range(config.inputs))
+                sums[row] += sum(
+                    int(matrix[row, k]) * int(features[touch, step, k]) for k in range(config.inputs)
+                )
                 assert abs(sums[row]) < 1 << config.accumulator_bits - 1
                 want = int(narrow(np.array(sums[row]), config.logit_shift, config.formats.logit_format))
-                saturated += want in (config.formats.logit_format.min_code, config.formats.logit_format.max_code)
+                saturated += want in (
+                    config.formats.logit_format.min_code,
+                    config.formats.logit_format.max_code,
+                )
                 assert logits[touch, step, row] == want
     assert 0 < saturated < logits.size
 
@@ -74,30 +86,51 @@ def test_the_accumulator_holds_the_worst_case_of_all_steps():
     arrays = random_integer_model(config, seed=1).arrays
     worst = dict(arrays, V=np.full_like(arrays["V"], lowest["dense"]))
     largest = lowest["dense"] * lowest["feature"] * config.inputs * config.windows.steps
-    top = (config.formats.dense_bias_format.max_code << config.dense_bias_shift) + (1 << config.logit_shift - 1)
+    top = (config.formats.dense_bias_format.max_code << config.dense_bias_shift) + (
+        1 << config.logit_shift - 1
+    )
     assert largest + top <= config.dense_bound < largest + top + (2 << config.dense_bias_shift)
     assert config.accumulator_bits == max(18, config.dense_bound.bit_length() + 1)
     features = np.full((1, config.windows.steps, config.inputs), lowest["feature"])
-    assert (IntegerModel(random_integer_model(config, 1).config, worst).forward(features)[1] == config.formats.logit_format.max_code).any()
+    assert (
+        IntegerModel(random_integer_model(config, 1).config, worst).forward(features)[1]
+        == config.formats.logit_format.max_code
+    ).any()
 
 
 def test_sizes_and_what_a_linear_cell_has_not():
     config = with_network(PRESETS["pvdf"], cell="linear")
-    assert (config.multiplies, config.step_ideal, config.parameter_count, config.network.decision) == (40, 10, 805, "last")
+    assert (config.multiplies, config.step_ideal, config.parameter_count, config.network.decision) == (
+        40,
+        10,
+        805,
+        "last",
+    )
     assert config.replace(weight_sets="one").parameter_count == 45
     assert set(describe_formats(config)) == {"feature", "dense", "dense_bias", "logit"}
     for change in ({"hidden": 8}, {"reset": "after"}):
         with pytest.raises(InputError, match=f"field {next(iter(change))}: is .* a linear cell has none"):
             with_network(PRESETS["pvdf"], cell="linear", **change)
     with pytest.raises(InputError, match="field dense_format: .* the bit-serial lane keeps 31 with 15 below"):
-        config.replace(lane_type="serial", lanes=1, dense_format=QFormat(1, 12), feature_format=QFormat(2, 8), logit_format=QFormat(6, 4))
-    assert config.replace(state_format=QFormat(4, 12), table_entries=1024, recurrent_format=QFormat(8, 0)).operand_bits == 12
+        config.replace(
+            lane_type="serial",
+            lanes=1,
+            dense_format=QFormat(1, 12),
+            feature_format=QFormat(2, 8),
+            logit_format=QFormat(6, 4),
+        )
+    assert (
+        config.replace(
+            state_format=QFormat(4, 12), table_entries=1024, recurrent_format=QFormat(8, 0)
+        ).operand_bits
+        == 12
+    )
 
 
 # ---------------------------------------------------------------------- hardware
 def bound(config: AcceleratorConfig) -> int:
-    """Cycles a step may take. On DSP lanes every dot product loads its block's accumulator in a slot of its own: one a row, and on a lane
-    that also normalises one a feature."""
+    """Cycles a step may take. On DSP lanes every dot product loads its block's accumulator in a slot of its
+    own: one a row, and on a lane that also normalises one a feature."""
     classes, inputs, lanes = config.classes, config.inputs, config.hardware.lanes
     lost = config.hardware.lane_type == "dsp"
     return -(-classes // lanes) * (inputs + lost) + -(-inputs // lanes) * (1 + lost * (lanes == 1)) + 16
@@ -118,7 +151,11 @@ def bound(config: AcceleratorConfig) -> int:
 def test_bit_exact_in_the_cycles_of_the_formula(inputs, classes, lanes, lane_type):
     """Groups of rows that fill 4 and 6 lanes and do not, and one group alone."""
     config = linear(
-        lanes, classes=classes, taxels=inputs, lane_type=lane_type, weight_sets="one" if (inputs, lanes) == (9, 4) else "window"
+        lanes,
+        classes=classes,
+        taxels=inputs,
+        lane_type=lane_type,
+        weight_sets="one" if (inputs, lanes) == (9, 4) else "window",
     )
     assert schedule(config).step_cycles <= bound(config)
     check_exact_and_cycles(config, touches=2)
@@ -137,8 +174,13 @@ def test_the_formula_holds_for_every_size_of_the_data_sets(lanes, lane_type):
 
 @each_row(("lanes", "lane_type"), [(1, "plain"), (4, "plain"), (1, "serial")])
 def test_more_kinds_of_feature_are_more_inputs(lanes, lane_type):
-    """Two kinds, a scale for each input, and a checksum whose check words, one a window, stand behind all those scales."""
-    kinds = {"feature_kinds": ("mean", "activity"), "feature_scale": "taxel", "checksum": lane_type == "plain"}
+    """Two kinds, a scale for each input, and a checksum whose check words, one a window, stand behind all
+    those scales."""
+    kinds = {
+        "feature_kinds": ("mean", "activity"),
+        "feature_scale": "taxel",
+        "checksum": lane_type == "plain",
+    }
     config = linear(lanes, classes=5, lane_type=lane_type, **kinds)
     assert config.inputs == 10 and schedule(config).program.state_regions == ("x",)
     assert lane_type == "serial" or schedule(config).step_cycles <= bound(config)
@@ -169,7 +211,8 @@ def test_one_serial_lane_keeps_every_bit(dense, feature, logit, sets):
 
 
 @pytest.mark.parametrize(
-    ("decision", "lanes", "lane_type"), [("vote", 3, "plain"), ("last", 1, "plain"), ("vote", 6, "dsp"), ("last", 1, "serial")]
+    ("decision", "lanes", "lane_type"),
+    [("vote", 3, "plain"), ("last", 1, "plain"), ("vote", 6, "dsp"), ("last", 1, "serial")],
 )
 def test_bit_exact_with_stalls(decision, lanes, lane_type):
     config = linear(lanes, classes=5, taxels=8, lane_type=lane_type, decision=decision)
@@ -184,8 +227,11 @@ def test_bit_exact_with_stalls(decision, lanes, lane_type):
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("lane_type", ["plain", "serial"])
 def test_partial_touches_begin_anew(tmp_path, lane_type):
-    """The whole chain: recordings that end inside a touch, one after the other; the next touch begins with its bias and first window."""
-    config = with_network(PRESETS["pvdf"], cell="linear").replace(hop=12, window=24, steps=4, lane_type=lane_type, lanes=1, rearm_frames=20)
+    """The whole chain: recordings that end inside a touch, one after the other; the next touch begins with
+    its bias and first window."""
+    config = with_network(PRESETS["pvdf"], cell="linear").replace(
+        hop=12, window=24, steps=4, lane_type=lane_type, lanes=1, rearm_frames=20
+    )
     model = random_integer_model(config, seed=5)
     recordings = random_recordings(model.config, [300, 150, 420], seed=2)
     result = cosimulate(model, recordings, work=tmp_path, builds=BUILDS, simulator="verilator", stalls=True)
@@ -195,12 +241,26 @@ def test_partial_touches_begin_anew(tmp_path, lane_type):
 # ---------------------------------------------------------------------- checksum and images
 @each_row(("lanes", "sets"), [(1, "window"), (4, "window"), (4, "one"), (6, "window")])
 def test_every_constant_of_every_window_is_under_the_checksum(lanes, sets):
-    config = linear(lanes, classes=5, taxels=8, checksum=True, weight_sets=sets, lane_type="dsp" if lanes == 6 else "plain")
+    config = linear(
+        lanes,
+        classes=5,
+        taxels=8,
+        checksum=True,
+        weight_sets=sets,
+        lane_type="dsp" if lanes == 6 else "plain",
+    )
     model = random_integer_model(config, seed=2)
     code, images = Microcode(schedule(model.config)), memory_images(model.config, model.arrays)
-    counts = {lane: code.plan.weight_depth for lane in range(lanes)} | {"addend": len(code.plan.bias_rows), "gate": len(images[65])}
+    counts = {lane: code.plan.weight_depth for lane in range(lanes)} | {
+        "addend": len(code.plan.bias_rows),
+        "gate": len(images[65]),
+    }
     assert unseen(code, counts) == []
-    weights, addends, constants = [images[lane] for lane in range(lanes)], images[Memory.ADDENDS], images[Memory.CONSTANTS]
+    weights, addends, constants = (
+        [images[lane] for lane in range(lanes)],
+        images[Memory.ADDENDS],
+        images[Memory.CONSTANTS],
+    )
     for check in range(len(code.layout.checks)):
         assert residue(code, weights, addends, constants, check) == 0
     assert len(code.layout.checks) == (config.windows.steps if sets == "window" else 1)
@@ -230,29 +290,42 @@ def test_the_schedule_is_drawn_and_told(lanes, lane_type):
 
 
 def test_what_of_the_weights_fits_a_part_is_said():
-    """20 windows of biotac_slide's size: 1520 words of 8 bits a lane on 6 lanes are 3 blocks of 512 x 8, for the two lanes that have no
-    large memory. ROM has no large memory: 1900 words on 4 lanes are 4 blocks each."""
+    """20 windows of biotac_slide's size: 1520 words of 8 bits a lane on 6 lanes are 3 blocks of 512 x 8, for
+    the two lanes that have no large memory. ROM has no large memory: 1900 words on 4 lanes are 4 blocks
+    each."""
     sizes = dict(classes=20, taxels=19, steps=20, hop=30, window=60, touch_frames=630, lane_type="dsp")
     config = linear(6, **sizes).replace(loadable=True)
     larger = "--target ulx3s has a larger part, --no-link leaves out what talks to the host"
     sentence = misfit_sentence(config, target("icebreaker"), True, DoesNotFit({"block memories": (31, 30)}))
     assert sentence.endswith(
-        "it needs 31 block memories of 30 (1 too many); the weights of 20 windows alone take 6, on 4 lanes (--lanes 4) they take none, "
+        "it needs 31 block memories of 30 (1 too many); the weights of 20 windows alone take 6, on 4 lanes "
+        "(--lanes 4) they take none, "
         f"those of 13 (--steps 13) would fit, {larger}"
     )
-    fixed = misfit_sentence(linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (52, 30)}))
+    fixed = misfit_sentence(
+        linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (52, 30)})
+    )
     assert fixed.endswith(f"the weights of 20 windows alone take 16, {larger}")
-    one = misfit_sentence(linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (34, 30)}))
-    assert "16 (--steps 16) would fit, one set for all windows (weight_sets one in the configuration) takes 4, " in one
+    one = misfit_sentence(
+        linear(4, **sizes), target("icebreaker"), True, DoesNotFit({"block memories": (34, 30)})
+    )
+    assert (
+        "16 (--steps 16) would fit, one set for all windows (weight_sets one in the configuration) takes 4, "
+        in one
+    )
     elsewhere = misfit_sentence(
-        linear(4, **sizes).replace(loadable=True), target("icebreaker"), True, DoesNotFit({"block memories": (31, 30)})
+        linear(4, **sizes).replace(loadable=True),
+        target("icebreaker"),
+        True,
+        DoesNotFit({"block memories": (31, 30)}),
     )
     assert elsewhere.endswith(f"(1 too many); {larger}")
 
 
 # ---------------------------------------------------------------------- fit, quantise, train
 def test_the_fit_is_logistic_regression_on_all_windows():
-    """Probabilities of scikit-learn's own pipeline, standardised inputs and all; one set: on the sum over the windows."""
+    """Probabilities of scikit-learn's own pipeline, standardised inputs and all; one set: on the sum over the
+    windows."""
     from sklearn.linear_model import LogisticRegression
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
@@ -260,12 +333,18 @@ def test_the_fit_is_logistic_regression_on_all_windows():
     rng = np.random.default_rng(4)
     config = linear(classes=4, taxels=5)
     labels = rng.integers(0, 4, 90)
-    features = rng.normal(0, 1, (90, config.windows.steps, 5)) * rng.uniform(0.1, 9, 5) + 0.4 * labels[:, None, None]
+    features = (
+        rng.normal(0, 1, (90, config.windows.steps, 5)) * rng.uniform(0.1, 9, 5) + 0.4 * labels[:, None, None]
+    )
     for sets in ("window", "one"):
         chosen = config.replace(weight_sets=sets)
         inputs = features.reshape(90, -1) if sets == "window" else features.sum(axis=1)
-        reference = make_pipeline(StandardScaler(), LogisticRegression(C=0.7, max_iter=300)).fit(inputs, labels)
-        model = FloatModel(chosen, fit_linear(chosen, features, labels, 0.7) | {"mu": np.array(0.0), "sigma": np.array(1.0)})
+        reference = make_pipeline(StandardScaler(), LogisticRegression(C=0.7, max_iter=300)).fit(
+            inputs, labels
+        )
+        model = FloatModel(
+            chosen, fit_linear(chosen, features, labels, 0.7) | {"mu": np.array(0.0), "sigma": np.array(1.0)}
+        )
         logits = model.forward(features)[1][:, -1]
         assert np.allclose(logits, reference.decision_function(inputs), atol=1e-3)
 
@@ -282,12 +361,25 @@ def test_a_fit_of_two_classes_and_of_missing_ones():
 
 
 def test_training_writes_a_model_that_quantises(tmp_path, monkeypatch):
-    config = PRESETS["synthetic"].replace(taxels=4, hop=12, window=24, steps=4, touch_frames=60, pretrigger_frames=4, rest_frames=8)
+    config = PRESETS["synthetic"].replace(
+        taxels=4, hop=12, window=24, steps=4, touch_frames=60, pretrigger_frames=4, rest_frames=8
+    )
     recordings = random_recordings(config, [400] * 12, seed=3)
-    monkeypatch.setitem(RECIPES, "linear", RECIPES["linear"].__class__(name="linear", updates=3, batch=16, noise=0.3, penalty=1.0))
-    record = train(recordings, with_network(config, cell="linear"), TrainingRequest(folds=3, seeds=2, splits=[[]]), out=tmp_path / "m")
+    monkeypatch.setitem(
+        RECIPES,
+        "linear",
+        RECIPES["linear"].__class__(name="linear", updates=3, batch=16, noise=0.3, penalty=1.0),
+    )
+    record = train(
+        recordings,
+        with_network(config, cell="linear"),
+        TrainingRequest(folds=3, seeds=2, splits=[[]]),
+        out=tmp_path / "m",
+    )
     assert record["recipe"]["name"] == "linear" and record["config"]["network"]["decision"] == "last"
-    assert [entry["signal"] for entry in record["ranges"]] == list(signals(with_network(config, cell="linear")))
+    assert [entry["signal"] for entry in record["ranges"]] == list(
+        signals(with_network(config, cell="linear"))
+    )
     model = FloatModel.load(tmp_path / "m")
     assert model.arrays["V"].shape == (4, 3, 4)
     ranges = {entry["signal"]: (entry["min"], entry["max"]) for entry in record["ranges"]}
@@ -295,7 +387,12 @@ def test_training_writes_a_model_that_quantises(tmp_path, monkeypatch):
         integer = quantise_model(model, ranges, **widths)
         assert integer.config.formats.dense_format.width == widths.get("weight_bits", 8)
         assert not widths.get("lean") or integer.config.logit_proven
-    assert choose_recipe(model.config.replace(onset="immediate", rest="none", rest_frames=0, pretrigger_frames=0)).augments is False
+    assert (
+        choose_recipe(
+            model.config.replace(onset="immediate", rest="none", rest_frames=0, pretrigger_frames=0)
+        ).augments
+        is False
+    )
     with pytest.raises(InputError, match="field protocol: is 'thesis' and the cell is linear"):
         choose_recipe(model.config, "thesis")
 
@@ -318,7 +415,9 @@ def test_a_regression_is_imported_column_by_column(tmp_path, sets):
     means = np.random.default_rng(1).normal(2, 3, (6, config.windows.steps, config.inputs))
     x = (means - 2.0) / 3.0
     x = x.reshape(6, -1) if sets == "window" else x.sum(axis=1)
-    assert np.allclose(model.forward(model.features(means))[1][:, -1], x @ given["coef_"].T + given["intercept_"])
+    assert np.allclose(
+        model.forward(model.features(means))[1][:, -1], x @ given["coef_"].T + given["intercept_"]
+    )
 
 
 def test_a_regression_of_two_classes_has_one_row(tmp_path):
@@ -326,7 +425,9 @@ def test_a_regression_of_two_classes_has_one_row(tmp_path):
     given = coefficients(config, config.inputs * config.windows.steps, rows=1)
     np.savez(tmp_path / "lr.npz", **given)
     import_network(tmp_path / "lr.npz", config, out=tmp_path / "m", mean=0.0, std=1.0)
-    logits = FloatModel.load(tmp_path / "m").forward(np.ones((1, config.windows.steps, config.inputs)))[1][0, -1]
+    logits = FloatModel.load(tmp_path / "m").forward(np.ones((1, config.windows.steps, config.inputs)))[1][
+        0, -1
+    ]
     assert np.isclose(logits[1] - logits[0], given["coef_"].sum() + given["intercept_"][0])
 
 
@@ -337,14 +438,19 @@ def test_a_regression_of_two_classes_has_one_row(tmp_path):
         ({"intercept_": None}, "array intercept_: is missing"),
         ({"classes_": np.arange(3)}, "array classes_: belongs to no linear cell"),
         ({"coef_": np.full((3, 15), np.nan)}, "array coef_: holds values that are no finite numbers"),
-        ({"coef_": np.zeros((3, 14))}, "has 14 columns and configuration 'small' has 3 windows of 5 inputs: 15 columns, or 5"),
+        (
+            {"coef_": np.zeros((3, 14))},
+            "has 14 columns and configuration 'small' has 3 windows of 5 inputs: 15 columns, or 5",
+        ),
         ({"coef_": np.zeros((4, 15)), "intercept_": np.zeros(4)}, "decides between 4 classes"),
         ({"intercept_": np.zeros(2)}, "has shape \\(2,\\) beside \\(3, 15\\)"),
         ({"intercept_": np.array([None, 1, 2], dtype=object)}, "intercept_.*pickle"),
     ],
 )
 def test_a_file_that_is_none_is_refused(tmp_path, change, says):
-    arrays = {name: value for name, value in (coefficients(linear(), 15) | change).items() if value is not None}
+    arrays = {
+        name: value for name, value in (coefficients(linear(), 15) | change).items() if value is not None
+    }
     np.savez(tmp_path / "lr.npz", **arrays)
     with pytest.raises(InputError, match=says):
         import_network(tmp_path / "lr.npz", linear(), out=tmp_path / "m", mean=0.0, std=1.0)

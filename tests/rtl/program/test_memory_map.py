@@ -1,4 +1,5 @@
-"""Memory images: every weight in the place the schedule reads, addends with bias and rounding half, the writes that load them."""
+"""Memory images: every weight in the place the schedule reads, addends with bias and rounding half, the
+writes that load them."""
 
 from __future__ import annotations
 
@@ -7,7 +8,16 @@ import pytest
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import random_integer_model
-from eskin.rtl.program.memory_map import Memory, Register, load_words, load_writes, mask_words, mean_word, memory_images, memory_words
+from eskin.rtl.program.memory_map import (
+    Memory,
+    Register,
+    load_words,
+    load_writes,
+    mask_words,
+    mean_word,
+    memory_images,
+    memory_words,
+)
 from eskin.rtl.program.schedule import schedule
 from tests.support.table import each_row
 
@@ -15,7 +25,9 @@ from tests.support.table import each_row
 @pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
 @pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (4, "plain"), (5, "dsp"), (1, "dsp")])
 def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
-    config = PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, lane_type=lane_type, state_format=QFormat(4, 12))
+    config = PRESETS["thesis"].replace(
+        cell=cell, reset=reset, lanes=lanes, lane_type=lane_type, state_format=QFormat(4, 12)
+    )
     model = random_integer_model(config, seed=lanes)
     config = model.config
     images = memory_images(config, model.arrays)
@@ -30,12 +42,19 @@ def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
     constants, dense = images[Memory.CONSTANTS], model.arrays["V"]
     if plan.shared:  # the dense layer's weights lie beside the constants, each row from a multiple of 16 on
         kept = constants[16:]
-        assert [kept[16 * row : 16 * row + 12] for row in range(3)] == dense.tolist() and len(kept) == 2 * 16 + 12
+        assert [kept[16 * row : 16 * row + 12] for row in range(3)] == dense.tolist() and len(
+            kept
+        ) == 2 * 16 + 12
         constants, placed = constants[: 2 + len(config.window_lengths)], placed + dense.size
     assert placed == sum(array.size for name, array in model.arrays.items() if name[0] in "WUV")
     assert constants == [*model.arrays["scale"], config.gate_one, 0]
     assert images[Memory.MEANS] == model.arrays["mean"].tolist()
-    half = {"sigmoid": config.sigmoid_shift, "tanh": config.tanh_shift, "value": config.value_shift, "logit": config.logit_shift}
+    half = {
+        "sigmoid": config.sigmoid_shift,
+        "tanh": config.tanh_shift,
+        "value": config.value_shift,
+        "logit": config.logit_shift,
+    }
     for word, (block, row) in zip(images[Memory.ADDENDS], plan.bias_rows, strict=False):
         shift = config.dense_bias_shift if block.name == "dense" else config.bias_shift
         assert word == model.arrays[block.bias][row] * 2**shift + 2 ** (half[block.narrowing] - 1)
@@ -62,7 +81,9 @@ def test_a_checked_mean_has_an_even_number_of_ones_and_its_own_bits():
 
 def test_mask_words_have_a_bit_for_each_masked_taxel():
     config = PRESETS["thesis"].replace(taxels=33, feature_shift=(), masked_taxels=(32, 0, 17, 16, 15))
-    assert mask_words(config) == [0x8001, 0x0003, 0x0001] and mask_words(config.replace(masked_taxels=())) == [0, 0, 0]
+    assert mask_words(config) == [0x8001, 0x0003, 0x0001] and mask_words(
+        config.replace(masked_taxels=())
+    ) == [0, 0, 0]
 
 
 @each_row(("bits", "words"), [(16, 2), (4, 1)])

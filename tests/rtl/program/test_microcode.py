@@ -17,8 +17,12 @@ CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 LANES = [1, 2, 3, 4, 6, 12]
 
 
-def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, lane_type: str = "plain") -> AcceleratorConfig:
-    return PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, lane_type=lane_type, state_format=QFormat(4, 12))
+def reference(
+    cell: str = "gru", reset: str = "before", lanes: int = 4, lane_type: str = "plain"
+) -> AcceleratorConfig:
+    return PRESETS["thesis"].replace(
+        cell=cell, reset=reset, lanes=lanes, lane_type=lane_type, state_format=QFormat(4, 12)
+    )
 
 
 @pytest.fixture(scope="module", params=CELLS, ids=["before", "after", "lstm"])
@@ -49,10 +53,18 @@ def test_a_length_or_ed_into_the_address_of_scale_or_check_leads_to_its_own_word
     counts = set()
     for hidden in range(4, 10):
         for hop, window, steps in ((10, 20, 3), (8, 17, 4), (8, 17, 5)):
-            windows = {"hop": hop, "window": window, "steps": steps, "touch_frames": 40, "pretrigger_frames": 4}
+            windows = {
+                "hop": hop,
+                "window": window,
+                "steps": steps,
+                "touch_frames": 40,
+                "pretrigger_frames": 4,
+            }
             config = reference(cell, reset).replace(checksum=checksum, hidden=hidden, **windows)
             place, lengths = Layout(config, cell_program(config)), len(config.window_lengths)
-            gates = [place.gate(region, index) for region in place.program.gate_regions for index in range(hidden)]
+            gates = [
+                place.gate(region, index) for region in place.program.gate_regions for index in range(hidden)
+            ]
             words = ["scale", "check"] if checksum else ["scale"]
             constants = [place.gate(word, 0) | length for word in words for length in range(lengths)]
             constants += [place.gate("one", 0), place.gate("zero", 0)]
@@ -67,9 +79,15 @@ def test_a_length_or_ed_into_the_address_of_scale_or_check_leads_to_its_own_word
 
 def test_jumps_and_waits_begin_a_word(codes):
     for code in codes.values():
-        begins = [sum(word["repeat"] + 1 for word in code.words[:number]) for number in range(len(code.words))]
+        begins = [
+            sum(word["repeat"] + 1 for word in code.words[:number]) for number in range(len(code.words))
+        ]
         assert begins[code.again_word] == code.again
-        assert code.words[begins.index(code.wait)] == {**code.words[begins.index(code.wait)], "wait": 1, "repeat": 0}
+        assert code.words[begins.index(code.wait)] == {
+            **code.words[begins.index(code.wait)],
+            "wait": 1,
+            "repeat": 0,
+        }
         assert code.words[-1]["end"] and not code.words[-1]["repeat"]
         steps = range(code.again, code.wait + code.plan.decision_slots + 1)
         assert [word["in_step"] for word in code.words] == [int(slot in steps) for slot in begins]
@@ -85,9 +103,13 @@ def test_repeats_save_words(codes):
 def test_every_operation_of_the_schedule_has_its_bits(codes):
     for code in codes.values():
         plan, slots = code.plan, code.slots
-        rows = [(code.again + op.cycle, op) for op in plan.mac_before] + [(code.wait + op.cycle, op) for op in plan.mac_after]
+        rows = [(code.again + op.cycle, op) for op in plan.mac_before] + [
+            (code.wait + op.cycle, op) for op in plan.mac_after
+        ]
         beside = {slot: op for slot, op in rows if plan.beside(op)}
-        assert [slot for slot, fields in enumerate(slots) if fields.get("mac")] == [slot for slot, _ in rows if slot not in beside]
+        assert [slot for slot, fields in enumerate(slots) if fields.get("mac")] == [
+            slot for slot, _ in rows if slot not in beside
+        ]
         for slot, op in beside.items():
             row = code.layout.constants + code.layout.dense_offset(plan.groups[op.group].first_row)
             assert slots[slot]["gate"] == row + op.index and slots[slot + 1]["element_operand"]
@@ -101,7 +123,9 @@ def test_every_operation_of_the_schedule_has_its_bits(codes):
         zeros = bool(plan.program.t_regions)  # the prologue writes the T memory's word for 0
         assert results == rows_done + activated + zeros
         assert sum(fields.get("logit", 0) for fields in slots) == plan.config.classes
-        assert [slot for slot, fields in enumerate(slots) if fields.get("ends_step")] == [code.wait + plan.decision_slots]
+        assert [slot for slot, fields in enumerate(slots) if fields.get("ends_step")] == [
+            code.wait + plan.decision_slots
+        ]
         assert sum(fields.get("hidden", 0) for fields in slots) == plan.config.network.hidden
         assert sum(fields.get("feature", 0) for fields in slots) == plan.config.sensor.taxels
         assert sum(fields.get("released", 0) for fields in slots) == 1
@@ -140,7 +164,12 @@ def test_vector_counts_within_a_word_and_nothing_else_does():
     ]
     words = [word for word in code.words[code.again_word + 1 :] if not word["wait"] and word["mac"]]
     # the slot that waits is a word of its own, and so is the slot after it
-    assert [(word["vector"], word["repeat"], word["t"]) for word in words] == [(6, 1, 3), (9, 2, 4), (12, 0, 5), (0, 0, 0)]
+    assert [(word["vector"], word["repeat"], word["t"]) for word in words] == [
+        (6, 1, 3),
+        (9, 2, 4),
+        (12, 0, 5),
+        (0, 0, 0),
+    ]
 
 
 def test_a_hazard_raises():
@@ -148,7 +177,9 @@ def test_a_hazard_raises():
     slots.set(3, vector=5, mac=1)
     slots.set(3, mac=1, t=2)
     assert slots == {3: {"vector": 5, "mac": 1, "t": 2}}
-    with pytest.raises(RuntimeError, match="slot 3: vector is needed as 5 and as 6: the schedule has a hazard"):
+    with pytest.raises(
+        RuntimeError, match="slot 3: vector is needed as 5 and as 6: the schedule has a hazard"
+    ):
         slots.set(3, vector=6)
 
 

@@ -1,4 +1,5 @@
-"""The list scheduler: what must hold for any program on any number of lanes, and the reference's cycles against the ideal."""
+"""The list scheduler: what must hold for any program on any number of lanes, and the reference's cycles
+against the ideal."""
 
 from __future__ import annotations
 
@@ -21,7 +22,9 @@ CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
 
 def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **changes) -> AcceleratorConfig:
-    return PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, state_format=QFormat(4, 12), **changes)
+    return PRESETS["thesis"].replace(
+        cell=cell, reset=reset, lanes=lanes, state_format=QFormat(4, 12), **changes
+    )
 
 
 @each_row(("lanes", "limit"), [(1, 1.15), (2, 1.15), (4, 1.15), (6, 1.15), (12, 1.40)])
@@ -45,7 +48,9 @@ CONFIGURATIONS = given(
 
 def planned(cell, lanes, hidden, taxels, classes, lane_type) -> Schedule:
     names = tuple(f"class{k}" for k in range(classes))
-    return schedule(reference(*cell, lanes, hidden=hidden, taxels=taxels, class_names=names, lane_type=lane_type))
+    return schedule(
+        reference(*cell, lanes, hidden=hidden, taxels=taxels, class_names=names, lane_type=lane_type)
+    )
 
 
 def lasts_of(plan: Schedule) -> list[tuple[int, RowGroup]]:
@@ -61,19 +66,35 @@ def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden
     timing, base = plan.timing, plan.slots_before
 
     # every weight of every matrix once
-    read = [(matrix, group.first_row + lane, column) for group, matrix, column in plan.weight_words for lane in range(group.rows)]
+    read = [
+        (matrix, group.first_row + lane, column)
+        for group, matrix, column in plan.weight_words
+        for lane in range(group.rows)
+    ]
     shapes = {"W": (hidden, taxels), "U": (hidden, hidden), "V": (classes, hidden)}
-    wanted = {(m, row, column) for m in {r[0] for r in read} for row in range(shapes[m[0]][0]) for column in range(shapes[m[0]][1])}
+    wanted = {
+        (m, row, column)
+        for m in {r[0] for r in read}
+        for row in range(shapes[m[0]][0])
+        for column in range(shapes[m[0]][1])
+    }
     assert len(read) == len(set(read)) and set(read) == wanted
 
-    # one lane issue and one element issue a slot; with one multiplier one of either; a gap where an accumulator is loaded on its own
+    # one lane issue and one element issue a slot; with one multiplier one of either; a gap where an
+    # accumulator is loaded on its own
     rows = [(op.cycle, op) for op in plan.mac_before] + [(base + op.cycle, op) for op in plan.mac_after]
     assert all(two >= one + 1 + timing.gap * second.first for (one, _), (two, second) in pairwise(rows))
     elements = [(base + issue.cycle, issue) for issue in plan.elements]
-    assert all(two >= one + 1 + plan.element_gap * (second.term == 0) for (one, _), (two, second) in pairwise(elements))
+    assert all(
+        two >= one + 1 + plan.element_gap * (second.term == 0)
+        for (one, _), (two, second) in pairwise(elements)
+    )
     if plan.shared:
         assert lane_type == "plain" or plan.element_gap == 1
-        on_the_lane = sorted([(slot, op.first, op.group) for slot, op in rows] + [(slot, i.term == 0, None) for slot, i in elements])
+        on_the_lane = sorted(
+            [(slot, op.first, op.group) for slot, op in rows]
+            + [(slot, i.term == 0, None) for slot, i in elements]
+        )
         for (one, _, group), (two, begins, other) in pairwise(on_the_lane):
             assert two >= one + 1 + timing.gap * begins
             assert begins or group == other, "an element-wise operation between the elements of a dot product"
@@ -89,12 +110,20 @@ def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden
     table += [slot + timing.element_to_table for (name, _), slot in final.items() if name in activating]
     assert len(table) == len(set(table))
     written = [slot + 1 for slot in table] + [
-        slot + timing.row + row for slot, group in lasts if group.block.dest == "value" for row in range(group.rows)
+        slot + timing.row + row
+        for slot, group in lasts
+        if group.block.dest == "value"
+        for row in range(group.rows)
     ]
     assert len(written) == len(set(written)), "gate and T memory share their address"
 
     # operands of rows: features and other new states are read after they were written, old ones before
-    makers = {"x": set(), "rh": {"r"}, "c": set("ifgo") - {"o"}, "h": {name for name in ("z", "n", "hn", "wx", "i", "f", "g", "o", "r")}}
+    makers = {
+        "x": set(),
+        "rh": {"r"},
+        "c": set("ifgo") - {"o"},
+        "h": {name for name in ("z", "n", "hn", "wx", "i", "f", "g", "o", "r")},
+    }
     if cell == ("gru", "before"):
         makers["h"] = {"z", "n"}  # r acts through rh, which is new when n reads it
     blocks = [block.name for block in plan.program.after]
@@ -129,22 +158,27 @@ def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden
                 assert gates[region, issue.index] <= slot
 
     # the step is over when its last results are written
-    assert base + plan.slots_after >= max(*written, base + plan.decision_slots, *(s + timing.element_to_state - 1 for s in final.values()))
+    assert base + plan.slots_after >= max(
+        *written, base + plan.decision_slots, *(s + timing.element_to_state - 1 for s in final.values())
+    )
 
 
 class Rows:
     """The lanes, the chain and the addend memory, with symbols for numbers, run by the microcode's slots.
 
-    A sum is (lane, addend, first operation added, how many, one after the other); an addend is its address, or the sum that was
-    written there.
+    A sum is (lane, addend, first operation added, how many, one after the other); an addend is its address,
+    or the sum that was written there.
     """
 
     def __init__(self, code: Microcode) -> None:
         self.code, self.timing = code, code.plan.timing
         lanes = code.plan.config.hardware.lanes
         self.memory: dict[int, object] = {}
-        self.addend = self.kept = object()  # what the memory gives in this slot, and what it gave in the slot before
-        self.issued: list[int | None] = [None] * self.timing.added  # operation of each slot that is still under way
+        # what the memory gives in this slot, and what it gave in the slot before
+        self.addend = self.kept = object()
+        self.issued: list[int | None] = [
+            None
+        ] * self.timing.added  # operation of each slot that is still under way
         self.sums: list[object] = [None] * lanes
         self.places: list[object] = [None] * lanes
         self.next_operation = 0
@@ -179,7 +213,8 @@ class Rows:
         self.addend = self.memory.get(fields["addend"], fields["addend"]) if "addend" in fields else object()
         self.issued = [*self.issued[1:], None]
         place = self.code.layout
-        beside = self.code.plan.shared and fields.get("gate", -1) >= place.constants + place.dense_offset(0)  # the dense layer's weights
+        # the dense layer's weights
+        beside = self.code.plan.shared and fields.get("gate", -1) >= place.constants + place.dense_offset(0)
         assert not (beside and fields.get("mac"))
         if beside or fields.get("mac"):
             self.issued[-1] = self.next_operation
@@ -190,7 +225,9 @@ class Rows:
 
 @settings(ANY, max_examples=50)
 @CONFIGURATIONS
-def test_sums_begin_from_their_addends_and_leave_the_lanes_in_their_slots(cell, lanes, hidden, taxels, classes, lane_type):
+def test_sums_begin_from_their_addends_and_leave_the_lanes_in_their_slots(
+    cell, lanes, hidden, taxels, classes, lane_type
+):
     """The prologue and two steps of a touch, lanes, chain and addend memory with symbols for numbers."""
     check_rows(Microcode(planned(cell, lanes, hidden, taxels, classes, lane_type)))
 
@@ -223,11 +260,14 @@ def check_rows(code: Microcode) -> None:
 
 @each_row("cell", CELLS)
 def test_one_phase_computes_the_same_rows_without_partial_sums(cell):
-    """What one DSP lane runs: every weight once, the old state read before the new one is written, no addend that is computed."""
+    """What one DSP lane runs: every weight once, the old state read before the new one is written, no addend
+    that is computed."""
     two, one = schedule(reference(*cell, lanes=1)), schedule(reference(*cell, lanes=1, lane_type="dsp"))
     assert one.program == in_one_phase(two.program) == cell_program(one.config)
     assert not one.mac_before and not one.partial_rows and one.slots_before == 0 and two.partial_rows
-    assert sorted((m, g.first_row, c) for g, m, c in one.weight_words) == sorted((m, g.first_row, c) for g, m, c in two.weight_words)
+    assert sorted((m, g.first_row, c) for g, m, c in one.weight_words) == sorted(
+        (m, g.first_row, c) for g, m, c in two.weight_words
+    )
     assert one.decision_cycles > two.decision_cycles
 
 

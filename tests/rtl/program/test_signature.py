@@ -1,5 +1,5 @@
-"""rtl/program/signature.py: the proof that every flip is seen names every bit of words that no step reads; check words make the sum
-zero."""
+"""rtl/program/signature.py: the proof that every flip is seen names every bit of words that no step reads;
+check words make the sum zero."""
 
 from __future__ import annotations
 
@@ -14,9 +14,12 @@ from eskin.rtl.program.signature import WIDTH, reads, residue, unseen
 def test_every_bit_of_a_word_that_is_never_read_is_unseen():
     code = Microcode(schedule(PRESETS["thesis"].replace(checksum=True)))
     config, biases, weights = code.plan.config, len(code.plan.bias_rows), len(code.plan.weight_words)
-    assert unseen(code, {"addend": biases + 1}) == [(("addend", biases), bit) for bit in range(config.accumulator_bits)]
+    assert unseen(code, {"addend": biases + 1}) == [
+        (("addend", biases), bit) for bit in range(config.accumulator_bits)
+    ]
     assert unseen(code, {0: weights + 1}) == [((0, weights), bit) for bit in range(config.weight_bits)]
-    without = Microcode(schedule(PRESETS["thesis"]))  # its step has no check word to read, nor a reason to read the constant 0
+    # its step has no check word to read, nor a reason to read the constant 0
+    without = Microcode(schedule(PRESETS["thesis"]))
     place = without.layout
     zero = place.gate("zero", 0) - place.constants
     missed = unseen(without, {"gate": place.constant_words})
@@ -28,6 +31,11 @@ def test_check_words_bring_the_signature_to_zero_wherever_they_are_read():
     model = random_integer_model(PRESETS["thesis"].with_lanes(2, "dsp").replace(checksum=True), seed=3)
     code, images = Microcode(schedule(model.config)), memory_images(model.config, model.arrays)
     lengths, check = range(len(model.config.window_lengths)), code.layout.check_base
-    assert all(age > 1 for length in lengths for age, read in reads(code, length) if read == ("gate", check | length))
+    assert all(
+        age > 1 for length in lengths for age, read in reads(code, length) if read == ("gate", check | length)
+    )
     for length in lengths:
-        assert residue(code, [images[0], images[1]], images[Memory.ADDENDS], images[Memory.CONSTANTS], length) == 0
+        assert (
+            residue(code, [images[0], images[1]], images[Memory.ADDENDS], images[Memory.CONSTANTS], length)
+            == 0
+        )

@@ -1,4 +1,5 @@
-"""The whole chain in Amaranth's simulator on small recordings: every stage against the golden trace, and the host's view."""
+"""The whole chain in Amaranth's simulator on small recordings: every stage against the golden trace, and the
+host's view."""
 
 from __future__ import annotations
 
@@ -11,7 +12,16 @@ from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel, random_integer_model, with_network
 from eskin.golden.model.pipeline import DECISION_FIELDS, run
-from eskin.rtl.program.memory_map import ID_VALUE, Control, Fault, Memory, Register, Status, load_writes, memory_images
+from eskin.rtl.program.memory_map import (
+    ID_VALUE,
+    Control,
+    Fault,
+    Memory,
+    Register,
+    Status,
+    load_writes,
+    memory_images,
+)
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.top.accelerator import Accelerator
 from tests.support.stream_bench import Bench, values
@@ -64,7 +74,8 @@ def tracked(**changes) -> AcceleratorConfig:
 
 
 def recordings(config: AcceleratorConfig, seed: int, lengths: list[int]) -> Recordings:
-    """Rest around 1000 codes with bursts, so that there are none, one or several touches; with a fault detector a taxel fails in most."""
+    """Rest around 1000 codes with bursts, so that there are none, one or several touches; with a fault
+    detector a taxel fails in most."""
     rng = np.random.default_rng(seed)
     parts = []
     for length in lengths:
@@ -73,7 +84,9 @@ def recordings(config: AcceleratorConfig, seed: int, lengths: list[int]) -> Reco
         for start in rng.integers(10, max(11, length), rng.integers(0, 3)):
             samples[start : start + 60] += rng.normal(0, 250, config.sensor.taxels).astype(int)
         if config.faults.fault_frames and length > 50:
-            samples[int(rng.integers(length // 2)) :, rng.integers(config.sensor.taxels)] = rng.choice([0, 1004, 4095])
+            samples[int(rng.integers(length // 2)) :, rng.integers(config.sensor.taxels)] = rng.choice(
+                [0, 1004, 4095]
+            )
         parts.append(np.clip(samples, 0, 4095))
     return Recordings(
         samples=np.concatenate(parts).astype(np.int32),
@@ -127,9 +140,9 @@ def play(
 ):
     """Simulate all recordings; returns streams by stage and per-recording status words.
 
-    ``during(host)`` runs after the first frames. ``frame_cycles``: a frame is offered no sooner than so many cycles after the one before.
-    ``left_off``: so many taxels are missing at the end of every recording. ``then``: a model of the same design that the host loads after
-    all recordings, which are played again.
+    ``during(host)`` runs after the first frames. ``frame_cycles``: a frame is offered no sooner than so many
+    cycles after the one before. ``left_off``: so many taxels are missing at the end of every recording.
+    ``then``: a model of the same design that the host loads after all recordings, which are played again.
     """
     config = model.config
     dut = Accelerator(config, None if config.hardware.loadable else memory_images(config, model.arrays))
@@ -140,7 +153,11 @@ def play(
     decisions = bench.collect(dut.o, stall=stall)
 
     async def monitor(ctx):
-        taps = [signal for stage in STAGES for signal in (getattr(dut.probe, stage).valid, getattr(dut.probe, stage).value)]
+        taps = [
+            signal
+            for stage in STAGES
+            for signal in (getattr(dut.probe, stage).valid, getattr(dut.probe, stage).value)
+        ]
         while True:
             sampled = (await ctx.tick().sample(*taps))[2:]
             for k, stage in enumerate(STAGES):
@@ -177,7 +194,11 @@ def play(
                     while stall and rng.random() < stall:
                         ctx.set(dut.i.valid, 0)
                         await ctx.tick()
-                    beat = {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == config.sensor.taxels - 1)}
+                    beat = {
+                        "sample": int(sample),
+                        "first": int(taxel == 0),
+                        "last": int(taxel == config.sensor.taxels - 1),
+                    }
                     ctx.set(dut.i.payload, beat)
                     ctx.set(dut.i.valid, 1)
                     while not (await ctx.tick().sample(dut.i.ready))[-1]:
@@ -185,9 +206,17 @@ def play(
             ctx.set(dut.i.valid, 0)
             await host.write(Register.CONTROL, Control.FINISH)
             await host.until_idle()
-            statuses.append((await host.read(Register.STATUS), await host.read(Register.FAULTS), await host.read(Register.TOUCHES)))
+            statuses.append(
+                (
+                    await host.read(Register.STATUS),
+                    await host.read(Register.FAULTS),
+                    await host.read(Register.TOUCHES),
+                )
+            )
             if config.faults.fault_frames:
-                words = [await host.read(Register.TAXEL_FAULTS + k) for k in range(-(-config.sensor.taxels // 16))]
+                words = [
+                    await host.read(Register.TAXEL_FAULTS + k) for k in range(-(-config.sensor.taxels // 16))
+                ]
                 statuses[-1] += (sum(word << 16 * k for k, word in enumerate(words)),)
 
     bench._sim.add_testbench(monitor, background=True)
@@ -206,7 +235,8 @@ def check(model: IntegerModel, data: Recordings, streams) -> None:
 
 @pytest.mark.parametrize("cell", [pytest.param("gru", marks=pytest.mark.slow), "linear"])
 def test_an_enrolled_model_takes_the_place_of_the_first(cell):
-    """The host loads MODEL, which decides; then MODEL2 into the same design, which decides as if it had been there from the start."""
+    """The host loads MODEL, which decides; then MODEL2 into the same design, which decides as if it had been
+    there from the start."""
     config = small() if cell == "gru" else with_network(small(), cell="linear")
     first = random_integer_model(config, seed=1)
     other = random_integer_model(first.config, seed=2)  # every word of every memory is another one
@@ -229,14 +259,25 @@ CONFIGS = {
     "tracked, free": tracked(),
     "tracked, free, masked, reset after": tracked(masked_taxels=(1,), reset="after"),
     "tracked, touch windows, LSTM": tracked(
-        window_mode="touch", touch_frames=60, pretrigger_frames=5, window=21, steps=5, cell="lstm", rearm_frames=24, decision="last"
+        window_mode="touch",
+        touch_frames=60,
+        pretrigger_frames=5,
+        window=21,
+        steps=5,
+        cell="lstm",
+        rearm_frames=24,
+        decision="last",
     ),
-    "opens at once, hard sigmoid": tracked(onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"),
+    "opens at once, hard sigmoid": tracked(
+        onset="immediate", rest="initial", rest_frames=5, clip=0, gate_activation="hard_sigmoid"
+    ),
     "tracked, free, companded": tracked(compand="log", compand_knee=5, compand_frac=7, masked_taxels=(3,)),
     "thesis, companded": small(compand="log", compand_knee=8, compand_frac=9),
     "tracked, DSP lane, LSTM": tracked(lane_type="dsp", lanes=1, cell="lstm"),
     "thesis, defended": small(**FAULTS, onset_hits=2, onset_span=3, margin_threshold=2),
-    "two windows end together, defended": small(**FAULTS, steps=5, hop=8, window=17, touch_frames=40, onset_hits=3, onset_span=3),
+    "two windows end together, defended": small(
+        **FAULTS, steps=5, hop=8, window=17, touch_frames=40, onset_hits=3, onset_span=3
+    ),
     "tracked, defended, 20 taxels, companded": tracked(
         **FAULTS,
         taxels=20,
@@ -253,7 +294,8 @@ CONFIGS = {
 
 
 SEEDS = {"tracked, defended, 20 taxels, companded": 13}
-"""Recordings with decisions both unsure and not, where those of a configuration's number have one kind only."""
+"""Recordings with decisions both unsure and not, where those of a configuration's number have one kind
+only."""
 
 STALLED = (
     "thesis",
@@ -275,7 +317,8 @@ QUICK = (
     ("tracked, free, companded", 0.4),
     ("thesis, defended", 0.4),
 )
-"""In every pair of window mode, onset rule, cell, stalls and defence once; ROM, serial and DSP lanes have tests of their own."""
+"""In every pair of window mode, onset rule, cell, stalls and defence once; ROM, serial and DSP lanes have
+tests of their own."""
 STAGE_CASES = [
     case if case in QUICK else pytest.param(*case, marks=SLOW)
     for case in [*((name, 0.0) for name in CONFIGS), *((name, 0.4) for name in STALLED)]
@@ -289,25 +332,41 @@ def test_bit_exact_at_every_stage(name, stall):
     model = random_integer_model(config, seed=seed + 1)
     data = recordings(config, seed + 40, [150, 60, 33, 200, 7])
     trace = run(model, data)
-    assert len(trace.streams["decision"][0]) > 4, "the recordings make no decisions: nothing would be compared"
+    assert len(trace.streams["decision"][0]) > 4, (
+        "the recordings make no decisions: nothing would be compared"
+    )
     streams, statuses = play(model, data, stall=stall)
     check(model, data, streams)
-    touches = np.bincount(trace.touches.recording, minlength=len(data)) if len(trace.touches.recording) else np.zeros(len(data))
+    touches = (
+        np.bincount(trace.touches.recording, minlength=len(data))
+        if len(trace.touches.recording)
+        else np.zeros(len(data))
+    )
     assert [status[2] for status in statuses] == touches.tolist()
     assert [bool(status[0] & Status.NO_TOUCH) for status in statuses] == (touches == 0).tolist()
     # at full pace the short hops of these configurations outrun the engine: held up and flagged, nothing lost
     allowed = Fault.INPUT_STALLED | Fault.OVERRUN
     if config.faults.fault_frames:
         flagged = trace.touches.flagged > 0
-        assert trace.touches.faults.any() and not trace.touches.faults.all() and 0 < flagged.sum() < flagged.size / 2
+        assert (
+            trace.touches.faults.any()
+            and not trace.touches.faults.all()
+            and 0 < flagged.sum() < flagged.size / 2
+        )
         assert len(set(trace.streams["decision"][0][:, 5])) == 2 or not config.network.margin_threshold
-        assert [status[3] for status in statuses] == [sum(1 << int(taxel) for taxel in np.flatnonzero(row)) for row in flagged]
-        assert [bool(status[1] & Fault.TAXEL) for status in statuses] == np.logical_or.accumulate(flagged.any(axis=1)).tolist()
+        assert [status[3] for status in statuses] == [
+            sum(1 << int(taxel) for taxel in np.flatnonzero(row)) for row in flagged
+        ]
+        assert [bool(status[1] & Fault.TAXEL) for status in statuses] == np.logical_or.accumulate(
+            flagged.any(axis=1)
+        ).tolist()
         allowed |= Fault.TAXEL
     assert not any(status[1] & ~allowed for status in statuses)
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=SLOW) for name in ("tracked, free, companded", "thesis, companded")])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=SLOW) for name in ("tracked, free, companded", "thesis, companded")]
+)
 def test_companding_keeps_up_at_the_lowest_clock(name):
     config = CONFIGS[name].replace(lanes=12)  # the frames decide it
     model = random_integer_model(config, seed=5)
@@ -319,10 +378,15 @@ def test_companding_keeps_up_at_the_lowest_clock(name):
 
 @pytest.mark.parametrize(
     ("name", "stall"),
-    [pytest.param("tracked, free", 0.0, marks=SLOW), ("tracked, free", 0.4), pytest.param("two windows end together", 0.4, marks=SLOW)],
+    [
+        pytest.param("tracked, free", 0.0, marks=SLOW),
+        ("tracked, free", 0.4),
+        pytest.param("two windows end together", 0.4, marks=SLOW),
+    ],
 )
 def test_early_decisions_are_bit_exact(name, stall):
-    """Some touches are decided early, one of them cut short later; some at their end, one of them because the recording ends."""
+    """Some touches are decided early, one of them cut short later; some at their end, one of them because the
+    recording ends."""
     model = random_integer_model(CONFIGS[name].replace(decision="early", early_steps=2), seed=3)
     data = recordings(model.config, 44, [150, 60, 33, 200, 7])
     margin = int(np.median(run(model, data).margin))
@@ -335,14 +399,19 @@ def test_early_decisions_are_bit_exact(name, stall):
     check(model, data, streams)
 
 
-@pytest.mark.parametrize("name", [pytest.param("opens at once, hard sigmoid", marks=SLOW), "two windows end together"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("opens at once, hard sigmoid", marks=SLOW), "two windows end together"]
+)
 def test_a_recording_that_stops_in_the_middle_of_a_frame_is_finished(name):
-    """Also where the frame would have ended a window: half of its sums wait in the engine for ever, and count as nothing under way."""
+    """Also where the frame would have ended a window: half of its sums wait in the engine for ever, and count
+    as nothing under way."""
     model = random_integer_model(CONFIGS[name], seed=4)
     whole = recordings(model.config, 45, list(range(60, 60 + 2 * model.config.windows.hop)))
     parts = [whole.recording(number) for number in range(len(whole))]
     cut = dataclasses.replace(
-        whole, samples=np.concatenate([np.vstack([part, part[-1:]]) for part in parts]), offsets=whole.offsets + np.arange(len(whole) + 1)
+        whole,
+        samples=np.concatenate([np.vstack([part, part[-1:]]) for part in parts]),
+        offsets=whole.offsets + np.arange(len(whole) + 1),
     )
     streams, _ = play(model, cut, left_off=2)
     decisions = run(model, whole).streams["decision"][0].tolist()
@@ -353,7 +422,9 @@ EARLY = {"decision": "early", "early_steps": 1, "early_margin": 0}
 
 
 @pytest.mark.parametrize(
-    "config", [small(rearm_frames=60), CONFIGS["opens at once, hard sigmoid"].replace(**EARLY)], ids=["open", "decided early"]
+    "config",
+    [small(rearm_frames=60), CONFIGS["opens at once, hard sigmoid"].replace(**EARLY)],
+    ids=["open", "decided early"],
 )
 def test_weight_write_during_a_touch_is_refused_and_flagged(config):
     model = random_integer_model(config, seed=3)
@@ -388,9 +459,11 @@ def test_weight_write_during_a_touch_is_refused_and_flagged(config):
     ],
 )
 def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(name, lanes):
-    """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with 12 the frames.
+    """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with
+    12 the frames.
 
-    At full pace the short hops outrun the engine of 1 serial lane: held up, flagged, and still nothing is lost.
+    At full pace the short hops outrun the engine of 1 serial lane: held up, flagged, and still nothing is
+    lost.
     """
     config = CONFIGS[name].replace(lanes=lanes)
     model = random_integer_model(config, seed=5)

@@ -32,7 +32,9 @@ def test_elaborates_with_the_ports_of_a_board(changes):
 @each_row(("class_pins", "bits"), [("each", 20), ("binary", 5), ("none", 0)])
 def test_the_pins_show_the_class_as_asked(class_pins, bits):
     """The accelerator's decisions by hand: what follows on the pins is the class of the latest."""
-    config = random_integer_model(PRESETS["fabric"].replace(class_names=tuple(f"c{k}" for k in range(20)), decision="last"), 1).config
+    config = random_integer_model(
+        PRESETS["fabric"].replace(class_names=tuple(f"c{k}" for k in range(20)), decision="last"), 1
+    ).config
     dut = BoardTop(config, clock_hz=12e6, class_pins=class_pins)
     assert ("decision" in dut.signature.members) == bool(bits) and class_pin_count(config, class_pins) == bits
     accelerator = Silent(Accelerator(config, None))
@@ -49,7 +51,9 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
             await ctx.tick()
             assert ctx.get(dut.decision_valid) == is_global
             if bits:
-                assert len(dut.decision) == bits and ctx.get(dut.decision) == (1 << number if class_pins == "each" else number)
+                assert len(dut.decision) == bits and ctx.get(dut.decision) == (
+                    1 << number if class_pins == "each" else number
+                )
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(board_top, "make_accelerator", lambda *_: accelerator)
@@ -66,7 +70,8 @@ def test_an_early_global_decision_stays_on_the_pins_until_the_next_touch(decisio
     m = Module()
     m.d.comb += takes.eq(reaches_pins(PRESETS["fabric"].replace(decision=decision), offered, shown))
     m.d.sync += shown.eq(Mux(takes, offered.is_global, shown))
-    events = [(0, 0), (1, 0), (1, 1), (2, 0), (3, 0), (0, 0), (0, 1), (1, 0), (0, 0), (1, 0)]  # (step, global)
+    # (step, global)
+    events = [(0, 0), (1, 0), (1, 1), (2, 0), (3, 0), (0, 0), (0, 1), (1, 0), (0, 0), (1, 0)]
 
     async def bench(ctx):
         taken = []
@@ -88,7 +93,12 @@ def test_lines_are_idle_and_pins_low_after_reset():
     async def bench(ctx):
         ctx.set(dut.rx, 1)
         for _ in range(50):
-            assert (ctx.get(dut.tx), ctx.get(dut.decision), ctx.get(dut.decision_valid), ctx.get(dut.led)) == (1, 0, 0, 0)
+            assert (
+                ctx.get(dut.tx),
+                ctx.get(dut.decision),
+                ctx.get(dut.decision_valid),
+                ctx.get(dut.led),
+            ) == (1, 0, 0, 0)
             await ctx.tick()
 
     sim = Simulator(dut)

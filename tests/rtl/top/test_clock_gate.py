@@ -1,4 +1,5 @@
-"""The stopped clock: streams and decisions as without it, at the sensor's pace; a gate that stops too much is seen."""
+"""The stopped clock: streams and decisions as without it, at the sensor's pace; a gate that stops too much is
+seen."""
 
 from __future__ import annotations
 
@@ -75,6 +76,9 @@ def test_twenty_recordings_and_how_often_the_clock_runs(shared_data, tmp_path):
     model = random_integer_model(PRESETS["pvdf"].replace(lanes=4, **GATED), 3)
     result = cosimulate(model, recordings, work=tmp_path, builds=BUILDS, pace="declared", clock_hz=786e3)
     share = 100 * result["clocked_share"]
-    print(f"{result['compared_values']} values, {result['mismatches']} mismatches, {share:.1f} % of cycles have an edge")
+    print(
+        f"{result['compared_values']} values, {result['mismatches']} mismatches, {share:.1f} % of cycles "
+        "have an edge"
+    )
     assert result["bit_exact"] and result["recordings"] == 20 and result["passed"]
     assert 0.05 < result["clocked_share"] < 0.15

@@ -1,4 +1,5 @@
-"""Defended designs as they are generated: real recordings with failing taxels in co-simulation, the testbench, nothing left when off."""
+"""Defended designs as they are generated: real recordings with failing taxels in co-simulation, the
+testbench, nothing left when off."""
 
 from __future__ import annotations
 
@@ -18,16 +19,30 @@ from eskin.rtl.fpga.export import export
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
 
-DEFENDED = {"fault_frames": 64, "fault_activity": 30, "onset_hits": 3, "onset_span": 4, "margin_threshold": 10}
+DEFENDED = {
+    "fault_frames": 64,
+    "fault_activity": 30,
+    "onset_hits": 3,
+    "onset_span": 4,
+    "margin_threshold": 10,
+}
 PVDF = PRESETS["pvdf"].replace(onset_threshold=8, **DEFENDED)
 TOUCH = PRESETS["pvdf"].replace(
-    window_mode="touch", pretrigger_frames=50, hop=96, window=193, touch_frames=1920, onset_threshold=8, **DEFENDED
+    window_mode="touch",
+    pretrigger_frames=50,
+    hop=96,
+    window=193,
+    touch_frames=1920,
+    onset_threshold=8,
+    **DEFENDED,
 )
-"""Windows from before the onset, the last two of which end together: flags through the ring and out of the sums' memory."""
+"""Windows from before the onset, the last two of which end together: flags through the ring and out of the
+sums' memory."""
 
 
 def failing(recordings: Recordings, config: AcceleratorConfig, seed: int) -> Recordings:
-    """One after the other: sound, dead from the start, stuck in the touch, swinging from end to end in the touch, two taxels silent."""
+    """One after the other: sound, dead from the start, stuck in the touch, swinging from end to end in the
+    touch, two taxels silent."""
     rng, top = np.random.default_rng(seed), config.sample_format.max_code
     samples = recordings.samples.copy()
     for index, (begin, end) in enumerate(zip(recordings.offsets, recordings.offsets[1:], strict=False)):
@@ -41,7 +56,9 @@ def failing(recordings: Recordings, config: AcceleratorConfig, seed: int) -> Rec
         elif kind == 3:
             part[late::2, taxel], part[late + 1 :: 2, taxel] = 0, top
         elif kind == 4:
-            part[late:, [taxel, taxel - 1]] = part[late, [taxel, taxel - 1]] + rng.integers(0, 2, (end - begin - late, 2)) * (taxel % 2)
+            part[late:, [taxel, taxel - 1]] = part[late, [taxel, taxel - 1]] + rng.integers(
+                0, 2, (end - begin - late, 2)
+            ) * (taxel % 2)
     return dataclasses.replace(recordings, samples=samples)
 
 
@@ -55,10 +72,18 @@ def test_real_recordings_with_failing_taxels(shared_data, tmp_path, config, stal
     trace = run(model, recordings)
     flagged = trace.touches.flagged > 0
     assert flagged.any(axis=1).tolist() == [False, True, True, True, True] and flagged[4].sum() == 2
-    assert trace.touches.faults[:, 0].any() and trace.touches.faults.any(axis=1).sum() > trace.touches.faults[:, 0].sum()  # in the touch
+    # in the touch
+    assert (
+        trace.touches.faults[:, 0].any()
+        and trace.touches.faults.any(axis=1).sum() > trace.touches.faults[:, 0].sum()
+    )
     result = cosimulate(model, recordings, trace=trace, work=tmp_path, stalls=stalls)
     assert result["mismatch_list"] == [] and result["bit_exact"] and result["passed"]
-    assert result["stages"]["fault"]["compared_values"] == trace.touches.completed.sum() * config.sensor.taxels > 0
+    assert (
+        result["stages"]["fault"]["compared_values"]
+        == trace.touches.completed.sum() * config.sensor.taxels
+        > 0
+    )
     assert result["stages"]["status"]["compared_values"] == 5 * 5  # with TAXEL_FAULTS and its bit of FAULTS
 
 
@@ -92,7 +117,9 @@ def test_the_testbench_compares_the_flags_too(tmp_path):
     def simulate() -> str:
         build = ["iverilog", "-g2012", "-s", "testbench", "-o", "t.vvp", "testbench.sv", "accelerator.sv"]
         subprocess.run(build, cwd=out, check=True, timeout=120)
-        return subprocess.run(["vvp", "-n", "t.vvp"], cwd=out, capture_output=True, text=True, timeout=240).stdout
+        return subprocess.run(
+            ["vvp", "-n", "t.vvp"], cwd=out, capture_output=True, text=True, timeout=240
+        ).stdout
 
     assert "PASSED" in simulate()
     lines = (out / "vectors" / "fault.hex").read_text().split()

@@ -1,4 +1,5 @@
-"""Every subset of the kinds of feature on recordings of three data sets, with stalls on both sides: bit-exact at every stage."""
+"""Every subset of the kinds of feature on recordings of three data sets, with stalls on both sides: bit-exact
+at every stage."""
 
 from __future__ import annotations
 
@@ -30,10 +31,13 @@ def model_for(recordings, config, seed: int) -> IntegerModel:
     """Random weights behind the normaliser that these recordings ask for."""
     touches = find_touches(config, recordings)
     mu, sigma = scaling(config, real_features(config, touches.sums), touches.completed)
-    limit = _feature_frac_limit(config, np.asarray(sigma), {})  # activity of small counts is coarser than 8 fraction bits
+    # activity of small counts is coarser than 8 fraction bits
+    limit = _feature_frac_limit(config, np.asarray(sigma), {})
     config = config.replace(feature_format=QFormat(4, min(8, limit)))
     filled, mean, scale = normaliser_constants(config, mu, sigma)
-    return IntegerModel(filled, {**random_integer_model(filled, seed).arrays, "mean": mean, "scale": scale}, "random weights")
+    return IntegerModel(
+        filled, {**random_integer_model(filled, seed).arrays, "mean": mean, "scale": scale}, "random weights"
+    )
 
 
 @pytest.mark.slow
@@ -44,7 +48,9 @@ def test_bit_exact_on_recordings(shared_data, tmp_path, name, subset):
     recordings = load_recordings(shared_data / name / "recordings.npz")
     recordings = recordings.subset(recordings.evenly(RECORDINGS))
     number = SUBSETS.index(subset) + list(BLOCKS).index(name)
-    preset = {"pvdf_indent": PRESETS["pvdf"], "fabric_slide": PRESETS["fabric"]}.get(name) or derive_config(recordings)[0]
+    preset = {"pvdf_indent": PRESETS["pvdf"], "fabric_slide": PRESETS["fabric"]}.get(name) or derive_config(
+        recordings
+    )[0]
     config = preset.replace(
         hidden=6,
         feature_kinds=subset,
@@ -56,6 +62,11 @@ def test_bit_exact_on_recordings(shared_data, tmp_path, name, subset):
     )
     model = model_for(recordings, config, number)
     result = cosimulate(model, recordings, work=tmp_path, builds=BUILDS, stalls=True, seed=number)
-    assert result["recordings"] == RECORDINGS and result["bit_exact"] and result["mismatches"] == 0, result["mismatch_list"]
+    assert result["recordings"] == RECORDINGS and result["bit_exact"] and result["mismatches"] == 0, result[
+        "mismatch_list"
+    ]
     assert result["compared_values"] > 10 * RECORDINGS * config.inputs
-    print(f"{name} {'+'.join(subset)}: {result['compared_values']} values, {np.size(result['mismatch_list'])} mismatches")
+    print(
+        f"{name} {'+'.join(subset)}: {result['compared_values']} values, {np.size(result['mismatch_list'])} "
+        "mismatches"
+    )

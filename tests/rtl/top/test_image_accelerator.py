@@ -1,4 +1,5 @@
-"""The chain for images on the bus: a clock that stops while a short row is filled up, a program that runs too long."""
+"""The chain for images on the bus: a clock that stops while a short row is filled up, a program that runs too
+long."""
 
 from __future__ import annotations
 
@@ -22,7 +23,8 @@ SHORT = 3
 
 
 def play(rows: list[list[int]], writes: list[tuple[int, int]]) -> tuple[list[int], list[int]]:
-    """(decisions, what FAULTS then reads, before and after it was cleared) of an image, a long time between its rows."""
+    """(decisions, what FAULTS then reads, before and after it was cleared) of an image, a long time between
+    its rows."""
     config = MODEL.config
     dut, decisions, faults = make_accelerator(config), [], []
 
@@ -34,7 +36,11 @@ def play(rows: list[list[int]], writes: list[tuple[int, int]]) -> tuple[list[int
             await ctx.tick()
             ctx.set(dut.bus.w_stb, 0)
 
-        for register, word in [*writes, (Register.CONTROL, Control.CLEAR_FAULTS), (Register.CONTROL, Control.ARM)]:
+        for register, word in [
+            *writes,
+            (Register.CONTROL, Control.CLEAR_FAULTS),
+            (Register.CONTROL, Control.ARM),
+        ]:
             await write(register, word)
         await ctx.tick()
         for row in rows:

@@ -1,4 +1,5 @@
-"""rtl/top/sensing.py: a broken frame arms the chain, once, in the first cycle in which nobody needs the bus and no frame is handed on."""
+"""rtl/top/sensing.py: a broken frame arms the chain, once, in the first cycle in which nobody needs the bus
+and no frame is handed on."""
 
 from __future__ import annotations
 
@@ -47,5 +48,10 @@ def test_the_arm_after_a_broken_frame_waits_for_bus_and_frame(monkeypatch):
     simulator.add_clock(1e-6)
     simulator.add_testbench(play)
     simulator.run()
-    alone = {(True, True, False, False), (True, False, True, False), (True, False, False, True), (True, False, False, False)}
+    alone = {
+        (True, True, False, False),
+        (True, False, True, False),
+        (True, False, False, True),
+        (True, False, False, False),
+    }
     assert alone <= set(seen)

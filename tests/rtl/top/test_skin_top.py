@@ -1,4 +1,5 @@
-"""rtl/top/skin_top.py: whatever is wrong lights the lamp and takes the stimulator's electrode off; the next decision is heard again."""
+"""rtl/top/skin_top.py: whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
+decision is heard again."""
 
 from __future__ import annotations
 
@@ -26,8 +27,12 @@ def skin(monkeypatch, **fields):
     """A board around a chain that does nothing, and a list that will hold its stimulator."""
     sensing_of, stimulation_of, made = skin_top.Sensing, skin_top.Stimulation, []
     watching = SimpleNamespace(watching=SimpleNamespace(hung=Signal()))
-    monkeypatch.setattr(skin_top, "Sensing", lambda *arguments, clock_hz: Silent(sensing_of(*arguments), accelerator=watching))
-    monkeypatch.setattr(skin_top, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1])
+    monkeypatch.setattr(
+        skin_top, "Sensing", lambda *arguments, clock_hz: Silent(sensing_of(*arguments), accelerator=watching)
+    )
+    monkeypatch.setattr(
+        skin_top, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1]
+    )
     config = PRESETS["thesis"].replace(converter="ads7953", stimulator="decisions", hold_s=0.1)
     return skin_top.SkinTop(config, None, clock_hz=CLOCK_HZ, **fields), made
 

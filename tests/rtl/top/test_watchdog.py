@@ -1,4 +1,5 @@
-"""The watchdog: it acts at its bound and not before, never on a chain that works, and its bound covers the longest wait there is."""
+"""The watchdog: it acts at its bound and not before, never on a chain that works, and its bound covers the
+longest wait there is."""
 
 from __future__ import annotations
 
@@ -24,7 +25,15 @@ def test_it_acts_at_the_bound_and_counts_anew_after_progress():
     acts = bench.watch(dut.hung)
 
     async def drive(ctx):
-        for due, done, cycles in ((1, 0, limit - 1), (1, 1, 1), (1, 0, limit - 1), (0, 0, 1), (1, 0, limit), (1, 0, limit + 2), (0, 0, 2)):
+        for due, done, cycles in (
+            (1, 0, limit - 1),
+            (1, 1, 1),
+            (1, 0, limit - 1),
+            (0, 0, 1),
+            (1, 0, limit),
+            (1, 0, limit + 2),
+            (0, 0, 2),
+        ):
             ctx.set(dut.due, due)
             ctx.set(dut.done, done)
             for _ in range(cycles):
@@ -36,7 +45,8 @@ def test_it_acts_at_the_bound_and_counts_anew_after_progress():
 
 
 def feed(bench: Bench, model, data, frame_cycles: int = 0) -> list[int]:
-    """Load the model and play the recordings, frames ``frame_cycles`` apart at least; FAULTS after each recording."""
+    """Load the model and play the recordings, frames ``frame_cycles`` apart at least; FAULTS after each
+    recording."""
     dut, taxels, flags = bench.dut, model.config.sensor.taxels, []
 
     async def drive(ctx):
@@ -51,7 +61,10 @@ def feed(bench: Bench, model, data, frame_cycles: int = 0) -> list[int]:
                 while bench.cycle < begin + frame * frame_cycles:
                     await ctx.tick()
                 for taxel, sample in enumerate(samples):
-                    ctx.set(dut.i.payload, {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == taxels - 1)})
+                    ctx.set(
+                        dut.i.payload,
+                        {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == taxels - 1)},
+                    )
                     ctx.set(dut.i.valid, 1)
                     while not (await ctx.tick().sample(dut.i.ready))[-1]:
                         pass
@@ -74,7 +87,8 @@ def feed(bench: Bench, model, data, frame_cycles: int = 0) -> list[int]:
     ],
 )
 def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
-    """Full pace, random stalls on both sides, the end of the recording in a touch: the counter stays below ``longest_wait``."""
+    """Full pace, random stalls on both sides, the end of the recording in a touch: the counter stays below
+    ``longest_wait``."""
     config = CONFIGS[name].replace(watchdog=True, checksum=name != "thesis, serial lane")
     model = random_integer_model(config, seed=3)
     data = recordings(config, list(CONFIGS).index(name) + 40, [150, 60, 33])
@@ -98,7 +112,8 @@ def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
 
 
 def test_engine_and_classifier_are_reset_once_after_a_touch_and_never_in_it(monkeypatch):
-    """At a pace at which the engine waits between the steps, and is not yet through its prologue when the decision is taken."""
+    """At a pace at which the engine waits between the steps, and is not yet through its prologue when the
+    decision is taken."""
     resets = []
     monkeypatch.setattr(accelerator, "ResetInserter", lambda when: resets.append(when) or ResetInserter(when))
     config = CONFIGS["thesis"].replace(watchdog=True)

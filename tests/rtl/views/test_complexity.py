@@ -1,4 +1,5 @@
-"""Cost against taxels and classes: memory bits against the generated Verilog, weights against the network, files against the figures."""
+"""Cost against taxels and classes: memory bits against the generated Verilog, weights against the network,
+files against the figures."""
 
 from __future__ import annotations
 
@@ -43,7 +44,9 @@ def test_memories_are_those_of_the_generated_verilog(preset, changes):
     config = variant(preset, changes)
     text = export(config.replace(feature_shift=(0,) * len(config.window_lengths)))
     declared = re.findall(r"^ *reg (?:\[(\d+):0\] )?\\?\w+ +\[(\d+):0\];$", text, re.MULTILINE)
-    assert sorted((int(high or 0) + 1, int(last) + 1) for high, last in declared) == sorted(memories(config).values())
+    assert sorted((int(high or 0) + 1, int(last) + 1) for high, last in declared) == sorted(
+        memories(config).values()
+    )
 
 
 @each_row(("preset", "changes"), VARIANTS)
@@ -65,7 +68,9 @@ def test_every_memory_counts_once_under_a_name(preset, changes):
 def test_a_memory_without_a_name_counts_under_its_path(monkeypatch):
     monkeypatch.setattr(complexity, "MEMORIES", MEMORIES[1:])
     bits = memory_bits(PRESETS["thesis"])
-    assert "weights" not in bits and sum(bits.values()) == sum(width * words for width, words in memories(PRESETS["thesis"]).values())
+    assert "weights" not in bits and sum(bits.values()) == sum(
+        width * words for width, words in memories(PRESETS["thesis"]).values()
+    )
     assert bits["engine.weights_0"] == 8 * 264
 
 
@@ -85,19 +90,33 @@ def test_the_verb_writes_what_was_counted(monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(complexity, "TAXELS", (4, 20))
     monkeypatch.setattr(complexity, "CLASSES", (2, 5, 9))
-    monkeypatch.setattr(sys, "argv", ["eskin", "schedule", "fabric", "--complexity", "--lanes", "6", "--out", "cost"])
+    monkeypatch.setattr(
+        sys, "argv", ["eskin", "schedule", "fabric", "--complexity", "--lanes", "6", "--out", "cost"]
+    )
     with pytest.raises(SystemExit) as end:
         command_line.main()
     assert not end.value.code
-    assert sorted(path.name for path in Path("cost").iterdir()) == [f"complexity.{kind}" for kind in ("csv", "json", "png", "svg")]
+    assert sorted(path.name for path in Path("cost").iterdir()) == [
+        f"complexity.{kind}" for kind in ("csv", "json", "png", "svg")
+    ]
     sweeps = json.loads(Path("cost/complexity.json").read_text())
     points = [(name, point["taxels"], point["classes"]) for name, sweep in sweeps.items() for point in sweep]
-    assert points == [("taxels", 4, 7), ("taxels", 20, 7), ("classes", 16, 2), ("classes", 16, 5), ("classes", 16, 9)]
-    assert sweeps["classes"][2] == cost(resized(PRESETS["fabric"].replace(lanes=6), taxels=16, hidden=12, classes=9))
+    assert points == [
+        ("taxels", 4, 7),
+        ("taxels", 20, 7),
+        ("classes", 16, 2),
+        ("classes", 16, 5),
+        ("classes", 16, 9),
+    ]
+    assert sweeps["classes"][2] == cost(
+        resized(PRESETS["fabric"].replace(lanes=6), taxels=16, hidden=12, classes=9)
+    )
     with Path("cost/complexity.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert rows == [{key: str(value) for key, value in row.items()} for row in flat_rows(sweeps)]
-    assert sum(int(value) for key, value in rows[0].items() if key.endswith(" bits")) == int(rows[0]["memory_bits_total"])
+    assert sum(int(value) for key, value in rows[0].items() if key.endswith(" bits")) == int(
+        rows[0]["memory_bits_total"]
+    )
     shown = capsys.readouterr().out
     assert all(str(point["step_cycles"]) in shown for sweep in sweeps.values() for point in sweep)
 
@@ -110,11 +129,16 @@ def test_the_chart_shows_every_memory_and_figure():
     assert [list(line.get_ydata()) for line in left.lines] == [
         [point[key] for point in sweep] for key in ("step_cycles", "decision_cycles", "ideal_cycles")
     ]
-    assert [list(line.get_ydata()) for line in middle.lines] == [[point[key] for point in sweep] for key in ("weight_bits", "multiplies")]
+    assert [list(line.get_ydata()) for line in middle.lines] == [
+        [point[key] for point in sweep] for key in ("weight_bits", "multiplies")
+    ]
     bars = {bar.get_label(): [round(1000 * patch.get_height()) for patch in bar] for bar in right.containers}
     bits = {name: [point["memory_bits"][name] for point in sweep] for name, _ in MEMORIES}
     assert bars == {name: points for name, points in bits.items() if any(points)} and len(bars) > 8
-    assert round(1000 * max(patch.get_y() + patch.get_height() for patch in right.patches)) == sweep[1]["memory_bits_total"]
+    assert (
+        round(1000 * max(patch.get_y() + patch.get_height() for patch in right.patches))
+        == sweep[1]["memory_bits_total"]
+    )
 
 
 def test_register_bits_are_those_of_registers_alone(monkeypatch):
@@ -140,6 +164,9 @@ def test_the_compact_engines_memories_count_under_names_too():
     config = variant("thesis", {"lane_type": "serial", "lanes": 1})
     bits, code = memory_bits(config), schedule(config).compact
     assert list(bits) == [name for name, _ in MEMORIES] and bits["addends"] == bits["waiting windows"] == 0
-    assert bits["state, gates, T"] == 16 * code.data_words and bits["weights"] == code.weight_word_bits * code.weight_words
+    assert (
+        bits["state, gates, T"] == 16 * code.data_words
+        and bits["weights"] == code.weight_word_bits * code.weight_words
+    )
     assert bits["program"] >= 12 * len(code.instructions)
     assert cost(config)["weight_bits"] == len(code.weight_order)

@@ -1,4 +1,5 @@
-"""The schedule of a network for images: rows add up to the formula, files are written, slots follow one another."""
+"""The schedule of a network for images: rows add up to the formula, files are written, slots follow one
+another."""
 
 from __future__ import annotations
 
