@@ -118,7 +118,7 @@ def proof(
 
 EAGER = False
 """Set by formal/job.py for a bug that is ``eager``."""
-HARNESS = Module()
+HARNESS: Module = None  # type: ignore[assignment]  # an unused module would be warned of
 """Of the proof under way, set by formal/job.py: what all words speak of."""
 
 

@@ -359,8 +359,9 @@ def choose(texts: dict[str, str], count: int, seed: int, skip: frozenset[str] = 
             if not ready or len(chosen) == count:
                 continue
             kind = min(
-                ready, key=lambda kind, file=file: (here[file, kind], overall[kind], KINDS.index(kind))
-            )  # type: ignore[misc]
+                ready,
+                key=lambda kind, file=file: (here[file, kind], overall[kind], KINDS.index(kind)),  # type: ignore[misc]
+            )
             mutant = kinds[kind].pop()
             if is_fault(mutant, texts[file]):
                 here[file, kind] += 1

@@ -608,6 +608,8 @@ GROUPS: dict[str, type[Group]] = {
 them; the interface, which most have none of, is last."""
 
 GROUP_OF: dict[str, str] = {
-    field.name: group for group, kind in GROUPS.items() for field in dataclasses.fields(kind)
-}  # type: ignore[arg-type]
+    field.name: group
+    for group, kind in GROUPS.items()
+    for field in dataclasses.fields(kind)  # type: ignore[arg-type]
+}
 """The group of each field; a field's name is its own in all groups."""
