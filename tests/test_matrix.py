@@ -344,7 +344,9 @@ def test_every_verb_takes_every_kind_of_model_or_says_why_not(row, kind, case_of
     if refusal:
         assert status == 2 and refusal in shown.err and shown.err.count("eskin: ") == 1, shown
     else:
-        assert status == 0 or (row == "stability" and status == 1 and "FAILED" in shown.out), shown
+        # a tiny model may miss a bound, as the bit-serial lane does at 1 MHz: that is said
+        judges = row in ("run", "report", "stability")
+        assert status == 0 or (judges and status == 1 and "FAILED" in shown.out), shown
 
 
 def test_every_verb_has_a_row():
