@@ -7,7 +7,6 @@ message that ends with the last lines of that log.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -18,8 +17,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +26,7 @@ import cocotb_tools.config
 import find_libpython
 
 from eskin.golden.core.errors import InputError, SimulationError
+from eskin.golden.core.memo import locked
 
 HARNESS = Path(__file__).with_name("harness.sv")
 MAIN = Path(__file__).with_name("main.cpp")
@@ -119,15 +118,6 @@ def _verilator() -> tuple[Path, dict[str, str]]:
             "or use icarus"
         )
     return Path(program), environment
-
-
-@contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Hold an exclusive lock on ``path`` over the block, between processes."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w") as handle:
-        fcntl.flock(handle, fcntl.LOCK_EX)
-        yield
 
 
 def build(

@@ -22,9 +22,9 @@ import numpy as np
 import pytest
 
 from eskin.cli import main as command_line
-from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.formats import QFormat
+from eskin.golden.core.memo import locked
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.training import recipe
@@ -265,7 +265,7 @@ class Case:
     def result(self) -> Path:
         def run(path: Path) -> None:
             new = dataclasses.replace(self, out=path.with_name(f"{path.name}-new"))
-            assert call(*new.words("run")) == 0
+            assert call(*new.words("run")) in (0, 1)  # the row "run" judges which
             new.out.rename(path)
 
         return Path(shutil.copytree(self.made("run", run) / "result", self.out / "result"))
@@ -345,7 +345,7 @@ def test_every_verb_takes_every_kind_of_model_or_says_why_not(row, kind, case_of
         assert status == 2 and refusal in shown.err and shown.err.count("eskin: ") == 1, shown
     else:
         # a tiny model may miss a bound, as the bit-serial lane does at 1 MHz: that is said
-        judges = row in ("run", "report", "stability")
+        judges = row in ("run", "stability")
         assert status == 0 or (judges and status == 1 and "FAILED" in shown.out), shown
 
 
