@@ -8,7 +8,9 @@ and load.hex.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +19,10 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing_folder
-from eskin.rtl.fpga.export import SENSING, export, export_sensing
+from eskin.rtl.fpga.export import SENSING, TOP, export, export_sensing
 from eskin.rtl.program.memory_map import (
     ID_VALUE,
+    READABLE_VERSIONS,
     VERSION_VALUE,
     Control,
     Fault,
@@ -34,6 +37,7 @@ from eskin.rtl.program.memory_map import (
     memory_name,
     words_per_entry,
 )
+from eskin.rtl.program.register_files import c_lines, entries, ip_xact, svd, system_rdl
 
 TESTBENCH = Path(__file__).with_name("testbench.sv")
 MARK = "registers.json"
@@ -65,8 +69,8 @@ def generate(
     ----------
     accelerator.sv (module accelerator), with a converter sensing.sv (module sensing: the accelerator behind
     its pins), config.json, memories/*.hex (one word a line, as MEMORY_SELECT addresses them), load.hex (bus
-    writes that load the model: address and word), registers.json, registers.h; with vectors: testbench.sv and
-    vectors/*.hex.
+    writes that load the model: address and word), registers.json, registers.h, eskin.rdl, eskin.svd,
+    component.xml (`eskin.rtl.program.register_files`); with vectors: testbench.sv and vectors/*.hex.
 
     Raises
     ------
@@ -88,7 +92,8 @@ def generate(
 def _write_all(
     config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], folder: Path, vectors: str | Path | None
 ) -> None:
-    (folder / "accelerator.sv").write_text(export(config, arrays))
+    verilog = export(config, arrays)
+    (folder / f"{TOP}.sv").write_text(verilog)
     if config.interface.converter != "none":
         (folder / f"{SENSING}.sv").write_text(export_sensing(config, arrays))
     (folder / "config.json").write_text(config.to_json())
@@ -101,6 +106,11 @@ def _write_all(
     _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)
     (folder / MARK).write_text(json.dumps(register_map(config), indent=2) + "\n")
     (folder / "registers.h").write_text(c_header(config))
+    registers, release = entries(config), version("eskin")
+    (folder / "eskin.rdl").write_text(system_rdl(registers))
+    (folder / "eskin.svd").write_text(svd(registers, release))
+    component = ip_xact(registers, release, top=TOP, ports=ports_of(verilog, TOP), bus=None)
+    (folder / "component.xml").write_text(component)
     if vectors is not None:
         _write_testbench(config, folder, Path(vectors), len(writes))
 
@@ -121,6 +131,7 @@ def register_map(config: AcceleratorConfig) -> dict[str, Any]:
     return {
         "id": ID_VALUE,
         "version": VERSION_VALUE,
+        "versions": list(READABLE_VERSIONS),
         "registers": {register.name: int(register) for register in (*Register, *interface_registers(config))},
         "bits": {
             register: {bit.name: int(bit) for bit in bits}
@@ -136,10 +147,17 @@ def register_map(config: AcceleratorConfig) -> dict[str, Any]:
     }
 
 
-def c_header(config: AcceleratorConfig) -> str:
-    """The register map as a C header: word addresses, bits, what can be measured, memories."""
+def ports_of(verilog: str, top: str) -> dict[str, tuple[str, int]]:
+    """Direction (``in``, ``out``) and bits of the ports of module ``top``, by name."""
+    body = verilog.partition(f"module {top}(")[2].partition("endmodule")[0]
+    ports = re.findall(r"^ *(in|out)put (?:\[(\d+):0\] )?(\w+);", body, re.MULTILINE)
+    return {name: (way, int(high or 0) + 1) for way, high, name in ports}
+
+
+def c_header(config: AcceleratorConfig, shell: bool = False) -> str:
+    """The register map as a C header: registers and fields, bits, what can be measured, memories."""
     lines = [
-        "/* Register map of the eskin accelerator: 16-bit words, word addresses. Generated; do not edit. */",
+        "/* Register map of the eskin accelerator: word addresses. Generated; do not edit. */",
         "#ifndef ESKIN_REGISTERS_H",
         "#define ESKIN_REGISTERS_H",
         "",
@@ -147,11 +165,8 @@ def c_header(config: AcceleratorConfig) -> str:
         f"#define ESKIN_VERSION_VALUE {VERSION_VALUE}u",
         "",
     ]
-    lines += [
-        f"#define ESKIN_{register.name} 0x{int(register):02X}u"
-        for register in (*Register, *interface_registers(config))
-    ]
-    lines += [f"#define ESKIN_MASK_WORDS {-(-config.sensor.taxels // 16)}u", ""]
+    lines += c_lines(entries(config, shell))
+    lines += ["", f"#define ESKIN_MASK_WORDS {-(-config.sensor.taxels // 16)}u", ""]
     for prefix, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULT", Fault)):
         lines += [f"#define ESKIN_{prefix}_{bit.name} 0x{int(bit):04X}u" for bit in bits]
     lines += ["", *(f"#define ESKIN_MEASURE_{measure.name} {int(measure)}u" for measure in Measure)]
