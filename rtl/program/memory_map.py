@@ -207,7 +207,13 @@ class ShellRegister(Described):
         None,
         "NEXT_TAXEL goes on by 2",
     )
-    NEXT_TAXEL = 0x42, "ro", "The taxel expected next; stays where a sample was refused", {"TAXEL": (0, 15)}
+    NEXT_TAXEL = (
+        0x42,
+        "ro",
+        "The taxel expected next; REFUSED: samples are refused until DECISION is read, so neither that taxel "
+        "nor one after it is in",
+        {"TAXEL": (0, 15), "REFUSED": (31, 31)},
+    )
     DECISION = (
         0x44,
         "ro",

@@ -21,8 +21,8 @@ from eskin.rtl.program.memory_map import (
 )
 
 ACCESS = {"ro": "read-only", "wo": "write-only", "rw": "read-write"}
-RANGE = 1024
-"""Bytes behind a bus: 8 bits of word addresses."""
+RANGE = 512
+"""Bytes behind a bus: 7 bits of word addresses."""
 DEVICE_WIDTH = 32
 
 
@@ -90,8 +90,9 @@ def entry(register: Described, count: int = 1, reset: int | None = None) -> Entr
     )
 
 
-def entries(config: AcceleratorConfig, shell: bool = False) -> list[Entry]:
-    """The registers of a design, by address; behind a bus (``shell``) those of its shell too."""
+def entries(config: AcceleratorConfig, shell: bool = False, samples: bool = True) -> list[Entry]:
+    """The registers of a design, by address; behind a bus (``shell``) those of its shell too, ``samples`` those
+    that take samples."""
     words = len(mask_words(config))
     present = [register for register in Register if register in mapped(config)]
     begin: dict[int, int] = {
@@ -100,10 +101,12 @@ def entries(config: AcceleratorConfig, shell: bool = False) -> list[Entry]:
     }
     if not any(mask_words(config)):
         begin[Register.MASK] = 0
-    several = {Register.MASK: words, Register.TAXEL_FAULTS: words}
+    several: dict[int, int] = {Register.MASK: words, Register.TAXEL_FAULTS: words}
+    fed = (ShellRegister.SAMPLE, ShellRegister.SAMPLE_PAIR, ShellRegister.NEXT_TAXEL)
+    behind = [register for register in ShellRegister if shell and (samples or register not in fed)]
     return [
-        entry(register, several.get(register, 1), begin.get(register))
-        for register in (*present, *interface_registers(config), *(ShellRegister if shell else ()))
+        entry(register, several.get(int(register), 1), begin.get(int(register)))
+        for register in (*present, *interface_registers(config), *behind)
     ]
 
 
