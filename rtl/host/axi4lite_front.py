@@ -10,11 +10,10 @@ from eskin.rtl.host.bus_shell import ADDRESS_BITS, request_signature
 
 
 class Axi4LiteFront(wiring.Component):
-    """One access at a time, reads and writes in turn where both are asked for; every output comes from a
-    register, and every response is OKAY.
+    """One access at a time, writes first; every output comes from a register, and every response is OKAY.
 
-    A write begins when address and data are offered, and they are taken together. A response comes in the
-    cycle after its request was taken.
+    A write begins when address and data are offered, and they are taken together. In that cycle a read may
+    begin, so none waits for two writes. A response comes in the cycle after its request was taken.
 
     Latency: four cycles from request to response, and as many more as the shell waits.
     """
@@ -48,13 +47,12 @@ class Axi4LiteFront(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         request = self.request
-        wrote = Signal()  # the latest access was a write
         busy, chosen, write, ends = Signal(), Signal(), Signal(), Signal()
         # a request that is being taken, or whose response waits, must not act again
         writable = self.s_axi_awvalid & self.s_axi_wvalid & ~self.s_axi_awready & ~self.s_axi_bvalid
         readable = self.s_axi_arvalid & ~self.s_axi_arready & ~self.s_axi_rvalid
         m.d.comb += [
-            write.eq(Mux(busy, chosen, writable & ~(readable & wrote))),
+            write.eq(Mux(busy, chosen, writable)),
             request.valid.eq(busy | writable | readable),
             request.write.eq(write),
             request.whole.eq(self.s_axi_wstrb.all()),
@@ -71,8 +69,6 @@ class Axi4LiteFront(wiring.Component):
             self.s_axi_bvalid.eq(self.s_axi_awready | (self.s_axi_bvalid & ~self.s_axi_bready)),
             self.s_axi_rvalid.eq(self.s_axi_arready | (self.s_axi_rvalid & ~self.s_axi_rready)),
         ]
-        with m.If(ends):
-            m.d.sync += wrote.eq(write)
         with m.If(ends & ~write):
             m.d.sync += self.s_axi_rdata.eq(request.r_data)
         return m

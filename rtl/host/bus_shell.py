@@ -116,7 +116,9 @@ class BusShell(wiring.Component):
             with m.If(taken):
                 m.d.sync += [taxel.eq(Mux(frame.p.last, 0, taxel + 1)), second.eq(more)]
             with m.If(stuck):
-                m.d.sync += [refusing.eq(1), second.eq(0)]
+                m.d.sync += refusing.eq(1)
+            with m.If(stuck | ~request.valid):  # or given up
+                m.d.sync += second.eq(0)
             with m.If(queue.take | arming):
                 m.d.sync += refusing.eq(0)
             with m.If(arming):

@@ -6,6 +6,7 @@ import ctypes
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -16,9 +17,19 @@ from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.generate import generate
-from eskin.rtl.program.memory_map import Event, Fault
+from eskin.rtl.program.memory_map import Event, Fault, Register
 
-CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=(), hidden=4, steps=4, lanes=1, onset_threshold=5)
+CONFIG = PRESETS["thesis"].replace(
+    taxels=5,
+    feature_shift=(),
+    hidden=4,
+    steps=12,
+    hop=60,
+    window=120,
+    touch_frames=800,
+    lanes=1,
+    onset_threshold=5,
+)
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 BUILDS = Path("build") / "driver_builds"
 FIELDS = ("cls", "step", "margin", "global_", "partial", "unsure")
@@ -171,3 +182,30 @@ def test_recordings_decide_as_the_model_does(model, design, lazy):
     board("enable", 0, 0)
     board.device.cycle(4)
     assert not board.device.get("irq")
+
+
+def test_registers_are_as_the_files_describe_them(design):
+    """Reset values, what reads as 0, what holds what was written, and that no other address is a register."""
+    board = Board(design)
+    described = set()
+    for register in ElementTree.parse(design / "eskin.svd").getroot().iter("register"):
+        offset, access = int(register.findtext("addressOffset"), 16), register.findtext("access")
+        mask, reset = (int(register.findtext(name), 16) for name in ("resetMask", "resetValue"))
+        described.add(offset)
+        value = board.read(None, offset)
+        assert value & mask == reset & mask if "read" in access else value == 0, register.findtext("name")
+        if access == "read-write":
+            fields = [field.findtext("bitRange").strip("[]").split(":") for field in register.iter("field")]
+            bits = sum((2 << int(high)) - (1 << int(low)) for high, low in fields)
+            board.write(None, offset, 0xFFFFFFFF)
+            assert board.read(None, offset) == bits
+            board.write(None, offset, 0)
+        elif access == "read-only" and offset != 4 * Register.FAULTS:
+            board.write(None, offset, 0xFFFFFFFF)
+            assert board.read(None, offset) & mask == value & mask
+    assert not board("faults") & ~Fault.WRITE_REFUSED
+    for offset in range(0, 512, 4):
+        if offset not in described:
+            board("clear_faults")
+            assert board.read(None, offset) == 0
+            assert board("faults") == (Fault.ADDRESS if offset < 0x100 else 0), hex(offset)
