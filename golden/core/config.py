@@ -142,8 +142,7 @@ class AcceleratorConfig:
                 self._refuse(
                     "pretrigger_frames",
                     f"is {windows.pretrigger_frames}, but a touch ends with its frame {self.last_frame}, "
-                    "which must come "
-                    "after the onset; lower pretrigger_frames or raise steps or hop",
+                    "which must come after the onset; lower pretrigger_frames or raise steps or hop",
                 )
         if self.network.decision == "early" and self.network.early_steps > windows.steps:
             self._refuse(
@@ -216,16 +215,14 @@ class AcceleratorConfig:
             self._refuse(
                 "lane_type",
                 f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need "
-                f"{self.accumulator_bits}; "
-                "take plain lanes, or narrow the weights",
+                f"{self.accumulator_bits}; take plain lanes, or narrow the weights",
             )
         if not self.recurrent and self.hardware.lane_type == "serial" and self.kept_low_bits > 15:
             self._refuse(
                 "dense_format",
                 f"{formats.dense_format} and features of {formats.feature_format} need sums of "
-                f"{self.accumulator_bits} bits with "
-                f"{self.logit_shift} below a logit; the bit-serial lane keeps 31 with 15 below: narrow the "
-                "weights",
+                f"{self.accumulator_bits} bits with {self.logit_shift} below a logit; the bit-serial lane "
+                "keeps 31 with 15 below: narrow the weights",
             )
 
     def _check_recurrent_formats(self) -> None:
@@ -234,8 +231,7 @@ class AcceleratorConfig:
             self._refuse(
                 "feature_format",
                 f"{formats.feature_format} has {-self.feature_align} fraction bits too many: input products "
-                "must not be "
-                "finer than recurrent ones (state + recurrent weight fraction bits)",
+                "must not be finer than recurrent ones (state + recurrent weight fraction bits)",
             )
         if self.operand_bits > 16:
             self._refuse(
@@ -893,8 +889,7 @@ class AcceleratorConfig:
             elif key in GROUP_OF:
                 raise InputError(
                     f"{source}: field {key} stands outside of its group, as before version 0.2; put it into "
-                    f"{GROUP_OF[key]}, "
-                    "or train the model again"
+                    f"{GROUP_OF[key]}, or train the model again"
                 )
             elif key not in GROUPS:
                 raise InputError(f"{source}: unknown group {key}; known groups are {', '.join(GROUPS)}")

@@ -398,10 +398,8 @@ def _too_slow(config: AcceleratorConfig) -> tuple[str, str] | None:
     series = f" of {plan.selects} chips in series" if plan.selects > 1 else ""
     return "converter", (
         f"is '{config.interface.converter}', which cannot keep up: {len(plan.transfers)} transfers{series} "
-        "at "
-        f"{clock / plan.half / 2 / 1e6:.3g} MHz take {1e6 * took:.0f} us, and of {1e6 / rate:.0f} us a "
-        f"frame at {rate:g} Hz "
-        f"{1e6 * left:.0f} may be used; {', or '.join(helps)}"
+        f"at {clock / plan.half / 2 / 1e6:.3g} MHz take {1e6 * took:.0f} us, and of {1e6 / rate:.0f} us a "
+        f"frame at {rate:g} Hz {1e6 * left:.0f} may be used; {', or '.join(helps)}"
     )
 
 

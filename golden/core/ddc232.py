@@ -171,10 +171,8 @@ def ddc_refusal(config: AcceleratorConfig, changed) -> tuple[str, str] | None:
     us = 1e6 / clock
     return "converter", (
         f"is 'ddc232', which cannot keep up: DVALID comes up to {plan.dvalid * us:.0f} us after CONV "
-        f"(version {one.ddc_version} at "
-        f"{clock / plan.clk_half / 2e6:.3g} MHz), {len(plan.places)} words of {plan.bits} bits at "
-        f"{clock / plan.half / 2e6:.3g} MHz take "
-        f"{plan.read_cycles * us:.0f} us and 10 us before the next CONV are quiet, of {1e6 / rate:.0f} us a "
-        f"frame at {rate:g} Hz; "
+        f"(version {one.ddc_version} at {clock / plan.clk_half / 2e6:.3g} MHz), {len(plan.places)} words of "
+        f"{plan.bits} bits at {clock / plan.half / 2e6:.3g} MHz take {plan.read_cycles * us:.0f} us and 10 "
+        f"us before the next CONV are quiet, of {1e6 / rate:.0f} us a frame at {rate:g} Hz; "
         f"{', or '.join(helps)}"
     )

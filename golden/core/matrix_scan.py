@@ -88,8 +88,6 @@ def matrix_refusal(config: AcceleratorConfig, plan: MatrixPlan, left_s: float) -
     helps.append(f"a rate of at most {math.floor(left_s * rate / took)} Hz works as it is")
     return "converter", (
         f"is 'matrix', which cannot keep up: {taxels} cells of {1e6 * plan.cell_cycles / clock:.3g} us, "
-        f"{1e6 * one.settle_s:.3g} of them "
-        f"to settle, take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms a frame at {rate:g} Hz "
-        f"{1e3 * left_s:.3g} may be used; "
-        f"{', or '.join(helps)}"
+        f"{1e6 * one.settle_s:.3g} of them to settle, take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms "
+        f"a frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; {', or '.join(helps)}"
     )

@@ -150,8 +150,7 @@ def mpr_refusal(config: AcceleratorConfig, left_s: float) -> tuple[str, str] | N
     if across + down > ELECTRODES[one.mpr_chips]:
         return "mpr_chips", (
             f"is {one.mpr_chips}; {one.rows} rows and {one.columns} columns are {across + down} electrodes "
-            "and "
-            f"{ELECTRODES[one.mpr_chips]} are there: use fewer rows or columns"
+            f"and {ELECTRODES[one.mpr_chips]} are there: use fewer rows or columns"
         )
     if one.mpr_chips == 2 and across + down < 12:
         return "mpr_chips", f"is 2 for {across + down} electrodes; set 1"

@@ -121,9 +121,7 @@ def find_touches(
     if recordings.taxels != config.sensor.taxels:
         raise InputError(
             f"{recordings.source}: has {recordings.taxels} taxels and configuration '{config.name}', field "
-            "taxels, "
-            f"has {config.sensor.taxels}; "
-            "use recordings and a configuration of one array"
+            f"taxels, has {config.sensor.taxels}; use recordings and a configuration of one array"
         )
     spans = window_spans(config, config.windows.steps if steps is None else steps)
     lengths = recordings.lengths

@@ -85,9 +85,8 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
                                                                                     "there are",
             "half of the steps"), ACCURACY,
         "half of the steps must do: a cut touch is decided by the steps it has, and flagged partial",
-        "Streams that end in the middle of the touch: the decision of the completed steps. Curve: other "
-        "shares of "
-        "the steps.", at_least=ONE_TAXEL_WORST),
+        "Streams that end in the middle of the touch: the decision of the "
+        "completed steps. Curve: other shares of the steps.", at_least=ONE_TAXEL_WORST),
     Mode("stream", "touch at frame 1",
         Whole(stream.without_lead, 0, (400, 200, 128, 96, 64, 32, 0), "quiet frames before the onset",
             stream.undecided), ACCURACY,
@@ -104,9 +103,8 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
             "the last quarter"), ACCURACY,
         "the vote of the first three quarters stands: what comes then must not change the decision of the "
         "touch "
-        "before", "The movement of a recording of another class is added to the last quarter of the touch: "
-                  "the "
-        "first touch's decision.", at_least=harmless),
+        "before", "The movement of a recording of another class is added to the last quarter of "
+        "the touch: the first touch's decision.", at_least=harmless),
     Mode("stream", "one-sample glitch before the touch",
         QuietStretches(stream.glitch, sensor.SPIKE_CODES, (30, 100, 300, 1000, sensor.SPIKE_CODES, 10000,
             30000), "height of the glitch (codes)", lambda bench, streams: f"{len(streams)} quiet stretches",
@@ -125,8 +123,7 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
     Mode("stream", "drift of all taxels",
         Whole(stream.drift, 0.25, (0.125, 0.25, 0.5, 1.0, 2.0),
             "drift in a touch (deviations of the features)", "a quarter of a deviation", log=True),
-        ACCURACY, "the rest level is frozen in a touch: what drifts in one touch must stay small beside its "
-        "features",
+        ACCURACY, "the rest level is frozen in a touch: what drifts in one touch must stay small beside its features",
         "All taxels ramp through the whole recording by a quarter of the features' standard deviation in "
         "a touch.", at_least=harmless),
     Mode("stream", "mains hum",

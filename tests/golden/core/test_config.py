@@ -66,8 +66,7 @@ def test_the_row_accumulator_holds_the_worst_vector_and_a_bit_less_does_not(cell
 def test_several_bit_serial_lanes_are_refused_and_asked_for_without_a_number_they_are_one():
     with pytest.raises(
         InputError,
-        match="field lanes: is 4 and lane_type is 'serial', of which one lane is built; take lanes 1, or "
-        "plain",
+        match="field lanes: is 4 and lane_type is 'serial', of which one lane is built; take lanes 1, or plain",
     ):
         PRESETS["thesis"].replace(lanes=4, lane_type="serial")
     assert PRESETS["thesis"].with_lanes(None, "serial").hardware.lanes == 1
