@@ -899,7 +899,8 @@ class AcceleratorConfig:
 
 def _by_group(fields: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """The configuration's own fields, and the others by their groups."""
-    own, of_group = {}, {}
+    own: dict[str, Any] = {}
+    of_group: dict[str, dict[str, Any]] = {}
     for field, value in fields.items():
         if field == "name":
             own[field] = value

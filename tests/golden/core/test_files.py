@@ -131,7 +131,7 @@ def test_no_touches_are_touches_too(monkeypatch):
     assert len(found) == 0
     monkeypatch.setattr(pipeline, "find_touches", lambda *_, **__: pytest.fail("touches are searched again"))
     assert pipeline.run(model, data, touches=found).decision.tolist() == [-1]
-    assert pipeline.float_run(real, data, touches=found).decision.tolist() == [-1]
+    assert pipeline.run(real, data, touches=found).decision.tolist() == [-1]
 
 
 def test_a_torch_file_that_unpacks_to_too_much_is_refused_unread(tmp_path, monkeypatch):

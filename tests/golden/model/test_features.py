@@ -17,9 +17,9 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.groups import FEATURE_KINDS
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, normaliser_constants, random_integer_model
-from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.pipeline import run
 from eskin.golden.model.preprocess import (
-    _scan,
+    TouchFinder,
     amplified,
     by_input,
     companded,
@@ -140,7 +140,7 @@ def test_windows_give_what_loops_over_their_frames_give(name, rule, block):
         zip(touches.recording, touches.start_frame, touches.completed, strict=True)
     ):
         stream = recordings.recording(int(index))
-        deviations = _scan(config, stream[:, None].astype(np.int32), np.array([len(stream)]))[0][:, 0]
+        deviations = TouchFinder(config).push(stream[:, None].astype(np.int32))[0][:, 0]
         for k, (first, last) in enumerate(config.window_spans):
             for taxel in range(config.sensor.taxels):
                 expected = {kind: 0 for kind in FEATURE_KINDS}
@@ -343,7 +343,7 @@ def test_model_folder_and_traces_with_all_kinds(tmp_path, monkeypatch):
     for scale in ("array", "taxel"):
         train(recordings, ALL.replace(feature_scale=scale), TrainingRequest(folds=0), out=tmp_path / scale)
         integer, real = quantise(tmp_path / scale), FloatModel.load(tmp_path / scale)
-        trace, ideal = run(integer, recordings), float_run(real, recordings)
+        trace, ideal = run(integer, recordings), run(real, recordings)
         assert trace.features.shape[-1] == ALL.inputs
         found = integer.config.formats.feature_format.to_real(trace.features)
         limit = integer.config.formats.feature_format.to_real(integer.config.formats.feature_format.max_code)

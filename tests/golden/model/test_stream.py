@@ -9,7 +9,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import FloatModel, network_shapes, random_integer_model
-from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.pipeline import run
 from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import completing_frames, random_recordings
 from tests.support.front_end_cases import CASES
@@ -123,7 +123,7 @@ def test_a_float_model_streams_its_own_decisions():
     arrays = {name: rng.normal(0, 0.7, shape) for name, shape in network_shapes(SMALL, real=True).items()}
     model = FloatModel(SMALL, arrays | {"mu": np.array(3.0), "sigma": np.array(40.0)})
     recordings = scene(16)
-    trace, stream = float_run(model, recordings), Stream(model)
+    trace, stream = run(model, recordings), Stream(model)
     for index in range(len(recordings)):
         decisions = streamed(stream, recordings.recording(index), rng)
         assert stream.decision == trace.decision[index]

@@ -8,8 +8,8 @@ import pytest
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import FLAT_STAGES, completing_frames, random_recordings, write_vectors
+from eskin.golden.model.pipeline import STAGES, run
+from eskin.golden.model.vectors import completing_frames, random_recordings, write_vectors
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
@@ -79,7 +79,7 @@ def test_the_file_holds_what_goes_in_and_what_must_come_out(tmp_path):
         assert archive["numbers"].tolist() == [7, 2, 9] and archive["offsets"].tolist() == [0, 80, 280, 283]
         assert archive["samples"].dtype == np.uint16
         assert np.array_equal(archive["samples"].view(np.int16), recordings.samples)
-        for stage in (*FLAT_STAGES, "decision"):
+        for stage in STAGES:
             assert np.array_equal(archive[stage], trace.streams[stage][0])
             assert np.array_equal(archive[f"{stage}_offsets"], trace.streams[stage][1])
         assert archive["touches"].sum() == len(trace.touches) and len(archive["decision_frame"]) == len(
