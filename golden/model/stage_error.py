@@ -70,7 +70,7 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
             ends = [_at_ends(integer.arrays[name], fmt) for name, fmt in names.items()]
             at_ends = float(np.average(ends, weights=[integer.arrays[name].size for name in names]))
         elif stage == "gates":
-            at_ends, used = np.mean(runs.reach > 1), min(1.0, runs.reach.max())
+            at_ends, used = float(np.mean(runs.reach > 1)), min(1.0, runs.reach.max())
         figures = (error.mean(), error.max(), at_ends, used, alone.mean(), alone.max())
         errors.append(StageError(stage, *map(float, figures)))
     return errors
