@@ -193,7 +193,7 @@ class AcceleratorConfig:
             yield "feature_shift", f"must lie in 0..{bits}"
 
     def _format_refusals(self) -> Iterator[Refusal]:
-        formats, bits, lane = self.formats, self.accumulator_bits, self.hardware.lane_type
+        formats, lane = self.formats, self.hardware.lane_type
         if self.recurrent:
             yield from self._recurrent_refusals()
         if self.logit_shift < 1:
@@ -203,6 +203,7 @@ class AcceleratorConfig:
             )
         if self.dense_bias_shift < 0:
             yield "dense_bias_format", f"{formats.dense_bias_format} is finer than the dense products"
+        bits = self.accumulator_bits  # of shifts that are sound
         if bits > WIDEST_ACCUMULATOR:
             yield (
                 "weight_format" if self.recurrent else "dense_format",
