@@ -62,10 +62,7 @@ def test_every_form_of_frames_gives_the_same(model):
         [np.pad(array, ((0, longest - len(array)), (0, 0)), mode="edge") for array in arrays[2:4]]
     )
     assert len(model.predict(held)) == 2
-    assert (
-        model.predict(recordings, integer=False).tolist()
-        == run(model.real, recordings).decision.tolist()
-    )
+    assert model.predict(recordings, integer=False).tolist() == run(model.real, recordings).decision.tolist()
 
 
 def test_scores_are_those_that_decide(model):
