@@ -28,6 +28,7 @@ from eskin.golden.model.preprocess import (
     shifts_by_input,
     sums_alone,
 )
+from eskin.golden.model.vectors import random_recordings
 from eskin.golden.training import batches as batching
 from eskin.golden.training import datasets
 from eskin.golden.training import fit as fitting
@@ -73,28 +74,7 @@ CONFIGS = {
 
 
 def streams(config: AcceleratorConfig, count: int, seed: int) -> Recordings:
-    rng = np.random.default_rng(seed)
-    low = config.sample_format.min_code
-    made = []
-    for _ in range(count):
-        frames = int(rng.integers(40, 260))
-        stream = 250 + rng.integers(-6, 7, (frames, config.sensor.taxels))
-        for begin in rng.integers(0, frames, 4):
-            stream[begin : begin + rng.integers(5, 50), rng.integers(config.sensor.taxels)] += rng.integers(
-                -250, 250
-            )
-        made.append(np.clip(stream, 0, 511) + low)
-    lengths = np.array([len(stream) for stream in made])
-    return Recordings(
-        samples=np.concatenate(made).astype(np.int16 if config.sensor.sample_signed else np.uint16),
-        offsets=np.concatenate([[0], np.cumsum(lengths)]),
-        labels=np.arange(count) % 2,
-        class_names=("a", "b"),
-        sample_rate_hz=1000.0,
-        sample_bits=9,
-        groups={},
-        source="made",
-    )
+    return random_recordings(config, np.random.default_rng(seed).integers(40, 260, count), seed)
 
 
 def one_window(

@@ -6,7 +6,6 @@ import torch
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
 from eskin.golden.model.cells import Float, run_cell
 from eskin.golden.model.model import (
     FloatModel,
@@ -20,7 +19,6 @@ from eskin.golden.model.model import (
     replace_folder,
     with_network,
 )
-from eskin.golden.model.preprocess import normalise
 from eskin.golden.training.network import RecurrentClassifier
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL
@@ -207,38 +205,6 @@ def test_float_models_that_cannot_work_are_refused(name, value, words):
 
 
 # ---------------------------------------------------------------------- constants and random models
-@each_row("config", [*PRESETS.values(), SMALL])
-@each_row("feature_format", [QFormat(4, 8), QFormat(4, 4), QFormat(5, 11)])
-def test_normaliser_constants_give_the_feature(config, feature_format):
-    """Codes within 1 LSB of the real feature over the format's range, at every window length."""
-    fine = feature_format.width == 16
-    if fine:
-        config = config.replace(weight_format=QFormat(1, 7), recurrent_format=QFormat(2, 6))
-    config = config.replace(feature_format=feature_format)
-    mu, sigma = 7.3, 80.0
-    filled, mean, scale = normaliser_constants(config, mu, sigma)
-    rng = np.random.default_rng(1)
-    for shift, code in zip(filled.features.feature_shift, scale, strict=True):
-        assert code >= 2 ** (config.formats.gate_frac - 2)
-        assert shift == 0 or code <= 2 ** (config.formats.gate_frac - 1) * (4 if fine else 1)
-    real = rng.uniform(
-        1.1 * feature_format.to_real(feature_format.min_code),
-        1.1 * feature_format.to_real(feature_format.max_code),
-        (50, config.windows.steps, config.sensor.taxels),
-    )
-    lengths = np.array([config.window_lengths[q] for q in config.length_index])[:, None]
-    sums = np.rint((real * sigma + mu) * lengths).astype(np.int64)
-    codes = normalise(filled, sums, np.full(50, config.windows.steps), mean, scale)
-    ideal = np.clip(
-        (sums / lengths - mu) / sigma * 2.0**feature_format.frac_bits,
-        feature_format.min_code,
-        feature_format.max_code,
-    )
-    # two roundings and scale's own half LSB; of 16-bit features the 16-bit centred keeps two bits fewer
-    tolerance = (3.0 if fine else 1.0) + np.abs(ideal) / 2 ** (config.formats.gate_frac - 1)
-    assert (np.abs(codes - ideal) <= tolerance).all()
-
-
 def test_a_spread_too_small_for_the_scale_is_refused():
     with pytest.raises(InputError, match="feature_format.*fewer feature bits"):
         normaliser_constants(SMALL.replace(hop=4, window=8), 0.0, 0.5)

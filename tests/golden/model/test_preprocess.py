@@ -118,9 +118,8 @@ def test_the_word_of_a_window_sum_holds_a_jump_from_end_to_end_and_a_bit_less_do
 
 # ---------------------------------------------------------------- more windows, batches
 @each_row("name", ["pvdf", "synthetic"])
-def test_more_steps_leave_the_first_ones_alone(name):
-    config = PRESETS[name]
-    rng = np.random.default_rng(11)
+def test_more_steps_leave_the_first_ones_alone_and_go_on_at_the_same_hop(name):
+    config, rng = PRESETS[name], np.random.default_rng(11)
     streams = [
         REST + rng.integers(-40, 41, (frames, config.sensor.taxels)) for frames in (3000, 9000, 200, 4100)
     ]
@@ -129,20 +128,17 @@ def test_more_steps_leave_the_first_ones_alone(name):
     streams[3][4000:, 0] -= 700
     recordings = recordings_of(config, *streams)
     before = recordings.samples.copy()
-    plain, more = find_touches(config, recordings), find_touches(config, recordings, steps=28)
+    plain, more, few = (find_touches(config, recordings, steps=steps) for steps in (None, 28, 7))
     assert len(plain) and np.array_equal(recordings.samples, before)
     for field in ("recording", "onset_frame", "start_frame", "partial"):
         assert np.array_equal(getattr(plain, field), getattr(more, field))
-    assert np.array_equal(plain.sums, more.sums[:, :20]) and np.array_equal(
-        plain.completed, np.minimum(more.completed, 20)
-    )
-    assert more.completed.max() > 20 and np.array_equal(
-        find_touches(config, recordings, steps=7).sums, plain.sums[:, :7]
-    )
+    assert np.array_equal(plain.sums, more.sums[:, :20]) and np.array_equal(plain.sums[:, :7], few.sums)
+    assert np.array_equal(plain.completed, np.minimum(more.completed, 20)) and more.completed.max() > 20
+    hop, length = config.windows.hop, config.windows.window
     for touch, recording in enumerate(plain.recording):
         left = recordings.lengths[recording] - plain.start_frame[touch] + 1
-        if name == "pvdf":
-            assert more.completed[touch] == min(left // 96 - 1, 28)  # 96 frames a hop, two hops a window
+        if more.completed[touch] > 20:
+            assert more.completed[touch] == min((left - length) // hop + 1, 28)
         assert not more.sums[touch, more.completed[touch] :].any()
 
 
