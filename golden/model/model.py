@@ -213,8 +213,7 @@ class IntegerModel:
             if array.min() < lowest or array.max() > formats[name].max_code:
                 raise InputError(
                     f"{self.source}, array {name}: holds {array.min()}..{array.max()}, outside "
-                    f"{lowest}..{formats[name].max_code} of "
-                    f"{formats[name]}; quantise the model again"
+                    f"{lowest}..{formats[name].max_code} of {formats[name]}; quantise the model again"
                 )
             checked[name] = _frozen(np.array(array, dtype=np.int64))
         if (
@@ -502,10 +501,8 @@ def normaliser_constants(
             worst = int(np.argmax(scale)) if scale.max() > largest else int(np.argmin(scale))
             raise InputError(
                 f"configuration '{config.name}', field feature_format: {config.formats.feature_format} "
-                "needs a scale "
-                f"of {scale[worst]:.0f} for windows of {length} frames with a spread of {sigma[worst]:.3g} "
-                f"codes, outside 1..{largest}; "
-                "use fewer feature bits"
+                f"needs a scale of {scale[worst]:.0f} for windows of {length} frames with a spread of "
+                f"{sigma[worst]:.3g} codes, outside 1..{largest}; use fewer feature bits"
             )
         step, half = (1 << by) if aligned else np.ones_like(by), (1 << by) >> 1
         means.append(np.rint((mu * unit - half) / step) * step if aligned else np.rint(mu * unit) - half)

@@ -3,7 +3,7 @@ configuration and state."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,16 @@ def upset(array: np.ndarray, place: int, bit: int, fmt: QFormat) -> np.ndarray:
     array = array.copy()
     array.flat[place] = flipped(array.flat[place], bit, fmt)
     return array
+
+
+def every_bit(arrays: Mapping[str, np.ndarray], formats: Mapping[str, QFormat]) -> list[Site]:
+    """Every bit of the arrays that have a format."""
+    return [
+        (name, place, bit)
+        for name, fmt in formats.items()
+        for place in range(arrays[name].size)
+        for bit in range(fmt.width)
+    ]
 
 
 def by_bit(
@@ -66,12 +76,7 @@ def _changed(bench: Bench, logits: np.ndarray) -> float:
 def _weight_flips(bench: Bench) -> tuple[list[Site], np.ndarray, str, Case]:
     """Every flip tried, the share of decisions it changes, the worst in words and for the hardware."""
     formats, arrays, few = network_formats(bench.config), bench.model.arrays, bench.sample
-    sites = [
-        (name, place, bit)
-        for name, fmt in formats.items()
-        for place in range(arrays[name].size)
-        for bit in range(fmt.width)
-    ]
+    sites = every_bit(arrays, formats)
     if len(sites) > bench.flips:
         sites = [sites[i] for i in np.sort(bench.rng(9).permutation(len(sites))[: bench.flips])]
     changed: list[float] = []
@@ -144,12 +149,7 @@ def constant_flips(bench: Bench) -> Outcome:
     """Every bit of the normaliser's mean and scale inverted, one at a time: share of decisions changed."""
     few, arrays = bench.sample, bench.model.arrays
     formats = {"mean": QFormat(bench.config.sum_bits, 0), "scale": bench.config.scale_format}
-    sites = [
-        (name, place, bit)
-        for name, fmt in formats.items()
-        for place in range(arrays[name].size)
-        for bit in range(fmt.width)
-    ]
+    sites = every_bit(arrays, formats)
     changed = []
     for name, place, bit in sites:
         constants = {**arrays, name: upset(arrays[name], place, bit, formats[name])}

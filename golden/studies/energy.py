@@ -79,11 +79,10 @@ PARTS = {
             multiply_j=24e-12,
             oscillator_w={hertz: amp * 1.219 + _RAILS_W for hertz, amp in _OSCILLATOR_A.items()},
             band=2.0,
-            rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: "
-            "one board, all supplies, core "
-            "at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; 0.2 pJ a register "
-            "bit that changes; at most "
-            "24 pJ a multiply. The source has no figure for block RAM.",
+            rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: one board, "
+            "all supplies, core at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; "
+            "0.2 pJ a register bit that changes; at most 24 pJ a multiply. The source has no figure for "
+            "block RAM.",
             measured=True,
         ),
         Part(name="iCE40HX1K", static_w=296e-6 * 1.2, band=3.0, rests_on=_SMALL_PART.format(296)),
@@ -93,10 +92,9 @@ PARTS = {
             static_w=50e-3,
             multiply_j=24e-12,
             band=4.0,
-            rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), "
-            "though this part's clock network "
-            "is larger; static power of some tens of milliwatt from memory, taken as 50 mW. Orders of "
-            "magnitude, hence a band of 4.",
+            rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), though this "
+            "part's clock network is larger; static power of some tens of milliwatt from memory, taken as "
+            "50 mW. Orders of magnitude, hence a band of 4.",
         ),
     )
 }
@@ -250,8 +248,7 @@ def scheduled_activity(
         frame_toggles=REGISTER_SHARE * registers * frame_cycles,
         idle_toggles=IDLE_TOGGLES,
         ram_reads=0.0,
-        source=f"cycles of the schedule; {REGISTER_SHARE:g} of the register bits taken to change in a busy "
-        "cycle",
+        source=f"cycles of the schedule; {REGISTER_SHARE:g} of the register bits taken to change in a busy cycle",
     )
 
 
