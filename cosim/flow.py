@@ -333,9 +333,10 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> d
     are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
     faults of all and the longest of what LONGEST measures.
     """
-    result = copy.deepcopy(dict(results[0]))
+    result: dict[str, Any] = copy.deepcopy(dict(results[0]))
     for place, join in JOINED.items():
         *way, name = place.split(".")
+        whole: Any
         whole, *parts = (reduce(lambda at, key: at.get(key, {}), way, part) for part in (result, *results))
         if name in whole:
             whole[name] = join([part[name] for part in parts if part[name] is not None])

@@ -179,7 +179,7 @@ def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
                 axes.plot(sizes, [point[key] for point in sweep], ".--"[key == "ideal_cycles" :], label=label)
             axes.set_ylim(bottom=0)
             axes.set_title(f"{title} against {name} ({sweep[0][fixed]} {fixed})", fontsize=10)
-        bars.set_prop_cycle(color=colormaps["tab20"].colors)
+        bars.set_prop_cycle(color=colormaps["tab20"](range(20)))
         base = [0.0] * len(sweep)
         for memory in sweep[0]["memory_bits"]:
             kilobits = [point["memory_bits"][memory] / 1000 for point in sweep]

@@ -74,8 +74,7 @@ def drawing(plan: ImagePlan):
     for number, layer in enumerate(passes, 1):
         begins = (slot for slot in layer.slots(plan.lanes) if slot.place)
         for slot in itertools.islice(begins, SHOWN_SLOTS):
-            row, column, *_ = slot.place or ()
-            place, words = slot.begin + 1, f"({row}, {column})\n{slot.taps} taps"
+            place, words = slot.begin + 1, f"{(slot.place or ())[:2]}\n{slot.taps} taps"
             axes[number].barh(0, slot.taps, left=place, color=f"C{number - 1}", edgecolor="white")
             axes[number].text(place + slot.taps / 2, 0, words, ha="center", va="center", fontsize=6)
         label = f"{name(layer)}: cycles since its words are fetched; place of each sum"

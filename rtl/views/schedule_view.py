@@ -329,8 +329,8 @@ def _draw_line(axes, plan: Schedule, colours: dict[str, str], left: int, length:
             continue
         bars.setdefault((span.unit, span.rows, span.block, span.before), []).append((first, wide))
         tall = span.rows * track if span.unit == LANES else 1.0
-        words = (span.what.partition(",")[0], span.block, "")
-        label = next(text for text in words if len(text) < wide * 170 / length or not text)
+        fits = (span.what.partition(",")[0], span.block, "")
+        label = next(text for text in fits if len(text) < wide * 170 / length or not text)
         place = first + wide / 2, tops[span.unit] + tall / 2
         axes.text(*place, label, ha="center", va="center", fontsize=7)
     for (unit, rows, block, before), places in bars.items():

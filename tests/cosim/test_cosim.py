@@ -168,7 +168,7 @@ def longest_open(capture, taxels: int, classes: int) -> int:
     return longest
 
 
-@each_row(
+@pytest.mark.parametrize(
     ("measure", "pace", "clock"),
     [
         ("frame", "full", None),

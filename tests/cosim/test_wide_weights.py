@@ -67,7 +67,7 @@ def model_at_the_ends(config: AcceleratorConfig, seed: int) -> IntegerModel:
     ("changes", "simulator"),
     [
         ({"lanes": 4}, "icarus"),
-        ({"lanes": 1, "checksum": True}, "icarus"),
+        ({"lanes": 1, "checksum": True}, "verilator"),
         pytest.param({"lanes": 1, "lane_type": "serial"}, "verilator", marks=pytest.mark.slow),
         pytest.param({"lanes": 4, "cell": "lstm", "checksum": True}, "verilator", marks=pytest.mark.slow),
     ],

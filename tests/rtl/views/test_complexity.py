@@ -112,26 +112,6 @@ def test_the_verb_writes_what_was_counted(monkeypatch, tmp_path, capsys):
     assert all(str(point["step_cycles"]) in shown for sweep in sweeps.values() for point in sweep)
 
 
-def test_the_chart_shows_every_memory_and_figure():
-    config = PRESETS["synthetic"]
-    sweep = [cost(resized(config, taxels=taxels, hidden=12, classes=3)) for taxels in (8, 64)]
-    figure = complexity.chart(config, {"taxels": sweep, "classes": sweep})
-    left, middle, right = figure.axes[:3]
-    assert [list(line.get_ydata()) for line in left.lines] == [
-        [point[key] for point in sweep] for key in ("step_cycles", "decision_cycles", "ideal_cycles")
-    ]
-    assert [list(line.get_ydata()) for line in middle.lines] == [
-        [point[key] for point in sweep] for key in ("weight_bits", "multiplies")
-    ]
-    bars = {bar.get_label(): [round(1000 * patch.get_height()) for patch in bar] for bar in right.containers}
-    bits = {name: [point["memory_bits"][name] for point in sweep] for name, _ in MEMORIES}
-    assert bars == {name: points for name, points in bits.items() if any(points)} and len(bars) > 8
-    assert (
-        round(1000 * max(patch.get_y() + patch.get_height() for patch in right.patches))
-        == sweep[1]["memory_bits_total"]
-    )
-
-
 def test_register_bits_are_those_of_registers_alone(monkeypatch):
     class Small(wiring.Component):
         def __init__(self):

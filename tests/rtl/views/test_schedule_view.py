@@ -1,5 +1,4 @@
-"""The schedule made visible: every operation drawn once, figures those of the schedule, later units as the
-hardware does them."""
+"""The schedule made visible: every operation drawn once, figures those of the schedule."""
 
 from __future__ import annotations
 
@@ -10,24 +9,17 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.formats import QFormat
-from eskin.golden.model.model import random_integer_model
-from eskin.rtl.engine.engine import Engine
-from eskin.rtl.engine.sequencer import Sequencer
 from eskin.rtl.program.compact_program import Kind, Op
-from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import Schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.views import schedule_view as view
-from tests.rtl.engine.test_engine import beats, small, windows
-from tests.support.stream_bench import Bench
 from tests.support.table import each_row
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
@@ -75,66 +67,6 @@ def test_every_operation_is_in_one_span(cell, kind):
     for name in view.UNITS:
         times = [span.slot + k for span in unit(plan, name) for k in range(span.slots)]
         assert len(times) == len(set(times))
-
-
-@each_row(
-    ("cell", "lanes", "lane_type"), [(CELLS[1], 1, "plain"), (CELLS[2], 4, "plain"), (CELLS[0], 3, "dsp")]
-)
-def test_later_units_are_drawn_when_the_hardware_does_it(cell, lanes, lane_type, monkeypatch):
-    """Features, hidden states and logits of every step leave the engine when they are drawn to; so do rows
-    the chain."""
-    sequencers: list[Sequencer] = []
-    monkeypatch.setattr(
-        "eskin.rtl.engine.engine.Sequencer", lambda code: sequencers.append(Sequencer(code)) or sequencers[-1]
-    )
-    config = small(*cell, lanes, lane_type=lane_type)
-    model = random_integer_model(config, seed=3)
-    plan = schedule(model.config)
-    engine = Engine(model.config, memory_images(model.config, model.arrays))
-    bench = Bench(engine, quiet=3000, max_cycles=40_000)
-    bench.drive(engine.i, beats(model.config, windows(model.config, touches=1, seed=1)))
-    bench.process(lambda ctx: _set(ctx, engine.decider_idle))
-    word, enable = sequencers[0].word, sequencers[0].enable
-    seen = {
-        name: bench.watch(signal)
-        for name, signal in (
-            ("started", engine.started),
-            ("feature", engine.feature.valid),
-            ("state", engine.state.valid),
-            ("logit", engine.logit.valid),
-            ("direct", enable & (word.partial | word.logit | word.t_write & word.value)),
-            ("activated", enable & word.activated),
-            ("tabled", enable & (word.gate_write | word.t_write & ~word.value)),
-        )
-    }
-    bench.run()
-    steps = config.windows.steps
-    for name, of, wanted in (
-        ("feature", view.STATE, "x"),
-        ("state", view.STATE, "h"),
-        ("logit", view.CLASSIFIER, "logit"),
-    ):
-        drawn = [
-            span.slot + k - plan.slots_before
-            for span in unit(plan, of)
-            if span.what == wanted
-            for k in range(span.slots)
-        ]
-        happened = np.array(seen[name]).reshape(steps, -1) - np.array(seen["started"])[:, None]
-        assert happened.tolist() == [drawn] * steps, name
-    # what is looked up in a slot is written in the next
-    seen["table"] = [cycle - 1 for cycle in seen["tabled"]]
-    seen["rows"] = sorted([*seen["direct"], *({*seen["table"]} - {*seen["activated"]})])
-    for name, of in (("table", view.TABLE), ("rows", view.CHAIN)):
-        drawn = [span.slot + k - plan.slots_before for span in unit(plan, of) for k in range(span.slots)]
-        drawn = [cycle for cycle in drawn if cycle >= 0]  # phase A's last ones leave in phase B
-        for start in seen["started"]:
-            happened = [cycle - start for cycle in seen[name] if start <= cycle <= start + max(drawn)]
-            assert happened == drawn, name
-
-
-async def _set(ctx, signal) -> None:
-    ctx.set(signal, 1)
 
 
 # ---------------------------------------------------------------------- figures, text, picture
