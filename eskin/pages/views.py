@@ -1,6 +1,6 @@
 """Results in words: a template for each, in `templates`, rendered for a page or for a terminal.
 
-A page's template is HTML. That of a terminal is Markdown, ``NAME.md.j2``: a heading and lines between bars are a
+A page's template is HTML. That of a terminal is Markdown, ``NAME.txt.j2``: a heading and lines between bars are a
 table, which is left out where it has no row; any other line is a sentence, on standard error where it begins with
 ``! ``. A bar or the end of a line in a value is no bar and no end. What is None is a dash.
 """
@@ -119,12 +119,12 @@ def page(name: str, /, **values: Any) -> str:
 
 def words(name: str, /, **values: Any) -> str:
     """The Markdown of a result."""
-    return _environment(_cell).get_template(f"{name}.md.j2").render(values)
+    return _environment(_cell).get_template(f"{name}.txt.j2").render(values)
 
 
 def screen(part: str, /, **values: Any) -> str:
     """A part of the live view in a terminal, in rich's markup."""
-    return _environment(_marked).get_template("screen.txt.j2").render(values, part=part).rstrip("\n")
+    return _environment(_marked).get_template("screen.markup.j2").render(values, part=part).rstrip("\n")
 
 
 def _marked(value: Any) -> str:

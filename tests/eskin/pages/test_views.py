@@ -34,10 +34,11 @@ def test_a_value_stays_in_its_cell():
 
 
 def test_a_table_without_rows_is_left_out_and_sentences_keep_their_place():
-    text = "first\n# title\n| a | b |\n\n# kept\n| a | b |\n| --- | --- |\n| 1 | - |\nlast"
-    assert list(parts(text)) == ["first", Rows("kept", ("a", "b"), [("1", "-")]), "last"]
+    text = "first\n# title\n| a | b |\n\n# kept\n| a | b |\n| --- | --- |\n| 1 | - |\nlast\n| c |\n| 2 |"
+    kept, untitled = Rows("kept", ("a", "b"), [("1", "-")]), Rows("", ("c",), [("2",)])
+    assert list(parts(text)) == ["first", kept, "last", untitled]
 
 
 def test_a_figure_that_is_missing_is_no_empty_cell():
-    with pytest.raises(jinja2.UndefinedError, match="touches"):
-        words("enrol", passed=True)
+    with pytest.raises(jinja2.UndefinedError, match="recordings_looked_at"):
+        words("front_ends", rows=[], split=[])
