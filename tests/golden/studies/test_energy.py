@@ -21,7 +21,7 @@ from eskin.golden.studies.energy import (
     scheduled_activity,
 )
 from eskin.pages.energy_page import render
-from eskin.pages.report import unit
+from eskin.pages.views import unit
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row
 
