@@ -466,14 +466,14 @@ def normaliser_constants(
     mu, sigma = (np.broadcast_to(np.asarray(value, dtype=np.float64), (many,)) for value in (mu, sigma))
     kind_of = np.arange(many) % config.kinds  # a constant a kind, or a constant an input
     units = np.array(config.feature_units).reshape(lengths, config.kinds)
-    one = 2.0**config.formats.feature_format.frac_bits
+    unit_code = 2.0**config.formats.feature_format.frac_bits
     spare = max(config.formats.feature_format.width + 2 - config.centred_format.width, 0)
     for q, length in enumerate(config.window_lengths):
         unit = units[q, kind_of]
-        ratio = one / (unit * sigma)
+        ratio = unit_code / (unit * sigma)
         for kind in range(config.kinds):
             of_kind = ratio[kind_of == kind]
-            smallest = one / (units.max() * sigma[0]) if aligned else of_kind.min()
+            smallest = unit_code / (units.max() * sigma[0]) if aligned else of_kind.min()
             shift = min(max(0, int(np.ceil(np.log2(0.25 / smallest))) + spare), config.sum_bits)
             lowest = max(0, shift - SCALE_ROOM) if config.features.feature_scale == "taxel" else shift
             while (

@@ -158,7 +158,7 @@ def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
     taxel."""
     clean = find_touches(config, recordings)
     rows = clean.first_touch()
-    found = {"clean": (config, rows, clean)}
+    touches_of = {"clean": (config, rows, clean)}
     # half a touch more than the first touch takes is all that a late onset can ask for
     ends = np.where(rows >= 0, clean.start_frame[rows] - 1 + config.last_frame * 3 // 2, recordings.lengths)
     ends = np.minimum(ends, recordings.lengths)
@@ -170,8 +170,8 @@ def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
     for taxel in (taxel for taxel in range(config.sensor.taxels) if taxel not in config.sensor.masked_taxels):
         for name, (changed, spoiled) in failures(short, config, taxel).items():
             touches = find_touches(changed, spoiled)
-            found[f"{name} {taxel}"] = (changed, touches.first_touch(), touches)
-    return found
+            touches_of[f"{name} {taxel}"] = (changed, touches.first_touch(), touches)
+    return touches_of
 
 
 def _decisions(
@@ -182,9 +182,9 @@ def _decisions(
     if not (rows >= 0).any():
         return np.full(len(rows), -1, dtype=np.int64), np.zeros(len(rows), dtype=np.int64)
     own = dataclasses.replace(model, config=model.config.replace(masked_taxels=config.sensor.masked_taxels))
-    made = decide_touches(own, touches.take(rows[rows >= 0]))
+    decided = decide_touches(own, touches.take(rows[rows >= 0]))
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
-    return by_recording(made.decision, placed), by_recording(made.lead, placed, none=0)
+    return by_recording(decided.decision, placed), by_recording(decided.lead, placed, none=0)
 
 
 # ---------------------------------------------------------------------- the comparison
