@@ -200,11 +200,7 @@ class Bench:
     @property
     def live(self) -> list[int]:
         """Taxels that are not masked."""
-        return [
-            taxel
-            for taxel in range(self.config.sensor.taxels)
-            if taxel not in self.config.sensor.masked_taxels
-        ]
+        return self.config.sensor.live
 
     # -- running the parts
     def features(self, touches: Touches) -> np.ndarray:
