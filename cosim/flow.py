@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import csv
-import functools
 import json
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -303,18 +304,28 @@ def conversion(
     }
 
 
-SUMMED = (
-    "recordings",
-    "frames",
-    "steps",
-    "decisions",
-    "compared_values",
-    "mismatches",
-    "simulated_cycles",
-    "overruns",
-    "input_stalls",
-)
-MOST = ("frame_max", "step_max", "decision_latency_max")
+JOINED: dict[str, Callable[[list[Any]], Any]] = {
+    **dict.fromkeys(
+        "recordings frames steps decisions compared_values mismatches simulated_cycles overruns input_stalls "
+        "wall_s conversion.violations".split(),
+        sum,
+    ),
+    **dict.fromkeys(
+        "cycles.frame_max cycles.step_max cycles.decision_latency_max registers.LONGEST "
+        "conversion.scan_cycles conversion.jitter_cycles".split(),
+        lambda values: max(values, default=None),
+    ),
+    "cycles.step_min": lambda values: min(values, default=None),
+    **dict.fromkeys(("registers.FAULTS", "conversion.faults"), lambda values: reduce(operator.or_, values)),
+    **dict.fromkeys(("registers.STATUS", "registers.TOUCHES"), lambda values: values[-1]),
+    "conversion.feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)] if pairs else None,
+    "mismatch_list": lambda values: [*chain.from_iterable(values)][:KEPT_MISMATCHES],
+}
+"""What becomes of the parts' values by their place in a result, None left out."""
+JOINED |= {
+    f"without_probes.{name}": JOINED[name] for name in ("compared_values", "mismatches", "mismatch_list")
+}
+JOINED["without_probes.bit_exact"] = all
 
 
 def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -322,63 +333,30 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> d
     are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
     faults of all and the longest of what LONGEST measures.
     """
-    first = results[0]
-
-    def of(*path: str) -> list[Any]:  # what each part has there, but None
-        return [
-            value
-            for value in (functools.reduce(operator.getitem, path, result) for result in results)
-            if value is not None
-        ]
-
-    result = {**first, **{name: sum(of(name)) for name in SUMMED}}
-    cycles = {**first["cycles"], **{name: max(of("cycles", name), default=None) for name in MOST}}
-    result["cycles"] = cycles | {"step_min": min(of("cycles", "step_min"), default=None)}
-    stages = dict.fromkeys(name for part in of("stages") for name in part)
-    result["stages"] = {
-        name: {
-            key: sum(part.get(name, {}).get(key, 0) for part in of("stages"))
-            for key in ("compared_values", "mismatches")
+    result: dict[str, Any] = copy.deepcopy(dict(results[0]))
+    for place, join in JOINED.items():
+        *way, name = place.split(".")
+        whole: Any
+        whole, *parts = (reduce(lambda at, key: at.get(key, {}), way, part) for part in (result, *results))
+        if name in whole:
+            whole[name] = join([part[name] for part in parts if part[name] is not None])
+    for name in dict.fromkeys(name for part in results for name in part["stages"]):
+        counts = [part["stages"].get(name, {}) for part in results]
+        result["stages"][name] = {
+            key: sum(count.get(key, 0) for count in counts) for key in ("compared_values", "mismatches")
         }
-        for name in stages
-    }
     result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
-    declared = first["pace"] == "declared"
+    declared, wall_s = result["pace"] == "declared", result["wall_s"]
     result["budgets"] = latency.budgets(
-        config, result["cycles"], first["clock_hz"], declared=declared, overruns=result["overruns"]
+        config, result["cycles"], result["clock_hz"], declared=declared, overruns=result["overruns"]
     )
-    wall_s = sum(of("wall_s"))
     result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
-    faults, longest = (
-        functools.reduce(operator.or_, of("registers", "FAULTS")),
-        max(of("registers", "LONGEST")),
-    )
-    result["registers"] = {**results[-1]["registers"], "FAULTS": faults, "LONGEST": longest}
-    result["mismatch_list"] = [*chain.from_iterable(of("mismatch_list"))][:KEPT_MISMATCHES]
-    if "conversion" in first:
-        waits = [*chain.from_iterable(of("conversion", "feature_cycles"))]
-        result["conversion"] = first["conversion"] | {
-            "scan_cycles": max(of("conversion", "scan_cycles")),
-            "jitter_cycles": max(of("conversion", "jitter_cycles")),
-            "feature_cycles": [min(waits), max(waits)] if waits else None,
-            "faults": functools.reduce(operator.or_, of("conversion", "faults")),
-            "violations": sum(of("conversion", "violations")),
-        }
-    healthy = not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
     result["passed"] = (
-        healthy and result["bit_exact"] and all(row["met"] or row["reference"] for row in result["budgets"])
+        result["bit_exact"]
+        and all(row["met"] or row["reference"] for row in result["budgets"])
+        and not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
+        and result.get("without_probes", {}).get("bit_exact", True)
     )
-    if "without_probes" in first:
-        counts = {name: sum(of("without_probes", name)) for name in ("compared_values", "mismatches")}
-        exact = all(of("without_probes", "bit_exact"))
-        mismatches = [*chain.from_iterable(of("without_probes", "mismatch_list"))][:KEPT_MISMATCHES]
-        result["without_probes"] = {
-            **first["without_probes"],
-            **counts,
-            "bit_exact": exact,
-            "mismatch_list": mismatches,
-        }
-        result["passed"] = result["passed"] and exact
     return result
 
 
