@@ -285,12 +285,12 @@ def _signals(function: ast.FunctionDef) -> Iterator[str]:
 def mutants(file: str, text: str, skip: frozenset[str] = frozenset()) -> list[Mutant]:
     """All mutants of a file but in the functions of ``skip``, in the order of its text; some may be no faults
     (`is_fault`)."""
-    made = {
+    faults = {
         Mutant(file, kind, begin, old, new, text.count("\n", 0, begin) + 1)
         for kind, begin, old, new in _Finder(text, skip).walk(ast.parse(text))
         if old != new
     }
-    return sorted(made, key=lambda mutant: (mutant.begin, mutant.kind, mutant.old, mutant.new))
+    return sorted(faults, key=lambda mutant: (mutant.begin, mutant.kind, mutant.old, mutant.new))
 
 
 def is_fault(mutant: Mutant, text: str) -> bool:

@@ -545,10 +545,10 @@ class AcceleratorConfig:
         those of what it gives. 0 until the model is quantised."""
         if not self.image.weight_formats:
             return (0,) * len(self.weighted_stages)
-        given = (images.PIXEL_FORMAT, *self.image.map_formats, self.formats.logit_format)
+        formats = (images.PIXEL_FORMAT, *self.image.map_formats, self.formats.logit_format)
         return tuple(
             weight.frac_bits + before.frac_bits - behind.frac_bits
-            for weight, before, behind in zip(self.image.weight_formats, given, given[1:], strict=False)
+            for weight, before, behind in zip(self.image.weight_formats, formats, formats[1:], strict=False)
         )
 
     @property

@@ -178,6 +178,11 @@ class Sensor(Group):
     volt_per_code: Annotated[Real, Ge(0)] = 0.0
     masked_taxels: tuple[StrictInt, ...] = ()
 
+    @property
+    def live(self) -> list[int]:
+        """Taxels that are not masked."""
+        return [taxel for taxel in range(self.taxels) if taxel not in self.masked_taxels]
+
     def refusals(self) -> Iterator[Refusal]:
         if any(not 0 <= taxel < self.taxels for taxel in self.masked_taxels):
             yield "masked_taxels", f"names a taxel outside 0..{self.taxels - 1}"

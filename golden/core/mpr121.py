@@ -96,14 +96,14 @@ def mpr_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> MprPla
     lines = line_counts(config)
     total = sum(lines)
     first = min(total, 11) if array.mpr_chips == 2 else total
-    wanted = min(array.converter_hz or I2C_HZ, I2C_HZ)
+    bus_hz = min(array.converter_hz or I2C_HZ, I2C_HZ)
     return MprPlan(
         chips=array.mpr_chips,
         electrodes=(first, total - first)[: array.mpr_chips],
         rows=array.rows,
         columns=array.columns,
         lines=lines,
-        quarter=max(3, math.ceil(clock / wanted / 4 - 1e-9), math.ceil(LOW_S / 2 * clock - 1e-9)),
+        quarter=max(3, math.ceil(clock / bus_hz / 4 - 1e-9), math.ceil(LOW_S / 2 * clock - 1e-9)),
         reset=math.ceil(RESET_S * clock),
         first=math.ceil(FIRST_DATA_S * clock),
     )

@@ -438,9 +438,7 @@ class TouchFinder:
         self._hits = np.zeros((config.onset_rule.onset_span, recordings), dtype=bool)
         self._banded = config.onset_rule.onset == "band"
         self._period = 1 if self._banded else config.onset_rule.onset_check_frames
-        self._live = np.array(
-            [taxel not in config.sensor.masked_taxels for taxel in range(config.sensor.taxels)]
-        )
+        self._live = np.isin(np.arange(config.sensor.taxels), config.sensor.live)
         self._recent = np.zeros(
             (0 if self._banded or config.opens_at_once else config.onset_rule.onset_mean_frames, *shape),
             np.int32,

@@ -145,36 +145,30 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
     seed:
         Of every random draw.
     """
-    rng = np.random.default_rng(seed)
-    fmt = config.sample_format
-    if config.onset_rule.onset == "band":
-        swing = config.onset_rule.band_high - config.onset_rule.band_low
-        rest, noise = (config.onset_rule.band_low + config.onset_rule.band_high) / 2, swing / 16
+    rng, fmt, taxels = np.random.default_rng(seed), config.sample_format, config.sensor.taxels
+    rule, hop, whole = config.onset_rule, config.windows.hop, config.last_frame
+    if rule.onset == "band":
+        swing = rule.band_high - rule.band_low
+        rest, noise = (rule.band_low + rule.band_high) / 2, swing / 16
     else:
-        rest, noise, swing = (
-            (fmt.min_code + fmt.max_code) / 2,
-            config.onset_rule.onset_threshold / 8,
-            6 * config.onset_rule.onset_threshold,
-        )
+        rest, noise = (fmt.min_code + fmt.max_code) / 2, rule.onset_threshold / 8
+        swing = 6 * rule.onset_threshold
     samples = []
     for length in lengths:
-        signal = np.clip(rng.normal(0, noise, (length, config.sensor.taxels)), -3 * noise, 3 * noise)
+        signal = np.clip(rng.normal(0, noise, (length, taxels)), -3 * noise, 3 * noise)
         time = np.arange(length)[:, None]
-        at = int(rng.integers(0, 2 * config.windows.hop + 1)) + config.rest_level.rest_frames
+        at = int(rng.integers(0, 2 * hop + 1)) + config.rest_level.rest_frames
         while at < length:
-            duration = int(rng.integers(1, config.last_frame + config.windows.hop))
+            duration = int(rng.integers(1, whole + hop))
             inside = (time >= at) & (time < at + duration)
-            speed, phase, gain = (
-                rng.uniform(0.01, 0.6, config.sensor.taxels),
-                rng.uniform(0, 6.3, config.sensor.taxels),
-                rng.normal(0, 1, config.sensor.taxels),
-            )
+            speed, phase = rng.uniform(0.01, 0.6, taxels), rng.uniform(0, 6.3, taxels)
+            gain = rng.normal(0, 1, taxels)
             strength = fmt.max_code if rng.random() < 0.15 else swing * rng.uniform(0.3, 1)
             signal += inside * (0.7 + np.sin(time * speed + phase)) * gain * strength
-            at += duration + int(rng.integers(1, 2 * config.onset_rule.rearm_frames + config.last_frame))
+            at += duration + int(rng.integers(1, 2 * rule.rearm_frames + whole))
         codes = np.clip(np.rint(rest + signal), fmt.min_code, fmt.max_code).astype(np.int32)
         if config.faults.fault_frames and length and rng.random() < 0.8:
-            frame, taxel = rng.integers(length), rng.integers(config.sensor.taxels)
+            frame, taxel = rng.integers(length), rng.integers(taxels)
             codes[frame:, taxel] = rng.choice([fmt.min_code, fmt.max_code, codes[frame, taxel]])
         samples.append(codes)
     return Recordings(

@@ -109,8 +109,8 @@ def weight_flips(bench: Bench) -> Outcome:
     """Every bit of every weight and bias inverted, one at a time (at random where there are too many): mean
     share of decisions changed."""
     sites, changed, worst, case = bench.remember("weight flips", lambda: _weight_flips(bench))
-    what = f"{worst}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change nothing"
-    return Outcome(float(changed.mean()), what, by_bit(sites, changed), case)
+    words = f"{worst}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change nothing"
+    return Outcome(float(changed.mean()), words, by_bit(sites, changed), case)
 
 
 def worst_flip(bench: Bench) -> Outcome:
@@ -141,8 +141,8 @@ def table_flips(bench: Bench) -> Outcome:
         setattr(arithmetic, table, upset(getattr(arithmetic, table), entry, bit, words[table]))
         changed.append(_changed(bench, few.forward(few.codes, arithmetic)[1]))
     table, entry, bit = sites[int(np.argmax(changed))]
-    what = f"{table.strip('_')} entry {entry - entries // 2} bit {bit}: {max(changed):.3f}; {len(sites)} flips tried"
-    return Outcome(float(np.mean(changed)), what, by_bit(sites, changed))
+    words_of = f"{table.strip('_')} entry {entry - entries // 2} bit {bit}: {max(changed):.3f}; {len(sites)} flips tried"
+    return Outcome(float(np.mean(changed)), words_of, by_bit(sites, changed))
 
 
 def constant_flips(bench: Bench) -> Outcome:
@@ -192,8 +192,8 @@ def register_flips(bench: Bench) -> Outcome:
         )
     changed = np.array(shares)
     name, bit = sites[int(changed.argmax())]
-    what = f"{name} bit {bit}: {changed.max():.3f}; {len(sites)} flips of {', '.join(fields)} and mask"
-    return Outcome(float(changed.mean()), what, by_bit(sites, changed))
+    words = f"{name} bit {bit}: {changed.max():.3f}; {len(sites)} flips of {', '.join(fields)} and mask"
+    return Outcome(float(changed.mean()), words, by_bit(sites, changed))
 
 
 # ---------------------------------------------------------------------- the state
@@ -205,15 +205,15 @@ class Upset(Fixed):
         self._step, self._unit, self._bit, self._calls = step, unit, bit, 0
 
     def state(self, products):
-        made = super().state(products)
+        values = super().state(products)
         step, second = divmod(self._calls, 2)  # every cell narrows two values a step; the second is the new h
         self._calls += 1
         if second:
             rows = np.flatnonzero(self._step == step)
-            made = made.copy()
-            old = made[rows, self._unit[rows]].astype(np.int64)
-            made[rows, self._unit[rows]] = flipped(old, self._bit[rows], self._config.formats.state_format)
-        return made
+            values = values.copy()
+            old = values[rows, self._unit[rows]].astype(np.int64)
+            values[rows, self._unit[rows]] = flipped(old, self._bit[rows], self._config.formats.state_format)
+        return values
 
 
 def state_flips(bench: Bench) -> Outcome:

@@ -49,12 +49,12 @@ def growth(bench: Bench) -> Outcome:
     steps = [t for t in GROWTH_STEPS if t <= bench.long]
     codes = _endless(bench, steps[-1])
     fixed, ideal = bench.forward(codes)[0], _ideal(bench, codes)
-    each = []
+    errors = []
     for t in steps:
         last = slice(max(t - config.windows.steps, 0), t)
         error = config.formats.state_format.to_real(fixed[:, last]) - ideal[:, last]
-        each.append(np.sqrt(np.mean(error**2, axis=(1, 2))))
-    middle, worst_of = [float(np.median(rms)) for rms in each], [float(rms.max()) for rms in each]
+        errors.append(np.sqrt(np.mean(error**2, axis=(1, 2))))
+    middle, worst_of = [float(np.median(rms)) for rms in errors], [float(rms.max()) for rms in errors]
     ratios = [value / max(middle[0], 1e-12) for value in middle]
     worst = int(np.argmax(ratios[1:])) + 1 if len(steps) > 1 else 0
     lines = {
@@ -63,9 +63,9 @@ def growth(bench: Bench) -> Outcome:
     }
     curve = Curve("steps without a reset", "error / error at step 20", steps, lines, log=True)
     unit = 2.0**config.formats.state_format.frac_bits
-    what = f"step {steps[worst]}: {middle[worst] * unit:.2g} LSB against {middle[0] * unit:.2g} at step 20; worst sequence "
-    what += f"{max(worst_of) * unit:.3g} LSB"
-    return Outcome(ratios[worst], what, curve)
+    words = f"step {steps[worst]}: {middle[worst] * unit:.2g} LSB against {middle[0] * unit:.2g} at step 20; worst sequence "
+    words += f"{max(worst_of) * unit:.3g} LSB"
+    return Outcome(ratios[worst], words, curve)
 
 
 def outside_range(bench: Bench) -> Outcome:

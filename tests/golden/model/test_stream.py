@@ -105,13 +105,13 @@ def test_a_float_model_streams_its_own_decisions():
     assert set(trace.decision) > {-1}
 
 
-def test_what_is_kept_does_not_grow():
-    model = random_integer_model(CASES["pvdf"], 3)
-    stream = Stream(model)
+@each_row("name", ["pvdf", "thesis"])
+def test_what_is_kept_does_not_grow_and_is_enough(name):
+    config = CASES[name].replace(feature_kinds=("activity",), activity_rule="change")
+    model = random_integer_model(config, 3)
+    recordings, stream = random_recordings(model.config, (10_000,), 9), Stream(model)
     size = stream._kept.shape
-    piece = random_recordings(model.config, (2500,), 9).samples
-    for _ in range(4):
-        stream.push(piece)
+    assert check_same(stream, run(model, recordings), recordings, 5) > 20
     assert stream._kept.shape == size and stream.frame == 10_000 and stream.touches > 4
 
 
