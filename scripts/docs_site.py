@@ -26,9 +26,8 @@ ROOT = Path(__file__).resolve().parents[1]
 CODE = ("golden", "rtl", "cosim", "eskin", "scripts")
 ORDER = {
     "": "index",
-    "Use": "quick_start report recordings images python configuration front_end features linear widths "
-    "enrolment boards "
-    "live_view interface system",
+    "Use": "quick_start report recordings images python configuration front_end features linear widths enrolment "
+    "boards live_view interface system",
     "Judge": "results baselines robustness energy verification long_jobs skipped_work",
     "Change": "where specification changing area glossary",
 }

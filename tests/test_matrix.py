@@ -153,6 +153,9 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
 ]
 """Rows, kinds, and what the sentence says with which they end."""
 
+MISSED = {"run": "FAILED", "stability": "FAILED", "build icestick": "does not fit the iCE40HX1K of icestick"}
+"""Rows that check something which a tiny model may miss, and what is said then; they end with 1."""
+
 
 def archives(folder: Path) -> None:
     """data.npz, twelve touches of four taxels by three persons, and images.npz, 24 images of 8 x 8."""
@@ -351,9 +354,9 @@ def test_every_verb_takes_every_kind_of_model_or_says_why_not(row, kind, case_of
     if refusal:
         assert status == 2 and refusal in shown.err and shown.err.count("eskin: ") == 1, shown
     else:
-        # a tiny model may miss a bound, as the bit-serial lane does at 1 MHz: that is said
-        judges = row in ("run", "stability")
-        assert status == 0 or (judges and status == 1 and "FAILED" in shown.out), shown
+        # a check that a tiny model misses is said: a bound, as the bit-serial lane at 1 MHz, or a small part
+        missed = MISSED.get(row)
+        assert status == 0 or (missed and status == 1 and missed in shown.out + shown.err), shown
 
 
 def test_every_verb_has_a_row():

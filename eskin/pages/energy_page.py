@@ -3,24 +3,19 @@ HTML file."""
 
 from __future__ import annotations
 
-from typing import Any
-
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from eskin.pages.report import CLASS_COLOURS, STYLE, page_template, svg, unit
+from eskin.golden.core.jobs import Record
+from eskin.pages.charts import CLASS_COLOURS, STYLE, svg
+from eskin.pages.views import article, page, unit
 
 PAGE = "energy.html"
 PART_COLOURS = {"clock": CLASS_COLOURS[0], "toggles": CLASS_COLOURS[4], "multiplies": CLASS_COLOURS[2]}
 PART_WORDS = {"clock": "clock", "toggles": "registers and logic", "multiplies": "multipliers"}
 
 
-def article(thing: str) -> str:
-    """``a touch``, ``an image``."""
-    return f"{'an' if thing[0] in 'aeiou' else 'a'} {thing}"
-
-
-def draw_touch(rows: list[dict[str, Any]], least: str | None, thing: str = "touch") -> Figure:
+def draw_touch(rows: list[Record], least: str | None, thing: str = "touch") -> Figure:
     """Compute energy of a ``thing`` by what it is spent on, a bar a configuration, with the band; the least
     one is marked."""
     figure = Figure(figsize=(10.4, 1.3 + 0.42 * len(rows)), layout="constrained")
@@ -54,7 +49,7 @@ def draw_touch(rows: list[dict[str, Any]], least: str | None, thing: str = "touc
     return figure
 
 
-def draw_power(rows: list[dict[str, Any]], thing: str = "touch") -> Figure:
+def draw_power(rows: list[Record], thing: str = "touch") -> Figure:
     """Average power at one ``thing`` a second for every choice of clock, and the part's static power,
     logarithmic."""
     labels, values, static, colours = [], [], [], []
@@ -69,7 +64,7 @@ def draw_power(rows: list[dict[str, Any]], thing: str = "touch") -> Figure:
     places = range(len(labels))
     axes.scatter(values, places, color=colours, s=42, zorder=3)
     axes.grid(axis="x", color="#DDDDDD", linewidth=0.7)
-    mark: dict[str, Any] = {
+    mark: Record = {
         "linestyle": "none",
         "marker": "|",
         "markersize": 11,
@@ -90,7 +85,7 @@ def draw_power(rows: list[dict[str, Any]], thing: str = "touch") -> Figure:
     return figure
 
 
-def render(result: dict[str, Any]) -> str:
+def render(result: Record) -> str:
     """The page of a result of eskin.golden.studies.energy.compare, with ``chips`` where there are any."""
     rows, chips, thing = result["configurations"], list(result.get("chips", ())), result["what"]
     with rc_context(STYLE):
@@ -99,6 +94,13 @@ def render(result: dict[str, Any]) -> str:
             "power": svg(draw_power([*rows, *chips], thing)),
         }
     parts = {row["part"]: (row["rests_on"], row["band"]) for row in rows}
-    return page_template("energy.html.j2").render(
-        result=result, rows=rows, chips=chips, charts=charts, parts=parts, thing=thing, a=article(thing)
+    return page(
+        "energy.html.j2",
+        result=result,
+        rows=rows,
+        chips=chips,
+        charts=charts,
+        parts=parts,
+        thing=thing,
+        a=article(thing),
     )

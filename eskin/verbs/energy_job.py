@@ -11,9 +11,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,11 +20,13 @@ from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing, write_json
+from eskin.golden.core.files import write_json
+from eskin.golden.core.jobs import Progress, Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.studies import energy
 from eskin.pages.energy_page import PAGE, render
+from eskin.pages.views import write_text
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
@@ -43,7 +44,6 @@ IMAGE_CONFIGURATIONS = ("icebreaker:4", "icebreaker:8", "ulx3s:16")
 SLOW_FACTOR, SLOWER_LEAST = 4, 1.5
 """Cycles a frame of the slower run: in taxels, and over those of the run at full pace at least."""
 RESULT = "energy.json"
-Notify = Callable[[str, int, int], None]
 
 
 def parse_configuration(text: str) -> tuple[str, int, str | None]:
@@ -68,7 +68,7 @@ def measure(
     lane_type: str,
     *,
     work: Path,
-) -> dict[str, Any]:
+) -> Record:
     """Activity and estimate of one configuration: the keys of eskin.golden.studies.energy.estimate, and
     target, lanes, lane_type, cells, bit_exact.
 
@@ -90,7 +90,7 @@ def measure(
     counted.write_text(instrument(hardware.sources[0].read_text(), block_of))
     hardware = dataclasses.replace(hardware, sources=(counted, *hardware.sources[1:]))
     counts, results = [], []
-    options: dict[str, Any] = {}
+    options: Record = {}
     for name in ("full", "slow"):
         results.append(
             flow.cosim(
@@ -126,7 +126,7 @@ def measure(
     return described | energy.estimate(asked, find_target(target).device, activity, clock)
 
 
-def slower_cycles(config: AcceleratorConfig, full: Mapping[str, Any]) -> int:
+def slower_cycles(config: AcceleratorConfig, full: Record) -> int:
     """Cycles a frame of the slower run, given the result of the one at full pace.
 
     Several kinds of feature hold frames up at full pace, and so do steps that follow each other closely. Rows
@@ -149,9 +149,9 @@ def job(
     count: int,
     out: Path,
     work: Path,
-    notify: Notify,
+    notify: Progress,
     chips: Sequence[Path] = (),
-) -> dict[str, Any]:
+) -> Record:
     """Measure every configuration and write energy.json and energy.html into ``out``.
 
     Parameters
@@ -195,6 +195,5 @@ def job(
     result = energy.compare(rows, what="image" if config.is_image else "touch") | {"chips": beside}
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, result)
-    with replacing(out / PAGE) as temporary:
-        temporary.write_text(render(result), encoding="utf-8")
+    write_text(out / PAGE, render(result))
     return result

@@ -4,7 +4,7 @@ written."""
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from eskin.golden.baselines.rows import SWEPT
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, replacing, write_json
-from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.jobs import Jobs, Progress, Record
 from eskin.golden.core.memo import Memo, code_version
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.studies import sweep as sweeping
@@ -111,7 +111,7 @@ def request_of(
     splits = default_splits(recordings, config) if group is None and config else [list(group or [])]
     for groups in splits:
         split_folds(recordings, groups, folds, None)
-    common: dict[str, Any] = {"folds": folds, "bounds": bounds or sweeping.Bounds()}
+    common: Record = {"folds": folds, "bounds": bounds or sweeping.Bounds()}
     if config is not None:
         points: Sequence[Any] = sweeping.make_points(
             config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), source
@@ -142,8 +142,8 @@ def run(
     dask: str | None = None,
     workers: int | None = None,
     cache: Path | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> dict[str, Any]:
+    progress: Progress | None = None,
+) -> Record:
     """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and
     charts into ``out``.
 

@@ -74,18 +74,18 @@ def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
     """
     if pdk not in HINTS:
         raise InputError(f"--pdk {pdk}: is unknown; use {' or '.join(HINTS)}")
-    library = next(one for one in libraries if one.holds_logic)
+    library = next(file for file in libraries if file.holds_logic)
     if not any(name.startswith(HINTS[pdk]["name"]) for name in library.cells):
         raise InputError(
             f"--liberty {library.path}: holds no cells of {pdk}; give that process's file, or its own --pdk"
         )
     cells = library.cells.values()
 
-    def need(what: str, found: Iterable[Cell]) -> Cell:
-        chosen = min(found, key=lambda cell: cell.area, default=None)
+    def need(role: str, candidates: Iterable[Cell]) -> Cell:
+        chosen = min(candidates, key=lambda cell: cell.area, default=None)
         if chosen is None:
             raise InputError(
-                f"--liberty {library.path}: has no {what}, which the design needs; give a file with all "
+                f"--liberty {library.path}: has no {role}, which the design needs; give a file with all "
                 f"cells of {pdk}"
             )
         return chosen
@@ -117,7 +117,7 @@ def process_of(pdk: str, libraries: Iterable[Library]) -> Process:
         high=need("cell for a constant 1", named["high"]),
         low=need("cell for a constant 0", named["low"]),
         macros=tuple(
-            macro for one in libraries for macro in one.macros if {"read", "write"} <= set(macro.access_j)
+            macro for file in libraries for macro in file.macros if {"read", "write"} <= set(macro.access_j)
         ),
     )
 
@@ -329,8 +329,8 @@ def _without(module: str) -> str:
     written = set(re.findall(r"cell \$memwr_v2 .*?parameter \\MEMID \"([^\"]+)\"", module, re.DOTALL))
 
     def drop(cell: re.Match[str]) -> str:
-        found = re.search(r'parameter \\MEMID "([^"]+)"', cell[0])
-        return "" if found and found[1] in written else cell[0]
+        memory = re.search(r'parameter \\MEMID "([^"]+)"', cell[0])
+        return "" if memory and memory[1] in written else cell[0]
 
     return re.sub(r"(?m)^  cell \$meminit_v2 .*?^  end\n", drop, module, flags=re.DOTALL)
 

@@ -11,7 +11,7 @@ import pytest
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
-from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.pipeline import run
 from eskin.golden.training import enrol as enrolling
 from eskin.golden.training import recipe
 from eskin.golden.training.enrol import Question, enrol, judge, summary
@@ -87,10 +87,7 @@ def test_a_new_mounting_is_learnt_and_only_weights_change(model, tmp_path, layer
 
 def test_the_float_model_that_is_written_is_the_integer_models(model, tmp_path):
     enrol(model, FEW, tmp_path / "m", old=OLD)
-    real, integer = (
-        float_run(FloatModel.load(tmp_path / "m"), REST),
-        run(IntegerModel.load(tmp_path / "m"), REST),
-    )
+    real, integer = (run(FloatModel.load(tmp_path / "m"), REST), run(IntegerModel.load(tmp_path / "m"), REST))
     assert integer.agreement(real) > 0.95
     record = load_training(tmp_path / "m")
     assert record["enrolments"][0]["layers"] == "all" and "enrolments" not in load_training(model)

@@ -19,7 +19,7 @@ from eskin.golden.model.model import (
     network_formats,
     with_network,
 )
-from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.pipeline import run
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.training.evaluate import compare, evaluate, held
 from eskin.golden.training.network import RecurrentClassifier
@@ -139,7 +139,7 @@ def test_integers_follow_the_float_network(cell, reset, changes):
     integer = quantise_model(
         model, profile(model, touches), weight_bits=10, state_bits=16, table_entries=1024
     )
-    ideal, exact = float_run(model, recordings, touches=touches), run(integer, recordings, touches=touches)
+    ideal, exact = run(model, recordings, touches=touches), run(integer, recordings, touches=touches)
     logits = integer.config.formats.logit_format.to_real(exact.logits)
     assert np.abs(logits - ideal.logits).max() < 0.03 * np.ptp(ideal.logits)
     features = integer.config.formats.feature_format.to_real(exact.features)
@@ -179,7 +179,7 @@ def test_profiled_ranges_are_the_extremes_of_the_run():
     model, recordings = float_model(), scene(20, seed=5)
     touches = find_touches(SMALL, recordings)
     ranges = profile(model, touches)
-    trace = float_run(model, recordings, touches=touches)
+    trace = run(model, recordings, touches=touches)
     done = np.arange(SMALL.windows.steps) < touches.completed[:, None]
     assert ranges["feature"] == pytest.approx((trace.features[done].min(), trace.features[done].max()))
     assert ranges["logit"][0] <= trace.logits[done].min() and ranges["logit"][1] >= trace.logits[done].max()
@@ -337,7 +337,7 @@ def test_evaluate_counts_what_it_says(tmp_path):
     recordings = saved(folder)
     quantise(folder)
     result = evaluate(folder, recordings)
-    trace, ideal = run(IntegerModel.load(folder), recordings), float_run(FloatModel.load(folder), recordings)
+    trace, ideal = run(IntegerModel.load(folder), recordings), run(FloatModel.load(folder), recordings)
     assert result["recordings"] == 20 and result["not_touched"] == 1 and result["partial"] == 1
     right = sum(int(d == label) for d, label in zip(trace.decision, recordings.labels, strict=True))
     assert result["integer_accuracy"] == pytest.approx(right / 20)
@@ -361,7 +361,7 @@ def test_a_recording_without_a_touch_is_wrong_and_agreed_upon():
     model, recordings = float_model(), scene(20, seed=1).subset([0, 2])
     integer = quantise_model(model, profile(model, find_touches(SMALL, recordings)))
     trace = run(integer, recordings)
-    result = compare(float_run(model, recordings), trace, np.full(2, trace.decision[1]))
+    result = compare(run(model, recordings), trace, np.full(2, trace.decision[1]))
     assert result["integer_accuracy"] == 0.5 and result["agreement"] == 1.0 and result["not_touched"] == 1
 
 

@@ -12,7 +12,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
-from eskin.golden.model.pipeline import float_features, float_run, run
+from eskin.golden.model.pipeline import float_features, run
 from eskin.golden.model.preprocess import normalise, real_features
 from eskin.golden.training import batches as batching
 from eskin.golden.training import crossval, datasets, losses
@@ -621,7 +621,7 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
         judged = crossval._judge(model, integer, work.data, test)
         for trace, decision, local in (
             (run(integer, recordings), judged.integer_global, judged.integer_local),
-            (float_run(model, recordings), judged.float_global, judged.float_local),
+            (run(model, recordings), judged.float_global, judged.float_local),
         ):
             np.testing.assert_array_equal(decision, trace.decision[test])
             np.testing.assert_array_equal(local, trace.first_local()[test])
