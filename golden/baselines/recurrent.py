@@ -80,7 +80,6 @@ def _thesis(cell: str, hidden: int, steps: int) -> NetworkMethod:
     return NetworkMethod(f"{cell}{hidden}-n{steps}", called, "thesis", cell, hidden, steps)
 
 
-_SQUARES = (*AS_RECORDED.items(), ("squares", True))
 OURS = (
     NetworkMethod("linear", "linear cell, our recipe", "ours", "linear", None),
     NetworkMethod(

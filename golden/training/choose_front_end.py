@@ -315,6 +315,17 @@ def is_level(best: Judged, rival: Judged) -> bool:
     return shortfall <= 0 or shortfall < TIE * error
 
 
+def most_accurate(candidates: Sequence[Any]) -> Any:
+    """The first of those with the highest accuracy."""
+    return max(candidates, key=lambda candidate: candidate.accuracy)
+
+
+def first_or_best(judged: Sequence[Judged]) -> Judged:
+    """The first one where it is level with the best, else the best."""
+    best = most_accurate(judged)
+    return judged[0] if is_level(best, judged[0]) else best
+
+
 def simplicity(config: AcceleratorConfig) -> tuple:
     """Smaller is simpler, in this order: kinds of feature (and the mean before others), no rest level before
     an initial before a tracked one, a gate that opens at once, fewer inputs in all windows, one scale for the

@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -26,21 +26,17 @@ import torch
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
 from eskin.golden.data.folds import grouped_folds
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.cells import Float, run_cell
 from eskin.golden.model.model import (
-    CONFIG_FILE,
-    FLOAT_FILE,
-    INTEGER_FILE,
-    TRAINING_FILE,
     FloatModel,
     IntegerModel,
     check_model_target,
     load_training,
     network_formats,
     network_shapes,
-    replace_folder,
     with_network,
 )
 from eskin.golden.model.pipeline import by_recording, decide_touches
@@ -48,6 +44,7 @@ from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.batches import Batches, Pool
 from eskin.golden.training.choose_front_end import choose, field_of
 from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
+from eskin.golden.training.descent import Progress, descend
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
 from eskin.golden.training.losses import class_loss
 from eskin.golden.training.quantise import merged_parameters, profile, range_records
@@ -55,9 +52,6 @@ from eskin.golden.training.recipe import Recipe, choose_recipe
 
 Layers = Literal["dense", "all"]
 Draw = Literal["random", "first"]
-Progress = Callable[[int, int], None]
-"""Called with (updates done, updates in all)."""
-
 DENSE = ("V", "b_y")
 """Arrays of the dense layer; of a linear cell there are no others."""
 
@@ -121,27 +115,17 @@ class _Held(torch.nn.Module):
         def of_each(values: Sequence[float], like: torch.Tensor) -> torch.Tensor:
             return torch.tensor(values, dtype=torch.float32).view(-1, *[1] * (like.dim() - 1))
 
+        def limits_of(formats: Sequence[QFormat], like: torch.Tensor) -> tuple[torch.Tensor, ...]:
+            ends = ([float(fmt.to_real(code)) for code in (fmt.min_code, fmt.max_code)] for fmt in formats)
+            return tuple(of_each(values, like) for values in zip(*ends, strict=True))
+
         self._units, self._limits = {}, {}
         for name, weight in self.weights.items():
-            self._units[name] = of_each([2.0 ** fmt[name].frac_bits for fmt in formats], weight)
-            self._limits[name] = tuple(
-                of_each(
-                    [float(fmt[name].to_real(code)) for fmt, code in zip(formats, codes, strict=True)], weight
-                )
-                for codes in (
-                    [fmt[name].min_code for fmt in formats],
-                    [fmt[name].max_code for fmt in formats],
-                )
-            )
-        self._feature_limits = tuple(
-            torch.tensor(
-                [
-                    float(of.to_real(code(of)))
-                    for of in (pair.integer.config.formats.feature_format for pair in pairs)
-                ]
-            ).view(-1, 1, 1, 1)
-            for code in (lambda of: of.min_code, lambda of: of.max_code)
-        )
+            own = [fmt[name] for fmt in formats]
+            self._units[name] = of_each([2.0**fmt.frac_bits for fmt in own], weight)
+            self._limits[name] = limits_of(own, weight)
+        of_features = [pair.integer.config.formats.feature_format for pair in pairs]
+        self._feature_limits = limits_of(of_features, torch.empty(1, 1, 1, 1))
         self.hold()
         self._begin = {name: weight.detach().clone() for name, weight in self.weights.items()}
 
@@ -262,20 +246,17 @@ def fit(
         scales = [(pair.real.arrays["mu"].tolist(), pair.real.arrays["sigma"].tolist()) for pair in pairs]
         drawn = dataclasses.replace(recipe, epochs=0)  # a pass over so few touches means nothing
         batches = Batches(data, pairs[0].real.config, drawn, list(new), generator, scales=scales, pool=pool)
-        trained = [weight for weight in network.parameters() if weight.requires_grad]
-        optimiser = torch.optim.Adam(trained, lr=setting.learning_rate, foreach=True)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimiser, setting.learning_rate, total_steps=setting.updates
-        )
-        for update in range(setting.updates):
+
+        def loss_of() -> torch.Tensor:
             features, labels, counts = batches.draw()
-            losses = class_loss(recipe, network(features), labels, counts) + setting.near * network.distance()
-            optimiser.zero_grad()
-            losses.sum().backward()
-            optimiser.step()
-            schedule.step()
+            return class_loss(recipe, network(features), labels, counts) + setting.near * network.distance()
+
+        def after(done: int, loss: torch.Tensor) -> None:
             network.hold()
-            progress(update + 1, setting.updates)
+            progress(done, setting.updates)
+
+        trained = [weight for weight in network.parameters() if weight.requires_grad]
+        descend(trained, loss_of, setting.learning_rate, setting.updates, after=after)
         return network.pairs(pairs)
 
 
@@ -436,7 +417,8 @@ def enrol(
             low, high = ranges[entry["signal"]]
             ranges[entry["signal"]] = (min(low, entry["min"]), max(high, entry["max"]))
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
-    _save(enrolled, out, json.loads(json.dumps(record)))
+    enrolled.real.save(out, json.loads(json.dumps(record)))
+    enrolled.integer.save(out)
     return result
 
 
@@ -452,16 +434,6 @@ def _recipe_of(record: Mapping[str, Any], config: AcceleratorConfig) -> Recipe:
         return Recipe(**record["recipe"])
     except (KeyError, TypeError):
         return choose_recipe(config)
-
-
-def _save(pair: Pair, out: str | Path, record: Mapping[str, Any]) -> None:
-    def write(folder: Path) -> None:
-        (folder / CONFIG_FILE).write_text(pair.integer.config.to_json())
-        np.savez(folder / FLOAT_FILE, allow_pickle=False, **pair.real.arrays)
-        np.savez(folder / INTEGER_FILE, allow_pickle=False, **pair.integer.arrays)
-        (folder / TRAINING_FILE).write_text(json.dumps(record, indent=1) + "\n")
-
-    replace_folder(out, write)
 
 
 def _largest_change(before: Pair, after: Pair) -> float:
