@@ -54,7 +54,7 @@ from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_models import train_image_model
 from eskin.golden.training.nested import Nested, fits, fixed_network, halved
-from eskin.golden.training.recipe import Recipe, choose_recipe
+from eskin.golden.training.recipe import AS_RECORDED, Recipe, choose_recipe
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.golden.training.train import TrainingRequest, train
 
@@ -65,16 +65,6 @@ LEVEL = 1.0
 OUT_OF_REACH = 3.0
 """Standard errors behind another candidate, with one seed, from which a network is not looked at any
 further."""
-
-AS_RECORDED: dict[str, Any] = {
-    "noise": 0.0,
-    "warp": 1.0,
-    "gain": 1.0,
-    "speed_gain": 0.0,
-    "channel_dropout": 0.0,
-    "taxel_failure": 0.0,
-}
-"""Changes to a recipe that then trains on touches as they were recorded."""
 
 WEAK_PENALTY = 10.0
 """Inverse penalty of a logistic regression beside that of the recipe, 1: on fabric_slide it reaches 97.7 %
@@ -363,8 +353,8 @@ class _Choice:
         self.config = wish.front_end(plan.config) if chooses else wish.on(plan.config)
         if wish.weight_sets is not None and self.config.recurrent and not chooses:
             raise InputError(
-                f"--weight-sets {wish.weight_sets}: only a linear cell has them; leave it out, or name --cell "
-                "linear"
+                f"--weight-sets {wish.weight_sets}: only a linear cell has them; leave it out, or name "
+                "--cell linear"
             )
         self.plan, self.reasons = plan, list(plan.reasons)
         self.notes: dict[str, Any] = {}
@@ -465,8 +455,8 @@ class _Choice:
             except InputError as error:
                 split["nested"] = None
                 warnings.append(
-                    f"leaving out {left_out(split['groups'])}, there is no figure of folds that chose nothing: "
-                    f"{error}"
+                    f"leaving out {left_out(split['groups'])}, there is no figure of folds that chose "
+                    f"nothing: {error}"
                 )
         warnings += wrong_rate(recordings)
         warnings += doubts.missed_onsets(record["touched"], record["recordings"])
@@ -509,8 +499,8 @@ def train_chosen(
     of_network:
         cell, hidden: ``auto``: the network is chosen. None: as ``auto`` where neither configuration nor
         ``hidden`` was asked for, else the configuration's own (a GRU where there is none). weight_sets: of a
-        linear cell, ``one`` or ``window``; None: as the configuration has it. reset, steps: as ``with_network``
-        takes them.
+        linear cell, ``one`` or ``window``; None: as the configuration has it. reset, steps: as
+        ``with_network`` takes them.
 
     All else as for ``eskin.golden.training.train.train``, whose record it returns, with ``front_end`` (where
     it was chosen), ``candidates`` (where the network was), ``reasons``, ``baselines`` (a linear classifier on

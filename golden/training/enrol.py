@@ -26,7 +26,6 @@ import torch
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
 from eskin.golden.data.folds import grouped_folds
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.cells import Float, run_cell
@@ -47,7 +46,7 @@ from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.golden.training.descent import Progress, descend
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
 from eskin.golden.training.losses import class_loss
-from eskin.golden.training.quantise import merged_parameters, profile, range_records
+from eskin.golden.training.quantise import Masters, limits_of, merged_parameters, profile, range_records
 from eskin.golden.training.recipe import Recipe, choose_recipe
 
 Layers = Literal["dense", "all"]
@@ -93,40 +92,15 @@ class Pair:
     integer: IntegerModel
 
 
-class _Held(torch.nn.Module):
+class _Held(Masters):
     """Networks of one configuration but for their formats, as the hardware holds their weights: every forward
     pass rounds the masters."""
 
     def __init__(self, pairs: Sequence[Pair], trained: Sequence[str]) -> None:
-        super().__init__()
-        self.config = pairs[0].integer.config
-        merged = [merged_parameters(pair.real) for pair in pairs]
-        formats = [network_formats(pair.integer.config) for pair in pairs]
-        self.weights = torch.nn.ParameterDict(
-            {
-                name: torch.nn.Parameter(
-                    torch.tensor(np.stack([arrays[name] for arrays in merged])).float(),
-                    requires_grad=name in trained,
-                )
-                for name in merged[0]
-            }
-        )
-
-        def of_each(values: Sequence[float], like: torch.Tensor) -> torch.Tensor:
-            return torch.tensor(values, dtype=torch.float32).view(-1, *[1] * (like.dim() - 1))
-
-        def limits_of(formats: Sequence[QFormat], like: torch.Tensor) -> tuple[torch.Tensor, ...]:
-            ends = ([float(fmt.to_real(code)) for code in (fmt.min_code, fmt.max_code)] for fmt in formats)
-            return tuple(of_each(values, like) for values in zip(*ends, strict=True))
-
-        self._units, self._limits = {}, {}
-        for name, weight in self.weights.items():
-            own = [fmt[name] for fmt in formats]
-            self._units[name] = of_each([2.0**fmt.frac_bits for fmt in own], weight)
-            self._limits[name] = limits_of(own, weight)
-        of_features = [pair.integer.config.formats.feature_format for pair in pairs]
+        integers = [pair.integer for pair in pairs]
+        super().__init__([pair.real for pair in pairs], integers, torch.float32, trained)
+        of_features = [integer.config.formats.feature_format for integer in integers]
         self._feature_limits = limits_of(of_features, torch.empty(1, 1, 1, 1))
-        self.hold()
         self._begin = {name: weight.detach().clone() for name, weight in self.weights.items()}
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
@@ -145,12 +119,6 @@ class _Held(torch.nn.Module):
             for name, weight in self.weights.items()
             if weight.requires_grad
         )
-
-    @torch.no_grad()
-    def hold(self) -> None:
-        """Bring the masters back into their formats."""
-        for name, weight in self.weights.items():
-            weight.clamp_(*self._limits[name])
 
     def pairs(self, before: Sequence[Pair]) -> list[Pair]:
         """The networks as they are now, in the configurations and with the constants of those they came
@@ -536,10 +504,10 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
         raise InputError(
             "--group: is missing; name the group array whose values are mountings, persons or positions"
         )
-    found = {}
+    of_value = {}
     for members in grouped_folds(recordings, groups, max(2, len(recordings)), None):
         name = " ".join(str(recordings.groups[group][members[0]]) for group in groups)
-        found[name] = members
+        of_value[name] = members
         counts = np.bincount(recordings.labels[members], minlength=len(recordings.class_names))
         label = int(np.argmin(counts))
         if counts[label] <= max(ks):
@@ -549,7 +517,7 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
                 f"{recordings.class_names[label]}, and enrolling {max(ks)} leaves none to judge; use a "
                 "smaller k or another group"
             )
-    return found
+    return of_value
 
 
 def set_aside(recordings: Recordings, values: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -596,9 +564,9 @@ def _judge_values(
     recipe = choose_recipe(config)
     data = find_dataset(recordings, config, recipe)
     everything, most = np.arange(len(recordings)), max(question.ks)
-    known = [np.setdiff1d(everything[~aside], members) for members in values.values()]
+    remembered = [np.setdiff1d(everything[~aside], members) for members in values.values()]
     others = [np.setdiff1d(everything[aside], members) for members in values.values()]
-    parts = [touch_rows(data, members) for members in known]
+    parts = [touch_rows(data, members) for members in remembered]
     models = fit_networks(data, config, recipe, parts, question.seed, progress)
     before = [
         Pair(model, post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)
@@ -671,35 +639,30 @@ def summary(
     """
     figures = ("before", "after", "others_before", "others_after")
 
-    def several(values: np.ndarray) -> float | None:
-        return float(values.std(ddof=1)) if len(values) > 1 else None
+    def means(of_seeds: Mapping[str, np.ndarray | None]) -> dict[str, Any]:
+        spread = {
+            name: float(values.std(ddof=1)) if len(values) > 1 else None
+            for name, values in of_seeds.items()
+            if values is not None
+        }
+        mean = {name: None if values is None else float(values.mean()) for name, values in of_seeds.items()}
+        return mean | {"spread": spread}
 
-    rows, mean = [], {}
+    rows: list[dict[str, Any]] = []
+    mean = {}
     for same in zip(*by_seed, strict=True):
         runs = {name: [row[name] for row in same] for name in figures}
-        known = {name: np.array(values) for name, values in runs.items() if None not in values}
-        rows.append(
-            {
-                "group": " and ".join(group),
-                "value": same[0]["value"],
-                "k": same[0]["k"],
-                "layers": layers,
-                "old": old,
-            }
-            | {name: float(known[name].mean()) if name in known else None for name in figures}
-            | {"recordings": same[0]["recordings"], "others": same[0]["others"]}
-            | {"spread": {name: several(values) for name, values in known.items()}, "by_seed": runs}
-        )
+        head = {"group": " and ".join(group), "layers": layers, "old": old}
+        head |= {name: same[0][name] for name in ("value", "k", "recordings", "others")}
+        of_seeds = {name: None if None in values else np.array(values) for name, values in runs.items()}
+        rows.append(head | means(of_seeds) | {"by_seed": runs})
     for k in sorted({row["k"] for row in rows}):
         of_k = [row for row in rows if row["k"] == k]
-        entry: dict[str, Any] = {}
-        spread = {}
+        overall: dict[str, np.ndarray | None] = {}
         for name in figures:
             weight = [row["others" if name.startswith("others") else "recordings"] for row in of_k]
-            if any(row[name] is None for row in of_k):
-                entry[name] = None
-                continue
-            overall = np.average([row["by_seed"][name] for row in of_k], axis=0, weights=weight)
-            entry[name], spread[name] = float(overall.mean()), several(overall)
-        mean[str(k)] = entry | {"spread": spread}
+            whole = all(row[name] is not None for row in of_k)
+            values = [row["by_seed"][name] for row in of_k]
+            overall[name] = np.average(values, axis=0, weights=weight) if whole else None
+        mean[str(k)] = means(overall)
     return {"rows": rows, "mean": mean}

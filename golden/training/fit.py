@@ -85,12 +85,11 @@ def _fit_in_one_thread(
         return _fit_linear(data, config, recipe, parts, generator, progress)
     models: list[FloatModel] = []
     shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
-    curve_parts = [curves.of(share) for share in shares] if curves else [None] * len(shares)
-    for number, (share, curve) in enumerate(zip(shares, curve_parts, strict=True)):
+    for number, share in enumerate(shares):
         report = lambda done, total, number=number: progress(number * total + done, len(shares) * total)
-        models += _fit_together(data, config, recipe, parts[share], generator, report, curve)
-    if curves:
-        curves.join([curve for curve in curve_parts if curve])
+        if curves:
+            curves.begin(share)
+        models += _fit_together(data, config, recipe, parts[share], generator, report, curves)
     return models
 
 
