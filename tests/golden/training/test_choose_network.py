@@ -66,19 +66,6 @@ def terms_of(recordings: Recordings) -> Terms:
     return Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings))
 
 
-@pytest.fixture
-def quick(monkeypatch):
-    """Recipes of few updates: what is taken does not matter here."""
-    monkeypatch.setattr(
-        recipes,
-        "RECIPES",
-        {
-            name: dataclasses.replace(recipe, updates=min(recipe.updates, 6))
-            for name, recipe in recipes.RECIPES.items()
-        },
-    )
-
-
 # ---------------------------------------------------------------------- the rule
 def test_the_fewest_multiplies_within_a_standard_error_of_the_best():
     small, middle, large = candidate("gru", 4, 86), candidate("gru", 8, 88), candidate("gru", 12, 90)
@@ -261,6 +248,11 @@ def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, qui
     assert any("try --cell auto" in sentence for sentence in record["warnings"])  # 6 updates teach it nothing
 
 
+def test_steps_change_the_front_end_that_was_chosen(gripped, quick, tmp_path):
+    record = train_chosen(gripped, None, out=tmp_path / "m", hidden=4, steps=3, folds=2, seeds=1)
+    assert record["config"]["windows"]["steps"] == 3 != record["front_end"]["chosen"]["steps"]
+
+
 def test_one_set_of_weights_for_all_windows_on_request(gripped, quick, tmp_path):
     record = train_chosen(
         gripped, CONFIG, out=tmp_path / "m", cell="linear", weight_sets="one", folds=2, seeds=1
@@ -286,10 +278,10 @@ def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     config = CONFIG.replace(hidden=4)
     record = train_chosen(gripped, config, out=tmp_path / "a", folds=2, seeds=1)
     plain = train.train(gripped, config, train.TrainingRequest(folds=2, seeds=1), out=tmp_path / "b")
-    one, other = (FloatModel.load(tmp_path / name) for name in "ab")
+    alone, other = (FloatModel.load(tmp_path / name) for name in "ab")
     assert (
-        all((one.arrays[name] == other.arrays[name]).all() for name in one.arrays)
-        and one.config == other.config
+        all((alone.arrays[name] == other.arrays[name]).all() for name in alone.arrays)
+        and alone.config == other.config
     )
     assert (
         record["cross_validation"] == plain["cross_validation"]

@@ -105,7 +105,7 @@ def keras_logits(arrays: list[np.ndarray], features: np.ndarray) -> np.ndarray:
     return np.stack(logits, axis=1)
 
 
-# ---------------------------------------------------------------------- the same function as where it came from
+# ---------------------------------------------------------------------- the same function as its source
 @each_row("prefix", ["", "module.net."])
 @each_row("name", ["GRU", "LSTM", "GRUCell", "LSTMCell"])
 def test_torch_network_computes_the_same(tmp_path, name, prefix):
@@ -116,8 +116,8 @@ def test_torch_network_computes_the_same(tmp_path, name, prefix):
     model = FloatModel.load(tmp_path / "model")
     features = np.random.default_rng(3).normal(0, 1.5, (20, 20, 16))
     with torch.no_grad():
-        wanted = network(torch.from_numpy(features)).numpy()
-    assert np.abs(wanted).max() > 0.3 and np.abs(model.forward(features)[1] - wanted).max() < 1e-12
+        expected = network(torch.from_numpy(features)).numpy()
+    assert np.abs(expected).max() > 0.3 and np.abs(model.forward(features)[1] - expected).max() < 1e-12
     assert (
         (model.config.network.cell, model.config.network.hidden) == (cell, 10)
         and model.arrays["mu"] == -3.5
@@ -140,8 +140,8 @@ def test_keras_network_computes_the_same(tmp_path, gates, bias_rows, cell, reset
     import_network(tmp_path / "keras.npz", SYNTHETIC, out=tmp_path / "model", cell=cell, reset=reset, **SCALE)
     model = FloatModel.load(tmp_path / "model")
     features = np.random.default_rng(4).normal(0, 1.5, (20, 20, 16))
-    wanted = keras_logits(arrays, features)
-    assert np.abs(model.forward(features)[1] - wanted).max() < 1e-12 and model.config.network.hidden == 7
+    expected = keras_logits(arrays, features)
+    assert np.abs(model.forward(features)[1] - expected).max() < 1e-12 and model.config.network.hidden == 7
     assert np.abs(model.arrays["b_y"] - arrays[4]).max() == 0
 
 
@@ -170,7 +170,7 @@ def refused(tmp_path: Path, file: Path, match: str, config: AcceleratorConfig = 
 
 
 def torch_file(tmp_path: Path, cell: type = torch.nn.GRU, *sizes: int, **arrays: torch.Tensor | None) -> Path:
-    """A file of a network with other ``arrays`` (None: without it); ``__`` stands for a dot in their names."""
+    """A file of a network with other ``arrays`` (None: without it); ``__`` in a name stands for a dot."""
     state = Network(cell, *sizes).state_dict() | {name.replace("__", "."): a for name, a in arrays.items()}
     return saved(tmp_path / "net.pt", {name: array for name, array in state.items() if array is not None})
 
@@ -490,8 +490,8 @@ def test_from_torch_to_codes_at_the_command_line(tmp_path, scene, cell):
     model, touches = FloatModel.load(folder), find_touches(SLOW, scene)
     features = model.features(real_features(SLOW, touches.sums))
     with torch.no_grad():
-        wanted = network(torch.from_numpy(features)).numpy()
-    assert np.abs(wanted).max() > 1 and np.abs(model.forward(features)[1] - wanted).max() < 1e-12
+        expected = network(torch.from_numpy(features)).numpy()
+    assert np.abs(expected).max() > 1 and np.abs(model.forward(features)[1] - expected).max() < 1e-12
     with pytest.raises(
         InputError, match="has no ranges noted at training; give the recordings it was trained on .--data."
     ):
@@ -510,19 +510,3 @@ def test_from_torch_to_codes_at_the_command_line(tmp_path, scene, cell):
     figures = json.loads((tmp_path / "e.json").read_text())
     assert said.exit_code == 0 and figures["float_accuracy"] > 0.9 and figures["agreement"] >= 0.98
     assert IntegerModel.load(folder).config.network.hidden == 12
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("cell", [torch.nn.GRU, torch.nn.LSTM])
-def test_imported_network_in_hardware(tmp_path, scene, cell):
-    """torch.nn.GRU(16, 12) and Linear(12, 3), trained outside: bit-exact in co-simulation."""
-    from eskin.verbs.flow import cosimulate
-
-    _, folder = imported(tmp_path, scene, cell)
-    few = scene.subset(scene.evenly(3))
-    result = cosimulate(quantise(folder, scene), few, lanes=4, work=tmp_path / "work")
-    assert (
-        result["bit_exact"]
-        and result["steps"] == 3 * SLOW.windows.steps
-        and result["decisions"] == 3 * (SLOW.windows.steps + 1)
-    )

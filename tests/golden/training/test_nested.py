@@ -12,7 +12,6 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.training import nested as nesting
-from eskin.golden.training import recipe as recipes
 from eskin.golden.training.choice_table import unseen
 from eskin.golden.training.choose_front_end import Field, configure, field_of
 from eskin.golden.training.choose_network import train_chosen
@@ -21,16 +20,6 @@ from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.nested import SHUFFLES, Nested, fixed_network, shuffles
 from eskin.golden.training.splits import split_folds
 from tests.support.gripped_scene import gripped_recordings
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    """Recipes of few updates."""
-    few = {
-        name: dataclasses.replace(recipe, updates=min(recipe.updates, 6))
-        for name, recipe in recipes.RECIPES.items()
-    }
-    monkeypatch.setattr(recipes, "RECIPES", few)
 
 
 @pytest.fixture(scope="module")
