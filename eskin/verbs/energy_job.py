@@ -29,7 +29,7 @@ from eskin.pages.energy_page import PAGE, render
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
-from eskin.rtl.program.schedule import frame_cycles
+from eskin.rtl.program.schedule import mean_frame_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.verbs.build_job import suited_lane_type
@@ -107,13 +107,15 @@ def measure(
     cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
     if config.is_image:
         cycles = results[0]["cycles"]["decision_latency_max"]
+    frame_cycles, quiet_cycles = mean_frame_cycles(config)
     activity = energy.counted_activity(
         config,
         *counts,
         frames=results[0]["frames"],
         steps=results[0]["steps"],
         recordings=len(recordings),
-        frame_cycles=frame_cycles(config, ends_window=False),
+        frame_cycles=frame_cycles,
+        quiet_cycles=quiet_cycles,
         step_cycles=cycles,
     )
     exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)
