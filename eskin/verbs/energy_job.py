@@ -19,6 +19,7 @@ import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
+from eskin.cosim.latency import needed_clock
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing, write_json
@@ -42,6 +43,8 @@ IMAGE_CONFIGURATIONS = ("icebreaker:4", "icebreaker:8", "ulx3s:16")
 """The same of images."""
 SLOW_FACTOR, SLOWER_LEAST = 4, 1.5
 """Cycles a frame of the slower run: in taxels, and over those of the run at full pace at least."""
+BUDGET_FRAMES = (1, 1.5, 2, 3, 5, 7, 10, 15, 20, 30, 50, 100, 200, 500)
+"""Latency budgets of `waiting`, frames."""
 RESULT = "energy.json"
 Notify = Callable[[str, int, int], None]
 
@@ -125,7 +128,26 @@ def measure(
         "lanes": lanes,
     }
     described |= {"lane_type": lane_type, "cells": cells, "bit_exact": exact, "blocks": counts[0]["toggles"]}
-    return described | energy.estimate(asked, find_target(target).device, activity, clock)
+    part = find_target(target).device
+    described["waiting"] = waiting(config, part, activity, lowest["cycles"])
+    return described | energy.estimate(asked, part, activity, clock)
+
+
+def waiting(
+    config: AcceleratorConfig, part: str, activity: energy.Activity, cycles: Mapping[str, int | None]
+) -> list[dict[str, float]]:
+    """Power of waiting with the clock always on, by latency budget from a frame to a hop: {decide_within_s,
+    clock_hz, idle_w}. ``cycles``, of a run at the sensor's pace, say the clock; no budget but the
+    configuration's was simulated."""
+    frame_s = 1 / config.sensor.sample_rate_hz
+    longest = config.image.height if config.is_image else config.windows.hop
+    rows = []
+    for frames in sorted({*(count for count in BUDGET_FRAMES if count < longest), longest}):
+        asked = config.replace(decide_within_s=frames * frame_s)
+        clock = needed_clock(asked, cycles)
+        idle = energy.estimate(asked, part, activity, clock)["idle_w"]
+        rows.append({"decide_within_s": frames * frame_s, "clock_hz": clock, "idle_w": idle})
+    return rows
 
 
 def slower_cycles(config: AcceleratorConfig, full: Mapping[str, Any]) -> int:
