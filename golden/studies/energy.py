@@ -297,6 +297,7 @@ def estimate(
     }
     per_step, switched = sum(parts.values()), parts["toggles"] + parts["multiplies"]
     switching = activity.frame_toggles * part.toggle_j  # of a frame, beyond its cycles
+    frame = activity.frame_cycles * part.clock_j + switching
     touch_s, idle_toggles = frames / rate, activity.idle_toggles * part.toggle_j
     # With the clock always on a step's cycles are among those that run anyhow.
     on = part.static_w + clock_hz * (part.clock_j + idle_toggles) + rate * switching
