@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -526,6 +527,10 @@ def energy(
         option("An asic.json of eskin asic --data, shown beside the boards; several times.", metavar="FILE"),
     ] = None,
     recordings: Annotated[int, option("Recordings whose activity is counted.", min=1)] = 2,
+    decide_within: Annotated[
+        float | None,
+        option("Latency budget of a decision, seconds; default: the model's, one frame.", metavar="S"),
+    ] = None,
     out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy"),
 ) -> Record:
     """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists;
@@ -536,6 +541,8 @@ def energy(
 
     check_target(out / RESULT)
     integer = integer_model(model)
+    if decide_within is not None:
+        integer = dataclasses.replace(integer, config=integer.config.replace(decide_within_s=decide_within))
     loaded = recordings_for(data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
         options: Record = {
