@@ -1,0 +1,41 @@
+"""rtl/top/bus_top.py: the generated Verilog under the masters of cocotbext."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from cocotb_tools.runner import get_results, get_runner
+
+from eskin.golden.core.config import PRESETS
+from eskin.golden.model.model import random_integer_model
+from eskin.rtl.fpga.export import export_bus
+
+CONFIG = random_integer_model(
+    PRESETS["thesis"].replace(taxels=5, feature_shift=(), hidden=4, lanes=1), 1
+).config
+
+
+@pytest.mark.parametrize("bus", ["axi4lite", "apb"])
+def test_masters_of_others_read_and_write(bus, tmp_path):
+    top, verilog = export_bus(CONFIG, bus=bus)
+    (tmp_path / "design.sv").write_text(verilog)
+    runner = get_runner("icarus")
+    runner.build(
+        sources=[tmp_path / "design.sv"],
+        hdl_toplevel=top,
+        build_dir=tmp_path,
+        build_args=["-g2012"],
+        timescale=("1ns", "1ps"),
+    )
+    results = runner.test(
+        test_module="tests.support.bus_cocotb",
+        hdl_toplevel=top,
+        build_dir=tmp_path,
+        extra_env={
+            "ESKIN_BUS": bus,
+            "ESKIN_TAXELS": "5",
+            "PYTHONPATH": str(Path(__file__).resolve().parents[3]),
+        },
+    )
+    assert get_results(results) == (1, 0)
