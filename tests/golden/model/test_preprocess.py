@@ -311,17 +311,17 @@ def test_every_slide_opens_at_once(shared_data):
 
 
 def test_taking_touches_carries_all_that_is_known_of_them():
-    found = find_touches(SMALL.replace(fault_frames=16, fault_activity=17), scene(12, seed=3))
-    assert found.faults.any()
+    touches = find_touches(SMALL.replace(fault_frames=16, fault_activity=17), scene(12, seed=3))
+    assert touches.faults.any()
     rows = np.array([5, 2, 7])
-    for taken, steps in ((found.take(rows), SMALL.windows.steps), (found.take(rows, 2), 2)):
-        for field in dataclasses.fields(found):
-            whole, some = getattr(found, field.name), getattr(taken, field.name)
+    for taken, steps in ((touches.take(rows), SMALL.windows.steps), (touches.take(rows, 2), 2)):
+        for field in dataclasses.fields(touches):
+            whole, some = getattr(touches, field.name), getattr(taken, field.name)
             if field.name in ("recordings", "flagged"):  # of recordings, not of touches
                 np.testing.assert_array_equal(some, whole)
             elif field.name == "completed":
                 np.testing.assert_array_equal(some, np.minimum(whole[rows], steps))
             else:
                 np.testing.assert_array_equal(some, whole[rows][:, :steps] if whole.ndim > 1 else whole[rows])
-    assert found.take(found.completed < 0).sums.shape == (0, SMALL.windows.steps, SMALL.sensor.taxels)
-    np.testing.assert_array_equal(found.take(found.partial).recording, found.recording[found.partial])
+    assert touches.take(touches.completed < 0).sums.shape == (0, SMALL.windows.steps, SMALL.sensor.taxels)
+    np.testing.assert_array_equal(touches.take(touches.partial).recording, touches.recording[touches.partial])
