@@ -66,12 +66,12 @@ def test_a_linear_cell_on_all_kinds_of_feature_is_judged_too(name):
 
 
 def test_modes_of_a_state_are_not_run_on_a_linear_cell():
-    found = run_modes(
+    result = run_modes(
         stability_case.linear_bench(), names=["no touch", "state error without reset", "state bits"]
     )
-    assert [record["name"] for record in found["modes"]] == ["no touch"]
-    assert {row["why"] for row in found["not_run"]} == {"a linear cell has no state, no gates and no tables"}
-    assert [row["name"] for row in found["not_run"]] == ["state error without reset", "state bits"]
+    assert [record["name"] for record in result["modes"]] == ["no touch"]
+    assert {row["why"] for row in result["not_run"]} == {"a linear cell has no state, no gates and no tables"}
+    assert [row["name"] for row in result["not_run"]] == ["state error without reset", "state bits"]
 
 
 @pytest.mark.parametrize(
@@ -314,8 +314,8 @@ def test_bounds_of_accuracy_are_relative_and_a_detector_that_is_off_is_not_faile
     for value, passed in ((0.475, True), (0.465, False)):
         record, _ = judge(a_mode(value, name, at_least=MODES[name].at_least), halved)
         assert record["bound"] == pytest.approx(0.47) and record["passed"] == passed
-    found = stability.run_modes(bench.changed({"fault_frames": 0}), names=[name])
-    assert not found["modes"] and "fault detector is off" in found["not_run"][0]["why"]
+    result = stability.run_modes(bench.changed({"fault_frames": 0}), names=[name])
+    assert not result["modes"] and "fault detector is off" in result["not_run"][0]["why"]
 
 
 SPLIT = {
