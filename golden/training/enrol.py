@@ -40,7 +40,7 @@ from eskin.golden.model.model import (
 )
 from eskin.golden.model.pipeline import by_recording, decide_touches
 from eskin.golden.model.straight_through import straight_through
-from eskin.golden.training.batches import Batches, Pool
+from eskin.golden.training.batches import Batches, TouchPool
 from eskin.golden.training.choose_front_end import choose, field_of
 from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.golden.training.descent import Progress, descend
@@ -165,14 +165,14 @@ def load_pair(folder: str | Path) -> Pair:
     return Pair(real, integer)
 
 
-class _Mixed(Pool):
+class _Mixed(TouchPool):
     """Draws a fixed share of every batch from the new touches, the rest from the old ones."""
 
     def __init__(
         self, old: list[np.ndarray], new: list[np.ndarray], share: float, generator: torch.Generator
     ) -> None:
         super().__init__(old, generator)
-        self._new, self._share = Pool(new, generator), share
+        self._new, self._share = TouchPool(new, generator), share
 
     def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
         fresh = max(1, round(batch * self._share))
@@ -207,7 +207,7 @@ def fit(
         names = network_shapes(pairs[0].integer.config, real=False)
         network = _Held(pairs, DENSE if setting.layers == "dense" else list(names))
         pool = (
-            Pool(list(new), generator)
+            TouchPool(list(new), generator)
             if old is None
             else _Mixed(list(old), list(new), setting.share, generator)
         )

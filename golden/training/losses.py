@@ -8,7 +8,7 @@ import numpy as np
 import torch
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.training.batches import Batches, Pool
+from eskin.golden.training.batches import Batches, TouchPool
 from eskin.golden.training.datasets import Dataset
 from eskin.golden.training.network import RecurrentClassifier
 from eskin.golden.training.recipe import AS_RECORDED, Recipe
@@ -96,7 +96,7 @@ class LossCurves:
         if self._touches is None:
             plain = dataclasses.replace(self._recipe, **AS_RECORDED)
             generator, rows = torch.Generator(), self._rows[self._share]
-            pool = Pool(rows, generator)
+            pool = TouchPool(rows, generator)
             self._touches = Batches(
                 self._data, self._config, plain, rows, generator, scales=scales, pool=pool
             ).recorded()
