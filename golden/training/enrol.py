@@ -43,9 +43,8 @@ from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.batches import Batches, TouchPool
 from eskin.golden.training.choose_front_end import choose, field_of
 from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
-from eskin.golden.training.descent import Progress, descend
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
-from eskin.golden.training.losses import class_loss
+from eskin.golden.training.losses import Progress, class_loss, descend
 from eskin.golden.training.quantise import Masters, limits_of, merged_parameters, profile, range_records
 from eskin.golden.training.recipe import Recipe, choose_recipe
 
