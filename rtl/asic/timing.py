@@ -104,22 +104,19 @@ def slowest(
     ToolError
     """
     macros = [cell for library in foreign for cell in library.cells]
-    script = [
-        *(f"read_liberty {library.path.resolve()}" for library in (*libraries, *foreign)),
-        f"read_verilog {verilog.name}",
-        f"link_design {top}",
-        "set sta_crpr_enabled 0",  # its clock is ideal: there is no pessimism to take back
-        f"create_clock -name clk -period {PERIOD_NS} [get_ports clk]",
-        *([f"set_wire_load_model -name {wire_load}"] if wire_load else []),
-        *(
-            f"set_timing_derate -late -cell_delay {MACRO_DERATING} [get_lib_cells */{macro}]"
-            for macro in macros
-        ),
-        "report_checks -path_delay max -from [all_registers -clock_pins] -to [all_registers -edge_triggered "
-        "-data_pins] -digits 4",
-        "exit",
-    ]
-    (folder / "timing.tcl").write_text("\n".join(script) + "\n")
+    files = "".join(f"read_liberty {library.path.resolve()}\n" for library in (*libraries, *foreign))
+    load = f"set_wire_load_model -name {wire_load}\n" if wire_load else ""
+    derating = f"set_timing_derate -late -cell_delay {MACRO_DERATING}"
+    slower = "".join(f"{derating} [get_lib_cells */{macro}]\n" for macro in macros)
+    # its clock is ideal: there is no pessimism to take back (crpr)
+    script = f"""{files}read_verilog {verilog.name}
+link_design {top}
+set sta_crpr_enabled 0
+create_clock -name clk -period {PERIOD_NS} [get_ports clk]
+{load}{slower}report_checks -path_delay max -from [all_registers -clock_pins] -to [all_registers -edge_triggered -data_pins] -digits 4
+exit
+"""
+    (folder / "timing.tcl").write_text(script)
     done = subprocess.run(
         ["sta", "-exit", "timing.tcl"],
         cwd=folder,
