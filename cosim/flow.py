@@ -514,8 +514,9 @@ class _Run:
 
 def converter_parameters(config: AcceleratorConfig) -> dict[str, int]:
     """Parameters of the converter's model, by the fields of the configuration and the data sheet."""
-    values = {"CYCLE_PS": round(1e12 / config.hardware.clock_hz), "PIN_CODES": converters.pin_codes(config)}
-    return values | converters.converter_plan(config).parameters(config)
+    plan = converters.converter_plan(config)
+    values = {"CYCLE_PS": round(1e12 / config.hardware.clock_hz), "PIN_CODES": plan.pin_codes(config)}
+    return values | plan.parameters(config)
 
 
 def _steps(capture: Capture, probes: bool) -> int:

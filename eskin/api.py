@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError, array_of
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings, check_fit, recordings_of
 from eskin.golden.model.image_network import ImageTrace, float_images, images_of, run_images
@@ -30,7 +31,7 @@ from eskin.golden.model.model import (
     load_config,
     load_training,
 )
-from eskin.golden.model.pipeline import Trace, float_run, run
+from eskin.golden.model.pipeline import Trace, run
 from eskin.golden.model.stream import Stream
 
 Frames = ArrayLike | Sequence[ArrayLike] | Recordings
@@ -124,16 +125,10 @@ class Model:
             else AcceleratorConfig.load(config)
         )
         group = [groups] if isinstance(groups, str) else groups
-        self._options: dict[str, Any] = {
-            "cell": cell,
-            "hidden": hidden,
-            "group": group,
-            "folds": folds,
-            "seed": seed,
-        }
+        self._options: Record = {"cell": cell, "hidden": hidden, "group": group, "folds": folds, "seed": seed}
         self._integer: IntegerModel | None = None
         self._real: FloatModel | None = None
-        self.training_: dict[str, Any] = {}
+        self.training_: Record = {}
 
     # ------------------------------------------------------------------ where models come from and go to
     @classmethod
@@ -386,11 +381,7 @@ class Model:
         """
         self._reads_recordings()
         recordings = self.recordings(frames)
-        return (
-            run(self.integer, recordings, progress=progress)
-            if integer
-            else float_run(self.real, recordings, progress=progress)
-        )
+        return run(self.integer if integer else self.real, recordings, progress=progress)
 
     def image_trace(self, images: Frames, *, integer: bool = True) -> ImageTrace:
         """Of a network for images: every map, logits and decision.
@@ -475,7 +466,7 @@ class Model:
         simulator: Simulator = "verilator",
         progress: Progress | None = None,
         **options: Any,
-    ) -> dict[str, Any]:
+    ) -> Record:
         """Generate the accelerator, simulate it on the recordings, and compare every stage bit for bit; needs
         the extra ``sim``.
 

@@ -12,9 +12,7 @@ from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.image_network import random_images
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import float_run, run
-from eskin.golden.model.preprocess import find_onsets
+from eskin.golden.model.pipeline import run
 from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
@@ -62,10 +60,7 @@ def test_every_form_of_frames_gives_the_same(model):
         [np.pad(array, ((0, longest - len(array)), (0, 0)), mode="edge") for array in arrays[2:4]]
     )
     assert len(model.predict(held)) == 2
-    assert (
-        model.predict(recordings, integer=False).tolist()
-        == float_run(model.real, recordings).decision.tolist()
-    )
+    assert model.predict(recordings, integer=False).tolist() == run(model.real, recordings).decision.tolist()
 
 
 def test_scores_are_those_that_decide(model):
@@ -258,19 +253,6 @@ def test_stream_prediction_and_hardware_agree(model, tmp_path):
         check_stream(model, scene(9, seed=4), tmp_path, one_by_one=lambda index: True, simulator="icarus")
         > 40
     )
-
-
-@pytest.mark.slow
-def test_stream_prediction_and_hardware_agree_on_real_recordings(shared_data, tmp_path):
-    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=PRESETS["pvdf"])
-    model = eskin.Model()
-    model._integer = random_integer_model(PRESETS["pvdf"], 1)
-    some = recordings.subset(recordings.evenly(3))
-    # Icarus is slow
-    about = [slice(max(onset - 500, 0), onset + 700) for onset in find_onsets(model.config, some)]
-    cut = [some.recording(index)[span] for index, span in enumerate(about)]
-    sample = eskin.Recordings.of(cut, class_names=model.classes_, sample_rate_hz=some.sample_rate_hz)
-    assert check_stream(model, sample, tmp_path, one_by_one=lambda index: index == 0, simulator="icarus") > 10
 
 
 @pytest.mark.slow

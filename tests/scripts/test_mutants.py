@@ -68,8 +68,7 @@ def project(tmp_path):
         "tests/test_unit.py": TEST,
         "tests/conftest.py": STUMBLES,
         "tests/mutants.toml": SCOPE,
-        "pyproject.toml": "[tool.pytest.ini_options]\npythonpath = ['.']\nmarkers = ['slow: x']\naddopts = "
-        "\"-m 'not slow'\"\n",
+        "pyproject.toml": "[tool.pytest.ini_options]\npythonpath = ['.']\nmarkers = ['slow: x']\naddopts = \"-m 'not slow'\"\n",
     }.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(text)
