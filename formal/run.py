@@ -17,7 +17,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.machinery import SourceFileLoader
 from importlib.metadata import version
@@ -30,7 +30,7 @@ from rich.console import Console
 from eskin.golden.core.files import write_json
 from eskin.golden.core.jobs import Jobs
 from eskin.golden.core.memo import Memo, content_key
-from eskin.pages.tables import markdown, rows_of, terminal_table
+from eskin.pages.views import terminal_table
 from eskin.rtl.fpga.tools import run_tool
 from formal.proof import PROOFS, Bug, Proof
 
@@ -237,7 +237,7 @@ def _bugs(record: dict[str, Any]) -> str:
     )
 
 
-COLUMNS = {
+COLUMNS: dict[str, str | Callable[[dict[str, Any]], str]] = {
     "proof": "{proof} ({verdict})",
     "what it proves": "{claim}",
     "method": "{method}, depth {depth}",
@@ -275,7 +275,10 @@ def main(arguments: list[str] | None = None) -> int:
         ]
         fields = {name: getattr(proof, name) for name in ("claim", "method", "depth", "reduced")}
         records.append({"proof": proof.title} | fields | results[f"{proof.title} None"] | {"bugs": bugs})
-    cells = rows_of(records, COLUMNS)
+    cells = [
+        [cell.format(**record) if isinstance(cell, str) else cell(record) for cell in COLUMNS.values()]
+        for record in records
+    ]
     console.width = max(console.width, 140)  # where there is no terminal, too
     console.print(terminal_table("proofs", COLUMNS, cells))
     failed = sum(not result["good"] for result in results.values())
@@ -285,7 +288,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     if not options.words and not options.quick:
         write_json(BUILD / "proofs.json", records)
-        (BUILD / "proofs.md").write_text(markdown(COLUMNS, cells))
+        lines = (COLUMNS, ["---"] * len(COLUMNS), *cells)
+        (BUILD / "proofs.md").write_text("".join(f"| {' | '.join(line)} |\n" for line in lines))
         print(f"written: {BUILD / 'proofs.md'}, {BUILD / 'proofs.json'}")
     return 1 if failed else 0
 
