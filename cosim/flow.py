@@ -22,10 +22,12 @@ from eskin.cosim.scoreboard import (
     KEPT_MISMATCHES,
     Capture,
     Mismatch,
+    Recording,
     Verdict,
     compare,
     flat_stages,
     read_capture,
+    recordings_of,
 )
 from eskin.golden.core import converters, images
 from eskin.golden.core.config import AcceleratorConfig
@@ -263,36 +265,18 @@ def conversion(
     scans = np.fromfile(work / "scans.bin", dtype="<u4").reshape(-1, 2).astype(np.int64)
     period = clock_hz / config.sensor.sample_rate_hz
     jitter, waits = 0.0, []
-    for position, number in enumerate(expected["numbers"]):
-        low, high = expected["offsets"][position : position + 2]
-        begins = scans[low:high, 0]
+    half = latency.STAMP_RANGE / 2
+    for recording in recordings_of(expected):
+        begins, ends = scans[recording.span("samples")].T
         if len(begins):
-            due = begins[0] + np.arange(len(begins)) * period
-            jitter = max(
-                jitter,
-                float(
-                    np.abs(
-                        (begins - due + latency.STAMP_RANGE / 2) % latency.STAMP_RANGE
-                        - latency.STAMP_RANGE / 2
-                    ).max()
-                ),
-            )
-        stream = capture.stages["feature"].get(int(number))
-        rows, frames = (
-            expected[name][slice(*expected["decision_offsets"][position : position + 2])]
-            for name in ("decision", "decision_frame")
-        )
-        ends = frames[rows[:, 0] == 0]
-        # a step whose window the same frame ends as the one before waits for that
-        for step, frame in enumerate(ends):
-            if (
-                stream
-                and step * config.inputs < len(stream.cycles)
-                and (step == 0 or frame != ends[step - 1])
-            ):
-                waits.append(
-                    (stream.cycles[step * config.inputs] - scans[low + frame - 1, 1]) % latency.STAMP_RANGE
-                )
+            late = begins - begins[0] - np.arange(len(begins)) * period
+            jitter = max(jitter, float(np.abs((late + half) % latency.STAMP_RANGE - half).max()))
+        cycles = capture.stream("feature", recording.number).cycles[:: config.inputs]
+        frames = recording["decision_frame"][recording["decision"][:, 0] == 0]
+        for step, (frame, cycle) in enumerate(zip(frames, cycles, strict=False)):
+            # a step whose window the same frame ends as the one before waits for that
+            if step == 0 or frame != frames[step - 1]:
+                waits.append((cycle - ends[frame - 1]) % latency.STAMP_RANGE)
     return {
         "converter": config.interface.converter,
         "code_bits": converters.code_bits(config),
@@ -442,12 +426,11 @@ def _probe_frame(config: AcceleratorConfig, expected: Mapping[str, np.ndarray]) 
     open."""
     if config.is_image:
         return int(expected["numbers"][0]), config.image.height // 2
-    for position, number in enumerate(expected["numbers"]):
-        low, high = expected["decision_offsets"][position : position + 2]
-        rows, frames = expected["decision"][low:high], expected["decision_frame"][low:high]
+    for recording in recordings_of(expected):
+        rows, frames = recording["decision"], recording["decision_frame"]
         for row, frame, following in zip(rows[:-1], frames[:-1], frames[1:], strict=True):
             if row[0] == 0 and row[1] == 0 and following > frame:
-                return int(number), int(frame)
+                return recording.number, int(frame)
     raise InputError(
         "the weight write during a touch needs a recording with two completed steps; take other recordings"
     )
@@ -541,8 +524,8 @@ def _steps(capture: Capture, probes: bool) -> int:
     if probes:
         return sum(len(stream.words) for stream in capture.steps.values())
     low = DECISION_FIELDS["is_global"][0]
-    words = (word for stream in capture.stages["decision"].values() for word in stream.words)
-    return sum(word.isalnum() and "x" not in word and not int(word, 16) >> low & 1 for word in words)
+    streams = capture.stages["decision"].values()
+    return sum(int((stream.definite & (stream.codes >> low & 1 == 0)).sum()) for stream in streams)
 
 
 def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
@@ -562,24 +545,16 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
     """Play the recording of the first mismatch alone, with waves around it; beside them the meaning of the
     signals. The folder."""
     first = _earliest(run.config, verdict, capture)
-    position = (
-        int(np.flatnonzero(expected["numbers"] == first.recording)[0])
-        if first.recording in expected["numbers"]
-        else 0
-    )
-    number = int(expected["numbers"][position])
-    centre = _cycles_since_arm(first, expected, capture, position)
+    played = recordings_of(expected)
+    recording = next((part for part in played if part.number == first.recording), played[0])
+    number, centre = recording.number, _cycles_since_arm(first, recording, capture)
     settings = {k: v for k, v in run.settings.items() if not k.startswith("hold_")}
     settings |= {"waves_from": max(0, centre - WAVES_BEFORE), "waves_to": centre + WAVES_AFTER}
     folder = run.work / f"waves_recording{number}"
     again = replace(run, work=folder, settings=settings)
-    low, high = expected["offsets"][position : position + 2]
-    alone = {
-        "samples": expected["samples"][low:high],
-        "offsets": np.array([0, high - low]),
-        "numbers": np.array([number]),
-        "decision": expected["decision"],
-    } | ({"codes": expected["codes"][low:high]} if "codes" in expected else {})
+    alone = {name: recording[name] for name in ("samples", "codes") if name in expected}
+    alone |= {"offsets": np.array([0, len(alone["samples"])]), "numbers": np.array([number])}
+    alone["decision"] = expected["decision"]
     again.play(alone, waves=True)
     formats = stage_formats(run.config)
     signals = {f"harness.{'state' if stage == 'map' else stage}": str(fmt) for stage, fmt in formats.items()}
@@ -596,18 +571,12 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
         )
         armed = replayed.summary["armed_at"]
         for stage, fmt in formats.items():
-            stream = replayed.stages[stage].get(number)
-            offset, end = expected[f"{stage}_offsets"][position : position + 2]
-            want = expected[stage][offset:end]
-            for index, (word, cycle) in enumerate(
-                zip(stream.words, stream.cycles, strict=True) if stream else ()
-            ):
-                definite = not set(word.lower()) & {"x", "z"}
-                code = int(np.uint32(int(word, 16)).astype(np.int32)) if definite else word
+            want, stream = recording[stage], replayed.stream(stage, number)
+            for index, (word, cycle) in enumerate(zip(stream.words, stream.cycles, strict=True)):
+                code = int(stream.codes[index].astype(np.int32)) if stream.definite[index] else word
                 aim = int(want[index]) if index < len(want) else ""
                 value, aimed = (
-                    (float(fmt.to_real(code)) if definite else ""),
-                    (float(fmt.to_real(aim)) if aim != "" else ""),
+                    float(fmt.to_real(part)) if part != "" and part != word else "" for part in (code, aim)
                 )
                 table.writerow([stage, index, cycle - armed, code, value, aim, aimed])
     return folder
@@ -623,20 +592,17 @@ def _earliest(config: AcceleratorConfig, verdict: Verdict, capture: Capture) -> 
     )
 
 
-def _cycles_since_arm(
-    mismatch: Mismatch, expected: Mapping[str, np.ndarray], capture: Capture, position: int
-) -> int:
+def _cycles_since_arm(mismatch: Mismatch, recording: Recording, capture: Capture) -> int:
     """Where to look, in cycles since the recording's arm command: at the value, else at the frame that should
     have brought it."""
-    number = int(expected["numbers"][position])
-    if number not in capture.status:
+    if recording.number not in capture.status:
         return WAVES_BEFORE
-    armed = capture.status[number][3]
+    armed = capture.status[recording.number][3]
     if mismatch.cycle >= 0:
         return mismatch.cycle - armed
-    begin = int(expected["offsets"][position])
-    frame = mismatch.frame or int(expected["offsets"][position + 1]) - begin
-    stamp = int(capture.frame_cycles[min(begin + frame, len(capture.frame_cycles)) - 1])
+    span = recording.span("samples")
+    frame = span.start + (mismatch.frame or span.stop - span.start)
+    stamp = int(capture.frame_cycles[min(frame, len(capture.frame_cycles)) - 1])
     return (stamp - armed) % latency.STAMP_RANGE
 
 

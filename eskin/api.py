@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError, array_of
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings, check_fit, recordings_of
 from eskin.golden.model.image_network import ImageTrace, float_images, images_of, run_images
@@ -124,16 +125,10 @@ class Model:
             else AcceleratorConfig.load(config)
         )
         group = [groups] if isinstance(groups, str) else groups
-        self._options: dict[str, Any] = {
-            "cell": cell,
-            "hidden": hidden,
-            "group": group,
-            "folds": folds,
-            "seed": seed,
-        }
+        self._options: Record = {"cell": cell, "hidden": hidden, "group": group, "folds": folds, "seed": seed}
         self._integer: IntegerModel | None = None
         self._real: FloatModel | None = None
-        self.training_: dict[str, Any] = {}
+        self.training_: Record = {}
 
     # ------------------------------------------------------------------ where models come from and go to
     @classmethod
@@ -471,7 +466,7 @@ class Model:
         simulator: Simulator = "verilator",
         progress: Progress | None = None,
         **options: Any,
-    ) -> dict[str, Any]:
+    ) -> Record:
         """Generate the accelerator, simulate it on the recordings, and compare every stage bit for bit; needs
         the extra ``sim``.
 

@@ -87,13 +87,6 @@ def test_every_input_ends_well(corpus, tmp_path_factory, make, part):
 
 
 @pytest.mark.timeout(0 if LONG else 600)
-@examples(2, 200)
-@given(rng=st.randoms(use_true_random=False))
-def test_a_python_of_its_own_ends_well(corpus, tmp_path_factory, rng):
-    judged(corpus, tmp_path_factory, commands, rng, watched.of_its_own)
-
-
-@pytest.mark.timeout(0 if LONG else 600)
 @examples(2, 400)
 @given(seed=st.integers(0, 10**6), harmful=st.booleans())
 def test_traffic_on_the_bus_does_no_lasting_harm(tmp_path_factory, seed, harmful):

@@ -82,6 +82,8 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
     "compare": ("compare {model} --out {out}", ("gru-after", "image")),
     "generate": ("generate {model} --out {out}/design", ("rom", "converter", "image")),
+    "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
+    "generate --streams": ("generate {model} --bus apb --fifo 4 --streams axis --out {out}/design", ()),
     "schedule": ("schedule {model} --out {out}", ("serial", "image")),
     "schedule --table": ("schedule {model} --table", ("linear", "image")),
     "schedule --complexity": ("schedule {model} --complexity --out {out}", ("image",)),
@@ -129,6 +131,11 @@ it on all."""
 
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("quantise --logit-error",), ("image",), "--logit-error: is for models that read recordings"),
+    (
+        ("generate --streams",),
+        ("converter",),
+        "--streams: frames come from the converter 'matrix'; leave it out",
+    ),
     (("schedule --table",), ("image",), "--table: is for cells that read windows"),
     (("schedule --complexity",), ("image",), "--complexity: is for cells that read windows"),
     (

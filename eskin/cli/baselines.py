@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-from rich.markup import escape
+from typing import Annotated
 
 from eskin.cli.common import (
     ConfigOption,
@@ -16,15 +14,13 @@ from eskin.cli.common import (
     SeedOption,
     SplitOption,
     app,
-    console,
     group_names,
     groups_of,
     load_data,
     option,
-    print_records,
     progress_bars,
     say,
-    warn,
+    show,
 )
 
 
@@ -76,50 +72,5 @@ def baselines(
             dask=dask,
             progress=report,
         )
-    _show(result)
-    console.print(f"files: {escape(str(out))}")
-
-
-def _show(result: dict[str, Any]) -> None:
-    for reason in result["reasons"]:
-        warn(f"configuration: {reason}")
-    columns: dict[str, Any] = {
-        "method": "{label}",
-        "accuracy (%)": "{accuracy:100*.1f} ± {spread:100*.1f}",
-        "best run": "{best:100*.1f}",
-        "multiplies": lambda row: row["multiplies"] or f"0 ({row['comparisons']} comparisons)",
-        "parameters": "{parameters}",
-        "bytes": "{bytes}",
-        "train (s)": "{train_s:.3g}",
-        "decision (us)": "{decision_us:.0f}",
-        "99 %": "{decision_us_99:.0f}",
-        "hardware": "{hardware:yes|}",
-    }
-    for near in result["nearest"]:
-        rows = sorted(
-            (row for row in result["rows"] if row["split"] == near["split"]), key=lambda row: -row["accuracy"]
-        )
-        print_records(f"unseen {near['split']}, {result['recordings']} recordings", rows, columns)
-        say(_nearest(near))
-    for order in result["orders"]:
-        sides = " against ".join(
-            f"{order[side]['method']} {100 * order[side]['accuracy']:.1f} ± "
-            f"{100 * order[side]['spread']:.1f} %"
-            for side in ("above", "below")
-        )
-        verdict = {True: "holds", False: "does not hold", None: "is not told apart"}[order["holds"]]
-        say(f"unseen {order['split']}: {order['order']} {verdict}: {sides}")
-    for left in result["left_out"]:
-        warn(f"left out: {left['method']}: {left['reason']}")
-    for note in result["notes"]:
-        say(note)
-
-
-def _nearest(near: dict[str, Any]) -> str:
-    best = f"best of all: {near['best']} with {100 * near['best_accuracy']:.1f} %"
-    if near["network"] is None:
-        return f"{best}; no method that eskin puts into hardware was asked for"
-    network = f"{near['network']} with {100 * near['accuracy']:.1f} % and {near['multiplies']} multiplies"
-    if near["within"]:
-        return f"{best}; smallest network in hardware within a point of it: {network}"
-    return f"{best}; the nearest network in hardware is {network}: {100 * near['gap']:.1f} points below"
+    show("baselines", **result)
+    say(f"files: {out}")

@@ -6,19 +6,7 @@ import dataclasses
 from pathlib import Path
 from typing import Annotated
 
-from rich.markup import escape
-
-from eskin.cli.common import (
-    ModelArgument,
-    app,
-    console,
-    option,
-    print_records,
-    print_table,
-    progress_bars,
-    recordings_for,
-    stop,
-)
+from eskin.cli.common import ModelArgument, app, option, progress_bars, recordings_for, say, show, stop
 
 
 @app.command(
@@ -93,8 +81,8 @@ def asic(
                 "sweep": str(sweep),
             }
             chip_fit.write(request | networks, out)
-            print_table(f"in {fit} tiles", *chip_fit.COLUMNS, rows=chip_fit.table(networks))
-            console.print(f"{escape(str(out))}: {chip_fit.MARK}, {chip_fit.PAGE}", soft_wrap=True)
+            show("fit", **request, **networks)
+            say(f"{out}: {chip_fit.MARK}, {chip_fit.PAGE}")
             if networks["chosen"] is None:
                 stop(
                     f"--fit {fit}: no network of the sweep fits; sweep smaller ones (fewer hidden units, "
@@ -116,13 +104,8 @@ def asic(
     if tried:
         result["fit"] = {"tiles": fit, "fits": fits, "tried": tried}
     asic_job.write(result, netlist, out, integer.config.hardware.clock_hz)
-    print_table("chip, before layout", "figure", "value", rows=asic_job.figures(result))
-    print_records("memories", result["memories"], asic_job.MEMORIES)
-    columns = {"lanes": "{lanes}", "um2": "{area_um2:.4g}", "of the cells' room": "{tiles_filled:.4g}"}
-    print_records(f"in {fit} tiles", tried, columns)
-    console.print(
-        f"{escape(str(out))}: {asic_job.MARK}, {asic_job.PAGE}, netlist.v, accelerator.sdc", soft_wrap=True
-    )
+    show("asic", **result)
+    say(f"{out}: {asic_job.MARK}, {asic_job.PAGE}, netlist.v, accelerator.sdc")
     if not fits:
         smaller = "train a smaller network (eskin train --hidden H or --cell linear)"
         stop(f"--fit {fit}: even one lane is too large; {smaller}", 1)

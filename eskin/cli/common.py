@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import functools
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,7 +15,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from eskin.golden.core.errors import InputError
-from eskin.pages.tables import Columns, rows_of, terminal_table
+from eskin.golden.core.files import check_target, write_json
+from eskin.golden.core.jobs import Progress, Record
+from eskin.pages.views import Rows, parts, words
 from eskin.verbs.milestones import Milestones
 
 OUTPUTS = ("out", "json", "record")
@@ -31,7 +33,8 @@ again."""
 
 
 class Application(typer.Typer):
-    """Every verb refuses an output that would destroy one of its inputs, before it begins."""
+    """Every verb refuses an output that would destroy one of its inputs, before it begins. What a verb returns is
+    its result: written to --json, and a check of it that did not hold (``passed``) is status 1."""
 
     def command(self, *names: Any, **options: Any) -> Callable[..., Any]:
         register = super().command(*names, **options)
@@ -40,14 +43,21 @@ class Application(typer.Typer):
             @functools.wraps(verb)
             def checked(**options: Any) -> Any:
                 check_outputs(verb.__name__, options)
-                return verb(**options)
+                target = options.get("json")
+                check_target(target)
+                result = verb(**options)
+                if target and result is not None:
+                    write_json(target, result)
+                records = result if isinstance(result, list) else [result or {}]
+                if not all(record.get("passed", True) for record in records):
+                    raise typer.Exit(1)
 
             return register(checked)
 
         return add
 
 
-def check_outputs(verb: str, options: Mapping[str, Any]) -> None:
+def check_outputs(verb: str, options: Record) -> None:
     """Refuse an output that is another output or an input, under whatever name, is a file of an input folder,
     or is replaced as a whole with an input in it.
 
@@ -155,7 +165,7 @@ def stop(sentence: str, status: int) -> None:
 
 
 @contextmanager
-def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
+def progress_bars() -> Iterator[Progress]:
     """Progress bars on standard error, moved by calling ``(what, done, total)``; gone when done.
     ``Milestones`` where that is no terminal."""
     from rich.progress import Progress, TaskID
@@ -193,19 +203,26 @@ def load_data(data: str, config: str | None = None):
     return load_recordings(data, config=chosen), chosen
 
 
-def print_table(title: str, *columns: str, rows: Sequence[tuple]) -> None:
-    console.print(terminal_table(title, columns, rows))
+def show(name: str, /, **values: Any) -> None:
+    """Print a result as the template of that name says it."""
+    show_text(words(name, **values))
 
 
-def print_records(title: str, records: Iterable[Mapping[str, Any]], columns: Columns) -> None:
-    """A table of records; nothing where there are none."""
-    if rows := rows_of(records, columns):
-        print_table(title, *columns, rows=rows)
+def show_text(text: str) -> None:
+    """Print a result's Markdown."""
+    for part in parts(text):
+        if isinstance(part, Rows):
+            console.print(part.drawn())
+        elif part.startswith("! "):
+            warn(part.removeprefix("! "))
+        else:
+            say(part)
 
 
 def fitting_config(recordings, user_config, groups=None, folds: int = 5, nested: bool = False):
     """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are
     printed."""
+    from eskin.golden.training.choice_table import front_end_table, front_end_words
     from eskin.golden.training.choose_front_end import configure
 
     with progress_bars() as report:
@@ -215,23 +232,9 @@ def fitting_config(recordings, user_config, groups=None, folds: int = 5, nested:
     for reason in front_end.reasons:
         warn(f"configuration: {reason}")
     if front_end.record:
-        show_front_ends(front_end.record)
+        rows = [row | {"words": front_end_words(row)} for row in front_end_table(front_end.record)]
+        show("front_ends", **front_end.record, rows=rows)
     return front_end
-
-
-def show_front_ends(record: dict[str, Any]) -> None:
-    from eskin.golden.training.choice_table import front_end_table, front_end_words, left_out
-
-    title = f"front ends, judged by a linear classifier leaving out {left_out(record['split'])}, {record['recordings_looked_at']} recordings"
-    columns: dict[str, Any] = {
-        "accuracy": "{accuracy:percent}",
-        "standard error": "{standard_error:100*.2f}",
-        "behind the best": "{behind:100*.2f} +- {behind_error:100*.2f}",
-        "": lambda row: "chosen" if row is record["chosen"] else "level" if row["level"] else "",
-        "missed": "{missed}",
-        "front end": front_end_words,
-    }
-    print_records(title, front_end_table(record), columns)
 
 
 def integer_model(folder: Path):
@@ -239,12 +242,6 @@ def integer_model(folder: Path):
     from eskin.golden.model.model import IntegerModel
 
     return IntegerModel.load(folder, images=True)
-
-
-def end(result: Mapping[str, Any]) -> None:
-    """Status 1 where a check of the result did not hold."""
-    if not result["passed"]:
-        raise typer.Exit(1)
 
 
 def recordings_for(data: str, config):
@@ -261,11 +258,21 @@ CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four",
 """Cells, networks for images, and auto: the smallest network that is enough."""
 
 
-CELL_CHOICE = (
-    "tactnet, tactnet-half, four, four-lean are for images. auto: the smallest of several that is enough. "
-    "Default: auto without --config "
-    "and --hidden, else the configuration's."
-)
+CellOption = Annotated[
+    CellChoice | None,
+    option(
+        "tactnet, tactnet-half, four, four-lean are for images. auto: the smallest of several that is enough. "
+        "Default: auto without --config and --hidden, else the configuration's."
+    ),
+]
+HiddenOption = Annotated[int | None, option("Hidden units.")]
+GroupOption = Annotated[str | None, option("Group arrays A[,B..] that stay on one side of a split.")]
+TrainingSeeds = Annotated[
+    int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)
+]
+CountOption = Annotated[
+    str, option("How many, the same every time, spread over the classes.", metavar="N|all")
+]
 
 
 LaneType = Literal["plain", "dsp", "serial"]

@@ -5,9 +5,7 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import Annotated, Any
-
-from rich.markup import escape
+from typing import Annotated
 
 from eskin.cli.common import (
     DATA,
@@ -15,17 +13,14 @@ from eskin.cli.common import (
     JsonOption,
     app,
     argument,
-    console,
     group_names,
     load_data,
     option,
-    print_records,
-    print_table,
-    say,
+    show,
 )
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target, write_json
-from eskin.pages.tables import percent
+from eskin.golden.core.files import check_target
+from eskin.golden.core.jobs import Record
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
@@ -34,25 +29,20 @@ def inspect(
     config: ConfigOption = None,
     out: Annotated[Path | None, option("The picture; default build/inspect/NAME.png.")] = None,
     json: JsonOption = None,
-) -> None:
+) -> Record:
     """Show what an archive holds: taxels, rate, lengths, classes, groups, the onset of each recording, a
     plot."""
-    from eskin.pages.inspect_data import draw
+    from eskin.pages.inspect_data import draw, in_rows
     from eskin.pages.inspect_data import inspect as look
 
     picture = out or Path("build/inspect") / f"{_short_name(data)}.png"
     check_target(picture)
-    check_target(json)
     recordings, chosen = load_data(data, config)
     figures = look(recordings, chosen)
     draw(recordings, figures.get("onset_frames"), picture)
-    if json:
-        write_json(json, figures)
-    console.print(f"picture: {escape(str(picture))}")
-    if recordings.image_shape:
-        _show_images(figures)
-    else:
-        _show_inspection(recordings, figures, data)
+    more = {} if recordings.image_shape else in_rows(recordings, figures, data)
+    show("inspect", **figures, **more, picture=picture)
+    return figures
 
 
 @app.command(
@@ -123,69 +113,7 @@ def convert(
     if size is not None:
         recordings = resized(recordings, *image_size(size))
     save_archive(recordings, out)
-    counts = ", ".join(
-        f"{name} {count}" for name, count in zip(recordings.class_names, recordings.class_counts, strict=True)
-    )
-    lengths = recordings.lengths
-    rows = [
-        ("recordings", f"{len(recordings)}, of {lengths.min()} to {lengths.max()} frames"),
-        ("classes", counts),
-        *_size(recordings),
-        (
-            "codes",
-            f"{recordings.sample_format}"
-            + (f", one is {recordings.volt_per_code:.6g}" if recordings.volt_per_code else ""),
-        ),
-        (
-            "groups",
-            ", ".join(
-                f"{name} ({len(set(values.tolist()))} values)" for name, values in recordings.groups.items()
-            )
-            or "none",
-        ),
-    ]
-    print_table(str(source), "what", "understood", rows=rows)
-    for note in recordings.notes:
-        say(note)
-    say(f"archive: {out}; look at it with: eskin inspect {out}")
-
-
-def _show_images(figures: dict[str, Any]) -> None:
-    silent = [
-        f"{len(figures[name])} {name.removeprefix('silent_')}"
-        for name in ("silent_rows", "silent_columns")
-        if figures[name]
-    ]
-    rows = [
-        (
-            "images",
-            f"{figures['recordings']} of {figures['image_height']} x {figures['image_width']} pixels "
-            "(height x width)",
-        ),
-        (
-            "pixels",
-            f"from {figures['sample_min']} to {figures['sample_max']}, {percent(figures['zeros'])} are 0",
-        ),
-        ("classes", ", ".join(f"{name} {count}" for name, count in figures["classes"].items())),
-        ("groups", _groups(figures)),
-        ("equal to an earlier image", figures["copies"]),
-        ("never change", " and ".join(silent) or "no row or column"),
-    ]
-    print_table(figures["source"], "what", "value", rows=rows)
-    print_table("networks", "--cell", "multiplies an image", rows=list(figures["networks"].items()))
-    for reason in figures["reasons"]:
-        say(reason)
-
-
-def _groups(figures: dict[str, Any]) -> str:
-    return ", ".join(f"{name} ({count} values)" for name, count in figures["groups"].items()) or "none"
-
-
-def _size(recordings) -> list[tuple[str, str]]:
-    """Rows of a table: what a recording is made of."""
-    if recordings.image_shape:
-        return [("images", "{} x {} pixels (height x width)".format(*recordings.image_shape))]
-    return [("taxels", str(recordings.taxels)), ("sample rate", f"{recordings.sample_rate_hz:g} Hz")]
+    show("convert", source=source, recordings=recordings, out=out)
 
 
 def _short_name(data: str) -> str:
@@ -195,85 +123,3 @@ def _short_name(data: str) -> str:
         if path.name == "recordings.npz"
         else path.stem or "recordings"
     )
-
-
-def _show_inspection(recordings, figures: dict[str, Any], data: str) -> None:
-    from eskin.pages.inspect_data import LISTED, advice
-
-    rate, lengths = figures["sample_rate_hz"], figures["lengths"]
-    volts = (
-        f", one is {figures['volt_per_code']:.6g} (volt, or the unit of the samples)"
-        if figures["volt_per_code"]
-        else ""
-    )
-    seconds = "/".join(f"{lengths[key] / rate:.3g}" for key in ("min", "median", "max"))
-    rows = [
-        ("recordings", figures["recordings"]),
-        ("taxels", figures["taxels"]),
-        ("sample rate", f"{rate:g} Hz"),
-        (
-            "codes",
-            f"{figures['sample_format']}, from {figures['sample_min']} to {figures['sample_max']}{volts}",
-        ),
-        (
-            "lengths (shortest/median/longest)",
-            f"{lengths['min']}/{lengths['median']:g}/{lengths['max']} frames, {seconds} s",
-        ),
-        ("groups", _groups(figures)),
-    ]
-    print_table(figures["source"], "what", "value", rows=rows)
-    onsets = figures["onset_frames"]
-    class_rows = []
-    for label, (name, count) in enumerate(figures["classes"].items()):
-        mine = (
-            []
-            if onsets is None
-            else [frame for frame, of in zip(onsets, recordings.labels, strict=True) if of == label]
-        )
-        onset_frames = sorted(frame for frame in mine if frame >= 0)
-        span = (
-            f"{onset_frames[0]}/{onset_frames[len(onset_frames) // 2]}/{onset_frames[-1]}"
-            if onset_frames
-            else "-"
-        )
-        class_rows.append((name, count, len(mine) - len(onset_frames) if onsets is not None else "-", span))
-    print_table(
-        "classes", "class", "recordings", "no onset", "onset frame (first/median/last)", rows=class_rows
-    )
-    odd = [{"index": index} | taxel for index, taxel in enumerate(figures["taxel"]) if taxel["state"] != "ok"]
-    columns = {
-        "taxel": "{index}",
-        "state": "{state}",
-        "smallest": "{min}",
-        "largest": "{max}",
-        "held at an end": "{held:percent}",
-    }
-    print_records("taxels to look at", odd, columns)
-    for reason in figures["configuration"]["reasons"]:
-        say(f"configuration: {reason}")
-    if onsets is not None and any(frame != 0 for frame in onsets):
-        lost = [index for index, frame in enumerate(onsets) if frame < 0]
-        late = sorted(
-            (index for index, frame in enumerate(onsets) if frame >= 0), key=lambda index: onsets[index]
-        )
-        listed = (
-            (lost + late[: LISTED // 2] + late[-(LISTED // 2) :])[:LISTED]
-            if len(onsets) > LISTED
-            else range(len(onsets))
-        )
-        shown = [
-            (
-                index,
-                recordings.class_names[recordings.labels[index]],
-                onsets[index],
-                recordings.lengths[index],
-            )
-            for index in sorted(set(listed))
-        ]
-        selection = f" of {len(shown)} recordings: those without one, the earliest, the latest (all: --json)"
-        title = f"onsets{selection if len(onsets) > LISTED else ''}"
-        print_table(title, "recording", "class", "onset frame (-1: none)", "frames", rows=shown)
-    elif onsets is not None:
-        console.print("the gate is open from frame 1 in every recording, so none has an onset")
-    for sentence in advice(figures, data):
-        say(sentence)

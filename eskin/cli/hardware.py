@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-import typer
-from rich.markup import escape
+from typing import Annotated, Literal
 
 from eskin.cli.common import (
     SEED_MAX,
     ClassPins,
+    CountOption,
     DaskOption,
     DataOption,
     JobsOption,
@@ -27,19 +26,18 @@ from eskin.cli.common import (
     app,
     argument,
     console,
-    end,
     how_many,
     integer_model,
     option,
-    print_records,
-    print_table,
     progress_bars,
     recordings_for,
     say,
+    show,
     stop,
 )
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target, replacing, write_json
+from eskin.golden.core.files import check_target, replacing
+from eskin.golden.core.jobs import Record
 
 Simulator = Literal["verilator", "icarus", "compiled"]
 """Simulators."""
@@ -47,6 +45,10 @@ Simulator = Literal["verilator", "icarus", "compiled"]
 
 Level = Literal["rtl", "netlist", "bitstream"]
 """What is simulated."""
+
+
+Bus = Literal["wishbone", "axi4lite", "apb"]
+"""Buses of a user's system."""
 
 
 Pace = Literal["full", "declared"]
@@ -62,14 +64,30 @@ def generate(
     data: Annotated[
         str | None, option("The testbench plays the first of these recordings; default: a made-up one.")
     ] = None,
+    bus: Annotated[
+        Bus | None,
+        option("For a CPU: registers, samples, decisions and an interrupt behind this bus, a driver in C."),
+    ] = None,
+    fifo: Annotated[int | None, option("With --bus: decisions that may wait, 0, 2 or 4; default 2.")] = None,
+    streams: Annotated[
+        Literal["axis"] | None, option("Frames under AXI-Stream names; without --bus decisions too.")
+    ] = None,
 ) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking
     testbench."""
+    from eskin.rtl.host.decision_queue import DEPTHS
     from eskin.verbs.generate_job import generate_design
+
+    if fifo is not None and bus is None:
+        raise InputError("--fifo: is of a bus; add --bus NAME")
+    depth = 2 if fifo is None else fifo
+    if depth not in DEPTHS:
+        raise InputError(f"--fifo: is {fifo}; give 0, 2 or 4")
 
     integer = integer_model(model)
     recordings = None if data is None else recordings_for(data, integer.config)
-    folder = generate_design(integer, out, lanes=lanes, lane_type=lane_type, recordings=recordings)
+    design = {"lanes": lanes, "lane_type": lane_type, "bus": bus, "axis": streams is not None, "depth": depth}
+    folder = generate_design(integer, out, recordings=recordings, **design)  # type: ignore[arg-type]
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
@@ -79,9 +97,7 @@ def generate(
 def cosim(
     model: ModelArgument,
     data: DataOption,
-    recordings: Annotated[
-        str, option("How many, the same every time, spread over the classes.", metavar="N|all")
-    ] = "all",
+    recordings: CountOption = "all",
     lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
     simulator: Annotated[
@@ -126,7 +142,7 @@ def cosim(
     jobs: JobsOption = None,
     dask: DaskOption = None,
     json: JsonOption = None,
-) -> None:
+) -> Record:
     """Simulate the hardware on recordings and compare every stage with the golden model, bit for bit.
 
     Many recordings are split into parts that run beside each other; interrupted, the same command goes on
@@ -136,7 +152,6 @@ def cosim(
     from eskin.verbs import cosim_job
     from eskin.verbs.flow import cosimulate
 
-    check_target(json)
     count = how_many(recordings)
     hertz = _clock(clock)
     lowest = clock == "lowest"
@@ -153,7 +168,7 @@ def cosim(
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        options: dict[str, Any] = {
+        options: Record = {
             "lanes": lanes,
             "lane_type": lane_type,
             "simulator": simulator,
@@ -175,10 +190,8 @@ def cosim(
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
-    if json:
-        write_json(json, result)
-    _show_cosimulation(result)
-    end(result)
+    show("cosim", **result)
+    return result
 
 
 @contextmanager
@@ -207,77 +220,6 @@ def _clock(text: str | None) -> float | None:
     if not (math.isfinite(hertz) and hertz >= 1):
         raise InputError(f"--clock {text}: is no clock; give hertz, 1 or more, or the word lowest")
     return hertz
-
-
-def _show_cosimulation(result: dict[str, Any]) -> None:
-    cycles = result["cycles"]
-    verdict = "bit-exact" if result["bit_exact"] else f"{result['mismatches']} MISMATCHES"
-    on = (
-        f"the {result['level']} for {result['target']} on {result['simulator']}"
-        if result["target"]
-        else result["simulator"]
-    )
-    speed = f"{result['cycles_per_s'] / 1e6:.3g} M cycles/s"
-    rows = [
-        (
-            "verdict",
-            f"{verdict}: {result['compared_values']} values of {result['recordings']} recordings compared",
-        ),
-        (
-            "simulated",
-            f"{result['frames']} frames, {result['steps']} steps, {result['decisions']} decisions, {on}",
-        ),
-        ("time", f"{result['simulated_cycles']} cycles in {result['wall_s']:.1f} s, {speed}"),
-        (
-            "cycles a step",
-            f"{cycles['step_min']} to {cycles['step_max']}, ideal {cycles['step_ideal']} with "
-            f"{result['lanes']} lanes",
-        ),
-        (
-            "pace",
-            f"{result['pace']}, clock {result['clock_hz'] / 1e6:g} MHz"
-            + (", random stalls" if result["stalls"] else ""),
-        ),
-    ]
-    if "conversion" in result:
-        way = result["conversion"]
-        first = (
-            "no window"
-            if way["feature_cycles"] is None
-            else " to ".join(f"{cycles}" for cycles in dict.fromkeys(way["feature_cycles"]))
-        )
-        rows.append(
-            (
-                "converter",
-                f"{way['converter']}, {way['code_bits']} bits: scan {way['scan_cycles']} cycles, jitter "
-                f"{way['jitter_cycles']:g}, last "
-                f"channel to first feature {first}; faults {way['faults']}, limits of its data sheet broken "
-                f"{way['violations']}",
-            )
-        )
-    if "without_probes" in result:
-        bare = result["without_probes"]
-        exact = "bit-exact" if bare["bit_exact"] else f"{bare['mismatches']} MISMATCHES"
-        rows.insert(
-            1,
-            (
-                "without probes",
-                f"{exact}: {bare['compared_values']} values of decisions and registers of the netlist as "
-                "placed",
-            ),
-        )
-    print_table("co-simulation", "what", "value", rows=rows)
-    columns = {
-        "budget": "{name}",
-        "limit": "{limit_s:1e3*.4g} ms",
-        "measured": "{measured_s:1e3*.4g} ms",
-        "verdict": "{met:met|missed}",
-    }
-    print_records("latency budgets", result["budgets"], columns)
-    for sentence in result["mismatch_list"] + result.get("without_probes", {}).get("mismatch_list", []):
-        console.print(f"mismatch: {escape(sentence)}")
-    if result["waves"]:
-        console.print(f"waves around the first mismatch: {escape(result['waves'])}")
 
 
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
@@ -341,6 +283,7 @@ def build(
 ) -> None:
     """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the
     clock each budget needs."""
+    from eskin.golden.studies.converter_power import in_words
     from eskin.rtl.fpga.targets import target as board
     from eskin.verbs import build_job as job
 
@@ -395,9 +338,10 @@ def build(
     )
     if table:
         with progress_bars() as report:
-            rows = job.table(request, folder, progress=report)
-        print_table(f"best of {seeds} seeds" if seeds > 1 else f"seed {seed}", *job.TABLE_COLUMNS, rows=rows)
-        console.print(f"files: {escape(str(folder))}")
+            records = job.table(request, folder, progress=report)
+        say(f"best of {seeds} seeds" if seeds > 1 else f"seed {seed}")
+        show("builds", builds=records)
+        say(f"files: {folder}")
         return
     try:
         with progress_bars() as report:
@@ -406,16 +350,7 @@ def build(
         stop(str(error), 1)
     result = built[0]
     job.write(*built, folder)
-    print_table("build", "what", "value", rows=job.figures(result))
-    print_table("cells by block", *job.BLOCK_COLUMNS, rows=job.block_rows(result))
-    if standalone or converter:
-        print_table("wiring", "port", "pin", "to", rows=[tuple(row.values()) for row in result["wiring"]])
-    if flash:
-        console.print(
-            f"put {job.FLASH_IMAGE} into the flash from byte {result['flash']['offset']} on: iceprog -o 1M "
-            f"{job.FLASH_IMAGE}"
-        )
-    console.print(f"files: {escape(str(folder))}")
+    show("build", **result, block_rows=job.block_rows(result), in_words=in_words, folder=folder)
     if not result["clock_met"]:
         stop(job.clock_sentence(result), 1)
 
@@ -428,9 +363,7 @@ def replay(
     model: Annotated[Path, argument("The quantised model folder that the bitstream was built from.")],
     port: Annotated[str, option("The board's serial port.")],
     data: DataOption,
-    recordings: Annotated[
-        str, option("How many, the same every time, spread over the classes.", metavar="N|all")
-    ] = "all",
+    recordings: CountOption = "all",
     build: Annotated[
         Path | None,
         option(
@@ -453,12 +386,11 @@ def replay(
         LaneType | None, option("With --baud: lanes that the bitstream was built with; default plain.")
     ] = None,
     json: JsonOption = None,
-) -> None:
+) -> Record:
     """Play recordings to a board over its serial line and compare its decisions with the golden model's."""
     from eskin.verbs import build_job
     from eskin.verbs.replay_job import replay as play
 
-    check_target(json)
     if build and baud:
         raise InputError(f"--build {build}: tells the rate by itself; leave out --baud")
     if not baud:
@@ -481,29 +413,8 @@ def replay(
             baud=baud,
             progress=lambda done, total: report("frames played", done, total),
         )
-    if json:
-        write_json(json, result)
-    verdict = "equal" if result["passed"] else f"{result['mismatches']} MISMATCHES"
-    lost = f"{result['repeated']} packets sent again, {result['damaged']} came back damaged, {result['replayed']} recordings played again"
-    rows = [
-        (
-            "verdict",
-            f"{verdict}: {result['decisions']} decisions of {result['recordings']} recordings, "
-            f"{result['compared_values']} values",
-        ),
-        ("pace", f"{result['frames']} frames in {result['wall_s']:.1f} s, {result['frames_per_s']} a second"),
-        ("line", f"{port}, {baud} baud; {lost}"),
-    ]
-    print_table("replay", "what", "value", rows=rows)
-    for sentence in result["mismatch_list"]:
-        console.print(f"mismatch: {escape(sentence)}")
-    if not result["passed"]:
-        console.print(
-            "where most decisions differ, the bitstream is of another model, or of other --lanes or "
-            "--lane-type",
-            soft_wrap=True,
-        )
-        raise typer.Exit(1)
+    show("replay", **result)
+    return result
 
 
 @app.command(epilog="Example: eskin schedule model --lanes 4 --out picture")
@@ -523,6 +434,7 @@ def schedule(
 ) -> None:
     """Draw which unit does what in which cycle, from the very program that goes into the hardware."""
     from eskin.golden.core.config import PRESETS
+    from eskin.pages.views import terminal_table
     from eskin.rtl.views import schedule_view
 
     if table and (complexity or lanes is not None or lane_type is not None):
@@ -578,11 +490,11 @@ def schedule(
         files = schedule_view.drawing_files(plan)
         shown = (schedule_view.title(plan).partition("\n")[0], ("what", "value"), schedule_view.figures(plan))
     _write_files(folder, files)
-    print_table(shown[0], *shown[1], rows=shown[2])
+    console.print(terminal_table(*shown))
     if table:
-        console.print(schedule_view.RATIO_NOTE, soft_wrap=True)
+        say(schedule_view.RATIO_NOTE)
         for reason in left_out:
-            console.print(f"left out: {escape(reason)}", soft_wrap=True)
+            say(f"left out: {reason}")
     if files:
         say(f"files: {', '.join(str(folder / name) for name in files)}")
 
@@ -615,18 +527,25 @@ def energy(
         option("An asic.json of eskin asic --data, shown beside the boards; several times.", metavar="FILE"),
     ] = None,
     recordings: Annotated[int, option("Recordings whose activity is counted.", min=1)] = 2,
+    decide_within: Annotated[
+        float | None,
+        option("Latency budget of a decision, seconds; default: the model's, one frame.", metavar="S"),
+    ] = None,
     out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy"),
-) -> None:
+) -> Record:
     """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists;
     minutes a configuration."""
+    from eskin.golden.studies.converter_power import in_words
     from eskin.pages.energy_page import PAGE
     from eskin.verbs.energy_job import RESULT, job
 
     check_target(out / RESULT)
     integer = integer_model(model)
+    if decide_within is not None:
+        integer = dataclasses.replace(integer, config=integer.config.replace(decide_within_s=decide_within))
     loaded = recordings_for(data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
-        options: dict[str, Any] = {
+        options: Record = {
             "count": recordings,
             "out": out,
             "work": work,
@@ -634,58 +553,5 @@ def energy(
             "chips": chip or (),
         }
         result = job(integer, loaded, configuration, **options)
-    _show_energy(result)
-    console.print(f"page: {escape(str(out / PAGE))}")
-    end(result)
-
-
-def _show_energy(result: dict[str, Any]) -> None:
-    from eskin.pages.energy_page import article
-    from eskin.pages.report import hertz, unit
-
-    image = result["what"] == "image"
-    step, touch = (lambda row, key=key: unit(row[key], "J") for key in ("per_step_j", "per_touch_j"))
-    exact = {"band ÷ ×": "{band:g}", "bit-exact": "{bit_exact:yes|NO}"}
-    columns: dict[str, Any] = {
-        "configuration": "{name}",
-        "cycles" if image else "cycles a step": "{activity[step_cycles]:.0f}",
-        **({"an image": touch} if image else {"a step": step, "a touch": touch}),
-        "band ÷ ×": "{band:g}",
-        "taking it in" if image else "preprocessing": lambda row: unit(row["preprocessing_per_touch_j"], "J"),
-    }
-    print_records("compute energy, estimate", result["configurations"], columns | exact)
-    columns = {"chip": "{name}", "a step": step, "a touch, everything": touch}
-    print_records("chips, before layout", result["chips"], columns | exact)
-    choices = [
-        row | choice | {"of": row["name"]}
-        for row in (*result["configurations"], *result["chips"])
-        for choice in row["choices"]
-    ]
-    columns = {
-        "configuration": "{of}",
-        "clock": "{name}",
-        "frequency": lambda choice: hertz(choice["clock_hz"]),
-        "idle": lambda choice: unit(choice["idle_w"], "W"),
-        f"one {result['what']} a second": lambda choice: unit(choice["average_w"], "W"),
-        "over static": lambda choice: f"{choice['average_w'] / choice['static_w']:.2f}",
-        "1000 mAh, 5 V": "{hours:.0f} h",
-    }
-    print_records("power, estimate", choices, columns)
-    if converter := next(
-        (row["interface"] for row in result["configurations"] if row.get("interface")), None
-    ):
-        from eskin.golden.studies.converter_power import in_words
-
-        say(f"the converter by itself: {in_words(converter)}")
-    if result["least_average"]:
-        console.print(f"least energy {article(result['what'])}: {escape(result['least_touch'])}")
-        console.print(
-            f"least average power: {escape(result['least_average']['name'])}, "
-            f"{escape(result['least_average']['choice'])}"
-        )
-    for check in result["checks"]:
-        value, limit = (
-            unit(check[key], check["unit"]) if check["unit"] else f"{check[key]:.2f}"
-            for key in ("value", "limit")
-        )
-        say(f"{check['name']}: {value}, aim {limit}: {'met' if check['met'] else 'missed'}")
+    show("energy", **result, in_words=in_words, page=out / PAGE)
+    return result

@@ -6,23 +6,24 @@ import sys
 from pathlib import Path
 from typing import Annotated
 
-from rich.markup import escape
-
 from eskin.cli.common import (
-    CELL_CHOICE,
     SEED_MAX,
-    CellChoice,
+    CellOption,
     ConfigOption,
     DataOption,
+    GroupOption,
+    HiddenOption,
+    TrainingSeeds,
     app,
     argument,
-    console,
-    end,
     groups_of,
     how_many,
     messages,
     option,
+    say,
+    show_text,
 )
+from eskin.golden.core.jobs import Record
 
 
 @app.command(epilog="Example: eskin run --data recordings.npz --recordings 40 --out result")
@@ -36,16 +37,14 @@ def run(
         "build/run"
     ),
     seed: Annotated[int, option("First seed of the training.", min=0, max=SEED_MAX)] = 0,
-    group: Annotated[str | None, option("Group arrays A[,B..] that stay on one side of a split.")] = None,
-    cell: Annotated[CellChoice | None, option(CELL_CHOICE)] = None,
-    hidden: Annotated[int | None, option("Hidden units.")] = None,
-    seeds: Annotated[
-        int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)
-    ] = None,
+    group: GroupOption = None,
+    cell: CellOption = None,
+    hidden: HiddenOption = None,
+    seeds: TrainingSeeds = None,
     test: Annotated[
         str | None, option("Recordings held back: judged once, shown apart.", metavar="HELD")
     ] = None,
-) -> None:
+) -> Record:
     """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and
     report, all in one folder."""
     count = None if recordings is None else how_many(recordings) or sys.maxsize
@@ -65,9 +64,9 @@ def run(
         test=test,
         console=messages,
     )
-    console.print(summary(out))
-    console.print(f"report: {escape(str(out / PAGE))}")
-    end(record)
+    show_text(summary(out))
+    say(f"report: {out / PAGE}")
+    return record
 
 
 @app.command(epilog="Example: eskin report build/run")
@@ -76,5 +75,5 @@ def report(folder: Annotated[Path, argument("A folder that eskin run wrote.", me
     from eskin.pages.report import summary, write_report
 
     page = write_report(folder)
-    console.print(summary(folder))
-    console.print(f"report: {escape(str(page))}")
+    show_text(summary(folder))
+    say(f"report: {page}")

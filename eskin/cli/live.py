@@ -14,16 +14,15 @@ from eskin.cli.common import (
     ModelArgument,
     app,
     console,
-    end,
     how_many,
     integer_model,
     messages,
     option,
-    print_table,
     recordings_for,
-    say,
+    show,
 )
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 
 
 @app.command(
@@ -79,7 +78,7 @@ def watch(
         int | None, option("Lanes of the simulated hardware (default 4), or with --baud the board's.")
     ] = None,
     lane_type: Annotated[LaneType | None, option("plain, dsp or serial, likewise.")] = None,
-) -> None:
+) -> Record:
     """Watch a model at work in the browser: taxels, windows, features, hidden state, logits and decisions as
     they come."""
     from eskin.verbs import build_job, watch_job
@@ -143,38 +142,5 @@ def watch(
         console=console,
         ready=ready,
     )
-    rows = [
-        (
-            "played",
-            f"{result['recordings']} recordings to their end, {result['frames']} frames, "
-            f"{result['touches']} touches",
-        ),
-        (
-            "decided",
-            f"{result['correct']} of {result['labelled']} as labelled, {result['undecided']} without a touch",
-        ),
-    ]
-    if simulate or port:
-        verdict = "all equal" if result["passed"] else f"{result['mismatches']} DIFFER"
-        rows.append(("hardware", f"{result['compared_values']} values compared with the model, {verdict}"))
-    if record:
-        rows.append(
-            (
-                "recorded",
-                f"{record}, {result['recorded']} frames"
-                if result["recorded"]
-                else "nothing was played: no file",
-            )
-        )
-    if result["display_frames_dropped"]:
-        rows.append(
-            (
-                "display",
-                f"{result['display_frames_dropped']} display frames dropped; the model and the record got "
-                "every frame",
-            )
-        )
-    print_table("watch", "what", "value", rows=rows)
-    for sentence in result["mismatch_list"]:
-        say(f"note: {sentence}")
-    end(result)
+    show("watch", **result, hardware=bool(simulate or port), record=record)
+    return result

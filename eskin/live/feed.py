@@ -84,7 +84,7 @@ class Step:
 class Decided:
     """A touch's global decision.
 
-    frame: the one that brings it. since_onset_s: seconds from the onset to that frame. partial: the end of
+    frame: the one that brings it. since: seconds from the onset to that frame. partial: the end of
     the recording brought it. unsure: its margin is below the threshold.
     """
 
@@ -95,7 +95,7 @@ class Decided:
     margin: int
     partial: bool
     unsure: bool
-    since_onset_s: float
+    since: float
 
 
 @dataclass(frozen=True)
@@ -137,13 +137,13 @@ class End:
 
 @dataclass(frozen=True)
 class Result:
-    """A recording that was played to its end. since_onset_s: of its first touch's decision, -1 none. wrong:
+    """A recording that was played to its end. since: of its first touch's decision, -1 none. wrong:
     values of hardware that differ."""
 
     number: int
     label: int
     decision: int
-    since_onset_s: float
+    since: float
     wrong: int
 
 

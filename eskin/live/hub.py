@@ -10,25 +10,13 @@ from __future__ import annotations
 import json
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from eskin.live.feed import (
-    Begin,
-    Decided,
-    Differs,
-    End,
-    Event,
-    Frames,
-    Hardware,
-    Onset,
-    Result,
-    Step,
-    Tally,
-    Where,
-)
+from eskin.golden.core.jobs import Record
+from eskin.live.feed import Begin, Differs, Event, Frames, Result, Tally
 
 DISPLAY_HZ = 100.0
 """Display frames (buckets of frames) a second, at most: more than an eye sees and a screen has columns
@@ -103,11 +91,10 @@ class Viewer:
         self._wake()
 
     def _drop(self, display: bool) -> int:
-        place = next(place for place, (frames, _) in enumerate(self._waiting) if bool(frames) == display)
-        frames, _ = self._waiting[place]
-        del self._waiting[place]
-        self._frames, self._events = self._frames - frames, self._events - (not frames)
-        return frames or 1
+        message = next(message for message in self._waiting if bool(message[0]) == display)
+        self._waiting.remove(message)
+        self._frames, self._events = self._frames - message[0], self._events - (not display)
+        return message[0] or 1
 
     def take(self) -> list[str]:
         """Every message that waits, oldest first."""
@@ -133,7 +120,7 @@ class Hub:
         False: every frame is shown, as the rows of an image must be.
     """
 
-    def __init__(self, hello: Mapping[str, Any], rate_hz: float, taxels: int, *, thins: bool = True) -> None:
+    def __init__(self, hello: Record, rate_hz: float, taxels: int, *, thins: bool = True) -> None:
         self._hello = encoded("hello", **hello)
         self._rate, self._display_hz = rate_hz, max(10.0, min(DISPLAY_HZ, VALUES_HZ / max(1, taxels)))
         self._thins = thins
@@ -143,7 +130,7 @@ class Hub:
         self._results: deque[str] = deque(maxlen=RESULTS)
         self._state = self._tally = ""
         self._lock = threading.Lock()
-        self._gone_dropped = self._gone_lost = 0
+        self._gone_dropped = 0
 
     def bucket(self, speed: float) -> int:
         """Frames of a display frame at so many times the sensor's pace."""
@@ -172,10 +159,7 @@ class Hub:
         with self._lock:
             if viewer in self._viewers:
                 self._viewers.remove(viewer)
-                self._gone_dropped, self._gone_lost = (
-                    self._gone_dropped + viewer.dropped,
-                    self._gone_lost + viewer.lost,
-                )
+                self._gone_dropped += viewer.dropped
 
     @property
     def viewers(self) -> int:
@@ -187,22 +171,23 @@ class Hub:
         """Display frames that some viewer, present or gone, did not get."""
         return self._gone_dropped + sum(viewer.dropped for viewer in list(self._viewers))
 
-    def state(self, **what: Any) -> None:
+    def state(self, **fields: Any) -> None:
         """Tell what the player is at; late viewers get the last of these."""
-        text = encoded("state", **what)
+        text = encoded("state", **fields)
         if text != self._state:
             self._state = text
             self._send(0, text, keep=False)
 
     def tally(self, tally: Tally) -> None:
         """Tell what has been played so far; late viewers get the last of these."""
-        figures = {
-            name: value
-            for name, value in vars(tally).items()
-            if name not in ("said", "behind_s", "frames_per_s")
+        figures = vars(tally) | {
+            "behind_s": round(tally.behind_s, 3),
+            "frames_per_s": round(tally.frames_per_s),
+            "dropped": self.dropped,
+            "viewers": self.viewers,
         }
-        rates = {"behind_s": round(tally.behind_s, 3), "frames_per_s": round(tally.frames_per_s)}
-        self._tally = encoded("tally", **figures, **rates, dropped=self.dropped, viewers=self.viewers)
+        del figures["said"]
+        self._tally = encoded("tally", **figures)
         self._send(0, self._tally, keep=False)
 
     def publish(self, event: Event) -> None:
@@ -212,13 +197,13 @@ class Hub:
             self._frames(self._thinner.add(event.first, event.samples))
             return
         self.flush()
-        text, result = as_text(event), isinstance(event, Result)
+        text, is_result = as_text(event), isinstance(event, Result)
         with self._lock:
             if isinstance(event, Begin):
                 self._history.clear()
-            if result:
+            if is_result:
                 self._results.append(text)
-        self._send(0, text, keep=not result)
+        self._send(0, text, keep=not is_result)
 
     def flush(self) -> None:
         """Hand on the frames that wait for their bucket to fill."""
@@ -236,60 +221,16 @@ class Hub:
                 viewer.put(frames, text)
 
 
-def encoded(kind: str, **what: Any) -> str:
+def encoded(kind: str, **fields: Any) -> str:
     """A message: JSON with ``k`` for its kind."""
-    return json.dumps({"k": kind, **what}, separators=(",", ":"), allow_nan=False)
+    return json.dumps({"k": kind, **fields}, separators=(",", ":"), allow_nan=False, default=_plain)
+
+
+def _plain(value: Any) -> Any:
+    """Of an array or a number of numpy its values, of a record its fields."""
+    return value.tolist() if hasattr(value, "tolist") else vars(value)
 
 
 def as_text(event: Event) -> str:
-    """The message of an event that is not Frames."""
-    match event:
-        case Begin():
-            return encoded(
-                "begin",
-                number=event.number,
-                label=event.label,
-                frames=event.frames,
-                level=event.level.tolist(),
-            )
-        case Onset():
-            return encoded("onset", touch=event.touch, frame=event.frame, start=event.start)
-        case Where():
-            where = {name: int(getattr(event, name)) for name in ("frame", "x", "y", "peak", "direction")}
-            return encoded("where", **where, ended=bool(event.ended), wrong=bool(event.wrong))
-        case Step():
-            arrays = {name: getattr(event, name).tolist() for name in ("features", "hidden", "logits")}
-            where = {
-                name: int(getattr(event, name)) for name in ("touch", "step", "frame", "label", "margin")
-            }
-            return encoded("step", **where, **arrays)
-        case Decided():
-            where = {
-                name: int(getattr(event, name)) for name in ("touch", "step", "frame", "label", "margin")
-            }
-            since = round(float(event.since_onset_s), 6)
-            return encoded(
-                "decided", **where, partial=bool(event.partial), unsure=bool(event.unsure), since=since
-            )
-        case Hardware():
-            stages = {
-                name: {"values": stage.values, "wrong": stage.wrong} for name, stage in event.stages.items()
-            }
-            return encoded(
-                "hardware", touch=event.touch, step=event.step, closing=event.closing, stages=stages
-            )
-        case Differs():
-            return encoded("said", sentence=event.sentence, mismatch=event.mismatch)
-        case End():
-            return encoded("end", decision=event.decision, whole=event.whole)
-        case Result():
-            since = round(float(event.since_onset_s), 6)
-            return encoded(
-                "result",
-                number=event.number,
-                label=event.label,
-                decision=event.decision,
-                since=since,
-                wrong=event.wrong,
-            )
-    raise TypeError(f"no message for {type(event).__name__}")
+    """The message of an event that is not Frames: its fields, under its name."""
+    return encoded("said" if isinstance(event, Differs) else type(event).__name__.lower(), **vars(event))

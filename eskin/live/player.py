@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 from eskin.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Tally
 from eskin.live.hub import Hub
@@ -44,9 +45,9 @@ class Controls:
         self.skip = self.stopped = False
         self.changes = 0
 
-    def _change(self, **what: Any) -> None:
+    def _change(self, **changes: Any) -> None:
         with self._condition:
-            for name, value in what.items():
+            for name, value in changes.items():
                 setattr(self, name, value)
             self.changes += 1
             self._condition.notify_all()
@@ -109,13 +110,8 @@ class Player:
         once: bool = False,
         apart_s: float = 0.0,
     ) -> None:
-        self._source, self._recordings, self._numbers, self._hub, self.controls = (
-            source,
-            recordings,
-            list(numbers),
-            hub,
-            controls,
-        )
+        self._source, self._recordings, self._numbers = source, recordings, list(numbers)
+        self._hub, self.controls = hub, controls
         self._recorder, self._once, self._apart_s = recorder, once, apart_s
         self.tally = Tally()
         self.decisions: dict[int, int] = {}
@@ -209,7 +205,7 @@ class Player:
             else:
                 due = time.monotonic()
             self._tell()
-        due, speed = self._until(due, speed, label)
+        self._until(due, speed, label)
         controls.skip = False
         whole = at >= length
         self._events(source.finish())
@@ -223,7 +219,8 @@ class Player:
             )
         self._tell()
         if whole and self._apart_s:
-            self._hold(begun, label)
+            self._until(begun + self._apart_s / controls.speed, controls.speed, label)
+            controls.skip = False
 
     def _until(self, due: float, speed: float, label: int) -> tuple[float, float]:
         """Wait until ``due``, which moves with the pace; not for a recording that is left. Both as they are
@@ -244,17 +241,6 @@ class Player:
             elif speed != controls.speed:
                 due = now + (due - now) * speed / controls.speed
             speed = controls.speed
-
-    def _hold(self, begun: float, label: int) -> None:
-        """Until the next recording may begin, or is asked for."""
-        controls = self.controls
-        while not controls.left(label):
-            left = begun + self._apart_s / controls.speed - time.monotonic()
-            if left <= 0 and not controls.paused:
-                break
-            self._state()
-            controls.wait(max(left, TICK_S) if not controls.paused else 1.0)
-        controls.skip = False
 
     def _count(self, number: int, label: int, decision: int) -> None:
         tally = self.tally
@@ -294,7 +280,7 @@ class Player:
                     self.tally.mismatches += event.mismatch
                     self._say(event.sentence)
                 case Decided() if event.touch == 0:
-                    self._first_s = event.since_onset_s
+                    self._first_s = event.since
             self._hub.publish(event)
 
     def _say(self, sentence: str) -> bool:
@@ -324,7 +310,7 @@ class Player:
 
 def hello(
     config: AcceleratorConfig, recordings: Recordings | None, numbers: Sequence[int], **more: Any
-) -> dict[str, Any]:
+) -> Record:
     """What a viewer must know first, for JSON."""
     network, formats = config.network, config.formats
     labels = recordings.labels[list(numbers)] if recordings is not None else np.zeros(0, dtype=np.int64)

@@ -7,9 +7,10 @@ always runs, frame by frame and unthinned; what hardware says is held against it
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -27,6 +28,7 @@ from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Ste
 STAGES = ("sum", "fault", "feature", "state", "map", "logit")
 """Stages of the simulated hardware with a number for each input, unit, value of a map or class."""
 NOTHING = np.zeros(0, dtype=np.int64)
+EMPTY: Mapping[str, Stage] = {}
 NO_SINCE = -1.0
 """In place of seconds since an onset that nobody saw."""
 
@@ -91,40 +93,37 @@ class ModelSource:
 
     def events(self, decisions: Sequence[Decision]) -> list[Event]:
         """What the stream's decisions mean, with the beginnings of their touches before them."""
-        found: list[Event] = []
+        told: list[Event] = []
         for made in decisions:
-            self._begun(found, made.touch, made.onset_frame, made.start_frame)
+            self._begun(told, made.touch, made.onset_frame, made.start_frame)
+            place, verdict = (made.touch, made.step, made.frame), (made.label, int(made.margin))
             if made.is_global:
-                since = (made.frame - made.onset_frame) / self.config.sensor.sample_rate_hz
-                found.append(
-                    Decided(
-                        made.touch,
-                        made.step,
-                        made.frame,
-                        made.label,
-                        int(made.margin),
-                        made.partial,
-                        made.unsure,
-                        since,
-                    )
-                )
+                since = round((made.frame - made.onset_frame) / self.config.sensor.sample_rate_hz, 6)
+                told.append(Decided(*place, *verdict, made.partial, made.unsure, since))
             else:
                 feature, state, logit = (
                     np.asarray(made.stages.get(name, NOTHING)) for name in ("feature", "state", "logit")
                 )
-                found.append(
-                    Step(
-                        made.touch, made.step, made.frame, feature, state, logit, made.label, int(made.margin)
-                    )
-                )
+                told.append(Step(*place, feature, state, logit, *verdict))
         if self.stream.onset_frame is not None:
-            self._begun(found, self.stream.touches - 1, self.stream.onset_frame, self.stream.start_frame or 1)
-        return found
+            self._begun(told, self.stream.touches - 1, self.stream.onset_frame, self.stream.start_frame or 1)
+        return told
 
-    def _begun(self, found: list[Event], touch: int, onset: int, start: int) -> None:
+    def _begun(self, told: list[Event], touch: int, onset: int, start: int) -> None:
         if touch >= self._told:
-            found.append(Onset(touch, onset, start))
+            told.append(Onset(touch, onset, start))
             self._told = touch + 1
+
+    def _registers(self, device: str, touches: int, faults: int) -> list[Event]:
+        """Where a recording's last registers are not what the model says."""
+        sentences = []
+        if touches != self.stream.touches % 256:
+            sentences.append(f"{device} TOUCHES reads {touches} and the model saw {self.stream.touches}")
+        if faults & UNEXPECTED_FAULTS:
+            sentences.append(
+                f"{device} FAULTS reads 0x{faults:04x}: the chain saw a fault that no recording may raise"
+            )
+        return [Differs(sentence) for sentence in sentences]
 
 
 def _where(made: Position) -> Where:
@@ -171,18 +170,8 @@ class SimulationSource(ModelSource):
     def finish(self) -> list[Event]:
         decisions = self.stream.finish()
         compared = self._compare(decisions, self._simulator.finish().stages, "the recording's end")
-        touches, faults = self._simulator.read("TOUCHES"), self._simulator.read("FAULTS")
-        if touches != self.stream.touches % 256:
-            compared.append(
-                Differs(f"register TOUCHES reads {touches} and the model saw {self.stream.touches}")
-            )
-        if faults & UNEXPECTED_FAULTS:
-            compared.append(
-                Differs(
-                    f"register FAULTS reads 0x{faults:04x}: the chain saw a fault that no recording may raise"
-                )
-            )
-        return [*self.events(decisions), *compared]
+        registers = map(self._simulator.read, ("TOUCHES", "FAULTS"))
+        return [*self.events(decisions), *compared, *self._registers("register", *registers)]
 
     def close(self) -> None:
         self._simulator.close()
@@ -190,22 +179,19 @@ class SimulationSource(ModelSource):
     def _compare(self, decisions: Sequence[Decision], came: dict[str, list[int]], where: str) -> list[Event]:
         """One frame's values, decision by decision; what is left over is a difference too."""
         left = {stage: deque(values) for stage, values in came.items() if stage != "step_cycles"}
-        found: list[Event] = []
+        compared: list[Event] = []
         for made in decisions:
             stages = {
                 stage: _stage(made.stages[stage], left.get(stage)) for stage in STAGES if stage in made.stages
             }
-            stages["decision"] = _decision_stage(made, left.get("decision"))
-            found.append(Hardware(made.touch, made.step, made.is_global, stages))
-        for stage, values in left.items():
-            if values:
-                found.append(
-                    Differs(
-                        f"at {where} the hardware gave {len(values)} values of stage {stage} that the model "
-                        "does not have"
-                    )
-                )
-        return found
+            compared.append(_hardware(made, left.get("decision"), stages))
+        return compared + [
+            Differs(
+                f"at {where} the hardware gave {len(values)} values of stage {stage} that the model does not have"
+            )
+            for stage, values in left.items()
+            if values
+        ]
 
 
 def _stage(expected: np.ndarray, came: deque[int] | None) -> Stage:
@@ -218,16 +204,14 @@ def _stage(expected: np.ndarray, came: deque[int] | None) -> Stage:
     return Stage(values, wrong)
 
 
-def _decision_stage(made: Decision, came: deque[int] | None) -> Stage:
-    """Class and margin first, so that they can be shown; then step, is_global, partial, unsure."""
-    if not came:
-        return Stage((None,) * len(SHOWN), tuple(range(len(SHOWN))))
-    payload, row = came.popleft(), dict(zip(DECISION_FIELDS, made.row(), strict=True))
-    values = decoded(payload)
-    return Stage(
-        tuple(values[name] for name in SHOWN),
-        tuple(place for place, name in enumerate(SHOWN) if values[name] != row[name]),
-    )
+def _hardware(made: Decision, came: deque[int] | None, stages: Mapping[str, Stage] = EMPTY) -> Hardware:
+    """Beside the other stages the decision: class and margin first, so that they can be shown; then step,
+    is_global, partial, unsure."""
+    row = dict(zip(DECISION_FIELDS, made.row(), strict=True))
+    values = decoded(came.popleft()) if came else dict.fromkeys(SHOWN)
+    wrong = tuple(place for place, name in enumerate(SHOWN) if values[name] != row[name])
+    decision = Stage(tuple(values[name] for name in SHOWN), wrong)
+    return Hardware(made.touch, made.step, made.is_global, {**stages, "decision": decision})
 
 
 SHOWN = ("class", "margin", "step", "is_global", "partial", "unsure")
@@ -251,14 +235,14 @@ class BoardSource(ModelSource):
         self._heard = 0
 
     def arm(self) -> list[Event]:
-        with self._named():
+        with on_port(self._port):
             self._link.begin()
         self._waiting.clear()
         self._heard = 0
         return super().arm()
 
     def take(self, samples: np.ndarray) -> list[Event]:
-        with self._named():
+        with on_port(self._port):
             self._link.feed(samples)
         decisions = self.stream.push(samples)
         self._waiting.extend(decisions)
@@ -273,7 +257,7 @@ class BoardSource(ModelSource):
         last = told[-1] if told else None
         if not isinstance(last, Where):
             return told
-        with self._named():
+        with on_port(self._port):
             position, peak = self._link.read("POSITION"), self._link.read("POSITION_PEAK")
         wrong = (position, peak) != (last.x | last.y << 8, last.peak | last.direction << 8 | last.ended << 11)
         said = f"frame {last.frame}: the board says {position:#06x}, {peak:#06x}; the model x {last.x}, y {last.y}, peak {last.peak}"
@@ -282,69 +266,40 @@ class BoardSource(ModelSource):
     def finish(self) -> list[Event]:
         decisions = self.stream.finish()
         self._waiting.extend(decisions)
-        with self._named():
+        with on_port(self._port):
             played = self._link.end()
-        found = [*self.events(decisions), *self._compare()]
+        told = [*self.events(decisions), *self._compare()]
         if self._link.lost:
-            found.append(
-                Differs(
-                    "decisions of this recording got lost on the line, so it was not compared to its end",
-                    mismatch=False,
-                )
-            )
-            return found
-        for made in self._waiting:
-            found.append(
-                Hardware(made.touch, made.step, made.is_global, {"decision": _decision_stage(made, None)})
-            )
-        if played.touches != self.stream.touches % 256:
-            found.append(
-                Differs(
-                    f"the board's register TOUCHES reads {played.touches} and the model saw "
-                    f"{self.stream.touches}"
-                )
-            )
-        if played.faults & UNEXPECTED_FAULTS:
-            found.append(Differs(f"the board's register FAULTS reads 0x{played.faults:04x}"))
-        return found
+            sentence = "decisions of this recording got lost on the line, so it was not compared to its end"
+            return [*told, Differs(sentence, mismatch=False)]
+        missing = (_hardware(made, None) for made in self._waiting)
+        return [*told, *missing, *self._registers("the board's register", played.touches, played.faults)]
 
     def _compare(self) -> list[Event]:
-        found: list[Event] = []
+        compared: list[Event] = []
         while self._heard < len(self._link.decisions) and not self._link.lost:
             payload = self._link.decisions[self._heard]
-            if not self._waiting:  # the board is never ahead of the model: it got the same frames
-                found.append(
-                    Differs(f"the board gave a decision that the model does not have: {decoded(payload)}")
-                )
-            else:
-                made = self._waiting.popleft()
-                found.append(
-                    Hardware(
-                        made.touch,
-                        made.step,
-                        made.is_global,
-                        {"decision": _decision_stage(made, deque([payload]))},
-                    )
-                )
+            if self._waiting:
+                compared.append(_hardware(self._waiting.popleft(), deque([payload])))
+            else:  # the board is never ahead of the model: it got the same frames
+                sentence = f"the board gave a decision that the model does not have: {decoded(payload)}"
+                compared.append(Differs(sentence))
             self._heard += 1
-        return found
-
-    def _named(self) -> _Named:
-        return _Named(self._port)
+        return compared
 
 
-class _Named:
-    """``with _Named(port):`` a LinkError becomes the one sentence that names the port."""
+@contextlib.contextmanager
+def on_port(port: str) -> Iterator[None]:
+    """A LinkError in the block becomes the one sentence that names the port.
 
-    def __init__(self, port: str) -> None:
-        self._port = port
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: type | None, error: BaseException | None, trace: object) -> None:
-        if isinstance(error, LinkError):
-            raise InputError(f"--port {self._port}: {error}") from None
+    Raises
+    ------
+    InputError
+    """
+    try:
+        yield
+    except LinkError as error:
+        raise InputError(f"--port {port}: {error}") from None
 
 
 class Listener:
@@ -360,7 +315,7 @@ class Listener:
 
     def listen(self, timeout_s: float) -> list[Event]:
         """Decisions that come within ``timeout_s``."""
-        with _Named(self._port):
+        with on_port(self._port):
             heard = self._link.listen(timeout_s)
             where = self._where() if self.config.interface.position else []
             # those too that came with the answers
@@ -379,20 +334,12 @@ class Listener:
         pass
 
     def _event(self, fields: dict[str, int]) -> Event:
-        none = np.zeros(0, dtype=np.int64)
-        label, margin = min(fields["class"], self.config.classes - 1), fields["margin"]
+        step, margin = fields["step"], fields["margin"]
+        label = min(fields["class"], self.config.classes - 1)
         if not fields["is_global"]:
-            if fields["step"] == 0 and self.decision >= 0:
+            if step == 0 and self.decision >= 0:
                 self._touch, self.decision = self._touch + 1, -1
-            return Step(self._touch, fields["step"], 0, none, none, none, label, margin)
+            return Step(self._touch, step, 0, NOTHING, NOTHING, NOTHING, label, margin)
         self.decision = label
-        return Decided(
-            self._touch,
-            fields["step"],
-            0,
-            label,
-            margin,
-            bool(fields["partial"]),
-            bool(fields["unsure"]),
-            NO_SINCE,
-        )
+        flags = bool(fields["partial"]), bool(fields["unsure"])
+        return Decided(self._touch, step, 0, label, margin, *flags, NO_SINCE)

@@ -4,8 +4,8 @@ split."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
+
+from eskin.golden.core.jobs import Record
 
 COLOURS = {
     "ours": "#cc3311",
@@ -26,7 +26,7 @@ FAMILIES = {
 }
 
 
-def chart(result: Mapping[str, Any]):
+def chart(result: Record):
     """A matplotlib Figure of a result, as baselines.json has it. Methods without multiplies stand at 1."""
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
     from matplotlib.lines import Line2D
@@ -57,7 +57,7 @@ NAME_WIDTH = 1.1
 """Decades that a name takes at most."""
 
 
-def _panel(axes, rows: list[Mapping[str, Any]]) -> None:
+def _panel(axes, rows: list[Record]) -> None:
     """Every method and its name; a name goes down until it covers neither another one nor a mark."""
     points = [(math.log10(max(row["multiplies"], 1)), 100 * row["accuracy"]) for row in rows]
     top, bottom = max(y for _, y in points), min(y for _, y in points)

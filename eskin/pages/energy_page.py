@@ -3,24 +3,19 @@ HTML file."""
 
 from __future__ import annotations
 
-from typing import Any
-
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from eskin.pages.report import CLASS_COLOURS, STYLE, page_template, svg, unit
+from eskin.golden.core.jobs import Record
+from eskin.pages.charts import CLASS_COLOURS, STYLE, svg
+from eskin.pages.views import article, page, unit
 
 PAGE = "energy.html"
 PART_COLOURS = {"clock": CLASS_COLOURS[0], "toggles": CLASS_COLOURS[4], "multiplies": CLASS_COLOURS[2]}
 PART_WORDS = {"clock": "clock", "toggles": "registers and logic", "multiplies": "multipliers"}
 
 
-def article(thing: str) -> str:
-    """``a touch``, ``an image``."""
-    return f"{'an' if thing[0] in 'aeiou' else 'a'} {thing}"
-
-
-def draw_touch(rows: list[dict[str, Any]], least: str | None, thing: str = "touch") -> Figure:
+def draw_touch(rows: list[Record], least: str | None, thing: str = "touch") -> Figure:
     """Compute energy of a ``thing`` by what it is spent on, a bar a configuration, with the band; the least
     one is marked."""
     figure = Figure(figsize=(10.4, 1.3 + 0.42 * len(rows)), layout="constrained")
@@ -54,7 +49,7 @@ def draw_touch(rows: list[dict[str, Any]], least: str | None, thing: str = "touc
     return figure
 
 
-def draw_power(rows: list[dict[str, Any]], thing: str = "touch") -> Figure:
+def draw_power(rows: list[Record], thing: str = "touch") -> Figure:
     """Average power at one ``thing`` a second for every choice of clock, and the part's static power,
     logarithmic."""
     labels, values, static, colours = [], [], [], []
@@ -69,7 +64,7 @@ def draw_power(rows: list[dict[str, Any]], thing: str = "touch") -> Figure:
     places = range(len(labels))
     axes.scatter(values, places, color=colours, s=42, zorder=3)
     axes.grid(axis="x", color="#DDDDDD", linewidth=0.7)
-    mark: dict[str, Any] = {
+    mark: Record = {
         "linestyle": "none",
         "marker": "|",
         "markersize": 11,
@@ -90,15 +85,42 @@ def draw_power(rows: list[dict[str, Any]], thing: str = "touch") -> Figure:
     return figure
 
 
-def render(result: dict[str, Any]) -> str:
+def draw_waiting(rows: list[Record]) -> Figure:
+    """Power of waiting against the latency budget, a line a configuration, over the part's static power."""
+    figure = Figure(figsize=(10.4, 3.6), layout="constrained")
+    axes = figure.subplots()
+    for index, row in enumerate(rows):
+        colour = CLASS_COLOURS[index % len(CLASS_COLOURS)]
+        budgets = [1e3 * point["decide_within_s"] for point in row["waiting"]]
+        powers = [1e6 * point["idle_w"] for point in row["waiting"]]
+        axes.plot(budgets, powers, marker="o", markersize=4, color=colour, label=row["name"])
+        axes.axhline(1e6 * row["static_w"], color=colour, linewidth=0.8, linestyle=":")
+    axes.set_xscale("log")
+    axes.set_xlabel("a decision within (ms)")
+    axes.set_ylabel("waiting, clock always on (µW), estimate")
+    axes.grid(color="#DDDDDD", linewidth=0.7)
+    axes.legend(loc="upper right")
+    return figure
+
+
+def render(result: Record) -> str:
     """The page of a result of eskin.golden.studies.energy.compare, with ``chips`` where there are any."""
     rows, chips, thing = result["configurations"], list(result.get("chips", ())), result["what"]
+    curves = [row for row in rows if row.get("waiting")]
     with rc_context(STYLE):
         charts = {
             "touch": svg(draw_touch(rows, result["least_touch"], thing)),
             "power": svg(draw_power([*rows, *chips], thing)),
+            "waiting": svg(draw_waiting(curves)) if curves else None,
         }
     parts = {row["part"]: (row["rests_on"], row["band"]) for row in rows}
-    return page_template("energy.html.j2").render(
-        result=result, rows=rows, chips=chips, charts=charts, parts=parts, thing=thing, a=article(thing)
+    return page(
+        "energy.html.j2",
+        result=result,
+        rows=rows,
+        chips=chips,
+        charts=charts,
+        parts=parts,
+        thing=thing,
+        a=article(thing),
     )

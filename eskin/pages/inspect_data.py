@@ -4,7 +4,7 @@ of images each class's mean."""
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing
 from eskin.golden.core.images import NETWORKS, network, stages_of
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.rate import wrong_rate
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of
@@ -36,7 +37,7 @@ CLASSES_SHOWN = 32
 """Classes of images that the picture has room for."""
 
 
-def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> dict[str, Any]:
+def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> Record:
     """Plain figures about ``recordings``, or images, ready for JSON.
 
     Parameters
@@ -73,7 +74,7 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     return common | (_of_images(recordings) if recordings.image_shape else _of_recordings(recordings, config))
 
 
-def _of_images(recordings: Recordings) -> dict[str, Any]:
+def _of_images(recordings: Recordings) -> Record:
     images = images_of(recordings)
     count, height, width = images.shape
     classes = len(recordings.class_names)
@@ -92,7 +93,7 @@ def _of_images(recordings: Recordings) -> dict[str, Any]:
     }
 
 
-def _of_recordings(recordings: Recordings, config: AcceleratorConfig | None) -> dict[str, Any]:
+def _of_recordings(recordings: Recordings, config: AcceleratorConfig | None) -> Record:
     reasons: list[str] = []
     if config is None:
         try:
@@ -175,47 +176,40 @@ def _state(span: int, held: float) -> str:
     return "saturated" if span >= HELD_SPAN and held >= HELD_SHARE else "ok"
 
 
-def advice(figures: dict[str, Any], data: str) -> list[str]:
-    """What to do next, in sentences, most urgent first; the last one is always a command."""
-    onsets, sentences = figures["onset_frames"], list(figures["rate_doubts"])
-    for state, fix in (
-        ("constant", "leave them out with masked_taxels of a configuration (--config)"),
-        (
-            "saturated",
-            "check gain and offset of the sensor; what is clipped is lost, yet the rest may still help the "
-            "network",
-        ),
-    ):
-        odd = [str(taxel) for taxel, row in enumerate(figures["taxel"]) if row["state"] == state]
-        if odd:
-            sentences.append(
-                f"{state} taxels, {', '.join(odd[:LISTED])}{', ...' if len(odd) > LISTED else ''}: {fix}"
-            )
-    if onsets is None:
-        return [
-            *sentences,
-            f"no configuration can be derived: {' '.join(figures['configuration']['reasons'])}",
-        ]
-    lost = sum(frame < 0 for frame in onsets)
-    if lost > 0.02 * len(onsets):
-        sentences.append(
-            f"{lost} of {len(onsets)} recordings show no onset by this rule; eskin train tries others, the "
-            "open gate among them"
-        )
-    few = [name for name, count in figures["classes"].items() if count < 5]
-    if few:
-        sentences.append(
-            f"fewer than 5 recordings of {', '.join(few[:LISTED])}: record more, or nothing can be said "
-            "about them"
-        )
+def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
+    """What the terminal shows beside the figures: of_classes, of_recordings (number, class, onset, frames; few of
+    many), and for what to do next odd (state -> taxels), lost, few (classes), group."""
+    onsets, names, labels = figures["onset_frames"], recordings.class_names, recordings.labels
+    of_classes = []
+    for label, (name, count) in enumerate(figures["classes"].items()):
+        frames = [] if onsets is None else np.array(onsets)[labels == label].tolist()
+        seen = sorted(frame for frame in frames if frame >= 0)
+        row = {"name": name, "recordings": count, "lost": None if onsets is None else len(frames) - len(seen)}
+        row["span"] = [seen[0], seen[len(seen) // 2], seen[-1]] if seen else []
+        of_classes.append(row)
+    order = [] if onsets is None or not any(onsets) else list(range(len(onsets)))
+    order.sort(key=lambda index: (onsets[index] >= 0, onsets[index]))
+    lost = sum(frame < 0 for frame in onsets or ())
+    if len(order) > LISTED:
+        order = (order[: lost + LISTED // 2] + order[lost:][-(LISTED // 2) :])[:LISTED]
     groups = {name: count for name, count in figures["groups"].items() if 2 <= count < figures["recordings"]}
-    if not groups:
-        sentences.append(
-            "no group says which recordings are alike (person, session, trial): add one, or accuracy on "
-            "unseen ones is not known"
-        )
-    option = f" --group {min(groups, key=lambda name: groups[name])}" if groups else ""
-    return [*sentences, f"next: eskin run --data {data}{option} --out build/{Path(data).stem or 'run'}"]
+    states = [row["state"] for row in figures["taxel"]]
+    return {
+        "of_classes": of_classes,
+        "of_recordings": [
+            (index, names[labels[index]], onsets[index], recordings.lengths[index])
+            for index in sorted({*order})
+        ],
+        "odd": {
+            state: [taxel for taxel, its in enumerate(states) if its == state]
+            for state in ("constant", "saturated")
+        },
+        "lost": lost,
+        "few": [name for name, count in figures["classes"].items() if count < 5],
+        "group": min(groups, key=lambda name: groups[name], default=None),
+        "data": data,
+        "stem": Path(data).stem or "run",
+    }
 
 
 def draw(recordings: Recordings, onset_frames: list[int] | None, path: str | Path, count: int = 6) -> None:

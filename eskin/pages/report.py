@@ -15,12 +15,10 @@ trace.npz              one recording with every stage (``write_trace``)
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import io
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,46 +28,29 @@ import jinja2
 import numpy as np
 from matplotlib import colormaps, rc_context
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, PercentFormatter
+from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import ArchiveError, read_arrays, replacing
 from eskin.golden.core.formats import QFormat
+from eskin.golden.core.jobs import Record
 from eskin.golden.model.model import describe_formats
 from eskin.golden.training.choice_table import front_end_table, front_end_words, network_name, unseen
-from eskin.pages.charts import share_bars
-from eskin.pages.tables import mean_and_largest, rows_of, terminal_table
+from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, panel_row, share_bars, svg
+from eskin.pages.views import GAP, hertz, page, percent, tables, words, write_text
 
 if TYPE_CHECKING:
-    from rich.console import Group
-
     from eskin.golden.data.recordings import Recordings
     from eskin.golden.model.pipeline import Trace
 
 PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")
-TRACE_ARRAYS = [
-    "number",
-    "label",
-    "samples",
-    "onset_frame",
-    "start_frame",
-    "completed",
-    "partial",
-    "sums",
-    "features",
-    "hidden",
-    "logits",
-    "local",
-    "margin",
-    "global_decision",
-    "global_margin",
-]
+TRACE_ARRAYS = (
+    "number label samples onset_frame start_frame completed partial sums features hidden logits local margin "
+    "global_decision global_margin"
+).split()
 
-CLASS_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
-"""Okabe and Ito's palette: told apart by colour-blind readers too. More classes repeat it with other line
-styles."""
 CONFUSED_WITH = 3
 """Wrong decisions that are named for a class."""
 MANY_CLASSES = 12
@@ -78,18 +59,8 @@ LABEL_LETTERS = 8
 """Letters of a class name above a bar."""
 LINE_STYLES = ("-", "--", ":", "-.")
 FLOAT_COLOUR, INTEGER_COLOUR = "#E69F00", "#0072B2"
-STYLE: dict[Any, Any] = {
-    "font.size": 9,
-    "axes.titlesize": 9.5,
-    "axes.labelsize": 9,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.edgecolor": "#444444",
-    "legend.frameon": False,
-    "svg.hashsalt": "eskin",
-    "svg.fonttype": "path",
-    "font.family": "DejaVu Sans",
-}
+FLOAT_LINE: Record = {"color": FLOAT_COLOUR, "linewidth": 1.6}
+INTEGER_LINE: Record = {"color": INTEGER_COLOUR, "linewidth": 1.4, "marker": "o", "markersize": 3.5}
 
 
 # ---------------------------------------------------------------------- the files
@@ -106,7 +77,7 @@ def read_json(path: Path) -> _Fields:
     """A file of a result folder; what is missing or damaged is refused by its name, missing fields when they
     are read."""
 
-    def fields(pairs: dict[str, Any]) -> _Fields:
+    def fields(pairs: Record) -> _Fields:
         record = _Fields(pairs)
         record.file = path
         return record
@@ -153,13 +124,13 @@ class Result:
     """The files of a result folder, read."""
 
     folder: Path
-    run: dict[str, Any]
-    evaluate: dict[str, Any]
-    cosim: dict[str, Any]
-    training: dict[str, Any]
+    run: Record
+    evaluate: Record
+    cosim: Record
+    training: Record
     config: AcceleratorConfig
-    declared: dict[str, Any] = dataclasses.field(default_factory=dict)
-    lowest: dict[str, Any] | None = None
+    declared: Record = dataclasses.field(default_factory=dict)
+    lowest: Record | None = None
     trace: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
 
     @classmethod
@@ -215,7 +186,7 @@ def write_trace(path: str | Path, trace: Trace, recordings: Recordings, index: i
         "label": recordings.labels[index],
         "samples": recordings.recording(index).astype(np.int32),
     }
-    for name in TRACE_ARRAYS[3:]:
+    for name in (name for name in TRACE_ARRAYS if name not in arrays):
         arrays[name] = getattr(trace.touches if hasattr(trace.touches, name) else trace, name)[touch]
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
@@ -238,52 +209,7 @@ def _read_trace(path: Path) -> dict[str, np.ndarray]:
 
 
 # ---------------------------------------------------------------------- figures in words
-GAP = "\u00a0"
-"""Between a number and its unit: no line ends there."""
-
-
-def percent(share: float, digits: int = 1) -> str:
-    """``share`` as a percentage; rounding never makes 100 of anything less, nor 0 of anything more."""
-    shown = f"{100 * share:.{digits}f}"
-    if share > 0 and float(shown) == 0:
-        return f"below {10.0**-digits:.{digits}f}{GAP}%"
-    if share < 1 and float(shown) >= 100:
-        shown = f"{math.floor(100 * share * 10**digits) / 10**digits:.{digits}f}"
-    return f"{shown}{GAP}%"
-
-
-def seconds(value: float) -> str:
-    """A duration with a fitting unit, three digits."""
-    return unit(value, "s")
-
-
-def hertz(value: float) -> str:
-    """A frequency with a fitting unit, no digit lost down to 1 Hz of kHz figures."""
-    for unit, scale in (("MHz", 1e6), ("kHz", 1e3)):
-        if value >= scale:
-            return f"{value / scale:.6g}{GAP}{unit}"
-    return f"{value:.6g}{GAP}Hz"
-
-
-def unit(value: float, symbol: str) -> str:
-    """A quantity with the fitting multiple of its unit, three digits: ``unit(1.5e-6, "J")`` is 1.50 µJ."""
-    for prefix, scale in (("", 1.0), ("m", 1e-3), ("µ", 1e-6), ("n", 1e-9)):
-        if abs(value) >= scale:
-            return f"{_three(value / scale)}{GAP}{prefix}{symbol}"
-    return f"{_three(value / 1e-12)}{GAP}p{symbol}" if value else f"0{GAP}{symbol}"
-
-
-def count(value: float) -> str:
-    """A whole number in groups of three."""
-    return f"{round(value):,}".replace(",", "\u202f")
-
-
-def _three(value: float) -> str:
-    """Three significant digits, never an exponent."""
-    return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0}f}"
-
-
-def _split_name(split: Mapping[str, Any], things: str = "recordings") -> str:
+def _split_name(split: Record, things: str = "recordings") -> str:
     """What the recordings that a figure stands for have that the network never saw; no more than left out,
     where it was chosen on them."""
     groups = " + ".join(split["groups"])
@@ -292,7 +218,7 @@ def _split_name(split: Mapping[str, Any], things: str = "recordings") -> str:
     return f"unseen {groups or things.removesuffix('s')}"
 
 
-def _range_row(entry: dict[str, Any]) -> dict[str, Any]:
+def _range_row(entry: Record) -> Record:
     """A profiled range with the width of its format and the share used: largest magnitude over what the
     format holds.
 
@@ -323,137 +249,19 @@ def _short_name(source: str) -> str:
     )
 
 
+def network_label(config: AcceleratorConfig) -> str:
+    """``GRU 12`` or ``linear``."""
+    return f"{config.network.cell.upper()} {config.network.hidden}" if config.recurrent else "linear"
+
+
 def _network(config: AcceleratorConfig) -> str:
     if config.is_image:
         return config.name
-    if not config.recurrent:
-        return "linear, weights of every window" if config.sets > 1 else "linear"
-    return f"{config.network.cell.upper()} {config.network.hidden}" + (
-        f", reset {config.network.reset} the product" if config.network.cell == "gru" else ""
-    )
+    gru = f", reset {config.network.reset} the product" if config.network.cell == "gru" else ""
+    return network_label(config) + (", weights of every window" if config.sets > 1 else gru)
 
 
-def _headline(result: Result) -> list[dict[str, str]]:
-    """The figures to read first: title, value, what it means."""
-    if result.config.is_image:
-        return _image_headline(result)
-    cosim, declared, lowest = result.cosim, result.declared, result.lowest
-    first, *further_splits = result.training["cross_validation"]
-    figure = unseen(first)
-    more = "".join(
-        f"; {_split_name(unseen(split))} {percent(unseen(split)['integer_accuracy'])}"
-        for split in further_splits
-    )
-    how = "front end and network chosen anew without each fold" if figure is not first else "cross-validated"
-    taken = (
-        f"; the network taken, on the folds it was chosen on, {percent(first['integer_accuracy'])}"
-        if figure is not first
-        else ""
-    )
-    rivals = [row for row in result.run.get("baselines", []) if row["groups"] == first["groups"]]
-    beside = f"chance {percent(result.evaluate['chance'])}"
-    if rivals:
-        best = max(rivals, key=lambda row: row["accuracy"])
-        beside += f"; best baseline {percent(best['accuracy'])} ({best['name']})"
-    held = result.run.get("test")
-    apart = [
-        {
-            "title": "accuracy, recordings held back",
-            "value": percent(held["integer_accuracy"]),
-            "note": f"integer network, judged once on {count(held['recordings'])}; float "
-            f"{percent(held['float_accuracy'])}",
-        }
-        for held in ([held] if held else [])
-    ]
-    of = f"{count(cosim['recordings'])} of {count(result.run['data']['recordings'])} recordings"
-    latency = declared["cycles"]["decision_latency_max"]
-    cycles = (
-        "no decision"
-        if latency is None
-        else f"worst case, {count(latency)} cycles at {hertz(declared['clock_hz'])}"
-    )
-    return [
-        {
-            "title": f"accuracy, {_split_name(figure)}",
-            "value": percent(figure["integer_accuracy"]),
-            "note": f"{beside}; integer network, {how}; float "
-            f"{percent(figure['float_accuracy'])}{more}{taken}",
-        },
-        *apart,
-        {
-            "title": "hardware equals model",
-            "value": "bit-exact" if cosim["bit_exact"] else "NOT EXACT",
-            "note": f"{count(cosim['compared_values'])} values of {of} compared, "
-            f"{count(cosim['mismatches'])} mismatches",
-        },
-        {
-            "title": "last sample to decision",
-            "value": "none" if latency is None else seconds(latency / declared["clock_hz"]),
-            "note": f"{cycles}, {declared['lanes']} lanes",
-        },
-        {
-            "title": "lowest clock",
-            "value": "not found" if lowest is None else hertz(lowest["clock_hz"]),
-            "note": f"{'no clock was found that' if lowest is None else 'simulated at the pace of the sensor;'} meets every latency budget",
-        },
-    ]
-
-
-def _image_headline(result: Result) -> list[dict[str, str]]:
-    split, cosim, hardware = result.training["cross_validation"][0], result.cosim, result.config.hardware
-    latency = cosim["cycles"]["decision_latency_max"]
-    cards = (
-        (
-            "integer network, images left out",
-            percent(split["integer_accuracy"]),
-            f"{split['folds']} folds; by chance {percent(result.evaluate['chance'])}",
-        ),
-        ("agreement with float", percent(split["agreement"]), f"float {percent(split['float_accuracy'])}"),
-        (
-            "hardware equals model",
-            "bit-exact" if cosim["bit_exact"] else "NOT bit-exact",
-            f"{count(cosim['compared_values'])} values of {cosim['recordings']} images compared",
-        ),
-        (
-            "last pixel to decision",
-            seconds(latency / hardware.clock_hz),
-            f"{count(latency)} cycles at {hardware.clock_hz / 1e6:g} MHz, {hardware.lanes} lanes",
-        ),
-    )
-    return [dict(zip(("title", "value", "note"), card, strict=True)) for card in cards]
-
-
-def _layers(result: Result) -> list[dict[str, Any]]:
-    """A row for each layer of a network for images; what only those with weights have is empty for pools."""
-    errors, cycles = (
-        {row["stage"]: row for row in result.evaluate["stages"]},
-        result.run.get("layer_cycles", {}),
-    )
-    formats = describe_formats(result.config)
-    rows = []
-    for stage in result.config.stages:
-        name, number = f"{stage.number} {stage.layer}", str(stage.number)
-        row: dict[str, Any] = {
-            "layer": str(stage.layer),
-            "result": " x ".join(map(str, stage.result)),
-            "formats": formats.get(name, ""),
-        }
-        row |= {
-            "weights": stage.weights,
-            "multiplies": stage.multiplies,
-            "cycles": count(cycles[number]) if number in cycles else "",
-        }
-        if error := errors.get(name):
-            row |= {
-                "mean": f"{error['mean']:.4f}",
-                "saturated": percent(error["saturated"], 2),
-                "logit_max": f"{error['logit_max']:.3f}",
-            }
-        rows.append({"mean": "", "saturated": "", "logit_max": ""} | row)
-    return rows
-
-
-def confusions(split: dict[str, Any], class_names: Sequence[str]) -> list[dict[str, Any]]:
+def confusions(split: Record, class_names: Sequence[str]) -> list[Record]:
     """Class by class, the least often found first: {name, share found, others: the most frequent wrong
     decisions, {name, share}}."""
     table = np.array(split["confusion"], dtype=float)
@@ -475,19 +283,6 @@ def confusions(split: dict[str, Any], class_names: Sequence[str]) -> list[dict[s
 
 
 # ---------------------------------------------------------------------- charts
-def svg(figure: Figure) -> str:
-    """The figure as a data address for an ``img``: an image of its own, so that ids of two figures never
-    meet."""
-    figure.draw_without_rendering()
-    figure.set_layout_engine("none")
-    # the layout's last digits vary from call to call and would change the names inside the image
-    for axes in figure.axes:
-        axes.set_position(np.round(axes.get_position().bounds, 6))
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
-
-
 def _class_style(index: int) -> dict[str, str]:
     return {
         "color": CLASS_COLOURS[index % len(CLASS_COLOURS)],
@@ -496,17 +291,15 @@ def _class_style(index: int) -> dict[str, str]:
 
 
 def draw_confusion(
-    splits: Sequence[dict[str, Any]], class_names: Sequence[str], things: str = "recordings"
+    splits: Sequence[Record], class_names: Sequence[str], things: str = "recordings"
 ) -> Figure:
     """A confusion matrix for each split: share of each true class, decided by the integer network on
     recordings it has not seen."""
     classes = len(class_names)
     many = classes > MANY_CLASSES
     size = min(5.0, 0.22 * classes + 1.2) if many else max(2.5, 0.42 * classes + 0.9)
-    figure = Figure(figsize=(min(10.4, 0.9 + size * len(splits)), size + 0.55), layout="constrained")
-    for column, (axes, split) in enumerate(
-        zip(figure.subplots(1, len(splits), squeeze=False)[0], splits, strict=True)
-    ):
+    figure, panels = panel_row(len(splits), min(10.4, 0.9 + size * len(splits)), size + 0.55, sharey=False)
+    for axes, split in zip(panels, splits, strict=True):
         table = np.array(split["confusion"], dtype=float)
         names = [*class_names, "none"]
         if not table[:, -1].any():
@@ -516,108 +309,61 @@ def draw_confusion(
         for (row, decided), share in np.ndenumerate(shares):
             if table[row, decided] and not many:
                 text = percent(share, 1 if share < 1 else 0).removesuffix(f"{GAP}%")
-                axes.text(
-                    decided,
-                    row,
-                    text,
-                    ha="center",
-                    va="center",
-                    fontsize=8,
-                    color="white" if share > 0.5 else "black",
-                )
-        axes.set_title(
-            _split_name(split) if things == "recordings" else f"{things} left out", parse_math=False
-        )
-        slanted = (
-            {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if max(map(len, names)) > 5 else {}
-        )
-        size_of = {"fontsize": 7} if many else {}
-        axes.set_xticks(range(len(names)), names, parse_math=False, **slanted, **size_of)
-        axes.set_yticks(
-            range(classes), class_names if column == 0 else [""] * classes, parse_math=False, **size_of
-        )
-        axes.set_xlabel("decided")
-        if column == 0:
-            axes.set_ylabel(f"true class (% of its {things})")
+                colour = "white" if share > 0.5 else "black"
+                axes.text(decided, row, text, ha="center", va="center", fontsize=8, color=colour)
+        title = _split_name(split) if things == "recordings" else f"{things} left out"
+        axes.set(title=title, xlabel="decided")
+        font: Record = {"fontsize": 7} if many else {}
+        long = max(map(len, names)) > 5
+        slanted: Record = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if long else {}
+        axes.set_xticks(range(len(names)), names, **slanted, **font)
+        axes.set_yticks(range(classes), class_names if axes is panels[0] else [""] * classes, **font)
         axes.spines[:].set_visible(False)
         axes.tick_params(length=0)
+    panels[0].set_ylabel(f"true class (% of its {things})")
     return figure
 
 
-def draw_step_accuracy(splits: Sequence[dict[str, Any]], opens_at_once: bool) -> Figure:
+def draw_step_accuracy(splits: Sequence[Record], opens_at_once: bool) -> Figure:
     """Accuracy of the local decision against time since the onset, float and integer, a panel for each
     split."""
-    figure = Figure(figsize=(10.4, 2.9), layout="constrained")
-    axes_row = figure.subplots(1, len(splits), squeeze=False, sharey=True)[0]
+    figure, panels = panel_row(len(splits), 10.4, 2.9)
+    begin = "first frame" if opens_at_once else "onset"
     lowest = 1.0
-    for column, (axes, split) in enumerate(zip(axes_row, splits, strict=True)):
-        time_s = [step["time_s"] for step in split["per_step"]]
-        for key, style in (
-            ("float_accuracy", {"color": FLOAT_COLOUR, "linewidth": 4.0, "label": "float"}),
-            (
-                "integer_accuracy",
-                {
-                    "color": INTEGER_COLOUR,
-                    "linewidth": 1.4,
-                    "marker": "o",
-                    "markersize": 3.5,
-                    "label": "integer",
-                },
-            ),
-        ):
-            values = [step[key] for step in split["per_step"]]
+    for axes, split in zip(panels, splits, strict=True):
+        steps = split["per_step"]
+        time_s = [step["time_s"] for step in steps]
+        for kind, style in (("float", FLOAT_LINE | {"linewidth": 4.0}), ("integer", INTEGER_LINE)):
+            values = [step[f"{kind}_accuracy"] for step in steps]
             lowest = min(lowest, *values)
-            axes.plot(time_s, values, **style)
-        axes.set_title(_split_name(split), parse_math=False)
-        axes.set_xlabel("time since the first frame (s)" if opens_at_once else "time since the onset (s)")
-        axes.grid(axis="y", color="#DDDDDD", linewidth=0.7)
-        axes.set_axisbelow(True)
+            axes.plot(time_s, values, label=kind, **style)
+        axes.set(title=_split_name(split), xlabel=f"time since the {begin} (s)")
         axes.set_xlim(left=min(0.0, *time_s))
-        if column == 0:
-            axes.set_ylabel("accuracy of the local decision")
-            axes.legend(loc="lower right")
-    axes_row[0].set_ylim(max(0.0, math.floor(10 * lowest - 0.5) / 10), 1.01)
-    axes_row[0].yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
+    panels[0].set(
+        ylabel="accuracy of the local decision", ylim=(max(0.0, math.floor(10 * lowest - 0.5) / 10), 1.01)
+    )
+    panels[0].legend(loc="lower right")
+    panels[0].yaxis.set_major_formatter(PercentFormatter(1.0, decimals=0))
     return figure
 
 
-def draw_training(splits: Sequence[dict[str, Any]]) -> Figure | None:
+def draw_training(splits: Sequence[Record]) -> Figure | None:
     """Loss of the float networks while they are trained, on what they train on and on recordings left out, a
     panel for each split; None where no network was trained step by step."""
     trained = [split for split in splits if split.get("training_curve")]
     if not trained:
         return None
-    figure = Figure(figsize=(10.4, 2.7), layout="constrained")
-    axes_row = figure.subplots(1, len(trained), squeeze=False, sharey=True)[0]
-    for column, (axes, split) in enumerate(zip(axes_row, trained, strict=True)):
+    figure, panels = panel_row(len(trained), 10.4, 2.7)
+    for axes, split in zip(panels, trained, strict=True):
         curve = split["training_curve"]
-        axes.plot(
-            curve["updates"],
-            curve["training_loss"],
-            color=FLOAT_COLOUR,
-            linewidth=1.6,
-            label="trained on, augmented",
-        )
+        axes.plot(curve["updates"], curve["training_loss"], label="trained on, augmented", **FLOAT_LINE)
         if curve["held_out_loss"]:
-            label = "left out, as recorded"
-            axes.plot(
-                curve["updates"],
-                curve["held_out_loss"],
-                color=INTEGER_COLOUR,
-                linewidth=1.6,
-                marker="o",
-                markersize=3,
-                label=label,
-            )
-        axes.set_title(_split_name(split), parse_math=False)
-        axes.set_xlabel("updates of the weights")
+            axes.plot(curve["updates"], curve["held_out_loss"], label="left out, as recorded", **INTEGER_LINE)
+        axes.set(title=_split_name(split), xlabel="updates of the weights")
         axes.set_xlim(left=0)
         axes.set_ylim(bottom=0)
-        axes.grid(axis="y", color="#DDDDDD", linewidth=0.7)
-        axes.set_axisbelow(True)
-        if column == 0:
-            axes.set_ylabel("cross-entropy of a step (nat)")
-            axes.legend(loc="upper right")
+    panels[0].set_ylabel("cross-entropy of a step (nat)")
+    panels[0].legend(loc="upper right")
     return figure
 
 
@@ -625,79 +371,58 @@ def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figur
     """One recording from raw taxels through features, hidden state and logits to local decisions and the
     global one."""
     figure = Figure(figsize=(10.4, 10.2), layout="constrained")
-    raw, feature_axes, hidden_axes, logit_axes, decision_axes = figure.subplots(
-        5, 1, height_ratios=(2.2, 1.7, 1.5, 1.6, 1.7)
-    )
+    raw, *panels = figure.subplots(5, 1, height_ratios=(2.2, 1.7, 1.5, 1.6, 1.7))
+    feature_axes, hidden_axes, logit_axes, decision_axes = panels
     steps = np.arange(int(trace["completed"]))
+    formats, names = config.formats, config.network.class_names
     _draw_raw(raw, trace, config, steps)
-    for axes, name, fmt, title, unit in (
-        (
-            feature_axes,
-            "features",
-            config.formats.feature_format,
-            "features: scaled window means, one column a step",
-            "taxel",
-        ),
-        (hidden_axes, "hidden", config.formats.state_format, "hidden state after each step", "unit"),
-    ):
-        values = fmt.to_real(trace[name])[steps]
-        if not values.shape[1]:
-            axes.set_axis_off()
-            axes.set_title("a linear cell has no hidden state", loc="left")
-            continue
-        limit = max(float(np.abs(values).max(initial=0.0)), 1e-9)
-        extent = (0.5, len(steps) + 0.5, values.shape[1] - 0.5, -0.5)
-        image = axes.imshow(values.T, cmap="RdBu_r", vmin=-limit, vmax=limit, aspect="auto", extent=extent)
-        figure.colorbar(image, ax=axes, pad=0.01, fraction=0.03, label="value")
-        axes.set_title(title, loc="left")
-        axes.set_ylabel(unit)
-        axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
-    logits = config.formats.logit_format.to_real(trace["logits"])[steps]
-    decided, margins = trace["local"][steps], config.formats.logit_format.to_real(trace["margin"])[steps]
-    for index, name in enumerate(config.network.class_names):
+    title = "features: scaled window means, one column a step"
+    _draw_map(feature_axes, formats.feature_format.to_real(trace["features"])[steps], title, "taxel")
+    title = "hidden state after each step"
+    _draw_map(hidden_axes, formats.state_format.to_real(trace["hidden"])[steps], title, "unit")
+    logits = formats.logit_format.to_real(trace["logits"])[steps]
+    decided, margins = trace["local"][steps], formats.logit_format.to_real(trace["margin"])[steps]
+    rotation = 90 if len(steps) > 12 else 0
+    for index, name in enumerate(names):
         style = _class_style(index)
-        logit_axes.plot(
-            steps + 1, logits[:, index], marker="o", markersize=3, linewidth=1.4, label=name, **style
-        )
+        logit_axes.plot(steps + 1, logits[:, index], marker="o", markersize=3, label=name, **style)
         mine = decided == index
         hatch = "//" if index >= len(CLASS_COLOURS) else ""
-        decision_axes.bar(steps[mine] + 1, margins[mine], width=0.8, color=style["color"], hatch=hatch)
-        for step in steps[mine]:
-            label = {
-                "rotation": 90 if len(steps) > 12 else 0,
-                "fontsize": 7.5,
-                "ha": "center",
-                "va": "bottom",
-                "parse_math": False,
-            }
-            decision_axes.annotate(
-                name[:LABEL_LETTERS], (step + 1, margins[step]), (0, 2), textcoords="offset points", **label
-            )
-    logit_axes.set_title("logits", loc="left")
-    logit_axes.set_ylabel("value")
+        bars = decision_axes.bar(steps[mine] + 1, margins[mine], color=style["color"], hatch=hatch)
+        shown = [name[:LABEL_LETTERS]] * int(mine.sum())
+        decision_axes.bar_label(bars, shown, padding=2, rotation=rotation, fontsize=7.5)
+    logit_axes.set(title="logits", ylabel="value")
     place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
     logit_axes.legend(ncols=min(config.classes, 7), handlelength=1.6, columnspacing=1.2, **place)
-    decision = int(trace["global_decision"])
-    outcome = "no decision" if decision < 0 else config.network.class_names[decision]
-    lead = int(trace["global_margin"])
-    how = (
-        f"{lead} votes ahead"
-        if config.network.decision == "vote"
-        else f"margin {config.formats.logit_format.to_real(lead):.2f}"
-    )
+    decision, lead = int(trace["global_decision"]), int(trace["global_margin"])
+    outcome = "no decision" if decision < 0 else names[decision]
+    how = f"margin {formats.logit_format.to_real(lead):.2f}"
+    if config.network.decision == "vote":
+        how = f"{lead} votes ahead"
     ended = ", recording ended early" if trace["partial"] else ""
-    truth = config.network.class_names[int(trace["label"])]
-    title = f"local decision of each step and its margin; global decision: {outcome} ({how}{ended}), true class: {truth}"
-    decision_axes.set_title(title, loc="left", parse_math=False)
-    decision_axes.set_ylabel("margin (logit value)")
-    decision_axes.set_xlabel("step")
-    letters = min(LABEL_LETTERS, max(map(len, config.network.class_names)))
+    title = f"local decision of each step and its margin; global decision: {outcome} ({how}{ended}), true class: {names[int(trace['label'])]}"
+    letters = min(LABEL_LETTERS, max(map(len, names)))
     # room for the names above the bars
-    decision_axes.set_ylim(0, max(float(margins.max(initial=0.0)), 1e-9) / (0.93 - 0.055 * letters))
-    for axes in (feature_axes, hidden_axes, logit_axes, decision_axes):
+    top = max(float(margins.max(initial=0.0)), 1e-9) / (0.93 - 0.055 * letters)
+    decision_axes.set(title=title, xlabel="step", ylabel="margin (logit value)", ylim=(0, top))
+    for axes in panels:
         axes.set_xlim(0.5, len(steps) + 0.5)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=20))
     return figure
+
+
+def _draw_map(axes, values: np.ndarray, title: str, unit: str) -> None:
+    """Values (steps, units) as colours, 0 white."""
+    if not values.shape[1]:
+        axes.set_axis_off()
+        axes.set_title("a linear cell has no hidden state")
+        return
+    limit = max(float(np.abs(values).max(initial=0.0)), 1e-9)
+    extent = (0.5, len(values) + 0.5, values.shape[1] - 0.5, -0.5)
+    image = axes.imshow(values.T, cmap="RdBu_r", vmin=-limit, vmax=limit, aspect="auto", extent=extent)
+    axes.figure.colorbar(image, ax=axes, pad=0.01, fraction=0.03, label="value")
+    axes.set(title=title, ylabel=unit)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
 
 
 def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, steps: np.ndarray) -> None:
@@ -711,84 +436,57 @@ def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, ste
     ends = [(start + config.window_spans[k][1]) / rate for k in steps]
     touch = ends[-1] - start / rate
     shown = max(1 / rate, start / rate - touch / 2), min(len(samples) / rate, ends[-1] + touch / 3)
-    axes.set_xlim(*shown)
     visible = signal[round(shown[0] * rate) - 1 : round(shown[1] * rate)]
     low, high = visible.min(), visible.max()
-    # room for the numbers of the steps
-    axes.set_ylim(low - 0.2 * (high - low + 1e-9), high + 0.05 * (high - low + 1e-9))
+    span = high - low + 1e-9
     axes.axvspan(start / rate, ends[-1], color="#EEEEEE", zorder=0)
     for step, end in zip(steps, ends, strict=True):
         axes.axvline(end, ymax=0.04, color="black", linewidth=0.8)
         if step == 0 or (step + 1) % 5 == 0:
-            text = "step 1" if step == 0 else str(step + 1)
-            axes.text(
-                end, 0.05, text, transform=axes.get_xaxis_transform(), fontsize=7.5, ha="center", va="bottom"
-            )
+            place = {"transform": axes.get_xaxis_transform(), "ha": "center", "va": "bottom"}
+            axes.text(end, 0.05, "step 1" if step == 0 else str(step + 1), fontsize=7.5, **place)
     if trace["onset_frame"] > 0:
-        axes.axvline(
-            int(trace["onset_frame"]) / rate, color="black", linestyle="--", linewidth=1, label="onset found"
-        )
+        onset_s = int(trace["onset_frame"]) / rate
+        axes.axvline(onset_s, color="black", linestyle="--", linewidth=1, label="onset found")
         axes.legend(loc="upper right")
-    axes.set_xlabel("time since arm (s)")
-    axes.set_ylabel("mV from rest" if volts else "codes from rest")
-    axes.set_title(
-        f"recording {int(trace['number'])}: raw taxels, a line each; grey: the windows, a tick at the end "
-        "of each",
-        loc="left",
+    axes.set(
+        title=f"recording {int(trace['number'])}: raw taxels, a line each; grey: the windows, a tick at the end of each",
+        xlabel="time since arm (s)",
+        ylabel="mV from rest" if volts else "codes from rest",
+        xlim=shown,
+        ylim=(low - 0.2 * span, high + 0.05 * span),  # room for the numbers of the steps
     )
 
 
-def draw_candidates(rows: Sequence[dict[str, Any]], clock_hz: float) -> Figure:
+def draw_candidates(rows: Sequence[Record], clock_hz: float) -> Figure:
     """Accuracy of each network tried against its multiplies a touch and its latency, with the band of one
     standard error of the best."""
-    figure = Figure(figsize=(10.4, 3.3), layout="constrained")
     best = max(rows, key=lambda row: row["accuracy"])
     # of fits of one size, which lie on each other, the one taken or else the best; the table has all
-    of_size: dict[tuple[str, int], dict[str, Any]] = {}
-    for row in sorted(rows, key=lambda row: (row["chosen"], row["accuracy"])):
-        of_size[row["cell"], row["hidden"]] = row
-    rows = list(of_size.values())
-    panels = [("multiplies a touch", [row["multiplies_touch"] for row in rows])]
+    ordered = sorted(rows, key=lambda row: (row["chosen"], row["accuracy"]))
+    rows = list({(row["cell"], row["hidden"]): row for row in ordered}.values())
+    costs = {"multiplies a touch": [row["multiplies_touch"] for row in rows]}
     if all("decision_cycles" in row for row in rows):
-        microseconds = [1e6 * row["decision_cycles"] / clock_hz for row in rows]
-        panels.append(
-            (f"features to decision (µs at {hertz(clock_hz)}, {rows[0]['lanes']} lanes)", microseconds)
-        )
-    row_of_axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
-    for column, (axes, (label, positions)) in enumerate(zip(row_of_axes, panels, strict=True)):
+        label = f"features to decision (µs at {hertz(clock_hz)}, {rows[0]['lanes']} lanes)"
+        costs[label] = [1e6 * row["decision_cycles"] / clock_hz for row in rows]
+    figure, panels = panel_row(len(costs), 10.4, 3.3)
+    for axes, (label, positions) in zip(panels, costs.items(), strict=True):
         axes.axhspan(best["accuracy"] - best["standard_error"], best["accuracy"], color="#E8E8E8", zorder=0)
         for row, position in zip(rows, positions, strict=True):
-            colour = INTEGER_COLOUR if row["chosen"] else FLOAT_COLOUR
-            axes.errorbar(
-                position,
-                row["accuracy"],
-                yerr=share_bars([row["accuracy"]], [row["standard_error"]]),
-                fmt="o",
-                markersize=8 if row["chosen"] else 5,
-                color=colour,
-                capsize=3,
-            )
-            name = (f"{row['cell'].upper()} {row['hidden']}" if row["hidden"] else row["cell"]) + (
-                ", taken" if row["chosen"] else ""
-            )
-            axes.annotate(
-                name, (position, row["accuracy"]), (7, -3), textcoords="offset points", fontsize=8, va="top"
-            )
-        axes.set_xscale("log")
+            bars = share_bars([row["accuracy"]], [row["standard_error"]])
+            style = {"markersize": 8, "color": INTEGER_COLOUR} if row["chosen"] else {"color": FLOAT_COLOUR}
+            axes.errorbar(position, row["accuracy"], yerr=bars, fmt="o", capsize=3, **style)
+            name = f"{row['cell'].upper()} {row['hidden']}" if row["hidden"] else row["cell"]
+            text = f"{name}, taken" if row["chosen"] else name
+            where: Record = {"textcoords": "offset points", "va": "top", "fontsize": 8}
+            axes.annotate(text, (position, row["accuracy"]), (7, -3), **where)
         axes.margins(x=0.25, y=0.15)
-        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.xaxis.set_major_formatter(
-            FuncFormatter(lambda value, _: count(value) if value >= 10 else f"{value:g}")
-        )
-        axes.xaxis.set_minor_formatter(NullFormatter())
+        cost_axis(axes)
         axes.set_xlabel(label)
-        axes.grid(axis="y", color="#DDDDDD", linewidth=0.7)
-        axes.set_axisbelow(True)
-        if column == 0:
-            axes.set_ylabel("accuracy, integer, cross-validated")
-            axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
-            axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-            axes.set_title("grey: within one standard error of the best", loc="left")
+    axes = panels[0]
+    axes.set(title="grey: within one standard error of the best", ylabel="accuracy, integer, cross-validated")
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
+    axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     return figure
 
 
@@ -807,64 +505,58 @@ def write_report(folder: str | Path) -> Path:
     """
     folder = Path(folder)
     with well_formed(folder):
-        page = _render(Result.load(folder))
-    path = folder / PAGE
-    with replacing(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+        text = _render(Result.load(folder))
+    write_text(path := folder / PAGE, text)
     return path
 
 
-def page_template(name: str) -> jinja2.Template:
-    """A page's template with the filters and the style that pages share."""
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {
-        "percent": percent,
-        "seconds": seconds,
-        "hertz": hertz,
-        "count": count,
-        "unit": unit,
-        "mean_and_largest": mean_and_largest,
+def _values(result: Result) -> Record:
+    """What page and summary are made of."""
+    splits = result.training["cross_validation"]
+    return vars(result) | {
+        "network": _network(result.config),
+        "nested": [split["nested"] for split in splits if split.get("nested")],
+        "split_name": _split_name,
+        "things": result.things,
+        "unseen": unseen,
     }
-    environment.globals["style"] = (TEMPLATES / "style.css").read_text(encoding="utf-8")
-    return environment.from_string((TEMPLATES / name).read_text(encoding="utf-8"))
 
 
 def _render(result: Result) -> str:
     splits, config, run = result.training["cross_validation"], result.config, result.run
     candidates = run.get("candidates") or []
     names = config.network.class_names
-    drawn: dict[str, Figure | None] = {}
     with rc_context(STYLE):
-        drawn["confusion"] = draw_confusion(splits, names, result.things)
+        drawn: dict[str, Figure | None] = {"confusion": draw_confusion(splits, names, result.things)}
         if not config.is_image:
-            drawn["trace"] = draw_trace(result.trace, config)
-            drawn["steps"] = draw_step_accuracy(splits, config.opens_at_once)
-            drawn["training"] = draw_training(splits)
-            drawn["candidates"] = (
-                draw_candidates(candidates, config.hardware.clock_hz) if candidates else None
-            )
+            drawn |= {
+                "trace": draw_trace(result.trace, config),
+                "steps": draw_step_accuracy(splits, config.opens_at_once),
+                "training": draw_training(splits),
+                "candidates": draw_candidates(candidates, config.hardware.clock_hz) if candidates else None,
+            }
         charts = {name: svg(figure) for name, figure in drawn.items() if figure}
-    common = vars(result) | {
+    values = _values(result)
+    (cards,) = tables(words("cards", **values))
+    values |= {
         "data": run["data"],
         "splits": splits,
-        "cards": _headline(result),
+        "cards": [dict(zip(("title", "value", "note"), cells, strict=True)) for cells in cards.cells],
         "candidates": candidates,
         "charts": charts,
-        "network": _network(config),
         "confusions": lambda split: confusions(split, names),
     }
     if config.is_image:
         source = Path(run["data"]["source"]).name
-        return page_template("images.html.j2").render(**common, name=source, layers=_layers(result))
+        errors = {row["stage"]: row for row in result.evaluate["stages"]}
+        formats = describe_formats(config)
+        return page("images.html.j2", **values, name=source, errors=errors, formats=formats)
     front_end = run.get("front_end")
-    return page_template("report.html.j2").render(
-        **common,
+    return page(
+        "report.html.j2",
+        **values,
         name=_short_name(run["data"]["source"]),
         runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
-        split_name=_split_name,
-        nested=[split["nested"] for split in splits if split.get("nested")],
         network_name=network_name,
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],
@@ -872,15 +564,13 @@ def _render(result: Result) -> str:
         test=run.get("test"),
         warnings=run.get("warnings", []),
         ranges=[_range_row(entry) for entry in result.training["ranges"]],
-        short_network=f"{config.network.cell.upper()} {config.network.hidden}"
-        if config.recurrent
-        else "linear",
+        short_network=network_label(config),
         failed=[check for check in run["checks"] if not check["held"]],
     )
 
 
-def summary(folder: str | Path) -> Group:
-    """The result in brief for the terminal, as a rich renderable.
+def summary(folder: str | Path) -> str:
+    """The result in brief for the terminal, as Markdown (`eskin.pages.views`).
 
     Raises
     ------
@@ -888,62 +578,4 @@ def summary(folder: str | Path) -> Group:
         As ``write_report``.
     """
     with well_formed(Path(folder)):
-        return _summary(Result.load(folder))
-
-
-def _summary(result: Result) -> Group:
-    from rich.console import Group
-    from rich.text import Text
-
-    data, run, played = result.run["data"], result.run, result.declared or result.cosim
-    cards = {"what": "{title}", "value": "{value}", "": "{note}"}
-    chosen = [split["nested"] for split in result.training["cross_validation"] if split.get("nested")]
-    anew = {
-        "": _split_name,
-        "integer": lambda split: percent(split["integer_accuracy"]),
-        "standard error": lambda split: percent(split["standard_error"]),
-        "float": lambda split: percent(split["float_accuracy"]),
-        "agreement": lambda split: percent(split["agreement"]),
-    }
-    splits = {
-        "": lambda split: _split_name(split, result.things),
-        "integer": lambda split: percent(split["integer_accuracy"]),
-        "spread +-": lambda split: percent(split["integer_spread"]),
-        "float": lambda split: percent(split["float_accuracy"]),
-        "agreement": lambda split: percent(split["agreement"]),
-        "logit error": lambda split: mean_and_largest(split["logit_error"]),
-    }
-    budgets = {
-        "budget": "{name}",
-        "limit": lambda row: seconds(row["limit_s"]),
-        "measured": lambda row: seconds(row["measured_s"]),
-        "": lambda row: "for comparison" if row["reference"] else "met" if row["met"] else "MISSED",
-    }
-    tables: tuple[tuple[str, Any, Mapping[str, Any]], ...] = (
-        (
-            f"{data['source']}: {data['recordings']} {result.things}, {_network(result.config)}",
-            _headline(result),
-            cards,
-        ),
-        ("accuracy on unseen recordings: front end and network chosen anew without each fold", chosen, anew),
-        (
-            "the network taken, on the folds it was chosen on"
-            if chosen
-            else f"accuracy on {result.things} the network has not seen",
-            result.training["cross_validation"],
-            splits,
-        ),
-        (f"latency at {hertz(played['clock_hz'])}", played["budgets"], budgets),
-    )
-    return Group(
-        *(
-            terminal_table(title, columns, rows_of(records, columns))
-            for title, records, columns in tables
-            if records
-        ),
-        *(
-            Text(f"{'held  ' if check['held'] else 'FAILED'} {check['name']}: {check['detail']}")
-            for check in run["checks"]
-        ),
-        *(Text(f"doubt  {sentence}", style="bold dark_orange") for sentence in run.get("warnings", [])),
-    )
+        return words("summary", **_values(Result.load(folder)))

@@ -3,31 +3,21 @@ from stability.json alone."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from eskin.golden.core.files import replacing
+from eskin.golden.core.jobs import Record
 from eskin.golden.stability.core import GROUPS
 from eskin.golden.stability.suite import weakest
-from eskin.pages.report import STYLE, page_template, percent, svg
+from eskin.pages.charts import STYLE, svg
+from eskin.pages.views import page, percent, tables, words, write_text
 
 PAGE = "stability.html"
 COLOURS = ("#0072B2", "#E69F00", "#009E73")
 BOUND, NOMINAL = "#b13a00", "#777777"
-
-COSTS = {
-    "logic_cells": "logic cells",
-    "bram": "block memories",
-    "frame_cycles": "cycles a frame",
-    "step_cycles": "cycles a step",
-    "decision_cycles": "cycles to the decision",
-}
-"""What a defence costs in hardware: key of its record, in words."""
 
 GROUP_TITLES = {
     "numeric": "Numbers: rounding, saturation, widths, tables, bits",
@@ -44,23 +34,18 @@ def figure_in_words(value: float, unit: str) -> str:
     return f"{value:.0f}" if float(value).is_integer() and abs(value) < 1e9 else f"{value:.4g}"
 
 
-def costs_in_words(hardware: Mapping[str, Any] | None) -> list[str]:
-    """A cost in the order of `COSTS`; what is not known is a dash."""
-    return ["-" if hardware is None or hardware[key] is None else str(hardware[key]) for key in COSTS]
-
-
 FIRST = 12
 """Modes in the table before the details: those beyond their bounds and then those with the least room."""
 
 
-def flat(curve: Mapping[str, Any] | None) -> bool:
+def flat(curve: Record | None) -> bool:
     """Whether a curve says nothing: no line of it moves."""
     return curve is None or all(
         max(line) - min(line) <= 1e-9 * max(1.0, abs(max(line))) for line in curve["lines"].values()
     )
 
 
-def draw_mode(record: Mapping[str, Any]) -> Figure:
+def draw_mode(record: Record) -> Figure:
     """The curve of a mode with its bound; beyond the bound is shaded."""
     curve = record["curve"]
     figure = Figure(figsize=(4.6, 2.5), layout="constrained")
@@ -104,7 +89,7 @@ def draw_mode(record: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def draw_margins(record: Mapping[str, Any]) -> Figure:
+def draw_margins(record: Record) -> Figure:
     """Accuracy of the confident decisions against their share, a line for each split."""
     figure = Figure(figsize=(5.6, 3.0), layout="constrained")
     axes = figure.subplots()
@@ -135,17 +120,18 @@ def draw_margins(record: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
+def write_page(folder: str | Path, result: Record) -> Path:
     """Make ``stability.html`` in ``folder`` of the content of stability.json; one file, nothing outside it is
     needed to show it."""
-    groups: list[dict[str, Any]] = []
+    groups: list[Record] = []
     with rc_context(STYLE):
         for group in GROUPS:
             records = [record for record in result["modes"] if record["group"] == group]
             charts = [None if flat(record["curve"]) else svg(draw_mode(record)) for record in records]
             groups.append({"title": GROUP_TITLES[group], "modes": list(zip(records, charts, strict=True))})
         margins = svg(draw_margins(result["defences"][-1])) if result["defences"] else None
-    page = page_template("stability.html.j2").render(
+    text = page(
+        "stability.html.j2",
         result=result,
         groups=groups,
         weakest=weakest(result["modes"]),
@@ -155,31 +141,7 @@ def write_page(folder: str | Path, result: Mapping[str, Any]) -> Path:
         failed=[record for record in result["modes"] if not record["passed"]],
         wrong=[record for record in result["modes"] if record["rtl"] and not record["rtl"]["bit_exact"]],
         confirmed=[record for record in result["modes"] if record["rtl"]],
-        defences=defence_table(result["defences"]) if result["defences"] else None,
+        defences=next(tables(words("defences", **result)), None),
     )
-    path = Path(folder) / PAGE
-    with replacing(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_text(path := Path(folder) / PAGE, text)
     return path
-
-
-def defence_table(records: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[tuple[str, ...]]]:
-    """Headings and rows of the comparison of defences: accuracy by split, what failing taxels leave,
-    costs."""
-    unseen = [" + ".join(split["groups"]) or "recording" for split in records[0]["clean"]]
-    faults = {
-        "dead": "one dead: mean / worst",
-        "stuck": "one sticks in the touch",
-        "stuck, masked": "the same, masked",
-    }
-    headings = ["defences", *(f"clean, unseen {name}" for name in unseen), *faults.values(), *COSTS.values()]
-    rows = [
-        (
-            record["name"],
-            *(percent(split["accuracy"]) for split in record["clean"]),
-            *(f"{percent(record[kind]['mean'])} / {percent(record[kind]['worst'])}" for kind in faults),
-            *costs_in_words(record["hardware"]),
-        )
-        for record in records
-    ]
-    return headings, rows

@@ -8,7 +8,6 @@ import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,10 +15,11 @@ from eskin.cosim.gates import Chip
 from eskin.cosim.netlist import Hardware, shorten_names
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.files import replacing, replacing_folder, write_json
+from eskin.golden.core.jobs import Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
-from eskin.pages.tables import Columns, markdown, rows_of
+from eskin.pages.views import words
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.blocks import blocks_of
 from eskin.rtl.asic.energy import BAND, costs
@@ -119,7 +119,7 @@ def asic(
     recordings: Recordings | None = None,
     wire_load: str = WIRE_LOAD,
     delays: str = "cells",
-) -> tuple[dict[str, Any], Netlist]:
+) -> tuple[Record, Netlist]:
     """The result (`asic.json`) and the netlist; ``model`` with a configuration of `chip_config`.
 
     With ``recordings`` one of them is played into the netlist and its energy counted, glitches by ``delays``
@@ -146,13 +146,7 @@ def asic(
     wire = process.library.wire_loads.get(load, WireLoad(lengths={}, slope=0.0, farad=0.0))
     slowest = _slowest(netlist, process, libraries, load)
     leakage = sum(cell.leakage * number for cell, number in counted)
-    energy: dict[str, Any] = {
-        "step_j": None,
-        "interval_j": None,
-        "touch_j": None,
-        "leakage_w": leakage,
-        "band": BAND,
-    }
+    energy: Record = {"step_j": None, "interval_j": None, "touch_j": None, "leakage_w": leakage, "band": BAND}
     energy |= {"waiting_cycle_j": costs(nets, process.library.voltage, wire).root_j}
     energy |= {"method": f"{chip_energy.METHOD}; what needs recordings is null without --data"}
     if recordings is not None:
@@ -235,7 +229,7 @@ def room_um2(wide: int, high: int) -> float:
     return UTILISATION * width * height
 
 
-def write(result: Mapping[str, Any], netlist: Netlist, out: Path, clock_hz: float) -> None:
+def write(result: Record, netlist: Netlist, out: Path, clock_hz: float) -> None:
     """asic.json, the page, netlist and SDC, in one exchange."""
     with replacing_folder(out) as folder:
         shutil.copyfile(netlist.verilog, folder / "netlist.v")
@@ -246,75 +240,6 @@ def write(result: Mapping[str, Any], netlist: Netlist, out: Path, clock_hz: floa
         write_json(folder / MARK, result)
 
 
-# ---------------------------------------------------------------------- what is shown
-def _largest(values: Mapping[str, float], unit: float, digits: int) -> str:
-    return ", ".join(
-        f"{name} {value / unit:.{digits}f}" for name, value in chip_energy.largest_first(values).items()
-    )
-
-
-def _clocks(row: Mapping[str, Any]) -> str:
-    clocks = [
-        f"{k} {hz / 1e6:.1f} MHz" if hz else f"{k}: no file of cells" for k, hz in row["fmax_hz"].items()
-    ]
-    load = f"wire load {row['wire_load']}" if row["wire_load"] else "no wire load"
-    slower = [
-        f"macros {p['macros_derated']:g} times slower at {k}"
-        for k, p in row["paths"].items()
-        if p["macros_derated"]
-    ]
-    return f"{', '.join(clocks)} ({', '.join([row['timing_by'], load, *slower])})"
-
-
-FIGURES: Columns = {
-    "process": "{pdk}, {corner}",
-    "design": "{lanes} lanes, {rom:constants in ROMs|loadable}",
-    "area": "{area_um2:1e-6*.3f} mm2, {kge:.1f} kGE",
-    "of it, mm2": lambda row: _largest(row["area_by_kind_um2"], 1e6, 3),
-    "flip-flops, latches, clock gates": "{flip_flops}, {latches}, {clock_gates}",
-    "tiles": "{tiles:.1f} of Tiny Tapeout at {utilisation:100*.0f} % filled",
-    "highest clock": _clocks,
-    "leakage": "{energy[leakage_w]:1e6*.2f} uW",
-    "cycle without an edge": "{energy[waiting_cycle_j]:1e12*.2f} pJ",
-}
-"""Of a result, by what a table calls them."""
-PLAYED_FIGURES: Columns = {
-    "energies at": "{energy[clock_hz]:1e-6*.3g} MHz, edges in {energy[clocked_share]:100*.0f} % of a "
-    "touch's cycles",
-    "a step": "{energy[step_j]:1e9*.1f} nJ, glitches add {energy[glitches][step_j]:1e9*.1f}",
-    "a step interval": "{energy[interval_j]:1e6*.2f} uJ of {energy[interval_frames]} frames, "
-    "glitches add {energy[glitches][interval_j]:1e6*.3f}",
-    "of it, nJ": lambda row: _largest(row["energy"]["interval_parts_j"], 1e-9, 0),
-    "a whole touch": "{energy[touch_j]:1e6*.1f} uJ, glitches add {energy[glitches][touch_j]:1e6*.2f}",
-    "average at one touch a second": "{energy[average_w]:1e6*.2f} uW, glitches add "
-    "{energy[glitches][average_w]:1e6*.2f}",
-    "1000 mAh at 5 V last": "{energy[battery_hours]:1.1408e-4*.0f} years, "
-    "with glitches {energy[glitches][battery_hours_with]:1.1408e-4*.0f}",
-    "glitches by": "{energy[glitches][method]}",
-    "played": "{energy[compared_values]} values compared, {energy[mismatches]} mismatches",
-}
-"""Of one that was played."""
-LIMITS: Columns = {
-    "energies are": "within a factor of {energy[band]:g}; {energy[method]}",
-    "not claimed": "{cannot_be_claimed}",
-}
-
-
-def figures(result: Mapping[str, Any], more: Columns = LIMITS) -> list[tuple[str, str]]:
-    """The result in words."""
-    played = PLAYED_FIGURES if result["energy"]["step_j"] is not None else {}
-    columns = {**FIGURES, **played, **more}
-    return list(zip(columns, rows_of([result], columns)[0], strict=True))
-
-
-MEMORIES: Columns = {"memory": "{name}", "words": "{words}", "bits of a word": "{width}", "made of": "{kind}"}
-
-
-def page(result: Mapping[str, Any]) -> str:
+def page(result: Record) -> str:
     """The page."""
-    blocks = [(name, f"{area:.0f}") for name, area in result["area_by_block_um2"].items()]
-    tables = [
-        markdown(("figure", "value"), figures(result)),
-        markdown(MEMORIES, rows_of(result["memories"], MEMORIES)),
-    ]
-    return "\n".join(["# Chip\n", *tables, markdown(("block", "um2"), blocks)])
+    return words("asic", **result)

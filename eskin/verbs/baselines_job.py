@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from eskin.golden.baselines.transfer import LEARNT_NOT, read_weights
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, replacing, write_json
-from eskin.golden.core.jobs import Jobs, Progress
+from eskin.golden.core.jobs import Jobs, Progress, Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.training.choose_front_end import configure
@@ -61,7 +60,7 @@ def _scene(shared: Shared) -> Scene:
     return Scene.of(shared.recordings, shared.config, shared.shape, shared.weights)
 
 
-def judge(shared: Shared, piece: Judging) -> dict[str, Any]:
+def judge(shared: Shared, piece: Judging) -> Record:
     """One piece, in a worker, which finds the touches once."""
     return judging.judge(_scene(shared), piece)
 
@@ -82,7 +81,7 @@ def front_end(
         "front end", code_version(*COMMON), recordings, None if group is None else list(group), folds
     )
 
-    def choose() -> dict[str, Any]:
+    def choose() -> Record:
         choice = configure(recordings, None, groups=group, folds=folds, progress=progress)
         return {"config": choice.config.to_dict(), "reasons": list(choice.reasons)}
 
@@ -132,7 +131,7 @@ def run(
     dask: str | None = None,
     cache: Path = CACHE,
     progress: Progress | None = None,
-) -> dict[str, Any]:
+) -> Record:
     """Judge the methods on every split; write baselines.json and the chart into ``out``.
 
     Parameters

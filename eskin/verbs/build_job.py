@@ -19,12 +19,11 @@ from amaranth.back import rtlil
 from eskin.cosim.latency import COUNT_OF, limits
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing, replacing_folder, write_json
+from eskin.golden.core.files import replacing_folder, write_json
+from eskin.golden.core.jobs import Progress, Record
 from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.studies.converter_power import in_words
 from eskin.golden.studies.energy import estimate, scheduled_activity
-from eskin.pages.report import hertz, unit
-from eskin.pages.tables import Columns, markdown, rows_of
+from eskin.pages.views import words, write_text
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
@@ -37,7 +36,14 @@ from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
 from eskin.rtl.program.compact_program import CompactSchedule
 from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_image
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.program.schedule import decision_cycles, frame_cycles, lowest_clock_hz, schedule, step_cycles
+from eskin.rtl.program.schedule import (
+    decision_cycles,
+    frame_cycles,
+    lowest_clock_hz,
+    mean_frame_cycles,
+    schedule,
+    step_cycles,
+)
 from eskin.rtl.program.timing import is_compact
 from eskin.rtl.top.board_top import BAUD, ClassPins
 from eskin.rtl.top.image_accelerator import refuse_hardware
@@ -72,8 +78,6 @@ LARGEST = "ulx3s"
 """The board with the largest part."""
 
 SEEDS_WORTH_TRYING = 5
-
-Progress = Callable[[str, int, int], None]
 
 
 class BuildError(RuntimeError):
@@ -227,7 +231,7 @@ class BuildRequest:
         return replace(self, config=spared) if short and lanes_in_large_memories(spared, family, 1) else None
 
 
-def build(request: BuildRequest, progress: Progress | None = None) -> tuple[dict[str, Any], Path, Path]:
+def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Record, Path, Path]:
     """The best of the placements. Where a recurrent design lacks block memories and the part has large ones,
     they hold its weights (``spare_blocks``).
 
@@ -341,7 +345,7 @@ FLASH_IMAGE = "flash.bin"
 """What a build writes for the board's flash."""
 
 
-def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path) -> None:
+def write(result: Record, bitstream: Path, netlist: Path, out: Path) -> None:
     """Write the folder in one exchange: the bitstream, netlist.v, build.json; the image for the flash."""
     image = result.pop("flash_image", None)
     check_out(out)
@@ -353,16 +357,16 @@ def write(result: dict[str, Any], bitstream: Path, netlist: Path, out: Path) -> 
         write_json(folder / MARK, result)
 
 
-def table(request: BuildRequest, out: Path, *, progress: Progress | None = None) -> list[tuple[str, ...]]:
-    """Rows of `TABLE_COLUMNS` for `TABLE_ROWS`, also written into ``out`` as builds.md and builds.json;
-    ``request`` with any board, lanes and link."""
+def table(request: BuildRequest, out: Path, *, progress: Progress | None = None) -> list[Record]:
+    """Records of `TABLE_ROWS`, also written into ``out`` as builds.md and builds.json; ``request`` with any
+    board, lanes and link. One that did not fit says why in place of its critical path."""
     results, records = [], []
     for count, (name, lanes, link) in enumerate(TABLE_ROWS):
         target = board(name)
         if progress:
             progress("builds", count, len(TABLE_ROWS))
         config = request.config.with_lanes(lanes, suited_lane_type(request.config, target))
-        record: dict[str, Any] = {"device": target.device, "target": name, "lanes": lanes, "link": link}
+        record: Record = {"device": target.device, "target": name, "lanes": lanes, "link": link}
         record |= {"lane_type": config.hardware.lane_type}
         record |= dict.fromkeys(
             ("logic_cells", "lut", "ff", "dsp", "bram", "fmax_hz", "seed", "step", "of_ideal")
@@ -376,11 +380,9 @@ def table(request: BuildRequest, out: Path, *, progress: Progress | None = None)
         except BuildError as error:
             record |= {"critical_path": str(error), "needed": dict.fromkeys(("step", "decision"))}
         records.append(record)
-    rows = rows_of(records, TABLE_COLUMNS)
-    with replacing(out / TABLE) as temporary:
-        temporary.write_text(markdown(TABLE_COLUMNS, rows))
+    write_text(out / TABLE, words("builds", builds=records))
     write_json(out / "builds.json", results)
-    return rows
+    return records
 
 
 def _result(
@@ -390,14 +392,14 @@ def _result(
     best: Implementation,
     placements: list[Implementation],
     wanted_hz: float,
-) -> dict[str, Any]:
+) -> Record:
     inside = {name: counts for name, counts in best.blocks.items() if link or name != blocks.TOP}
     total = {column: sum(counts[column] for counts in inside.values()) for column in implementation.COLUMNS}
     needed_hz = max(
         [lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))]
     )
     activity = scheduled_activity(
-        config, step_cycles(config), frame_cycles(config, ends_window=False), total["ff"], total["dsp"]
+        config, step_cycles(config), *mean_frame_cycles(config), total["ff"], total["dsp"]
     )
     return {
         "target": target.name,
@@ -407,11 +409,7 @@ def _result(
         "link": link,
         "images": config.is_image,
         "logic_cells": total["cells"],
-        "lut": total["lut"],
-        "ff": total["ff"],
-        "dsp": total["dsp"],
-        "bram": total["bram"],
-        "spram": total["spram"],
+        **{name: total[name] for name in ("lut", "ff", "dsp", "bram", "spram")},
         "harness_cells": 0 if link else best.blocks[blocks.TOP]["cells"],
         "blocks": best.blocks,
         "utilisation": {
@@ -437,24 +435,20 @@ def _result(
     }
 
 
-def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[dict[str, Any]]:
+def _budgets(config: AcceleratorConfig, clock_hz: float) -> list[Record]:
     """Budgets at the clock, by the cycles that the schedule plans; co-simulation measures them, with the few
     of the front end."""
-    cycles = {
+    planned = {
         "frame_max": frame_cycles(config),
         "step_max": step_cycles(config),
         "decision_latency_max": decision_cycles(config),
     }
-    return [
-        {
-            "name": name,
-            "limit_s": limit,
-            "cycles": cycles[COUNT_OF[name]],
-            "needed_clock_hz": cycles[COUNT_OF[name]] / limit,
-            "met": cycles[COUNT_OF[name]] / clock_hz <= limit,
-        }
-        for name, limit in limits(config).items()
-    ]
+    budgets = []
+    for name, limit in limits(config).items():
+        cycles = planned[COUNT_OF[name]]
+        budget = {"name": name, "limit_s": limit, "cycles": cycles}
+        budgets.append(budget | {"needed_clock_hz": cycles / limit, "met": cycles / clock_hz <= limit})
+    return budgets
 
 
 def misfit_sentence(
@@ -528,7 +522,7 @@ def _over(short: Mapping[str, tuple[int, int]], what: str) -> int:
     return needed - available
 
 
-def clock_sentence(result: Mapping[str, Any]) -> str:
+def clock_sentence(result: Record) -> str:
     """By how much the clock is missed and what would help."""
     short = result["clock_hz"] - result["fmax_hz"]
     tried = len(result["seeds"])
@@ -576,123 +570,14 @@ def _placement(
 
 
 # ---------------------------------------------------------------------- what is shown
-BLOCK_COLUMNS = (
-    "block",
-    "logic cells",
-    "LUT",
-    "flip-flops",
-    "carries",
-    "multipliers",
-    "block memories",
-    "large memories",
-)
-
-
-def block_rows(result: Mapping[str, Any]) -> list[tuple]:
+def block_rows(result: Record) -> list[tuple]:
     """Cells by block, and their sum, which is the whole device's use."""
-    rows = [
-        (name, *(counts[column] for column in implementation.COLUMNS))
-        for name, counts in result["blocks"].items()
-    ]
-    named = {
-        blocks.TOP: "(pins)" if result["link"] or result.get("standalone") else "(harness)",
-        blocks.WIRING: "(wiring between)",
+    top = "(pins)" if result["link"] or result.get("standalone") else "(harness)"
+    named = {blocks.TOP: top, blocks.WIRING: "(wiring between)"}
+    counts = {
+        named.get(name, name): [block[column] for column in implementation.COLUMNS]
+        for name, block in result["blocks"].items()
     }
-    rows = [(named.get(name, name), *counts) for name, *counts in rows]
-    return [
-        *sorted(rows, key=lambda row: -row[1]),
-        ("sum", *(sum(column) for column in list(zip(*rows, strict=True))[1:])),
-    ]
-
-
-def figures(result: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """What a build gave, in words."""
-    cycles, clock, energy = result["cycles"], result["clock_hz"], result["energy"]
-    pins = {
-        "each": "a pin for each class",
-        "binary": "the class as a number on pins",
-        "none": "no pins for the class",
-    }
-    link = (
-        f"and the serial link ({result['baud']:.7g} baud, {pins[result['class_pins']]})"
-        if result["link"]
-        else "without the link"
-    )
-    if result.get("standalone"):
-        link = (
-            f"without a host, from the pins of {result['converter']}"
-            + " to the stimulator" * result["stimulator"]
-        )
-    elif result.get("converter"):
-        link = f"from the pins of {result['converter']}{' to the stimulator' * result['stimulator']}, {link}"
-    harness = (
-        ""
-        if result["link"] or result.get("standalone")
-        else f", and {result['harness_cells']} of the harness that stands for the link"
-    )
-    begin, thing = ("rows", "an image") if result["images"] else ("onset", "a touch")
-    spread = [hertz / 1e6 for hertz in result["seeds"].values()]
-    tried = (
-        f", best of {len(spread)} seeds ({min(spread):.1f} to {max(spread):.1f})" if len(spread) > 1 else ""
-    )
-    return [
-        ("part", f"{result['device']} on {result['target']}"),
-        (
-            "design",
-            f"{begin} to decision {link}, {result['lanes']} {result['lane_type']} "
-            f"lane{'s' * (result['lanes'] > 1)}",
-        ),
-        (
-            "logic cells",
-            f"{result['logic_cells']} ({result['lut']} LUT, {result['ff']} flip-flops)" + harness,
-        ),
-        ("multipliers, block memories, large ones", f"{result['dsp']}, {result['bram']}, {result['spram']}"),
-        (
-            "highest clock",
-            f"{result['fmax_hz'] / 1e6:.1f} MHz with seed {result['seed']}{tried}; wanted {clock / 1e6:g} "
-            "MHz",
-        ),
-        ("critical path", result["critical_path"]),
-        (
-            "cycles a step",
-            f"{cycles['step']}, {cycles['step'] / cycles['step_ideal']:.3f} of the ideal "
-            f"{cycles['step_ideal']}",
-        ),
-        *(
-            (
-                f"budget: {row['name']}",
-                f"{'met' if row['met'] else 'MISSED'} at {clock / 1e6:g} MHz; it needs at least "
-                f"{row['needed_clock_hz'] / 1e6:.3g} MHz "
-                f"({row['cycles']} cycles in {1e3 * row['limit_s']:.3g} ms)",
-            )
-            for row in result["budgets"]
-        ),
-        (
-            f"energy of {thing}",
-            f"{unit(energy['per_touch_j'], 'J')} of compute, {unit(energy['idle_w'], 'W')} while waiting at "
-            f"{hertz(energy['clock_hz'])}: an estimate, within a factor of {energy['band']:g} either way; "
-            "eskin energy counts activity",
-        ),
-        *([("the converter by itself", in_words(energy["interface"]))] if energy["interface"] else []),
-    ]
-
-
-TABLE_COLUMNS: Columns = {
-    "part": "{device}",
-    "board": "{target}",
-    "lanes": "{lanes} {lane_type}",
-    "link": "{link:yes|no}",
-    "logic cells": "{logic_cells}",
-    "LUT": "{lut}",
-    "flip-flops": "{ff}",
-    "multipliers": "{dsp}",
-    "block memories": "{bram}",
-    "MHz": "{fmax_hz:1e-6*.1f}",
-    "seed": "{seed}",
-    "cycles a step": "{step}",
-    "of ideal": "{of_ideal:.3f}",
-    "step budget (MHz)": "{needed[step]:1e-6*.3g}",
-    "decision budget (MHz)": "{needed[decision]:1e-6*.3g}",
-    "critical path": "{critical_path}",
-}
-"""Of a build; one that did not fit says why in the last."""
+    largest = sorted(counts.items(), key=lambda block: -block[1][0])
+    totals = map(sum, zip(*counts.values(), strict=True))
+    return [*((name, *cells) for name, cells in largest), ("sum", *totals)]

@@ -13,14 +13,15 @@ import json
 from collections.abc import Mapping
 from operator import ne
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from eskin.cosim.device import Device
 from eskin.cosim.gates import Chip
+from eskin.cosim.latency import limits
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import find_touches, run
@@ -98,7 +99,7 @@ def measured(
     *,
     wrong: str | None = None,
     delays: str = "cells",
-) -> dict[str, Any]:
+) -> Record:
     """The energies of `asic.json`, in joule, of one recording with a whole touch; what glitches add is told
     apart as ``glitches``.
 
@@ -150,7 +151,7 @@ def measured(
     expected = [pack_decision(row) for row in trace.streams["decision"][0]]
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
-    clock = max(lowest_clock_hz(config), schedule(config).decision_cycles * config.sensor.sample_rate_hz)
+    clock = max(lowest_clock_hz(config), schedule(config).decision_cycles / limits(config)["decision"])
     of_part, extra = (
         {part: rows[:, low + number] for part, number in place.items()} for low in (5, 5 + len(place))
     )
@@ -182,7 +183,7 @@ def summary(
     root_j: float,
     leakage_w: float,
     clock_hz: float,
-) -> dict[str, Any]:
+) -> Record:
     """Energies from what each frame costs.
 
     Parameters
@@ -265,7 +266,7 @@ def _sums(of_part: Mapping[tuple[str, str], np.ndarray], by: int) -> dict[str, n
     return sums
 
 
-def chip_row(path: Path) -> dict[str, Any]:
+def chip_row(path: Path) -> Record:
     """A chip for the energy page, of what `eskin asic --data` wrote: name, per_step_j, per_touch_j
     (everything included), band, idle_w, average_w, hours, touches, clock_hz, static_w, bit_exact, and
     ``choices`` as a board's row has them.
@@ -290,10 +291,12 @@ def chip_row(path: Path) -> dict[str, Any]:
         raise InputError(f"--chip {path}: {fault}") from None
     if energy["step_j"] is None:
         raise InputError(f"--chip {path}: has no energy of steps; make it anew with eskin asic --data D")
-    choice = {key: energy[key] for key in ("clock_hz", "idle_w", "average_w")} | {
-        "hours": energy["battery_hours"]
+    choice = {key: energy[key] for key in ("clock_hz", "idle_w", "average_w")}
+    choice |= {
+        "hours": energy["battery_hours"],
+        "name": "outside clock, stopped by the chip",
+        "touches": BATTERY_J / energy["touch_j"],
     }
-    choice |= {"name": "outside clock, stopped by the chip", "touches": BATTERY_J / energy["touch_j"]}
     row = {"name": name, "corner": result["corner"], "static_w": energy["leakage_w"], "choices": [choice]}
     row |= {"per_step_j": energy["step_j"], "per_touch_j": energy["touch_j"]}
     return row | {key: energy[key] for key in ("band", "bit_exact", "method")}

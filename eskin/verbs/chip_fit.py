@@ -11,16 +11,16 @@ from __future__ import annotations
 import dataclasses
 import json
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing_folder, write_json
+from eskin.golden.core.jobs import Progress, Record
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.studies.sweep import AWARE, HARDWARE, NETWORK, Point, make_points
-from eskin.pages.tables import Columns, markdown, rows_of
+from eskin.pages.views import words
 from eskin.rtl.asic.synthesis import process_of
 from eskin.verbs import asic_job
 
@@ -65,7 +65,7 @@ def fitted(model: IntegerModel, tiles: str, area_of: AreaOf) -> tuple[IntegerMod
     return model, tried
 
 
-def points_of(path: Path) -> list[tuple[Point, Mapping[str, Any]]]:
+def points_of(path: Path) -> list[tuple[Point, Record]]:
     """Points of a sweep, each with its row of sweep.json.
 
     Raises
@@ -95,7 +95,7 @@ def points_of(path: Path) -> list[tuple[Point, Mapping[str, Any]]]:
     return [(_point(base, row, path), row) for row in rows]
 
 
-def _point(base: AcceleratorConfig, row: Mapping[str, Any], path: Path) -> Point:
+def _point(base: AcceleratorConfig, row: Record, path: Path) -> Point:
     config = row["config"]
     linear = config["cell"] == "linear"  # has no units and no reset gate
     names = [name for name in (*NETWORK, AWARE, *HARDWARE) if not (linear and name in ("hidden", "reset"))]
@@ -103,14 +103,14 @@ def _point(base: AcceleratorConfig, row: Mapping[str, Any], path: Path) -> Point
 
 
 def searched(
-    points: Sequence[tuple[Point, Mapping[str, Any]]],
+    points: Sequence[tuple[Point, Record]],
     tiles: str,
     area_of: AreaOf,
     *,
     rom: bool,
     lanes: int | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> dict[str, Any]:
+    progress: Progress | None = None,
+) -> Record:
     """Each network's area against the tiles' room, the most accurate that fits, and the smallest that is not
     worse by more than a standard error. A network is not synthesised where the same with fewer hidden units
     does not fit.
@@ -133,14 +133,14 @@ def searched(
         )
         points = list({point.name: (point, row) for point, row in changed}.values())
     report = progress or (lambda what, done, total: None)
-    rows: list[dict[str, Any]] = []
+    rows: list[Record] = []
     misfits: set[str] = set()  # networks but for their hidden units, of which a smaller one did not fit
     for number, (point, judged) in enumerate(
         sorted(points, key=lambda point: point[0].config.network.hidden)
     ):
         report("netlists", number, len(points))
         alike = json.dumps({name: value for name, value in point.to_dict().items() if name != "hidden"})
-        row: dict[str, Any] = {"name": point.name, "config": point.to_dict()} | {
+        row: Record = {"name": point.name, "config": point.to_dict()} | {
             name: judged[name] for name in ("accuracy", "standard_error", "cycles_step")
         }
         area = None
@@ -162,30 +162,8 @@ def searched(
     return {"rows": rows, "best": best, "chosen": chosen, "room_um2": room}
 
 
-COLUMNS: Columns = {
-    "network": "{name}",
-    "accuracy": "{accuracy:100*.2f} +- {standard_error:100*.2f} %",
-    "mm2": lambda row: "more" if row["area_um2"] is None else f"{row['area_um2'] / 1e6:.3f}",
-    "of the cells' room": lambda row: (
-        "does not fit, as with fewer units" if row["filled"] is None else f"{100 * row['filled']:.0f} %"
-    ),
-    "": lambda row: ", ".join(row["marks"]),
-}
-
-
-def table(result: Mapping[str, Any]) -> list[tuple[str, ...]]:
-    """Rows of `COLUMNS`."""
-    marks = {"most accurate that fits": result["best"], "chosen": result["chosen"]}
-    records = [
-        row | {"marks": [m for m, place in marks.items() if place == n]}
-        for n, row in enumerate(result["rows"])
-    ]
-    return rows_of(records, COLUMNS)
-
-
-def write(result: Mapping[str, Any], out: Path) -> None:
+def write(result: Record, out: Path) -> None:
     """fit.json and its table, in one exchange."""
     with replacing_folder(out) as folder:
-        text = markdown(COLUMNS, table(result))
-        (folder / PAGE).write_text(f"# Networks in {result['tiles']} tiles\n\n{result['pdk']}\n\n{text}")
+        (folder / PAGE).write_text(words("fit", **result))
         write_json(folder / MARK, result)

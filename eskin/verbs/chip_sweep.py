@@ -13,7 +13,7 @@ import argparse
 import dataclasses
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,12 @@ import numpy as np
 from rich.console import Console
 
 from eskin.cosim.gate_flow import SIMULATOR
+from eskin.golden.core.jobs import Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
-from eskin.pages.tables import Columns, rows_of, terminal_table
+from eskin.pages.views import Rows, tables, words
 from eskin.verbs import asic_job
 from eskin.verbs.chip_energy import with_touches
 from eskin.verbs.flow import cosimulate
@@ -45,14 +46,12 @@ class ChipRequest:
     rom: bool
 
 
-def figures_of(
-    asked: ChipRequest, model: IntegerModel, recordings: Recordings, *, more: bool
-) -> dict[str, Any]:
+def figures_of(asked: ChipRequest, model: IntegerModel, recordings: Recordings, *, more: bool) -> Record:
     """`asic.json`; with ``more`` also ``unit_glitches`` and ``without_wires`` (step_j, interval_j, fmax_hz of
     the typical corner)."""
     model = dataclasses.replace(model, config=asic_job.chip_config(model.config, asked.lanes, asked.rom))
 
-    def made(**options: Any) -> dict[str, Any]:
+    def made(**options: Any) -> Record:
         return asic_job.asic(model, asked.pdk, asked.liberty, recordings=recordings, **options)[0]
 
     result = made()
@@ -64,31 +63,17 @@ def figures_of(
     return result
 
 
-MORE: Columns = {
-    "glitches of equal delays": "step {unit_glitches[step_j]:1e9*.1f} nJ, interval "
-    "{unit_glitches[interval_j]:1e9*.0f} nJ",
-    "without wires": "step {without_wires[step_j]:1e9*.1f} nJ, interval {without_wires[interval_j]:1e9*.0f} "
-    "nJ, "
-    "{without_wires[fmax_hz]:1e-6*.1f} MHz typ",
-}
-
-
 def played(
     asked: ChipRequest, model: IntegerModel, recordings: Recordings, numbers: np.ndarray, *, placed: bool
-) -> dict[str, Any]:
+) -> Record:
     """Values compared and mismatches, with probes and, where asked, as ``placed``; mismatches with one wrong
     cell."""
     begun = time.monotonic()
     liberty = [str(path) for path in asked.liberty]
 
-    def play(count: int, **more: Any) -> dict[str, Any]:
+    def play(count: int, **more: Any) -> Record:
         chip = {"pdk": asked.pdk, "liberty": liberty, "rom": asked.rom} | more
-        options: dict[str, Any] = {
-            "level": "netlist",
-            "target": "asic",
-            "simulator": SIMULATOR,
-            "lanes": asked.lanes,
-        }
+        options: Record = {"level": "netlist", "target": "asic", "simulator": SIMULATOR, "lanes": asked.lanes}
         with tempfile.TemporaryDirectory() as work:
             some, at = recordings.subset(list(range(count))), numbers[:count].tolist()
             return cosimulate(model, some, **options, numbers=at, chip=chip, work=Path(work))
@@ -107,23 +92,7 @@ def played(
     return row | {"seconds": round(time.monotonic() - begun)}
 
 
-PLAYED: Columns = {
-    "process": "{pdk}",
-    "lanes": "{lanes}",
-    "constants": "{rom:ROM|loaded}",
-    "recordings, steps": "{recordings}, {steps}",
-    "values, mismatches": "{compared_values}, {mismatches}",
-    "as placed": lambda row: (
-        f"{row['placed_compared_values']}, {row['placed_mismatches']}"
-        if "placed_mismatches" in row
-        else "not asked"
-    ),
-    "one cell wrong": "{flipped_mismatches} mismatches",
-    "s": "{seconds}",
-}
-
-
-def held(row: Mapping[str, Any]) -> bool:
+def held(row: Record) -> bool:
     """No decision differs; of a chip that was played no value does, and its wrong cell was seen."""
     if "energy" in row:
         return not row["energy"]["mismatches"]
@@ -162,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for (pdk, *files), lanes, constants in product(asked.process, asked.lanes, asked.constants):
         chip = ChipRequest(pdk, tuple(map(Path, files)), lanes, constants == "rom")
 
-        def made(chip: ChipRequest = chip) -> dict[str, Any]:
+        def made(chip: ChipRequest = chip) -> Record:
             if asked.play:
                 return played(chip, model, recordings, numbers, placed=asked.placed)
             return figures_of(chip, model, recordings, more=asked.more)
@@ -177,12 +146,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{pdk}, {lanes} lanes, {constants}: {'held' if held(rows[-1]) else 'has mismatches'}", flush=True
         )
     if asked.play:
-        table = terminal_table("chips, played", PLAYED, rows_of(rows, PLAYED))
+        (table,) = tables(words("chips_played", rows=rows))
     else:
-        columns = [asic_job.figures(row, MORE if asked.more else {}) for row in rows]
-        lines = [(cells[0][0], *(words for _, words in cells)) for cells in zip(*columns, strict=True)]
-        table = terminal_table("chips, before layout", ["", *map(str, range(1, 1 + len(rows)))], lines)
-    Console(width=160).print(table)
+        chips = [next(tables(words("asic", **row, more=asked.more))).cells for row in rows]
+        lines = [(cells[0][0], *(text for _, text in cells)) for cells in zip(*chips, strict=True)]
+        table = Rows("chips, before layout", ("", *map(str, range(1, 1 + len(rows)))), lines)
+    Console(width=160).print(table.drawn())
     return int(not all(map(held, rows)))
 
 

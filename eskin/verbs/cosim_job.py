@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cosim.flow import joined
-from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.jobs import Jobs, Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
@@ -27,7 +27,7 @@ CODE = partial(code_version, "golden", "rtl", "cosim")
 
 Piece = tuple[int, int]
 """First recording of a part, and the one after its last."""
-Shared = tuple[IntegerModel, Recordings, list[int], dict[str, Any], str]
+Shared = tuple[IntegerModel, Recordings, list[int], Record, str]
 """Model, all recordings, what they are called, options, the work folder."""
 
 
@@ -41,7 +41,7 @@ def cosimulate(
     simulator: str = "verilator",
     cache: Path = CACHE,
     **options: Any,
-) -> dict[str, Any]:
+) -> Record:
     """The result of ``eskin.verbs.flow.cosimulate`` over all recordings, from parts of ``PART`` recordings.
 
     Parameters
@@ -81,7 +81,7 @@ def cosimulate(
     return result
 
 
-def play(shared: Shared, piece: Piece) -> dict[str, Any]:
+def play(shared: Shared, piece: Piece) -> Record:
     """The result of one part, without waves; in a worker."""
     work = Path(shared[-1])
     if work.is_dir():
@@ -90,7 +90,7 @@ def play(shared: Shared, piece: Piece) -> dict[str, Any]:
         return _play(shared, piece, Path(elsewhere) / "run", waves=False)
 
 
-def _play(shared: Shared, piece: Piece, work: Path, *, waves: bool) -> dict[str, Any]:
+def _play(shared: Shared, piece: Piece, work: Path, *, waves: bool) -> Record:
     model, recordings, numbers, options, _ = shared
     places = range(*piece)
     numbers, design = [numbers[i] for i in places], work.parent / "design"

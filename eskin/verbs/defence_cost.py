@@ -10,11 +10,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.jobs import Record
 from eskin.golden.core.memo import content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import random_integer_model
@@ -36,7 +36,7 @@ CHECKS = {
 
 def placed(
     config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], board: str, cache: Path, *, link: bool
-) -> dict[str, Any]:
+) -> Record:
     """One placement: {logic_cells, lut, ff, bram, fmax_hz}, or {misfit, logic_cells and bram None} where it
     does not fit."""
     try:
@@ -51,7 +51,7 @@ def placed(
 
 def hardware_cost(
     config: AcceleratorConfig, recordings: Recordings, *, board: str = BOARD, cache: Path = build_job.CACHE
-) -> dict[str, Any]:
+) -> Record:
     """Cells and cycles of ``config``, onset to decision without the serial link, with the lanes that the
     board's part calls for.
 

@@ -11,25 +11,27 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
+from eskin.cosim.latency import needed_clock
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing, write_json
+from eskin.golden.core.files import write_json
+from eskin.golden.core.jobs import Progress, Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.studies import energy
 from eskin.pages.energy_page import PAGE, render
+from eskin.pages.views import write_text
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
-from eskin.rtl.program.schedule import frame_cycles
+from eskin.rtl.program.schedule import mean_frame_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.verbs.build_job import suited_lane_type
@@ -42,8 +44,9 @@ IMAGE_CONFIGURATIONS = ("icebreaker:4", "icebreaker:8", "ulx3s:16")
 """The same of images."""
 SLOW_FACTOR, SLOWER_LEAST = 4, 1.5
 """Cycles a frame of the slower run: in taxels, and over those of the run at full pace at least."""
+BUDGET_FRAMES = (1, 1.5, 2, 3, 5, 7, 10, 15, 20, 30, 50, 100, 200, 500)
+"""Latency budgets of `waiting`, frames."""
 RESULT = "energy.json"
-Notify = Callable[[str, int, int], None]
 
 
 def parse_configuration(text: str) -> tuple[str, int, str | None]:
@@ -68,7 +71,7 @@ def measure(
     lane_type: str,
     *,
     work: Path,
-) -> dict[str, Any]:
+) -> Record:
     """Activity and estimate of one configuration: the keys of eskin.golden.studies.energy.estimate, and
     target, lanes, lane_type, cells, bit_exact.
 
@@ -90,7 +93,7 @@ def measure(
     counted.write_text(instrument(hardware.sources[0].read_text(), block_of))
     hardware = dataclasses.replace(hardware, sources=(counted, *hardware.sources[1:]))
     counts, results = [], []
-    options: dict[str, Any] = {}
+    options: Record = {}
     for name in ("full", "slow"):
         results.append(
             flow.cosim(
@@ -107,13 +110,15 @@ def measure(
     cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
     if config.is_image:
         cycles = results[0]["cycles"]["decision_latency_max"]
+    frame_cycles, quiet_cycles = mean_frame_cycles(config)
     activity = energy.counted_activity(
         config,
         *counts,
         frames=results[0]["frames"],
         steps=results[0]["steps"],
         recordings=len(recordings),
-        frame_cycles=frame_cycles(config, ends_window=False),
+        frame_cycles=frame_cycles,
+        quiet_cycles=quiet_cycles,
         step_cycles=cycles,
     )
     exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)
@@ -123,10 +128,29 @@ def measure(
         "lanes": lanes,
     }
     described |= {"lane_type": lane_type, "cells": cells, "bit_exact": exact, "blocks": counts[0]["toggles"]}
-    return described | energy.estimate(asked, find_target(target).device, activity, clock)
+    part = find_target(target).device
+    described["waiting"] = waiting(config, part, activity, lowest["cycles"])
+    return described | energy.estimate(asked, part, activity, clock)
 
 
-def slower_cycles(config: AcceleratorConfig, full: Mapping[str, Any]) -> int:
+def waiting(
+    config: AcceleratorConfig, part: str, activity: energy.Activity, cycles: Mapping[str, int | None]
+) -> list[dict[str, float]]:
+    """Power of waiting with the clock always on, by latency budget from a frame to a hop: {decide_within_s,
+    clock_hz, idle_w}. ``cycles``, of a run at the sensor's pace, say the clock; no budget but the
+    configuration's was simulated."""
+    frame_s = 1 / config.sensor.sample_rate_hz
+    longest = config.image.height if config.is_image else config.windows.hop
+    rows = []
+    for frames in sorted({*(count for count in BUDGET_FRAMES if count < longest), longest}):
+        asked = config.replace(decide_within_s=frames * frame_s)
+        clock = needed_clock(asked, cycles)
+        idle = energy.estimate(asked, part, activity, clock)["idle_w"]
+        rows.append({"decide_within_s": frames * frame_s, "clock_hz": clock, "idle_w": idle})
+    return rows
+
+
+def slower_cycles(config: AcceleratorConfig, full: Record) -> int:
     """Cycles a frame of the slower run, given the result of the one at full pace.
 
     Several kinds of feature hold frames up at full pace, and so do steps that follow each other closely. Rows
@@ -149,9 +173,9 @@ def job(
     count: int,
     out: Path,
     work: Path,
-    notify: Notify,
+    notify: Progress,
     chips: Sequence[Path] = (),
-) -> dict[str, Any]:
+) -> Record:
     """Measure every configuration and write energy.json and energy.html into ``out``.
 
     Parameters
@@ -195,6 +219,5 @@ def job(
     result = energy.compare(rows, what="image" if config.is_image else "touch") | {"chips": beside}
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, result)
-    with replacing(out / PAGE) as temporary:
-        temporary.write_text(render(result), encoding="utf-8")
+    write_text(out / PAGE, render(result))
     return result

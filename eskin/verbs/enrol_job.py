@@ -7,12 +7,11 @@ import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.jobs import Jobs, Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
@@ -25,14 +24,12 @@ CACHE = Path("build/enrolments")
 CODE = partial(code_version, "golden")
 
 
-def judge(recordings: Recordings, question: Question) -> list[dict[str, Any]]:
+def judge(recordings: Recordings, question: Question) -> list[Record]:
     """The rows of one seed; in a worker."""
     return enrol.judge(recordings, question)
 
 
-def choose(
-    shared: tuple[Recordings, list[str], dict[str, Any]], values: dict[str, np.ndarray]
-) -> list[dict[str, Any]]:
+def choose(shared: tuple[Recordings, list[str], Record], values: dict[str, np.ndarray]) -> list[Record]:
     """The configuration chosen without each value's recordings; in a worker."""
     recordings, group, network = shared
     return [config.to_dict() for config in enrol.front_ends_without(recordings, values, group, **network)]
@@ -54,7 +51,7 @@ def evaluate(
     seeds: int = 3,
     jobs: Jobs,
     cache: Path = CACHE,
-) -> dict[str, Any]:
+) -> Record:
     """What enrolment brings on each value of ``group``, left out of the first training
     (``eskin.golden.training.enrol.judge``).
 
@@ -85,7 +82,7 @@ def evaluate(
     begin = time.perf_counter()
     values = enrol.group_values(recordings, group, ks)
     content, keep = content_key(CODE(), recordings, list(group)), Memo(cache)
-    network: dict[str, Any] = {"cell": cell, "reset": reset, "hidden": hidden}
+    network: Record = {"cell": cell, "reset": reset, "hidden": hidden}
     if config is not None:
         configs = [with_network(configure(recordings, config).config, **network)] * len(values)
     else:

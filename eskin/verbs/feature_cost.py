@@ -11,14 +11,14 @@ from __future__ import annotations
 import argparse
 import tempfile
 from pathlib import Path
-from typing import Any
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.jobs import Record
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.fpga.synthesis import ICE40_DSP, Chain, synthesise
 from eskin.rtl.program.schedule import frame_cycles, schedule
 
-SETS: dict[str, dict[str, Any]] = {
+SETS: dict[str, Record] = {
     "mean": {},
     "mean, a scale a taxel": {"feature_scale": "taxel"},
     "mean, activity (sum)": {"feature_kinds": ("mean", "activity")},

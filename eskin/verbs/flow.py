@@ -16,6 +16,7 @@ from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from eskin.cosim.runner import locked
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.conversion import through_converter
@@ -50,9 +51,9 @@ def cosimulate(
     level: str = "rtl",
     target: str | None = None,
     converter: str | None = None,
-    chip: Mapping[str, Any] | None = None,
+    chip: Record | None = None,
     **options: Any,
-) -> dict[str, Any]:
+) -> Record:
     """``eskin cosim``: the integer model's trace of ``recordings`` against the generated hardware.
 
     At level ``netlist`` the netlist for ``target`` is what runs: once with the probes as outputs, every stage
@@ -201,11 +202,9 @@ def expected_of(
     return write_vectors(path, trace or run(model, recordings), recordings, numbers, codes)
 
 
-def _add_placed(result: dict[str, Any], second: Mapping[str, Any], cells: Mapping[str, int]) -> None:
-    result["without_probes"] = {
-        name: second[name] for name in ("compared_values", "mismatches", "bit_exact", "mismatch_list")
-    }
-    result["without_probes"]["cells"] = cells
+def _add_placed(result: Record, second: Record, cells: Mapping[str, int]) -> None:
+    names = ("compared_values", "mismatches", "bit_exact", "mismatch_list")
+    result["without_probes"] = {name: second[name] for name in names} | {"cells": cells}
     result["passed"] = result["passed"] and second["bit_exact"]
 
 
@@ -214,8 +213,8 @@ def _chips_played(
     arrays: Mapping[str, np.ndarray],
     chips: Mapping[str, tuple[Callable[[int], Chip], Mapping[str, int]]],
     vectors: Path,
-    options: Mapping[str, Any],
-) -> dict[str, Any]:
+    options: Record,
+) -> Record:
     """The result of a chip's compiled netlists, with probes and as it would be placed."""
     boot, registers = boot_writes(config, arrays), register_map(config)
     chosen = {
@@ -233,7 +232,7 @@ def with_converter(
 ) -> AcceleratorConfig:
     """The configuration with that converter (None: its own) at the clock it is used with, which is checked
     against its pace."""
-    changes: dict[str, Any] = {} if converter is None else {"converter": converter}
+    changes: Record = {} if converter is None else {"converter": converter}
     if clock_hz and (converter or config.interface.converter) != "none":
         changes["clock_hz"] = float(clock_hz)
     return config.replace(**changes) if changes else config
@@ -294,21 +293,9 @@ def bitstream_of(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], ta
     folder = hardware.sources[0].parent
     with locked(folder.with_suffix(".lock")):
         if not (folder / "placed.json").exists():
-            place = [
-                "--hx8k",
-                "--package",
-                "ct256",
-                "--seed",
-                "1",
-                "--freq",
-                f"{config.hardware.clock_hz / 1e6:g}",
-                "--timing-allow-fail",
-                "-q",
-            ]
-            run_tool(
-                "nextpnr-ice40",
-                [*place, "--json", f"{TOP}.json", "--asc", f"{TOP}.asc", "--write", "placing.json"],
-                folder,
-            )
+            clock = f"--freq {config.hardware.clock_hz / 1e6:g} --timing-allow-fail -q"
+            files = f"--json {TOP}.json --asc {TOP}.asc --write placing.json"
+            command = f"--hx8k --package ct256 --seed 1 {clock} {files}"
+            run_tool("nextpnr-ice40", command.split(), folder)
             (folder / "placing.json").rename(folder / "placed.json")
         return recovered_hardware(folder / f"{TOP}.asc", folder / "placed.json", target)

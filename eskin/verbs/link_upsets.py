@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from eskin.cosim import link, upsets
 from eskin.cosim.device import Design, Device
 from eskin.cosim.pin_port import decoded, levels
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.jobs import Record
 from eskin.rtl.fpga.upsets import link_with_upsets
 
 PAYLOAD, VALUE = 0x12345678, 0x2BCD
@@ -66,7 +66,7 @@ def played(design: Design, line: np.ndarray, register: int = 0, bit: int = 0, cy
     return device.line(line)
 
 
-def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path) -> list[dict[str, Any]]:
+def upset_link(config: AcceleratorConfig, count: int, seed: int, *, builds: Path) -> list[Record]:
     """``count`` upsets, every flip-flop bit equally often: {register, bit, cycle, answers, decides}: whether
     the last read is answered and the last decision sent.
 

@@ -16,17 +16,20 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as Bars
 
 from eskin.cosim import flow, latency, runner
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import exchange, write_json
+from eskin.golden.core.jobs import Progress, Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
@@ -39,6 +42,7 @@ from eskin.golden.training.choose_front_end import Plan, configure
 from eskin.golden.training.image_models import KEPT, chosen_config
 from eskin.golden.training.splits import split_folds
 from eskin.pages import report
+from eskin.pages.views import count, hertz, percent
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles, schedule
@@ -61,9 +65,6 @@ FEWEST_WINDOWS = 3
 RESULT_MARK = "run.json"
 GOLDEN = ("golden",)
 
-Notify = Callable[[str, int, int], None]
-"""Called with (what, done, in all)."""
-
 
 def run(
     data: str = "synthetic",
@@ -78,7 +79,7 @@ def run(
     seeds: int | None = None,
     test: str | None = None,
     console: Console | None = None,
-) -> dict[str, Any]:
+) -> Record:
     """Do the main job and put everything into ``out``.
 
     Parameters
@@ -195,15 +196,15 @@ class _Steps:
     held: Recordings | None
     user_config: AcceleratorConfig | None
     plan: Plan | None
-    network: dict[str, Any]
+    network: Record
     seed: int
     work: _Work
     stages: Callable[[str], Any]
     base: list[Any]
-    timings: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+    timings: list[Record] = dataclasses.field(default_factory=list)
 
     def stage(
-        self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Notify], None]
+        self, name: str, packages: tuple[str, ...], options: Any, make: Callable[[Path, Progress], None]
     ) -> Path:
         """The folder of a stage: found finished, or made now."""
         key = content_key([name, code_version(*packages), self.base, options])
@@ -214,7 +215,7 @@ class _Steps:
         self.timings.append({"stage": name, "wall_s": wall_s, "cached": cached})
         return folder
 
-    def all(self, count: int | None, result: Path, begin: float) -> dict[str, Any]:
+    def all(self, count: int | None, result: Path, begin: float) -> Record:
         """Run every stage, co-simulating ``count`` recordings, and fill ``result`` with all but the page. The
         record, as in run.json."""
         trained = self.stage("training", GOLDEN, None, self._train)
@@ -237,9 +238,9 @@ class _Steps:
         )
 
         def simulate(
-            name: str, numbers: np.ndarray, played: Recordings, job: Callable[..., dict[str, Any] | None]
+            name: str, numbers: np.ndarray, played: Recordings, job: Callable[..., Record | None]
         ) -> Path:
-            def make(folder: Path, notify: Notify) -> None:
+            def make(folder: Path, notify: Progress) -> None:
                 self._simulate(model, generated / "rtl", numbers, played, job, folder, notify)
 
             return self.stage(name, ("golden", "rtl", "cosim"), list(map(int, numbers)), make)
@@ -297,14 +298,14 @@ class _Steps:
         )
         return {"cosim_declared": declared, "cosim_lowest": lowest}
 
-    def _baselines(self, training: dict[str, Any]) -> list[dict[str, Any]]:
+    def _baselines(self, training: Record) -> list[Record]:
         """Those of the training and the yardsticks."""
         measured = self.stage(
             "yardsticks", GOLDEN, None, lambda folder, notify: self._yardsticks(training, folder, notify)
         )
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
-    def _train(self, folder: Path, notify: Notify) -> None:
+    def _train(self, folder: Path, notify: Progress) -> None:
         options = {"of_images": {"keep": Memo(KEPT)}, "plan": self.plan, **self.network}
         choose_network.train_chosen(
             self.recordings,
@@ -315,7 +316,7 @@ class _Steps:
             **options,
         )
 
-    def _with_cycles(self, training: dict[str, Any]) -> list[dict[str, Any]] | None:
+    def _with_cycles(self, training: Record) -> list[Record] | None:
         """The candidates with decision_cycles: from a window's features to its decision on the lanes of this
         run, off each program."""
         if training.get("candidates") is None:
@@ -336,17 +337,17 @@ class _Steps:
         shutil.copytree(trained / "model", folder / "model")
         quantise.quantise(folder / "model")
 
-    def _evaluate(self, quantised: Path, folder: Path, notify: Notify) -> None:
+    def _evaluate(self, quantised: Path, folder: Path, notify: Progress) -> None:
         write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
 
-    def _yardsticks(self, training: dict[str, Any], folder: Path, notify: Notify) -> None:
+    def _yardsticks(self, training: Record, folder: Path, notify: Progress) -> None:
         first = training["cross_validation"][0]
         write_json(
             folder / "yardsticks.json",
             yardsticks.yardsticks(self.recordings, self.config, first["groups"], 5, notify),
         )
 
-    def _test(self, quantised: Path) -> dict[str, Any] | None:
+    def _test(self, quantised: Path) -> Record | None:
         """The network on the recordings held back, once."""
         if self.held is None:
             return None
@@ -357,9 +358,7 @@ class _Steps:
                 quantised / "model", self.held
             )
 
-    def _warnings(
-        self, training: dict[str, Any], baselines: list[dict[str, Any]], tested: dict[str, Any] | None
-    ) -> list[str]:
+    def _warnings(self, training: Record, baselines: list[Record], tested: Record | None) -> list[str]:
         """Those of the training, those that the yardsticks bring, and those of the recordings held back."""
         sentences, things = list(training.get("warnings", [])), "recordings"
         if self.config.is_image:
@@ -396,7 +395,7 @@ class _Steps:
     def _drawn(self, model: IntegerModel) -> tuple[int, Recordings, pipeline.Trace]:
         """The first recording, taken evenly over the classes, with a whole touch, else the first with a
         completed step."""
-        partial = None
+        ends_early = None
         for number in dict.fromkeys(
             [*self.recordings.evenly(len(self.recordings.class_names)), *range(len(self.recordings))]
         ):
@@ -407,13 +406,13 @@ class _Steps:
                 drawn = int(number), recording, trace
                 if not trace.partial[touch]:
                     return drawn
-                partial = partial or drawn
-        if partial is None:
+                ends_early = ends_early or drawn
+        if ends_early is None:
             raise InputError(
                 f"recordings '{self.recordings.source}': none has a completed step; look at them with "
                 "'eskin inspect'"
             )
-        return partial
+        return ends_early
 
     def _few(self, numbers: np.ndarray, clock_hz: float) -> tuple[np.ndarray, Recordings]:
         """The recordings of a run at the sensor's pace, about DECLARED_CYCLES worth of ``numbers``: numbers,
@@ -461,13 +460,13 @@ class _Steps:
         played: Recordings,
         job,
         folder: Path,
-        notify: Notify,
+        notify: Progress,
     ) -> None:
-        move = lambda done, total: notify("golden model", done, total)
-        trace = None if model.config.is_image else pipeline.run(model, played, progress=move)
+        decided = partial(notify, "golden model")
+        trace = None if model.config.is_image else pipeline.run(model, played, progress=decided)
         vectors = expected_of(model, played, folder / "vectors.npz", numbers, trace=trace)
-        move = lambda done, total: notify("simulated frames", done, total)
-        outcome = job(design, vectors, work=folder / "work", builds=BUILDS.resolve(), progress=move)
+        frames = partial(notify, "simulated frames")
+        outcome = job(design, vectors, work=folder / "work", builds=BUILDS.resolve(), progress=frames)
         if outcome is not None and outcome["waves"]:
             waves = Path(outcome["waves"])
             os.replace(waves, folder / waves.name)
@@ -476,7 +475,7 @@ class _Steps:
         vectors.unlink()
         shutil.rmtree(folder / "work")
 
-    def _data(self) -> dict[str, Any]:
+    def _data(self) -> Record:
         recordings, lengths = self.recordings, self.recordings.lengths
         return {
             "source": recordings.source,
@@ -497,7 +496,7 @@ class _Steps:
         }
 
 
-def _lowest_clock(*where: Path, **options: Any) -> dict[str, Any] | None:
+def _lowest_clock(*where: Path, **options: Any) -> Record | None:
     """flow.lowest_clock; None when it found none, which is a result that fails its check and no error."""
     try:
         return flow.lowest_clock(*where, **options)[1]
@@ -507,7 +506,7 @@ def _lowest_clock(*where: Path, **options: Any) -> dict[str, Any] | None:
         return None
 
 
-def _take_over(folder: Path, result: Path, name: str) -> dict[str, Any] | None:
+def _take_over(folder: Path, result: Path, name: str) -> Record | None:
     """Copy a co-simulation's result and waves; the result."""
     outcome = json.loads((folder / "result.json").read_text())
     if outcome is not None:
@@ -519,9 +518,8 @@ def _take_over(folder: Path, result: Path, name: str) -> dict[str, Any] | None:
     return outcome
 
 
-def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None]) -> list[dict[str, Any]]:
+def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Record]:
     """What exit status 0 stands for: {name, held, detail} each."""
-    percent, count = report.percent, report.count
     loss = f"integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])} on the training data"
     agreement = (
         f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
@@ -530,41 +528,30 @@ def _checks(evaluated: dict[str, Any], outcomes: dict[str, dict[str, Any] | None
     error = evaluated["logit_error"]
     if error["max"] is not None:
         detail += f"; logit error {error['mean']:.3f} on average, {error['max']:.2f} at most, most of all by {error['stage']}"
-    checks = [
-        {
-            "name": "integer network decides as the float one",
-            "held": evaluate.held(evaluated),
-            "detail": detail,
-        }
-    ]
+    checks: list[Record] = []
+
+    def check(name: str, held: bool, detail: str) -> None:
+        checks.append({"name": name, "held": held, "detail": detail})
+
+    check("integer network decides as the float one", evaluate.held(evaluated), detail)
     for name, title in (("cosim", "full pace"), ("cosim_declared", "the sensor's pace")):
         if name not in outcomes:
             continue
         outcome = outcomes[name]
         assert outcome is not None  # the lowest clock alone may be missing
-        detail = (
-            f"{count(outcome['compared_values'])} values compared, {count(outcome['mismatches'])} mismatches"
-        )
-        checks.append(
-            {"name": f"hardware equals model at {title}", "held": outcome["bit_exact"], "detail": detail}
-        )
+        values, mismatches = count(outcome["compared_values"]), count(outcome["mismatches"])
+        detail = f"{values} values compared, {mismatches} mismatches"
+        check(f"hardware equals model at {title}", outcome["bit_exact"], detail)
         rows = [row for row in outcome["budgets"] if not row["reference"]]
         missed = ", ".join(row["name"] for row in rows if not row["met"])
         detail = f"{', '.join(row['name'] for row in rows) or 'no step to judge'}; missed: {missed or 'none'}"
-        name = f"latency budgets at {title}, {report.hertz(outcome['clock_hz'])}"
-        checks.append({"name": name, "held": bool(rows) and not missed, "detail": detail})
+        name = f"latency budgets at {title}, {hertz(outcome['clock_hz'])}"
+        check(name, bool(rows) and not missed, detail)
     if "cosim_lowest" in outcomes:
         lowest = outcomes["cosim_lowest"]
-        detail = (
-            "none was found" if lowest is None else f"{report.hertz(lowest['clock_hz'])}, bit-exact there too"
-        )
-        checks.append(
-            {
-                "name": "a lowest clock that meets every budget",
-                "held": lowest is not None and lowest["passed"],
-                "detail": detail,
-            }
-        )
+        detail = "none was found" if lowest is None else f"{hertz(lowest['clock_hz'])}, bit-exact there too"
+        held = lowest is not None and lowest["passed"]
+        check("a lowest clock that meets every budget", held, detail)
     return checks
 
 
@@ -647,7 +634,7 @@ def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
     moves; where that is no terminal, a line when a stage ends and ``Milestones`` on the way."""
 
     @contextmanager
-    def lines(name: str) -> Iterator[Notify]:
+    def lines(name: str) -> Iterator[Progress]:
         begin, milestones = (
             time.perf_counter(),
             Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True)),
@@ -659,7 +646,7 @@ def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
         yield lines
         return
     words = [TextColumn(text) for text in ("{task.description}", "{task.fields[what]}")]
-    with Progress(
+    with Bars(
         SpinnerColumn(finished_text="✓"),
         words[0],
         BarColumn(),
@@ -669,7 +656,7 @@ def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
     ) as bars:
 
         @contextmanager
-        def stage(name: str) -> Iterator[Notify]:
+        def stage(name: str) -> Iterator[Progress]:
             task: TaskID = bars.add_task(name, total=None, what="")
             yield lambda what, done, total: bars.update(
                 task, completed=done, total=max(total, done + 1), what=what

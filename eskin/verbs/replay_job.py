@@ -3,27 +3,35 @@ model's."""
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from eskin.cosim.link import BURST, Link, LinkError, Transport
+from eskin.cosim.link import BURST, Link, Transport
 from eskin.cosim.scoreboard import Verdict, compare_played
 from eskin.cosim.serial_port import SerialPort
-from eskin.golden.core.errors import InputError
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of, run_images
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import completing_frames
+from eskin.live.sources import on_port
 from eskin.rtl.fpga.generate import boot_writes, register_map
 
 ANSWER_S = 0.5
 """To wait for an answer once the line is free: far more than a serial adapter holds bytes back."""
 Progress = Callable[[int, int], None]
 """Called with (frames taken, frames in all)."""
+
+
+def answer_s(config: AcceleratorConfig, baud: int) -> float:
+    """Seconds to wait for an answer behind a burst of frames whose every byte is escaped."""
+    return ANSWER_S + 10 * BURST * 2 * (2 * config.sensor.taxels + 8) / baud
 
 
 def replay(
@@ -34,7 +42,7 @@ def replay(
     port: str,
     baud: int,
     progress: Progress,
-) -> dict[str, Any]:
+) -> Record:
     """Load ``model`` into the board on ``port`` and play ``recordings``.
 
     Parameters
@@ -56,18 +64,10 @@ def replay(
     InputError
         No such port; no answer, another design than eskin's, a board that goes away.
     """
-    transport = SerialPort(port, baud)
-    try:
-        # where every byte of it is escaped
-        burst_bits = 10 * BURST * 2 * (2 * model.config.sensor.taxels + 8)
-        result = play_all(
-            transport, model, recordings, numbers, progress, timeout_s=ANSWER_S + burst_bits / baud
-        )
+    with contextlib.closing(SerialPort(port, baud)) as transport, on_port(port):
+        timeout_s = answer_s(model.config, baud)
+        result = play_all(transport, model, recordings, numbers, progress, timeout_s=timeout_s)
         return {"port": port, "baud": baud} | result
-    except LinkError as error:
-        raise InputError(f"--port {port}: {error}") from None
-    finally:
-        transport.close()
 
 
 def play_all(
@@ -77,7 +77,7 @@ def play_all(
     numbers: Sequence[int],
     progress: Progress,
     **options: Any,
-) -> dict[str, Any]:
+) -> Record:
     """The same over any transport; ``options`` as for Link."""
     config = model.config
     (rows, offsets), frames, touches = _decided(model, recordings)
@@ -106,20 +106,16 @@ def play_all(
         )
         decisions += len(got.decisions)
     wall_s = time.monotonic() - begin
-    return {
+    counts = {name: getattr(link, name) for name in ("repeated", "replayed", "unanswered", "damaged")}
+    compared = {name: getattr(verdict, name) for name in ("compared_values", "mismatches", "bit_exact")}
+    return counts | {
         "lanes": config.hardware.lanes,
         "recordings": len(recordings),
         "frames": recordings.frames,
         "decisions": decisions,
-        "compared_values": verdict.compared_values,
-        "mismatches": verdict.mismatches,
-        "bit_exact": verdict.bit_exact,
+        **compared,
         "passed": verdict.bit_exact,
         "mismatch_list": [str(mismatch) for mismatch in verdict.first],
-        "repeated": link.repeated,
-        "replayed": link.replayed,
-        "unanswered": link.unanswered,
-        "damaged": link.damaged,
         "wall_s": round(wall_s, 3),
         "frames_per_s": round(recordings.frames / wall_s),
     }

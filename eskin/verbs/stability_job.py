@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import Any
 from eskin.cosim import upsets as bench_upsets
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.files import check_target, write_json
-from eskin.golden.core.jobs import Function, Jobs
+from eskin.golden.core.jobs import Function, Jobs, Progress, Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config
@@ -49,8 +49,6 @@ UPSETS = 600
 """Single upsets of flip-flops, and of memory bits, in simulation; the bench's ``flips`` where that is
 less."""
 
-Progress = Callable[[str, int, int], None]
-
 
 def run(
     model_dir: Path,
@@ -67,7 +65,7 @@ def run(
     cache: Path = CACHE,
     progress: Progress | None = None,
     **bench_options: Any,
-) -> dict[str, Any]:
+) -> Record:
     """Run the suite and write stability.json, stability.html and recommended.json (the configuration with the
     recommended defences).
 
@@ -123,7 +121,7 @@ def run(
     )
     if hardware:
         hardware.confirm(found["modes"])
-    compared: list[dict[str, Any]] = []
+    compared: list[Record] = []
     if isinstance(bench, Bench):
         compared, chosen = _defences(bench, keep, hardware, seeds if compare else 0)
         write_json(out / RECOMMENDED, chosen.to_dict())
@@ -148,7 +146,7 @@ def run(
 
 def _defences(
     bench: Bench, keep: _Records, hardware: _Hardware | None, seeds: int
-) -> tuple[list[dict[str, Any]], AcceleratorConfig]:
+) -> tuple[list[Record], AcceleratorConfig]:
     """What each set of defences is worth, cross-validated over ``seeds`` (0: not), and costs; the
     configuration with those recommended."""
     recordings, base = bench.recordings, undefended(bench.config)
@@ -156,7 +154,7 @@ def _defences(
     rows = defences.variants(recordings, base) if seeds else []
     pieces = {f"defences {row.name} {json.dumps([splits, seeds, row.config.to_dict()])}": row for row in rows}
     shared = Comparison(recordings, splits, seeds)
-    compared: list[dict[str, Any]] = keep.results(compare_one, pieces, shared, "defences cross-validated")
+    compared: list[Record] = keep.results(compare_one, pieces, shared, "defences cross-validated")
     chosen = watched(defences.recommended(recordings, base))
     if not compared:
         return compared, chosen
@@ -178,15 +176,8 @@ def watched(config: AcceleratorConfig) -> AcceleratorConfig:
 def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
     """``config`` without its defences: what the comparison starts from. Where a defended one has a preset's
     name, its onset threshold and its hidden units are the preset's again."""
-    plain = config.replace(
-        fault_frames=0,
-        fault_activity=0,
-        onset_hits=1,
-        onset_span=1,
-        margin_threshold=0,
-        checksum=False,
-        watchdog=False,
-    )
+    off = dict.fromkeys(("fault_frames", "fault_activity", "margin_threshold"), 0)
+    plain = config.replace(**off, onset_hits=1, onset_span=1, checksum=False, watchdog=False)
     preset = PRESETS.get(config.name)
     if config.faults.fault_frames and preset:
         plain = plain.replace(onset_threshold=preset.onset_rule.onset_threshold, hidden=preset.network.hidden)
@@ -203,7 +194,7 @@ class _Records:
         """The record of ``name``: the one that is kept, or ``make()``, which then is."""
         return self._kept.remembered(self._key(name), make)
 
-    def results(self, function: Function, pieces: Mapping[str, Any], shared: Any, what: str) -> list[Any]:
+    def results(self, function: Function, pieces: Record, shared: Any, what: str) -> list[Any]:
         """Records by name -> piece, as ``Jobs.results`` makes and finds them; in the order of ``pieces``."""
         by_key = {self._key(name): piece for name, piece in pieces.items()}
         return list(self._jobs.results(function, by_key, shared, keep=self._kept, what=what).values())
@@ -223,24 +214,24 @@ class Comparison:
     front_ends: dict[Any, Any] = field(default_factory=dict)
 
 
-def judge_mode(bench: Bench | ImageBench, name: str) -> dict[str, Any]:
+def judge_mode(bench: Bench | ImageBench, name: str) -> Record:
     """The record of one mode."""
     return stability.judge(stability.modes_of(bench)[name], bench)[0]
 
 
-def compare_one(shared: Comparison, row: defences.Variant) -> dict[str, Any]:
+def compare_one(shared: Comparison, row: defences.Variant) -> Record:
     """The record of one set of defences, without its cost."""
     return defences.compare_defences(
         shared.recordings, [row], shared.splits, range(shared.seeds), front_ends=shared.front_ends
     )[0]
 
 
-def cost_one(recordings: Recordings, config: AcceleratorConfig) -> dict[str, Any]:
+def cost_one(recordings: Recordings, config: AcceleratorConfig) -> Record:
     """What a configuration costs in hardware."""
     return hardware_cost(config, recordings)
 
 
-def confirm(shared: tuple[Bench | ImageBench, str, str], name: str) -> dict[str, Any]:
+def confirm(shared: tuple[Bench | ImageBench, str, str], name: str) -> Record:
     """Play a mode's golden case into the hardware; {bit_exact, recordings, compared_values, mismatches, probe
     ...}."""
     bench, work, simulator = shared
@@ -249,24 +240,13 @@ def confirm(shared: tuple[Bench | ImageBench, str, str], name: str) -> dict[str,
     return play_case(bench, case, Path(work) / content_key(name), simulator)
 
 
-def play_case(
-    bench: Bench | ImageBench, case: Case, work: Path, simulator: str, **options: Any
-) -> dict[str, Any]:
+def play_case(bench: Bench | ImageBench, case: Case, work: Path, simulator: str, **options: Any) -> Record:
     """What the suite keeps of a co-simulation."""
     result = flow.cosimulate(
         case.model or bench.model, case.recordings, work=work, simulator=simulator, **options
     )
-    wanted = (
-        "bit_exact",
-        "recordings",
-        "compared_values",
-        "mismatches",
-        "frames",
-        "simulated_cycles",
-        "mismatch_list",
-        "probe",
-    )
-    return {key: result[key] for key in wanted}
+    kept = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list probe"
+    return {key: result[key] for key in kept.split()}
 
 
 # ---------------------------------------------------------------------- the hardware
@@ -285,20 +265,14 @@ class _Hardware:
         """The code that figures of the hardware depend on."""
         return code_version("rtl", "cosim")
 
-    def costs(self, configs: Sequence[AcceleratorConfig]) -> list[dict[str, Any]]:
+    def costs(self, configs: Sequence[AcceleratorConfig]) -> list[Record]:
         """What each configuration costs (eskin.verbs.defence_cost)."""
         names = [f"cost {self.version} {json.dumps(config.to_dict())}" for config in configs]
         pieces = dict(zip(names, configs, strict=True))
-        found = dict(
-            zip(
-                pieces,
-                self.keep.results(cost_one, pieces, self.bench.recordings, "defences in hardware"),
-                strict=True,
-            )
-        )
-        return [found[name] for name in names]
+        costs = self.keep.results(cost_one, pieces, self.bench.recordings, "defences in hardware")
+        return [dict(zip(pieces, costs, strict=True))[name] for name in names]
 
-    def confirm(self, records: list[dict[str, Any]]) -> None:
+    def confirm(self, records: list[Record]) -> None:
         """Give the weakest modes that have a golden case the verdict of the hardware."""
         groups = [GROUPS] if self.bench.config.is_image else [[group] for group in GROUPS]
         ranked = [record for record in stability.weakest(records, len(records)) if record["has_case"]]
@@ -310,7 +284,7 @@ class _Hardware:
         for record, rtl in zip(weakest, played, strict=True):
             record["rtl"] = rtl
 
-    def record(self, mode: Mode) -> dict[str, Any]:
+    def record(self, mode: Mode) -> Record:
         """The record of a mode that only the hardware can show."""
         return self.keep.remembered(
             f"rtl {self.version} {mode.name}", lambda: stability.judge(mode, self.bench, self.measure)[0]
@@ -340,7 +314,7 @@ class _Hardware:
         )
         campaign = campaign_steps.Campaign.build(scenario, flow.BUILD / "simulators")
         count, seed = min(UPSETS, self.bench.flips), self.bench.seed
-        options: dict[str, Any] = {
+        options: Record = {
             "keep": lambda name, make: self.keep.remembered(
                 f"rtl {self.version} {ways} {defences} {name}", make
             ),
@@ -350,7 +324,7 @@ class _Hardware:
             records = campaign_steps.leave_recordings(campaign, count // 4, seed, ways=ways, **options)
             value = sum(record["differs"] for record in records)
             what = f"a reset or a new arm {len(records)} times in a recording with two touches, at every cycle around a decision too"
-            detail: dict[str, Any] = {"runs": len(records)}
+            detail: Record = {"runs": len(records)}
         elif key == "flip-flops":
             detail = campaign_steps.summary(campaign_steps.upset_flip_flops(campaign, count, seed, **options))
             of_link = options["keep"](

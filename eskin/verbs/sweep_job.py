@@ -4,7 +4,7 @@ written."""
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from eskin.golden.baselines.rows import SWEPT
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, replacing, write_json
-from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.jobs import Jobs, Progress, Record
 from eskin.golden.core.memo import Memo, code_version
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.studies import sweep as sweeping
@@ -23,7 +23,7 @@ from eskin.golden.training.image_models import KEPT
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.golden.training.train_images import CODE as IMAGE_CODE
 from eskin.pages import sweep_charts
-from eskin.rtl.program.schedule import decision_cycles, frame_cycles, step_cycles
+from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.views.complexity import register_bits
 from eskin.rtl.views.schedule_view import save_figure, write_csv
@@ -55,11 +55,9 @@ def cost_of(config: AcceleratorConfig, base: AcceleratorConfig) -> dict[str, flo
         base.replace(clock_hz=hardware.clock_hz).with_lanes(hardware.lanes, hardware.lane_type)
     )
     multipliers = 0 if hardware.lane_type == "serial" else hardware.lanes
-    # one frame in a hop takes longer
-    step, frame = (step_cycles(config), frame_cycles(config, ends_window=False))
-    energy = estimate(
-        config, PART, scheduled_activity(config, step, frame, registers, multipliers), hardware.clock_hz
-    )
+    step = step_cycles(config)
+    activity = scheduled_activity(config, step, *mean_frame_cycles(config), registers, multipliers)
+    energy = estimate(config, PART, activity, hardware.clock_hz)
     compute_j = energy["per_touch_j"]
     energy_j = compute_j if config.is_image else energy["choices"][1]["touch_j"]
     return {
@@ -111,7 +109,7 @@ def request_of(
     splits = default_splits(recordings, config) if group is None and config else [list(group or [])]
     for groups in splits:
         split_folds(recordings, groups, folds, None)
-    common: dict[str, Any] = {"folds": folds, "bounds": bounds or sweeping.Bounds()}
+    common: Record = {"folds": folds, "bounds": bounds or sweeping.Bounds()}
     if config is not None:
         points: Sequence[Any] = sweeping.make_points(
             config, sweeping.GRIDS.get(str(grid)) or sweeping.read_grid(grid), source
@@ -142,8 +140,8 @@ def run(
     dask: str | None = None,
     workers: int | None = None,
     cache: Path | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> dict[str, Any]:
+    progress: Progress | None = None,
+) -> Record:
     """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and
     charts into ``out``.
 

@@ -8,8 +8,8 @@ recording, and to the first of the next one.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +21,7 @@ from eskin.cosim import upsets as bench
 from eskin.cosim.device import Design
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import run
@@ -95,14 +96,9 @@ def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
     ]
     pieces = []
     for row in whole[:20]:
-        stream = recordings.recording(int(touches.recording[row]))
-        begin = max(0, int(touches.onset_frame[row]) - lead)
-        pieces.append(
-            (
-                stream[begin : int(touches.onset_frame[row]) + config.last_frame + config.windows.hop + tail],
-                int(touches.recording[row]),
-            )
-        )
+        number, onset = int(touches.recording[row]), int(touches.onset_frame[row])
+        end = onset + config.last_frame + config.windows.hop + tail
+        pieces.append((recordings.recording(number)[max(0, onset - lead) : end], number))
     single = config.opens_at_once
     for piece, number in pieces:
         twice = piece if single else np.concatenate([piece, piece])
@@ -152,11 +148,11 @@ class Campaign:
 
     def play(
         self, upsets: Sequence[tuple[int, ...]], progress: Progress | None = None, *, stop: bool = False
-    ) -> list[dict[str, Any]]:
+    ) -> list[Record]:
         """Raw results; ``stop``: up to the first global decision after the upset."""
         return self.played.runs(upsets, stop=stop, progress=progress)
 
-    def clean(self) -> dict[str, Any]:
+    def clean(self) -> Record:
         """The run without an upset.
 
         Raises
@@ -181,7 +177,7 @@ class Campaign:
         last."""
         return [site for site in self.sites if not site.words and site.block != "watchdog"]
 
-    def choose(self, count: int, seed: int, clean: dict[str, Any]) -> list[tuple[Site, int, int]]:
+    def choose(self, count: int, seed: int, clean: Record) -> list[tuple[Site, int, int]]:
         """(register, bit, cycle): every flip-flop bit equally often (at least once each where ``count``
         allows), blocks in turn; cycles of the first touch and before it."""
         rng = np.random.default_rng(seed)
@@ -191,7 +187,7 @@ class Campaign:
         first = clean["recordings"][0]["decisions"][len(self.scenario.expected[0][0]) - 1][2]
         return [(site, bit, int(rng.integers(0, first))) for site, bit in order]
 
-    def judge(self, result: dict[str, Any]) -> dict[str, Any]:
+    def judge(self, result: Record) -> Record:
         """What an upset did: hang, and whether the decisions of each touch are those of the golden model."""
         first, then = result["recordings"]
         touches = self.scenario.expected[0]
@@ -215,14 +211,14 @@ class Campaign:
             "next_recording": self.next_recording_exact(result),
         }
 
-    def next_recording_exact(self, result: dict[str, Any]) -> bool:
+    def next_recording_exact(self, result: Record) -> bool:
         """Are the decisions of the second recording those of the golden model?"""
         then = result["recordings"][1]
         return not then["hang"] and [event[0] for event in then["decisions"]] == [
             v for touch in self.scenario.expected[1] for v in touch
         ]
 
-    def _as_new(self, recording: dict[str, Any]) -> bool:
+    def _as_new(self, recording: Record) -> bool:
         """After the watchdog acted: is the rest of the recording decided as a recording by itself is?"""
         frames, taxels, cycle = recording["cleared"][-1]
         stream = self.scenario.recordings.recording(0)
@@ -246,45 +242,36 @@ class Campaign:
             "scales, one, zero, check words",
             [place.constants + index for index in place.used_constants],
         )
-        words = {
-            "engine.addends.low": ("biases", addends),
-            "engine.addends.middle": ("biases", addends),
-            "engine.addends.high": ("biases", addends),
-            "engine.coefficients.both": coefficients,
-            "engine.coefficients.constants": coefficients,
+        biases = ("biases", addends)
+        words: dict[str, tuple[str, Sequence[int] | None]] = {
+            **dict.fromkeys((f"engine.addends.{part}" for part in ("low", "middle", "high")), biases),
+            **dict.fromkeys((f"engine.coefficients.{part}" for part in ("both", "constants")), coefficients),
             "engine.state_memory": (ZEROS, [place.state_zero]),
             "engine.t_memory": (ZEROS, [place.t_zero]),
             "engine.windows": (ZEROS, [place.window_none]),
-            "engine.activation.table": (TABLES, None),
-            "engine.narrowing.activation.table": (TABLES, None),
+            **dict.fromkeys(("engine.activation.table", "engine.narrowing.activation.table"), (TABLES, None)),
             "engine.sequencer.program": (PROGRAM, None),
             "front_end.normaliser.means": (MEANS, None),
+            **{f"engine.weights_{lane}": ("weights", None) for lane in range(config.hardware.lanes)},
         }
-        words |= {f"engine.weights_{lane}": ("weights", None) for lane in range(config.hardware.lanes)}
-        bits_of: dict[str, list[tuple[int, int, int, int]]] = {}
+        bits_of: defaultdict[str, list[tuple[int, int, int, int]]] = defaultdict(list)
+
+        def add(kind: str, site: Site, numbers: Iterable[int]) -> None:
+            bits_of[kind] += [(0, site.number, word, bit) for word in numbers for bit in range(site.width)]
+
         for site in self.sites:
             if site.name == "engine.coefficients.constants":  # 0 where gates are read
-                bits_of[ZEROS] = bits_of.get(ZEROS, []) + [
-                    (0, site.number, word, bit) for word in sorted(set(gates)) for bit in range(site.width)
-                ]
+                add(ZEROS, site, sorted(set(gates)))
             if site.words and site.name in words:
-                kind, word_numbers = words[site.name]
-                bits_of.setdefault(kind, []).extend(
-                    (0, site.number, word, bit)
-                    for word in (range(site.words) if word_numbers is None else word_numbers)
-                    for bit in range(site.width)
-                )
+                kind, numbers = words[site.name]
+                add(kind, site, range(site.words) if numbers is None else numbers)
             elif site.name.startswith(("control.mask", "control.measure")) and not site.name.endswith(
                 "_parity"
             ):
-                bits_of.setdefault("configuration registers", []).extend(
-                    (site.number, 0, 0, bit) for bit in range(site.width)
-                )
+                bits_of["configuration registers"] += [(site.number, 0, 0, bit) for bit in range(site.width)]
         return bits_of
 
-    def choose_constants(
-        self, count: int, seed: int, clean: dict[str, Any]
-    ) -> list[tuple[str, tuple[int, ...]]]:
+    def choose_constants(self, count: int, seed: int, clean: Record) -> list[tuple[str, tuple[int, ...]]]:
         """(kind, upset): ``count`` bits, kinds in turn until all of theirs are taken, at random cycles from
         ``arm`` to three steps before the end of the first touch: what is flipped later has been read for the
         last time. Means and tables: so long before the first step that they are walked through once more; at
@@ -302,19 +289,11 @@ class Campaign:
         while len(chosen) < count and any(waiting.values()):
             for kind, bits in waiting.items():
                 if bits and len(chosen) < count:
-                    chosen.append(
-                        (
-                            kind,
-                            (
-                                *bits.pop(),
-                                0,
-                                int(rng.integers(0, early if kind in (TABLES, MEANS) else last)),
-                            ),
-                        )
-                    )
+                    cycle = rng.integers(0, early if kind in (TABLES, MEANS) else last)
+                    chosen.append((kind, (*bits.pop(), 0, int(cycle))))
         return chosen
 
-    def judge_constant(self, kind: str, upset: tuple[int, ...], result: dict[str, Any]) -> bool:
+    def judge_constant(self, kind: str, upset: tuple[int, ...], result: Record) -> bool:
         """Is CHECKSUM set when the first global decision after the upset is offered (where the upset keeps it
         from coming: at the end)?
 
@@ -341,20 +320,20 @@ class Campaign:
 def _records(
     campaign: Campaign,
     title: str,
-    chosen: Sequence[tuple[dict[str, Any], tuple[int, ...]]],
-    judge: Callable[[dict[str, Any], dict[str, Any]], dict[str, Any]],
+    chosen: Sequence[tuple[Record, tuple[int, ...]]],
+    judge: Callable[[Record, Record], Record],
     keep: Keep | None,
     progress: Progress | None,
     *,
     stop: bool = False,
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """The record of each upset with what ``judge`` (record, result) adds, ``CHUNK`` of them kept at a time,
     so that an interrupted campaign goes on where it stopped."""
-    records: list[dict[str, Any]] = []
+    records: list[Record] = []
     for start in range(0, len(chosen), CHUNK):
         piece = chosen[start : start + CHUNK]
 
-        def make(piece=piece, start=start) -> list[dict[str, Any]]:
+        def make(piece=piece, start=start) -> list[Record]:
             report = (lambda done, _: progress(start + done, len(chosen))) if progress else None
             results = campaign.play([upset for _, upset in piece], report, stop=stop)
             return [
@@ -396,7 +375,7 @@ def upset_constants(
         for kind, upset in campaign.choose_constants(count, seed, campaign.clean())
     ]
 
-    def judge(record: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
+    def judge(record: Record, result: Record) -> Record:
         return {"flagged": campaign.judge_constant(record["kind"], record["upset"], result)}
 
     return _records(campaign, f"constants, seed {seed}", chosen, judge, keep, progress, stop=True)
@@ -426,33 +405,28 @@ def leave_recordings(
     leavings += [(way, cycle) for cycle in near for way in ways]
     chosen = [({"way": way, "cycle": cycle}, (way, 0, 0, 0, 0, cycle)) for way, cycle in leavings]
 
-    def judge(_: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
+    def judge(_: Record, result: Record) -> Record:
         return {"differs": not campaign.next_recording_exact(result)}
 
     return _records(campaign, f"resets, seed {seed}, {ways}", chosen, judge, keep, progress)
 
 
-def summary(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def summary(records: Sequence[Record]) -> Record:
     """Counts of a flip-flop campaign's records."""
     lasting = Counter(
         record["register"] for record in records if not (record["next_touch"] or record["as_new"])
     )
+    counted = "exact wrong_unflagged flagged cleared next_touch as_new next_recording".split()
     return {
         "flips": len(records),
         "hangs": sum(record["hang"] > 0 for record in records),
-        "exact": sum(record["exact"] for record in records),
-        "wrong_unflagged": sum(record["wrong_unflagged"] for record in records),
-        "flagged": sum(record["flagged"] for record in records),
-        "cleared": sum(record["cleared"] for record in records),
-        "next_touch": sum(record["next_touch"] for record in records),
-        "as_new": sum(bool(record["as_new"]) for record in records),
-        "next_recording": sum(record["next_recording"] for record in records),
+        **{name: sum(bool(record[name]) for record in records) for name in counted},
         "lasting": dict(sorted(lasting.items())),
         "until_written": sorted({record["register"] for record in records if not record["next_recording"]}),
     }
 
 
-def in_words(counts: dict[str, Any]) -> str:
+def in_words(counts: Record) -> str:
     """A flip-flop campaign in a sentence."""
     flips = counts["flips"]
     return (
@@ -466,13 +440,8 @@ def in_words(counts: dict[str, Any]) -> str:
     )
 
 
-def flagged_by_kind(records: Sequence[dict[str, Any]]) -> dict[str, tuple[int, int]]:
+def flagged_by_kind(records: Sequence[Record]) -> dict[str, tuple[int, int]]:
     """(flips, flagged) of a campaign over constants, by kind."""
-    kinds = dict.fromkeys(record["kind"] for record in records)
-    return {
-        kind: (
-            sum(record["kind"] == kind for record in records),
-            sum(record["kind"] == kind and record["flagged"] for record in records),
-        )
-        for kind in kinds
-    }
+    flips = Counter(record["kind"] for record in records)
+    flagged = Counter(record["kind"] for record in records if record["flagged"])
+    return {kind: (count, flagged[kind]) for kind, count in flips.items()}

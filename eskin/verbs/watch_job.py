@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from eskin.cosim.link import BURST, Link, LinkError
+from eskin.cosim.link import Link
 from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.live import terminal
@@ -25,11 +26,11 @@ from eskin.live.hub import Hub
 from eskin.live.player import Controls, Player, hello
 from eskin.live.recorder import Recorder
 from eskin.live.server import PageServer
-from eskin.live.sources import BoardSource, Listener, ModelSource, SimulationSource, Source
+from eskin.live.sources import BoardSource, Listener, ModelSource, SimulationSource, Source, on_port
 from eskin.pages.watch_page import asked_shape, guessed_shape, page
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
-from eskin.verbs.replay_job import ANSWER_S
+from eskin.verbs.replay_job import answer_s
 
 BUILDS = Path("build/simulators")
 HOST, PORT = "127.0.0.1", 8765
@@ -98,16 +99,13 @@ def board_source(
 ) -> BoardSource | Listener:
     """The board behind ``transport``: loaded and to be given recordings, or listened to as it is."""
     config = model.config
-    burst_bits = 10 * BURST * 2 * (2 * config.sensor.taxels + 8)  # where every byte of it is escaped
-    link = Link(transport, register_map(config), timeout_s=ANSWER_S + burst_bits / baud)
-    try:
+    link = Link(transport, register_map(config), timeout_s=answer_s(config, baud))
+    with on_port(port):
         link.connect()
         if not plays:
             return Listener(config, link, port)
         link.load(boot_writes(config, model.arrays))
         return BoardSource(model, link, port)
-    except LinkError as error:
-        raise InputError(f"--port {port}: {error}") from None
 
 
 def watch(
@@ -127,7 +125,7 @@ def watch(
     once: bool = False,
     console: Console | None = None,
     ready: Callable[[str, Controls], None] = lambda address, controls: None,
-) -> dict[str, Any]:
+) -> Record:
     """Show ``numbers`` of ``recordings`` (None: a board that works by itself) until all is played (``once``,
     ``in_terminal``), or an interrupt.
 
@@ -229,18 +227,11 @@ def _ending_in_order(controls: Controls) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def figures(player: Player, hub: Hub, saved: bool) -> dict[str, Any]:
+def figures(player: Player, hub: Hub, saved: bool) -> Record:
     """What was played, for table and JSON."""
     tally = player.tally
-    return {
-        "recordings": tally.recordings,
-        "frames": tally.frames,
-        "touches": tally.touches,
-        "labelled": tally.labelled,
-        "correct": tally.correct,
-        "undecided": tally.undecided,
+    return vars(tally) | {
         "compared_values": tally.compared,
-        "mismatches": tally.mismatches,
         "mismatch_list": tally.said,
         "display_frames_dropped": hub.dropped,
         "recorded": tally.recorded if saved else 0,

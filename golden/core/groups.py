@@ -450,7 +450,8 @@ class Formats(Group):
 @dataclass(frozen=True, kw_only=True)
 class Hardware(Group):
     """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the
-    host bus; False: ROM); clock_hz; checksum (memories and registers are checked as they are used, a fault
+    host bus; False: ROM); clock_hz; decide_within_s (the latency budget from a window's last sample to its
+    decision; 0: one frame, of images one image); checksum (memories and registers are checked as they are used, a fault
     raises a flag); watchdog (a chain that hangs goes back to idle); one_port (no memory of the pre-trigger
     ring is read and written in one cycle, as a chip's macros of one port want); clock_gate (the clock stops
     while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights in the large
@@ -466,6 +467,7 @@ class Hardware(Group):
     clock_gate: StrictBool = False
     spare_blocks: StrictBool = False
     clock_hz: Annotated[Real, Gt(0)] = 12e6
+    decide_within_s: Annotated[Real, Ge(0)] = 0.0
 
     def refusals(self) -> Iterator[Refusal]:
         if self.lane_type == "serial" and self.lanes > 1:

@@ -28,6 +28,8 @@ Function = Callable[[Any, Any], Any]
 """(shared, piece) -> result; a worker finds it by its module and name."""
 Progress = Callable[[str, int, int], None]
 """Called with (what, done, in all)."""
+Record = dict[str, Any]
+"""Named values: a result, a row of it, options; as JSON holds them."""
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a worker: there are as many workers as cores."""

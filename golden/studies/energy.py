@@ -4,6 +4,7 @@ measurements, with its band.
     E(step)        = cycles * e_clock + register-bit toggles * e_toggle + multiply cycles * e_multiply
     E(touch)       = steps * E(step)                                   (the recurrent cell, its normaliser and the decision)
     E(preprocess)  = frames of a touch * (cycles * e_clock + toggles * e_toggle)
+                                       (a frame without a touch takes fewer cycles)
     P(idle)        = P(static) + clock * (e_clock + idle toggles * e_toggle) + frame rate * frame toggles * e_toggle
     P(average)     = P(idle) + touches a second * what the steps add
     hours          = 1000 mAh * 5 V / P                                (thesis, equation 5.1: 18 000 J)
@@ -162,15 +163,16 @@ class Activity:
     """What the hardware does, averages of co-simulated recordings.
 
     step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles,
-    frame_toggles: of a frame, in the rest. idle_toggles: a cycle without work. ram_reads, large_uses: a
-    cycle, of block memories and of the large ones of one port. source: how it was found. recordings: how many
-    were counted.
+    quiet_cycles: of a frame of a touch, and of another one. frame_toggles: of a frame, in the rest.
+    idle_toggles: a cycle without work. ram_reads, large_uses: a cycle, of block memories and of the large
+    ones of one port. source: how it was found. recordings: how many were counted.
     """
 
     step_cycles: float
     step_toggles: float
     step_multiplies: float
     frame_cycles: float
+    quiet_cycles: float
     frame_toggles: float
     idle_toggles: float
     ram_reads: float
@@ -195,7 +197,8 @@ def counted_activity(
     frames: int,
     steps: int,
     step_cycles: float,
-    frame_cycles: int,
+    frame_cycles: float,
+    quiet_cycles: float,
     recordings: int,
 ) -> Activity:
     """Activity from two runs over the same recordings, at full pace and slower, which differ in idle cycles
@@ -208,8 +211,8 @@ def counted_activity(
         as a mapping).
     frames, steps:
         In all, of one run.
-    step_cycles, frame_cycles:
-        Most cycles of a step; cycles of a frame of a touch.
+    step_cycles, frame_cycles, quiet_cycles:
+        Most cycles of a step; cycles of a frame of a touch, and of another one.
     """
     idle = max(
         0.0,
@@ -221,6 +224,7 @@ def counted_activity(
         step_toggles=compute / steps,
         step_multiplies=full["multiplies"] / steps,
         frame_cycles=frame_cycles,
+        quiet_cycles=quiet_cycles,
         frame_toggles=(sum(full["toggles"].values()) - compute) / frames,
         idle_toggles=idle,
         ram_reads=full["ram_reads"] / full["cycles"],
@@ -231,14 +235,19 @@ def counted_activity(
 
 
 def scheduled_activity(
-    config: AcceleratorConfig, step_cycles: int, frame_cycles: int, registers: int, multipliers: int
+    config: AcceleratorConfig,
+    step_cycles: int,
+    frame_cycles: float,
+    quiet_cycles: float,
+    registers: int,
+    multipliers: int,
 ) -> Activity:
     """Activity for a build without recordings: cycles of the schedule, every multiplier busy as often as
     there are products, an eighth of the register bits changing in a busy cycle.
 
     Parameters
     ----------
-    step_cycles, frame_cycles:
+    step_cycles, frame_cycles, quiet_cycles:
         Of the schedule. registers, multipliers: cells of the netlist (a design without multipliers multiplies
         in its logic).
     """
@@ -247,6 +256,7 @@ def scheduled_activity(
         step_toggles=REGISTER_SHARE * registers * step_cycles,
         step_multiplies=(config.multiplies + config.inputs) if multipliers else 0,
         frame_cycles=frame_cycles,
+        quiet_cycles=quiet_cycles,
         frame_toggles=REGISTER_SHARE * registers * frame_cycles,
         idle_toggles=IDLE_TOGGLES,
         ram_reads=0.0,
@@ -293,8 +303,11 @@ def estimate(
     on = part.static_w + clock_hz * (part.clock_j + idle_toggles) + rate * switching
     rows = [("outside clock, always on", clock_hz, on, steps * switched)]
     if part.clock_stops:
-        stopped = part.static_w + rate * frame
-        rows.append(("outside clock, stops between samples", clock_hz, stopped, steps * per_step))
+        stopped = part.static_w + rate * (activity.quiet_cycles * part.clock_j + switching)
+        touch_adds = (
+            steps * per_step + frames * (activity.frame_cycles - activity.quiet_cycles) * part.clock_j
+        )
+        rows.append(("outside clock, stops between samples", clock_hz, stopped, touch_adds))
     for hertz, watt in sorted(part.oscillator_w.items()):
         if hertz >= clock_hz:
             idle = watt + hertz * idle_toggles + rate * switching

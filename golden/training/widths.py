@@ -14,7 +14,7 @@ import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel, load_training
+from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import decide_touches, float_features
 from eskin.golden.model.preprocess import Touches, find_touches
 from eskin.golden.model.stage_error import StageError, logit_error, stage_errors
@@ -23,6 +23,7 @@ from eskin.golden.training.quantise import (
     COVERED_FEATURE,
     OPERAND_BITS,
     Range,
+    load_trained,
     profile,
     quantise_model,
     range_records,
@@ -78,6 +79,12 @@ class Tried:
     stage: str | None
     stages: tuple[StageError, ...] = ()
     refused: str = ""
+
+    @property
+    def figures(self) -> dict[str, Any]:
+        """What training.json says of them."""
+        names = ("weight_bits", "table_entries", "mean", "max", "stage")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def widths(self) -> dict[str, int]:
@@ -259,13 +266,7 @@ def quantise_by_error(
         raise InputError(
             f"quantisation, field logit_error: is {limit:g}; give the largest difference of a logit, 0.5 say"
         )
-    model, record = FloatModel.load(model_dir), load_training(model_dir)
-    if "config" in record:
-        model = FloatModel(
-            AcceleratorConfig.from_dict(record["config"], f"{model_dir}: training record"),
-            model.arrays,
-            model.source,
-        )
+    model, record = load_trained(model_dir)
     config = model.config
     splits = [split["groups"] for split in record.get("cross_validation", [])] or default_splits(
         recordings, config
@@ -290,18 +291,8 @@ def quantise_by_error(
         "splits": [list(names) for names in splits],
         "cases": len(cases),
         "headroom": headroom,
-        **{name: getattr(chosen, name) for name in ("weight_bits", "table_entries", "mean", "max", "stage")},
-        "tried": [
-            {
-                "weight_bits": rung.weight_bits,
-                "table_entries": rung.table_entries,
-                "mean": rung.mean,
-                "max": rung.max,
-                "stage": rung.stage,
-            }
-            for rung in tried
-            if not rung.refused
-        ],
+        **chosen.figures,
+        "tried": [rung.figures for rung in tried if not rung.refused],
     }
     record |= {
         "quantisation_aware": False,

@@ -12,9 +12,7 @@ from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.image_network import random_images
-from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
-from eskin.golden.model.preprocess import find_onsets
 from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
@@ -255,19 +253,6 @@ def test_stream_prediction_and_hardware_agree(model, tmp_path):
         check_stream(model, scene(9, seed=4), tmp_path, one_by_one=lambda index: True, simulator="icarus")
         > 40
     )
-
-
-@pytest.mark.slow
-def test_stream_prediction_and_hardware_agree_on_real_recordings(shared_data, tmp_path):
-    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=PRESETS["pvdf"])
-    model = eskin.Model()
-    model._integer = random_integer_model(PRESETS["pvdf"], 1)
-    some = recordings.subset(recordings.evenly(3))
-    # Icarus is slow
-    about = [slice(max(onset - 500, 0), onset + 700) for onset in find_onsets(model.config, some)]
-    cut = [some.recording(index)[span] for index, span in enumerate(about)]
-    sample = eskin.Recordings.of(cut, class_names=model.classes_, sample_rate_hz=some.sample_rate_hz)
-    assert check_stream(model, sample, tmp_path, one_by_one=lambda index: index == 0, simulator="icarus") > 10
 
 
 @pytest.mark.slow

@@ -13,10 +13,8 @@ import os
 import re
 import resource
 import signal
-import subprocess
 import sys
 import tempfile
-import time
 import traceback
 import warnings
 from collections.abc import Callable
@@ -25,7 +23,6 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
-import matplotlib
 import torch
 from matplotlib.figure import Figure
 
@@ -208,45 +205,3 @@ def _tree(folder: Path) -> dict[str, str]:
             kind or hashlib.sha256(path.read_bytes()).hexdigest()
         )
     return entries
-
-
-def of_its_own(case: Path, words: list[str]) -> Verdict:
-    """As `watched`, the command line in a Python of its own; work that takes long is interrupted, as with
-    Ctrl-C."""
-    before = _tree(case / "in")
-    words = [word for word in words if "\0" not in word]
-    environment = {
-        **os.environ,
-        "HOME": str(case / "tmp"),
-        "TMPDIR": str(case / "tmp"),
-        "PYTHONPATH": str(ROOT),
-        "COLUMNS": "200",
-    }
-    # where Yosys is kept, compiled
-    environment["XDG_CACHE_HOME"] = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    # its list of fonts is made once, not for every input
-    environment["MPLCONFIGDIR"] = matplotlib.get_configdir()
-    command = [sys.executable, "-m", "eskin.cli.main", *words]
-    status: Any = None
-    with (case / "said.txt").open("w") as said:
-        streams: dict[str, Any] = dict(stdin=subprocess.DEVNULL, stdout=said, stderr=said)
-        process = subprocess.Popen(
-            command, cwd=case / "out", env=environment, start_new_session=True, **streams
-        )
-    for grace in (12, 20):
-        try:
-            status = process.wait(grace)
-            break
-        except subprocess.TimeoutExpired:
-            process.send_signal(signal.SIGINT)
-    for number in (signal.SIGTERM, signal.SIGKILL):
-        try:
-            os.killpg(process.pid, number)
-        except ProcessLookupError:
-            break
-        time.sleep(0.05)
-    process.wait()
-    text = (case / "said.txt").read_text(errors="replace")
-    if status is None:
-        return Verdict("hang", text)
-    return _judged(case, before, "long work" if status in (130, -signal.SIGINT) else status, text)

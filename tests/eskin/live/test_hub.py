@@ -133,8 +133,3 @@ def test_large_arrays_get_fewer_display_frames():
         and Hub({}, 3000.0, 160).bucket(1.0) == 150
         and Hub({}, 50.0, 160).bucket(1.0) == 2
     )
-
-
-def test_only_events_have_messages():
-    with pytest.raises(TypeError, match="no message for Tally"):
-        module.as_text(Tally())

@@ -97,14 +97,6 @@ def test_nothing_is_thinned_out_for_the_model_and_the_record(model, recordings, 
         assert archive["decision"][:, 0].tolist() == run(model, recordings).decision.tolist()
 
 
-def test_its_own_pace(model, recordings):
-    stage = Stage(ModelSource(model), recordings, [3], speed=2.0)
-    begin = time.monotonic()
-    stage.go()
-    wanted = recordings.lengths[3] / recordings.sample_rate_hz / 2
-    assert wanted - module.TICK_S <= time.monotonic() - begin < wanted + 2
-
-
 class FakeTime:
     """A clock that only `Controls.wait` moves; ``asked(controls, times)`` may do something in each wait and
     end it early."""
@@ -259,17 +251,3 @@ def test_a_long_stream_does_not_fill_memory():
     stage, growth = played(90_000)
     assert stage.player.tally.frames == 90_000 and stage.player.tally.touches >= 8 and growth < 16e6
     assert stage.hub.dropped > 0
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(1800)
-def test_ten_minutes_of_3_kHz_do_not_fill_memory(capsys):
-    begin = time.monotonic()
-    stage, growth = played(1_800_000)
-    rate = 1_800_000 / (time.monotonic() - begin)
-    with capsys.disabled():
-        print(
-            f"1 800 000 frames at {rate:.0f} a second; memory grew {growth / 1e6:.1f} MB; "
-            f"{stage.player.tally.touches} touches"
-        )
-    assert stage.player.tally.frames == 1_800_000 and growth < 16e6 and rate > 3000

@@ -11,23 +11,19 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import write_json
 from eskin.pages.report import (
     Result,
-    count,
     draw_confusion,
     draw_step_accuracy,
     draw_trace,
     draw_training,
-    hertz,
-    percent,
-    seconds,
     summary,
     write_report,
 )
+from eskin.pages.views import count, hertz, percent, seconds
 from tests.support.result_case import CONFIG, STAGE_COUNTS, cosimulation, edit, evaluation, make_result
 from tests.support.table import each_row
 
@@ -187,7 +183,7 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
     assert "person left out 3 96.4 %" in words and "unseen person 3 96.4 %" not in words
     assert "the network taken, on the folds it was chosen on, 96.4 %" in words
     out = io.StringIO()
-    Console(file=out, width=200).print(summary(result))
+    out.write(summary(result))
     assert "chosen anew without each fold" in out.getvalue() and "unseen person" in out.getvalue()
 
 
@@ -277,7 +273,7 @@ def test_the_page_is_the_same_when_made_again(made):
 
 def test_the_summary_has_the_headline(made):
     out = io.StringIO()
-    Console(file=out, width=140).print(summary(made))
+    out.write(summary(made))
     shown = out.getvalue().replace("\u00a0", " ")
     for words in (
         "made-up <set>",
@@ -377,7 +373,7 @@ def test_the_drawing_shows_the_codes_of_the_trace(made):
     np.testing.assert_allclose(
         sorted(heights), sorted(result.trace["margin"][:done] / 2.0**CONFIG.formats.logit_format.frac_bits)
     )
-    assert CONFIG.network.class_names[int(result.trace["global_decision"])] in decisions.get_title(loc="left")
+    assert CONFIG.network.class_names[int(result.trace["global_decision"])] in decisions.get_title()
 
 
 @each_row("rate", [49.0, 3000.0])  # 49 * (1 / 49) is below 1
@@ -386,7 +382,7 @@ def test_a_partial_touch_from_frame_1_is_drawn(made, rate):
     trace = Result.load(made).trace | {name: np.array(value) for name, value in at_once.items()}
     figure = draw_trace(trace, CONFIG.replace(sample_rate_hz=rate))
     assert figure.axes[0].get_xlim()[0] == pytest.approx(1 / rate)
-    assert "ended early" in figure.axes[4].get_title(loc="left")
+    assert "ended early" in figure.axes[4].get_title()
     assert len([bar for bars in figure.axes[4].containers for bar in bars]) == 1
 
 

@@ -6,15 +6,11 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import pytest
 
-from eskin.golden.core.files import write_json
-from eskin.golden.data.archive import save_archive
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training.choose_network import train_chosen
 from eskin.pages.report import write_report
-from eskin.verbs import main_job
 from tests.support.result_case import edit, make_result
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -73,23 +69,3 @@ def test_a_doubtful_run_shows_its_banner_and_a_sound_one_none(kind, tmp_path, mo
     found = [sentence for sentence in warnings if all(part in sentence for part in SAYS.get(kind, ("",)))]
     assert len(found) == (kind != "sound"), warnings
     assert all(part in page for part in SAYS.get(kind, ()))
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-def test_the_whole_job_shows_the_banner(tmp_path):
-    """As a user meets it: a sixth of the recordings without a touch."""
-    save_archive(lost_onsets(), tmp_path / "data.npz")
-    write_json(tmp_path / "config.json", SMALL.to_dict())
-    record = main_job.run(
-        str(tmp_path / "data.npz"),
-        config=str(tmp_path / "config.json"),
-        group=GROUPS,
-        seeds=1,
-        out=tmp_path / "run",
-        recordings=3,
-        console=main_job.Console(quiet=True),
-    )
-    page = (tmp_path / "run/report.html").read_text()
-    assert record["passed"] and any("show no touch" in sentence for sentence in record["warnings"])
-    assert 'class="verdict warn"' in page and "show no touch, and count as wrong" in page

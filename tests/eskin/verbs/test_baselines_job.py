@@ -35,24 +35,12 @@ def archive(tmp_path, monkeypatch):
 
 
 def call(*words):
-    common = [
-        "baselines",
-        "--data",
-        "data.npz",
-        "--config",
-        "c.json",
-        "--jobs",
-        "1",
-        "--seeds",
-        "1",
-        "--out",
-        "out",
-    ]
+    common = "baselines --data data.npz --config c.json --jobs 1 --seeds 1 --out out".split()
     return CliRunner().invoke(app, [*common, *words])
 
 
 def test_table_chart_and_json(archive, tmp_path):
-    words = ["--group", "person", "--methods", "logistic,boosting,least-squares,gru12-n200"]
+    words = "--group person --methods logistic,boosting,least-squares,gru12-n200".split()
     done = call(*words)
     assert done.exit_code == 0, (done.output, done.exception)
     result = json.loads((tmp_path / "out" / "baselines.json").read_text())
@@ -95,13 +83,13 @@ def test_table_chart_and_json(archive, tmp_path):
 
 
 def test_changed_code_of_a_family_judges_that_family_again(archive, monkeypatch):
-    assert call("--group", "person", "--methods", "logistic,least-squares").exit_code == 0
+    assert call(*"--group person --methods logistic,least-squares".split()).exit_code == 0
     real = baselines_job.code_version
     changed = "golden/baselines/simple.py"
     monkeypatch.setattr(
         baselines_job, "code_version", lambda *names: real(*names) + ("changed" if changed in names else "")
     )
-    assert call("--group", "person", "--methods", "logistic,least-squares").exit_code == 0
+    assert call(*"--group person --methods logistic,least-squares".split()).exit_code == 0
     assert archive == ["logistic", "least-squares", "logistic"]
 
 
@@ -111,7 +99,7 @@ def test_changed_code_of_a_family_judges_that_family_again(archive, monkeypatch)
         (["--methods", "forst"], "--methods forst: is no method"),
         (["--group", "colour"], "no group array 'colour'"),
         (["--shape", "3x3"], "--shape 3x3: is 9 taxels and the recordings have 4"),
-        (["--folds", "41", "--methods", "svm"], "41 folds were asked for and there are 40 recordings"),
+        ("--folds 41 --methods svm".split(), "41 folds were asked for and there are 40 recordings"),
     ],
 )
 def test_bad_usage_trains_nothing_and_writes_nothing(archive, tmp_path, options, words):

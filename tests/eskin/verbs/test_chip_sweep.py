@@ -132,7 +132,7 @@ def test_chips_are_played_whole_and_with_a_wrong_cell(tmp_path, monkeypatch, cap
         "--constants",
         "rom",
     ]
-    common += ["--play", "2", "--windows", "4"]
+    common += "--play 2 --windows 4".split()
     assert chip_sweep.main([*common, "--placed", "--out", str(tmp_path / "placed")]) == 0
     text = capsys.readouterr().out
     assert "99, 0" in text and "8, 0" in text and "20 mismatches" in text

@@ -170,18 +170,7 @@ def test_joined_counts_and_extremes():
 def test_the_lowest_clock_is_not_looked_for_on_a_cluster(model, here):
     from eskin.cli.main import app
 
-    words = [
-        "cosim",
-        "model",
-        "--data",
-        "d.npz",
-        "--pace",
-        "declared",
-        "--clock",
-        "lowest",
-        "--dask",
-        "tcp://here:1",
-    ]
+    words = "cosim model --data d.npz --pace declared --clock lowest --dask tcp://here:1".split()
     done = CliRunner().invoke(app, words)
     assert isinstance(done.exception, InputError) and "leave --dask out" in str(done.exception)
 
@@ -250,23 +239,9 @@ def test_a_real_cluster_gives_the_local_results(cluster, model, here):
     )
     (here / "c.json").write_text(SMALL.to_json())
     (here / "g.json").write_text('{"hidden": [4, 5], "weight_bits": [4, 8]}')
-    sweep = [
-        "sweep",
-        "--data",
-        "d.npz",
-        "--config",
-        "c.json",
-        "--grid",
-        "g.json",
-        "--group",
-        "person",
-        "--folds",
-        "2",
-        "--seeds",
-        "1",
-    ]
+    sweep = "sweep --data d.npz --config c.json --grid g.json --group person --folds 2 --seeds 1".split()
     for where, options in (("local", []), ("cluster", ["--dask", cluster])):
-        eskin("cosim", "model", "--data", "d.npz", "--json", f"{where}.json", *options)
+        eskin(*"cosim model --data d.npz --json".split(), f"{where}.json", *options)
         shutil.rmtree("build/sweep_points", ignore_errors=True)
         eskin(*sweep, "--out", where, *options)
     local, far = (json.loads(Path(f"{where}.json").read_text()) for where in ("local", "cluster"))

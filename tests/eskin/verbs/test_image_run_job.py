@@ -9,7 +9,8 @@ import pytest
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.archive import save_archive
-from eskin.pages.report import count, write_report
+from eskin.pages.report import write_report
+from eskin.pages.views import count
 from eskin.verbs.main_job import run
 from tests.support.image_scenes import SHAPES, shapes
 from tests.support.table import each_row

@@ -474,23 +474,6 @@ def test_bad_input_in_training_leaves_nothing(chain, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_the_whole_job_on_a_small_scene(tmp_path, monkeypatch):
-    from eskin.golden.data.scene import synthetic_recordings
-
-    monkeypatch.setattr(
-        main_job, "load_recordings", lambda data, config: synthetic_recordings(persons=6, trials=2)
-    )
-    record = main_job.run(out=tmp_path / "run", recordings=3, console=QUIET)
-    outcome = json.loads((tmp_path / "run/cosim.json").read_text())
-    assert outcome["bit_exact"] and outcome["recordings"] == 3 and outcome["frames"] == 27000
-    assert [check["name"] for check in record["checks"] if not check["held"]] == []
-    assert (tmp_path / "run/rtl/accelerator.sv").exists() and (
-        tmp_path / "run/report.html"
-    ).stat().st_size > 100_000
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
 def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
     """40 taxels at 200 Hz with a few counts each, in contact from the first frame on: no option but
     --data."""

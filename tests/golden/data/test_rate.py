@@ -4,7 +4,8 @@ import numpy as np
 
 from eskin.golden.data.rate import wrong_rate
 from eskin.golden.data.recordings import Recordings
-from eskin.pages.inspect_data import advice, inspect
+from eskin.pages.inspect_data import in_rows, inspect
+from eskin.pages.views import words
 from tests.support.table import each_row
 
 
@@ -35,5 +36,8 @@ def test_the_archives_own_durations_are_believed(name, unit):
 
 
 def test_inspect_says_it_first():
-    figures = inspect(recordings(30_000), None)
-    assert "check sample_rate_hz" in advice(figures, "x.npz")[0]
+    odd = recordings(30_000)
+    figures = inspect(odd, None)
+    assert (
+        "check sample_rate_hz" in words("advice", **figures, **in_rows(odd, figures, "x.npz")).splitlines()[0]
+    )

@@ -21,7 +21,7 @@ from eskin.golden.studies.energy import (
     scheduled_activity,
 )
 from eskin.pages.energy_page import render
-from eskin.pages.report import unit
+from eskin.pages.views import unit
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row
 
@@ -31,6 +31,7 @@ ACTIVITY = Activity(
     step_toggles=30_000,
     step_multiplies=1_200,
     frame_cycles=16,
+    quiet_cycles=12,
     frame_toggles=900,
     idle_toggles=3,
     ram_reads=20,
@@ -70,7 +71,8 @@ def test_a_step_a_touch_and_the_powers_are_the_sums_by_hand():
         idle + added
     )
     assert (
-        stopped["average_w"] == pytest.approx(100e-6 + 3000 * frame + 20 * step)
+        stopped["average_w"]
+        == pytest.approx(100e-6 + 3000 * (frame - 4 * 50e-12) + 20 * step + 6144 * 4 * 50e-12)
         and stopped["average_w"] < on["average_w"]
     )
     assert own["clock_hz"] == 6e6 and own["idle_w"] == pytest.approx(
@@ -98,22 +100,23 @@ def test_the_fit_meets_what_the_source_measured():
 def test_idle_toggles_are_what_two_runs_differ_by():
     full = {"cycles": 1000, "toggles": {"cell": 400, "classifier": 40, "ring": 600}, "multiplies": 300}
     slow = {"cycles": 3000, "toggles": {"cell": 410, "classifier": 40, "ring": 4590}, "multiplies": 300}
-    counts = dict(frames=60, steps=4, step_cycles=77, frame_cycles=39, recordings=1)
+    counts = dict(frames=60, steps=4, step_cycles=77, frame_cycles=39, quiet_cycles=19, recordings=1)
     activity = counted_activity(CONFIG, full | {"ram_reads": 5000, "large_uses": 1500}, slow, **counts)
     steps = (activity.step_cycles, activity.step_toggles, activity.step_multiplies)
     assert steps == (77, 110, 75) and (activity.ram_reads, activity.large_uses) == (5, 1.5)
-    assert (activity.frame_cycles, activity.frame_toggles, activity.idle_toggles) == (39, 10, 2)
+    assert (activity.frame_cycles, activity.quiet_cycles) == (39, 19)
+    assert (activity.frame_toggles, activity.idle_toggles) == (10, 2)
 
 
 def test_an_uncounted_build_says_so():
     energy = estimate(
-        CONFIG, "iCE40UP5K", scheduled_activity(CONFIG, 197, 39, registers=600, multipliers=7), 1e6
+        CONFIG, "iCE40UP5K", scheduled_activity(CONFIG, 197, 23, 19, registers=600, multipliers=7), 1e6
     )
     assert (
         "cycles of the schedule" in energy["method"] and energy["band"] == 2.0 and energy["per_touch_j"] > 0
     )
     assert (
-        estimate(CONFIG, "iCE40HX1K", scheduled_activity(CONFIG, 8568, 39, 600, 0), 26e6)[
+        estimate(CONFIG, "iCE40HX1K", scheduled_activity(CONFIG, 8568, 23, 19, 600, 0), 26e6)[
             "per_touch_parts_j"
         ]["multiplies"]
         == 0

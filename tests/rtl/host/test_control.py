@@ -184,16 +184,19 @@ def test_the_counter_measures_what_is_asked_for():
         ctx.set(signal, 0)
 
     async def frame(ctx, dut, held):
-        ctx.set(dut.frame_first, 1)
-        await during(ctx, dut.beat_offered, held)
+        """Three beats, the first of them held up."""
         ctx.set(dut.beat_offered, 1)
-        ctx.set(dut.frame_last, 1)
-        await pulse(ctx, dut.frame_beat)
-        for signal in (dut.beat_offered, dut.frame_first, dut.frame_last):
-            ctx.set(signal, 0)
+        ctx.set(dut.frame_first, 1)
+        await ctx.tick().repeat(held)
+        for beat in range(3):
+            ctx.set(dut.frame_first, beat == 0)
+            ctx.set(dut.frame_last, beat == 2)
+            await pulse(ctx, dut.frame_beat)
+        ctx.set(dut.beat_offered, 0)
+        ctx.set(dut.frame_last, 0)
 
     async def everything(ctx, dut):
-        for held, slots, cycles in ((4, 6, 11), (2, 5, 4)):
+        for held, slots, cycles in ((3, 6, 11), (1, 5, 4)):
             await frame(ctx, dut, held)
             await during(ctx, dut.slot_done, slots)
             await ctx.tick().repeat(3)
@@ -202,21 +205,19 @@ def test_the_counter_measures_what_is_asked_for():
             await ctx.tick().repeat(2)
 
     async def body(ctx, dut, write, read):
-        for measure, longest in ((Measure.FRAME, 5), (Measure.STEP, 7), (Measure.WINDOWS, 11)):
+        for measure, longest in ((Measure.FRAME, 6), (Measure.STEP, 7), (Measure.WINDOWS, 11)):
             await write(Register.MEASURE, measure)
             assert await read(Register.LONGEST) == 0, "writing MEASURE begins anew"
             await everything(ctx, dut)
             assert await read(Register.LONGEST) == longest, measure
+        await write(Register.MEASURE, Measure.STEP)
+        await during(ctx, dut.slot_done, 30)
+        await write(Register.CONTROL, Control.ARM)
         await write(Register.CONTROL, Control.CLEAR_FAULTS)
         assert await read(Register.LONGEST) == 0
-        ctx.set(dut.windows_open, 1)
-        await ctx.tick().repeat(40)
-        await write(Register.CONTROL, Control.ARM)
-        ctx.set(dut.windows_open, 0)
-        await ctx.tick()
-        longest = await read(Register.LONGEST)
-        await during(ctx, dut.windows_open, longest)
-        await ctx.tick()
-        assert await read(Register.LONGEST) == longest, "a count begun before the arm went on after it"
+        await during(ctx, dut.slot_done, 7)
+        await pulse(ctx, dut.slot_done, dut.step_done)
+        await ctx.tick().repeat(2)
+        assert await read(Register.LONGEST) == 8, "a count begun before the arm went on after it"
 
     play(body)

@@ -1,0 +1,185 @@
+"""Results in words: a template for each, in `templates`, rendered for a page or for a terminal.
+
+A page's template is HTML. That of a terminal is Markdown, ``NAME.txt.j2``: a heading and lines between bars are a
+table, which is left out where it has no row; any other line is a sentence, on standard error where it begins with
+``! ``. A bar or the end of a line in a value is no bar and no end. What is None is a dash.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jinja2
+from markupsafe import Markup
+from rich.markup import escape
+from rich.table import Table
+
+from eskin.golden.core.files import replacing
+from eskin.golden.core.jobs import Record
+
+TEMPLATES = Path(__file__).with_name("templates")
+GAP = "\u00a0"
+"""Between a number and its unit: no line ends there."""
+
+
+# ---------------------------------------------------------------------- figures in words
+def percent(share: float, digits: int = 1) -> str:
+    """``share`` as a percentage; rounding never makes 100 of anything less, nor 0 of anything more."""
+    shown = f"{100 * share:.{digits}f}"
+    if share > 0 and float(shown) == 0:
+        return f"below {10.0**-digits:.{digits}f}{GAP}%"
+    if share < 1 and float(shown) >= 100:
+        shown = f"{math.floor(100 * share * 10**digits) / 10**digits:.{digits}f}"
+    return f"{shown}{GAP}%"
+
+
+def share(value: float | None) -> str:
+    """A share in percent for a terminal, two digits."""
+    return "-" if value is None else f"{100 * value:.2f} %"
+
+
+def seconds(value: float) -> str:
+    """A duration with a fitting unit, three digits."""
+    return unit(value, "s")
+
+
+def hertz(value: float) -> str:
+    """A frequency with a fitting unit, no digit lost down to 1 Hz of kHz figures."""
+    for prefix, scale in (("M", 1e6), ("k", 1e3)):
+        if value >= scale:
+            return f"{value / scale:.6g}{GAP}{prefix}Hz"
+    return f"{value:.6g}{GAP}Hz"
+
+
+def unit(value: float, symbol: str) -> str:
+    """A quantity with the fitting multiple of its unit, three digits: ``unit(1.5e-6, "J")`` is 1.50 µJ."""
+    for prefix, scale in (("", 1.0), ("m", 1e-3), ("µ", 1e-6), ("n", 1e-9)):
+        if abs(value) >= scale:
+            return f"{_three(value / scale)}{GAP}{prefix}{symbol}"
+    return f"{_three(value / 1e-12)}{GAP}p{symbol}" if value else f"0{GAP}{symbol}"
+
+
+def _three(value: float) -> str:
+    """Three significant digits, never an exponent."""
+    return f"{value:.{max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0}f}"
+
+
+def count(value: float) -> str:
+    """A whole number in groups of three."""
+    return f"{round(value):,}".replace(",", "\u202f")
+
+
+def number(value: float | None, spec: str, factor: float = 1) -> str:
+    """``value`` times ``factor`` as a format says."""
+    return "-" if value is None else format(value * factor, spec)
+
+
+def mean_and_largest(error: Record) -> str:
+    """{mean, max} of an error in words."""
+    return "no step to judge" if error["max"] is None else f"{error['mean']:.3f}, at most {error['max']:.2f}"
+
+
+def article(thing: str) -> str:
+    """``a touch``, ``an image``."""
+    return f"{'an' if thing[0] in 'aeiou' else 'a'} {thing}"
+
+
+# ---------------------------------------------------------------------- templates
+@functools.cache
+def _environment(written: Callable[[Any], str] | None) -> jinja2.Environment:
+    """With the filters that all templates share, and the style of pages; ``written``: how a value is put into a
+    text (None: HTML)."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        autoescape=written is None,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        finalize=written,
+    )
+    words = (percent, share, seconds, hertz, unit, count, number, mean_and_largest, article)
+    environment.filters |= {function.__name__: function for function in words}
+    environment.globals |= {"zip": zip, "style": (TEMPLATES / "style.css").read_text(encoding="utf-8")}
+    return environment
+
+
+def _cell(value: Any) -> str:
+    return "-" if value is None else " ".join(re.sub(r"(?<!\\)\|", r"\|", str(value)).splitlines())
+
+
+def page(name: str, /, **values: Any) -> str:
+    """The HTML of a result."""
+    return _environment(None).get_template(name).render(values)
+
+
+def words(name: str, /, **values: Any) -> str:
+    """The Markdown of a result."""
+    return _environment(_cell).get_template(f"{name}.txt.j2").render(values)
+
+
+def screen(part: str, /, **values: Any) -> str:
+    """A part of the live view in a terminal, in rich's markup."""
+    return _environment(_marked).get_template("screen.markup.j2").render(values, part=part).rstrip("\n")
+
+
+def _marked(value: Any) -> str:
+    return value if isinstance(value, Markup) else escape(str(value))
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a page whole or not at all."""
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+class Rows(NamedTuple):
+    """A table: title, headings, cells of each row."""
+
+    title: str
+    columns: tuple[str, ...]
+    cells: list[tuple[str, ...]]
+
+    def drawn(self) -> Table:
+        """For the terminal; its cells are text, whatever they hold."""
+        return terminal_table(self.title, self.columns, self.cells)
+
+
+def parts(text: str) -> Iterator[Rows | str]:
+    """Tables and sentences of a Markdown text, in order."""
+    title, columns = "", None
+    cells: list[tuple[str, ...]] = []
+    for line in [*text.splitlines(), ""]:
+        line = line.strip()
+        if line.startswith("|"):
+            row = tuple(cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)[1:-1])
+            if columns is None:
+                columns = row
+            elif not all(re.fullmatch(r":?-{3,}:?", cell) for cell in row):
+                cells.append(row)
+            continue
+        if columns and cells:
+            yield Rows(title, columns, cells)
+        if columns or line.startswith("#"):
+            title, columns, cells = "", None, []
+        if line.startswith("#"):
+            title = line.lstrip("# ").replace("\\|", "|")
+        elif line:
+            yield line.replace("\\|", "|")
+
+
+def tables(text: str) -> Iterator[Rows]:
+    """Tables of a Markdown text."""
+    return (part for part in parts(text) if isinstance(part, Rows))
+
+
+def terminal_table(title: str, columns: Iterable[str], cells: Iterable[Sequence[Any]]) -> Table:
+    """A table for the terminal; its cells are text, whatever they hold."""
+    table = Table(*columns, title=escape(title), title_justify="left")
+    for row in cells:
+        table.add_row(*(escape(str(cell)) for cell in row))
+    return table
