@@ -305,6 +305,15 @@ def test_the_option_that_helps(board, lanes, lane_type, shortage, helps):
     assert ("table_entries" in said) == (shortage == {"block memories": (17, 16)})
 
 
+def test_a_design_that_does_not_fit_ends_with_one_sentence_and_status_1(call, folder, monkeypatch):
+    def refuse(*_: object, **__: object):
+        raise job.BuildError("does not fit")
+
+    monkeypatch.setattr(job, "build", refuse)
+    assert call("--target", "icestick", "--out", "none") == (1, "", "eskin: does not fit\n")
+    assert not (folder / "none").exists()
+
+
 BLOCKS_SHORT = [
     ("block memories", "dsp", True),
     ("logic cells", "dsp", False),  # the large memories do not help
