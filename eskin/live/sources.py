@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.position import Position, PositionStream
 from eskin.golden.model.stream import Decision, Stream
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
+
+if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without
+    from eskin.cosim.live import LiveSimulator
 
 STAGES = ("sum", "fault", "feature", "state", "map", "logit")
 """Stages of the simulated hardware with a number for each input, unit, value of a map or class."""
@@ -130,22 +133,12 @@ def _where(made: Position) -> Where:
     return Where(made.frame + 1, made.x, made.y, made.peak, made.ended, made.direction)
 
 
-class Simulator(Protocol):
-    """As eskin.cosim.live.LiveSimulator."""
-
-    def arm(self) -> None: ...
-    def take(self, samples: np.ndarray) -> list: ...
-    def finish(self): ...
-    def read(self, register: str) -> int: ...
-    def close(self) -> None: ...
-
-
 class SimulationSource(ModelSource):
     """The simulated RTL in lock step with the model: every value of every stage of each frame is compared."""
 
     kind = "simulation"
 
-    def __init__(self, model: IntegerModel, simulator: Simulator) -> None:
+    def __init__(self, model: IntegerModel, simulator: LiveSimulator) -> None:
         super().__init__(model)
         self._simulator = simulator
         self.cycles_max = 0
