@@ -180,7 +180,8 @@ class SimulationSource(ModelSource):
             compared.append(_hardware(made, left.get("decision"), stages))
         return compared + [
             Differs(
-                f"at {where} the hardware gave {len(values)} values of stage {stage} that the model does not have"
+                f"at {where} the hardware gave {len(values)} values of stage {stage} that the model "
+                "does not have"
             )
             for stage, values in left.items()
             if values
@@ -253,7 +254,8 @@ class BoardSource(ModelSource):
         with on_port(self._port):
             position, peak = self._link.read("POSITION"), self._link.read("POSITION_PEAK")
         wrong = (position, peak) != (last.x | last.y << 8, last.peak | last.direction << 8 | last.ended << 11)
-        said = f"frame {last.frame}: the board says {position:#06x}, {peak:#06x}; the model x {last.x}, y {last.y}, peak {last.peak}"
+        board, model = f"{position:#06x}, {peak:#06x}", f"x {last.x}, y {last.y}, peak {last.peak}"
+        said = f"frame {last.frame}: the board says {board}; the model {model}"
         return [*told[:-1], dataclasses.replace(last, wrong=wrong), *[Differs(said)] * wrong]
 
     def finish(self) -> list[Event]:

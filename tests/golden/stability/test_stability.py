@@ -19,6 +19,7 @@ from eskin.golden.stability.memory import Upset, flipped
 from eskin.golden.stability.suite import judge, run_modes
 from eskin.golden.stability.table import MODES
 from eskin.pages.stability_page import figure_in_words, write_page
+from eskin.pages.views import words
 from eskin.verbs import stability_job
 from tests.support import stability_case
 from tests.support.broken_designs import BROKEN_CAMPAIGNS, BROKEN_DESIGNS, broken_design
@@ -396,9 +397,7 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
     )
 
 
-def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys):
-    from eskin.cli import studies
-
+def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path):
     split = {
         "groups": ["trial"],
         "accuracy": 0.9,
@@ -447,8 +446,7 @@ def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys
         and "with 4 dsp lanes" in page
         and "which DIFFERS" in page
     )
-    studies._show_stability(result)
-    said = capsys.readouterr().out
+    said = words("stability", **result, figure=figure_in_words, page="")
     assert "1234" in said and "253" in said
     result["defences"] = [{**record, "hardware": None}]  # without a co-simulation
     assert "1234" not in write_page(tmp_path, result).read_text()
