@@ -16,6 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
+from eskin.cosim.c_source import library, structure
 from eskin.cosim.runner import build_library
 from eskin.cosim.scoreboard import Stream
 from eskin.golden.core.errors import SimulationError
@@ -34,31 +35,10 @@ QUIET = 4
 FRAME_END, HUNG = -1, -2
 """Of `Device.seen` in place of a stage: a frame's last taxel is taken; the watchdog acts (``value`` frames
 and ``also`` taxels taken)."""
-SEEN = np.dtype([("stage", "<i4"), ("value", "<u4"), ("also", "<u4"), ("cycle", "<i8")], align=True)
+State, Seen = (structure(KERNEL, name) for name in ("State", "Seen"))
+SEEN = np.dtype(Seen)
 Write = tuple[int, int]
 """Address and word of a bus write."""
-
-
-class State(ctypes.Structure):
-    """Counts and settings that the C++ program shares; what they mean stands there."""
-
-    _fields_ = [
-        *(
-            (name, ctypes.c_int64)
-            for name in (
-                "cycle",
-                "edges",
-                "decisions",
-                "stalls",
-                "overruns",
-                "frame_cycles_max",
-                "frame",
-                "taxel",
-            )
-        ),
-        *((name, ctypes.c_int64) for name in ("stop_at", "poke_at", "global_after")),
-        *((name, ctypes.c_int32) for name in ("watch", "failed")),
-    ]
 
 
 class Model(Protocol):
@@ -74,35 +54,6 @@ class Model(Protocol):
 
     def port(self, device: int, name: str) -> int:
         """Number of a port; -1: there is none."""
-
-
-def declared(library: ctypes.CDLL) -> ctypes.CDLL:
-    """The functions of device.cpp with their types."""
-    pointer, number, small, real = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int, ctypes.c_double
-    for name, result, *arguments in (
-        ("open_device", pointer),
-        ("close_device", None, pointer),
-        ("state_of", pointer, pointer),
-        ("put_port", None, pointer, small, ctypes.c_uint64),
-        ("get_port", ctypes.c_uint64, pointer, small),
-        ("set_role", None, pointer, small, small),
-        ("add_stage", None, pointer, small, small),
-        ("poke", None, pointer, small, ctypes.c_uint64),
-        *((name, None, pointer) for name in ("unpoke", "forget", "mark_frames")),
-        *((name, small, pointer) for name in ("event_count", "mark_count")),
-        *((name, pointer, pointer) for name in ("events_of", "marks_of")),
-        ("cycles", None, pointer, number),
-        ("write_word", None, pointer, small, small),
-        ("read_word", small, pointer, small),
-        ("settle_device", small, pointer, small, number),
-        ("play_frames", small, pointer, pointer, small, small, small, real, number),
-        ("play_line", None, pointer, small, small, small, small, pointer, number, pointer),
-    ):
-        function = getattr(library, str(name))
-        function.restype = result
-        if arguments:
-            function.argtypes = arguments
-    return library
 
 
 class Design:
@@ -122,8 +73,7 @@ class Design:
     """
 
     def __init__(self, verilog: str, builds: Path, purpose: str, top: str = "accelerator") -> None:
-        self.library = declared(ctypes.CDLL(str(build_library(verilog, top, KERNEL, builds, purpose))))
-        self.library.port_of.argtypes = [ctypes.c_void_p, ctypes.c_char_p]
+        self.library = library(build_library(verilog, top, KERNEL, builds, purpose), KERNEL)
 
     def begin(self, seed: int) -> None:
         """Its registers begin as the Verilog says, and a reset makes them so again."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import csv
-import functools
 import json
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -21,10 +22,12 @@ from eskin.cosim.scoreboard import (
     KEPT_MISMATCHES,
     Capture,
     Mismatch,
+    Recording,
     Verdict,
     compare,
     flat_stages,
     read_capture,
+    recordings_of,
 )
 from eskin.golden.core import converters, images
 from eskin.golden.core.config import AcceleratorConfig
@@ -262,36 +265,18 @@ def conversion(
     scans = np.fromfile(work / "scans.bin", dtype="<u4").reshape(-1, 2).astype(np.int64)
     period = clock_hz / config.sensor.sample_rate_hz
     jitter, waits = 0.0, []
-    for position, number in enumerate(expected["numbers"]):
-        low, high = expected["offsets"][position : position + 2]
-        begins = scans[low:high, 0]
+    half = latency.STAMP_RANGE / 2
+    for recording in recordings_of(expected):
+        begins, ends = scans[recording.span("samples")].T
         if len(begins):
-            due = begins[0] + np.arange(len(begins)) * period
-            jitter = max(
-                jitter,
-                float(
-                    np.abs(
-                        (begins - due + latency.STAMP_RANGE / 2) % latency.STAMP_RANGE
-                        - latency.STAMP_RANGE / 2
-                    ).max()
-                ),
-            )
-        stream = capture.stages["feature"].get(int(number))
-        rows, frames = (
-            expected[name][slice(*expected["decision_offsets"][position : position + 2])]
-            for name in ("decision", "decision_frame")
-        )
-        ends = frames[rows[:, 0] == 0]
-        # a step whose window the same frame ends as the one before waits for that
-        for step, frame in enumerate(ends):
-            if (
-                stream
-                and step * config.inputs < len(stream.cycles)
-                and (step == 0 or frame != ends[step - 1])
-            ):
-                waits.append(
-                    (stream.cycles[step * config.inputs] - scans[low + frame - 1, 1]) % latency.STAMP_RANGE
-                )
+            late = begins - begins[0] - np.arange(len(begins)) * period
+            jitter = max(jitter, float(np.abs((late + half) % latency.STAMP_RANGE - half).max()))
+        cycles = capture.stream("feature", recording.number).cycles[:: config.inputs]
+        frames = recording["decision_frame"][recording["decision"][:, 0] == 0]
+        for step, (frame, cycle) in enumerate(zip(frames, cycles, strict=False)):
+            # a step whose window the same frame ends as the one before waits for that
+            if step == 0 or frame != frames[step - 1]:
+                waits.append((cycle - ends[frame - 1]) % latency.STAMP_RANGE)
     return {
         "converter": config.interface.converter,
         "code_bits": converters.code_bits(config),
@@ -303,18 +288,28 @@ def conversion(
     }
 
 
-SUMMED = (
-    "recordings",
-    "frames",
-    "steps",
-    "decisions",
-    "compared_values",
-    "mismatches",
-    "simulated_cycles",
-    "overruns",
-    "input_stalls",
-)
-MOST = ("frame_max", "step_max", "decision_latency_max")
+JOINED: dict[str, Callable[[list[Any]], Any]] = {
+    **dict.fromkeys(
+        "recordings frames steps decisions compared_values mismatches simulated_cycles overruns input_stalls "
+        "wall_s conversion.violations".split(),
+        sum,
+    ),
+    **dict.fromkeys(
+        "cycles.frame_max cycles.step_max cycles.decision_latency_max registers.LONGEST "
+        "conversion.scan_cycles conversion.jitter_cycles".split(),
+        lambda values: max(values, default=None),
+    ),
+    "cycles.step_min": lambda values: min(values, default=None),
+    **dict.fromkeys(("registers.FAULTS", "conversion.faults"), lambda values: reduce(operator.or_, values)),
+    **dict.fromkeys(("registers.STATUS", "registers.TOUCHES"), lambda values: values[-1]),
+    "conversion.feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)] if pairs else None,
+    "mismatch_list": lambda values: [*chain.from_iterable(values)][:KEPT_MISMATCHES],
+}
+"""What becomes of the parts' values by their place in a result, None left out."""
+JOINED |= {
+    f"without_probes.{name}": JOINED[name] for name in ("compared_values", "mismatches", "mismatch_list")
+}
+JOINED["without_probes.bit_exact"] = all
 
 
 def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -322,63 +317,30 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> d
     are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
     faults of all and the longest of what LONGEST measures.
     """
-    first = results[0]
-
-    def of(*path: str) -> list[Any]:  # what each part has there, but None
-        return [
-            value
-            for value in (functools.reduce(operator.getitem, path, result) for result in results)
-            if value is not None
-        ]
-
-    result = {**first, **{name: sum(of(name)) for name in SUMMED}}
-    cycles = {**first["cycles"], **{name: max(of("cycles", name), default=None) for name in MOST}}
-    result["cycles"] = cycles | {"step_min": min(of("cycles", "step_min"), default=None)}
-    stages = dict.fromkeys(name for part in of("stages") for name in part)
-    result["stages"] = {
-        name: {
-            key: sum(part.get(name, {}).get(key, 0) for part in of("stages"))
-            for key in ("compared_values", "mismatches")
+    result: dict[str, Any] = copy.deepcopy(dict(results[0]))
+    for place, join in JOINED.items():
+        *way, name = place.split(".")
+        whole: Any
+        whole, *parts = (reduce(lambda at, key: at.get(key, {}), way, part) for part in (result, *results))
+        if name in whole:
+            whole[name] = join([part[name] for part in parts if part[name] is not None])
+    for name in dict.fromkeys(name for part in results for name in part["stages"]):
+        counts = [part["stages"].get(name, {}) for part in results]
+        result["stages"][name] = {
+            key: sum(count.get(key, 0) for count in counts) for key in ("compared_values", "mismatches")
         }
-        for name in stages
-    }
     result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
-    declared = first["pace"] == "declared"
+    declared, wall_s = result["pace"] == "declared", result["wall_s"]
     result["budgets"] = latency.budgets(
-        config, result["cycles"], first["clock_hz"], declared=declared, overruns=result["overruns"]
+        config, result["cycles"], result["clock_hz"], declared=declared, overruns=result["overruns"]
     )
-    wall_s = sum(of("wall_s"))
     result["wall_s"], result["cycles_per_s"] = round(wall_s, 3), round(result["simulated_cycles"] / wall_s)
-    faults, longest = (
-        functools.reduce(operator.or_, of("registers", "FAULTS")),
-        max(of("registers", "LONGEST")),
-    )
-    result["registers"] = {**results[-1]["registers"], "FAULTS": faults, "LONGEST": longest}
-    result["mismatch_list"] = [*chain.from_iterable(of("mismatch_list"))][:KEPT_MISMATCHES]
-    if "conversion" in first:
-        waits = [*chain.from_iterable(of("conversion", "feature_cycles"))]
-        result["conversion"] = first["conversion"] | {
-            "scan_cycles": max(of("conversion", "scan_cycles")),
-            "jitter_cycles": max(of("conversion", "jitter_cycles")),
-            "feature_cycles": [min(waits), max(waits)] if waits else None,
-            "faults": functools.reduce(operator.or_, of("conversion", "faults")),
-            "violations": sum(of("conversion", "violations")),
-        }
-    healthy = not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
     result["passed"] = (
-        healthy and result["bit_exact"] and all(row["met"] or row["reference"] for row in result["budgets"])
+        result["bit_exact"]
+        and all(row["met"] or row["reference"] for row in result["budgets"])
+        and not any(result.get("conversion", {}).get(name) for name in ("faults", "violations"))
+        and result.get("without_probes", {}).get("bit_exact", True)
     )
-    if "without_probes" in first:
-        counts = {name: sum(of("without_probes", name)) for name in ("compared_values", "mismatches")}
-        exact = all(of("without_probes", "bit_exact"))
-        mismatches = [*chain.from_iterable(of("without_probes", "mismatch_list"))][:KEPT_MISMATCHES]
-        result["without_probes"] = {
-            **first["without_probes"],
-            **counts,
-            "bit_exact": exact,
-            "mismatch_list": mismatches,
-        }
-        result["passed"] = result["passed"] and exact
     return result
 
 
@@ -464,12 +426,11 @@ def _probe_frame(config: AcceleratorConfig, expected: Mapping[str, np.ndarray]) 
     open."""
     if config.is_image:
         return int(expected["numbers"][0]), config.image.height // 2
-    for position, number in enumerate(expected["numbers"]):
-        low, high = expected["decision_offsets"][position : position + 2]
-        rows, frames = expected["decision"][low:high], expected["decision_frame"][low:high]
+    for recording in recordings_of(expected):
+        rows, frames = recording["decision"], recording["decision_frame"]
         for row, frame, following in zip(rows[:-1], frames[:-1], frames[1:], strict=True):
             if row[0] == 0 and row[1] == 0 and following > frame:
-                return int(number), int(frame)
+                return recording.number, int(frame)
     raise InputError(
         "the weight write during a touch needs a recording with two completed steps; take other recordings"
     )
@@ -553,8 +514,9 @@ class _Run:
 
 def converter_parameters(config: AcceleratorConfig) -> dict[str, int]:
     """Parameters of the converter's model, by the fields of the configuration and the data sheet."""
-    values = {"CYCLE_PS": round(1e12 / config.hardware.clock_hz), "PIN_CODES": converters.pin_codes(config)}
-    return values | converters.converter_plan(config).parameters(config)
+    plan = converters.converter_plan(config)
+    values = {"CYCLE_PS": round(1e12 / config.hardware.clock_hz), "PIN_CODES": plan.pin_codes(config)}
+    return values | plan.parameters(config)
 
 
 def _steps(capture: Capture, probes: bool) -> int:
@@ -562,8 +524,8 @@ def _steps(capture: Capture, probes: bool) -> int:
     if probes:
         return sum(len(stream.words) for stream in capture.steps.values())
     low = DECISION_FIELDS["is_global"][0]
-    words = (word for stream in capture.stages["decision"].values() for word in stream.words)
-    return sum(word.isalnum() and "x" not in word and not int(word, 16) >> low & 1 for word in words)
+    streams = capture.stages["decision"].values()
+    return sum(int((stream.definite & (stream.codes >> low & 1 == 0)).sum()) for stream in streams)
 
 
 def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
@@ -583,24 +545,16 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
     """Play the recording of the first mismatch alone, with waves around it; beside them the meaning of the
     signals. The folder."""
     first = _earliest(run.config, verdict, capture)
-    position = (
-        int(np.flatnonzero(expected["numbers"] == first.recording)[0])
-        if first.recording in expected["numbers"]
-        else 0
-    )
-    number = int(expected["numbers"][position])
-    centre = _cycles_since_arm(first, expected, capture, position)
+    played = recordings_of(expected)
+    recording = next((part for part in played if part.number == first.recording), played[0])
+    number, centre = recording.number, _cycles_since_arm(first, recording, capture)
     settings = {k: v for k, v in run.settings.items() if not k.startswith("hold_")}
     settings |= {"waves_from": max(0, centre - WAVES_BEFORE), "waves_to": centre + WAVES_AFTER}
     folder = run.work / f"waves_recording{number}"
     again = replace(run, work=folder, settings=settings)
-    low, high = expected["offsets"][position : position + 2]
-    alone = {
-        "samples": expected["samples"][low:high],
-        "offsets": np.array([0, high - low]),
-        "numbers": np.array([number]),
-        "decision": expected["decision"],
-    } | ({"codes": expected["codes"][low:high]} if "codes" in expected else {})
+    alone = {name: recording[name] for name in ("samples", "codes") if name in expected}
+    alone |= {"offsets": np.array([0, len(alone["samples"])]), "numbers": np.array([number])}
+    alone["decision"] = expected["decision"]
     again.play(alone, waves=True)
     formats = stage_formats(run.config)
     signals = {f"harness.{'state' if stage == 'map' else stage}": str(fmt) for stage, fmt in formats.items()}
@@ -617,18 +571,12 @@ def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture,
         )
         armed = replayed.summary["armed_at"]
         for stage, fmt in formats.items():
-            stream = replayed.stages[stage].get(number)
-            offset, end = expected[f"{stage}_offsets"][position : position + 2]
-            want = expected[stage][offset:end]
-            for index, (word, cycle) in enumerate(
-                zip(stream.words, stream.cycles, strict=True) if stream else ()
-            ):
-                definite = not set(word.lower()) & {"x", "z"}
-                code = int(np.uint32(int(word, 16)).astype(np.int32)) if definite else word
+            want, stream = recording[stage], replayed.stream(stage, number)
+            for index, (word, cycle) in enumerate(zip(stream.words, stream.cycles, strict=True)):
+                code = int(stream.codes[index].astype(np.int32)) if stream.definite[index] else word
                 aim = int(want[index]) if index < len(want) else ""
                 value, aimed = (
-                    (float(fmt.to_real(code)) if definite else ""),
-                    (float(fmt.to_real(aim)) if aim != "" else ""),
+                    float(fmt.to_real(part)) if part != "" and part != word else "" for part in (code, aim)
                 )
                 table.writerow([stage, index, cycle - armed, code, value, aim, aimed])
     return folder
@@ -644,20 +592,17 @@ def _earliest(config: AcceleratorConfig, verdict: Verdict, capture: Capture) -> 
     )
 
 
-def _cycles_since_arm(
-    mismatch: Mismatch, expected: Mapping[str, np.ndarray], capture: Capture, position: int
-) -> int:
+def _cycles_since_arm(mismatch: Mismatch, recording: Recording, capture: Capture) -> int:
     """Where to look, in cycles since the recording's arm command: at the value, else at the frame that should
     have brought it."""
-    number = int(expected["numbers"][position])
-    if number not in capture.status:
+    if recording.number not in capture.status:
         return WAVES_BEFORE
-    armed = capture.status[number][3]
+    armed = capture.status[recording.number][3]
     if mismatch.cycle >= 0:
         return mismatch.cycle - armed
-    begin = int(expected["offsets"][position])
-    frame = mismatch.frame or int(expected["offsets"][position + 1]) - begin
-    stamp = int(capture.frame_cycles[min(begin + frame, len(capture.frame_cycles)) - 1])
+    span = recording.span("samples")
+    frame = span.start + (mismatch.frame or span.stop - span.start)
+    stamp = int(capture.frame_cycles[min(frame, len(capture.frame_cycles)) - 1])
     return (stamp - armed) % latency.STAMP_RANGE
 
 

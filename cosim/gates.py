@@ -17,12 +17,14 @@ import random
 import re
 import subprocess
 from collections.abc import Callable, Mapping
+from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eskin.cosim import device
+from eskin.cosim.c_source import library, structure
 from eskin.cosim.runner import kept, need_tools
 from eskin.golden.core.errors import SimulationError
 
@@ -41,24 +43,7 @@ WORD_BITS = 16
 NAME = re.compile(r"[A-Za-z_]\w*")
 
 
-class _Tables(ctypes.Structure):
-    _fields_ = [
-        *((name, ctypes.c_int32) for name in ("nets", "cells", "latches", "gates", "flops", "memories")),
-        *((name, ctypes.c_void_p) for name in ("output", "inverse", "first", "inputs", "delay", "table")),
-        *((name, ctypes.c_void_p) for name in ("gate_enable", "gate_clock")),
-        *(
-            (name, ctypes.c_void_p)
-            for name in (
-                "flop_first",
-                "latch_first",
-                "flop_data",
-                "flop_q",
-                "flop_inverse",
-                "flop_delay",
-                "memory",
-            )
-        ),
-    ]
+_Tables = structure(KERNEL, "Tables")
 
 
 @functools.cache
@@ -255,33 +240,21 @@ class Program:
 
     def _logic(self, rows: list[tuple[str, Any, dict]]) -> list[tuple[str, Any, dict, str]]:
         """Outputs of logic cells, each behind those that it reads."""
-        by_name = {name: (kind, connections) for name, kind, connections in rows}
         driver = {
             bits[0]: name
             for name, kind, connections in rows
             for pin, bits in connections.items()
             if bits and kind.pins[pin].direction == "output"
         }
-        order, visited = [], set()
-        for first in by_name:
-            stack = [(first, False)]
-            while stack:
-                name, ready = stack.pop()
-                if ready:
-                    order.append(name)
-                elif name not in visited:
-                    visited.add(name)
-                    stack.append((name, True))
-                    stack += [
-                        (driver[bit], False)
-                        for bits in by_name[name][1].values()
-                        for bit in bits
-                        if bit in driver
-                    ]
+        reads = {
+            name: {driver[bit] for bits in connections.values() for bit in bits if bit in driver} - {name}
+            for name, _, connections in rows
+        }
+        by_name = {row[0]: row for row in rows}
         return [
-            (name, kind, connections, pin)
-            for name in order
-            for kind, connections in [by_name[name]]
+            (*by_name[name], pin)
+            for name in TopologicalSorter(reads).static_order()
+            for _, kind, connections in [by_name[name]]
             for pin, port in kind.pins.items()
             if port.direction == "output" and port.function and connections.get(pin)
         ]
@@ -299,20 +272,7 @@ def _library(builds: Path) -> ctypes.CDLL:
 
     sources = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (KERNEL, device.KERNEL)]
     folder = kept(builds, "gates", [*sources, *COMPILE], make)
-    library = device.declared(ctypes.CDLL(str(folder / "gates.so")))
-    library.open_device.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.c_int32]
-    library.port_of.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int]
-    library.make.restype, library.make.argtypes = ctypes.c_void_p, [ctypes.c_void_p]
-    library.get.restype, library.get.argtypes = (
-        ctypes.c_uint64,
-        [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int],
-    )
-    library.put.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, ctypes.c_uint64]
-    library.begin.argtypes = [ctypes.c_void_p] * 3
-    library.costs.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_int, *[ctypes.c_void_p] * 4]
-    for name in ("drop", "with_delays", "settle", "edge", "count"):
-        getattr(library, name).argtypes = [ctypes.c_void_p]
-    return library
+    return library(folder / "gates.so", device.KERNEL, KERNEL, defined="NETLIST")
 
 
 class Chip:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.cosim.scoreboard import Capture, Stream
+from eskin.cosim.scoreboard import Capture, recordings_of
 from eskin.golden.core.config import AcceleratorConfig
 
 STAMP_RANGE = 1 << 32
@@ -25,14 +25,10 @@ def decision_latencies(expected: Mapping[str, np.ndarray], capture: Capture) -> 
     """Cycles, one for each decision that a live frame brought about (decisions at a recording's end have
     none)."""
     latencies: list[int] = []
-    begin = 0
-    for position, number in enumerate(expected["numbers"]):
-        frames = int(expected["offsets"][position + 1] - expected["offsets"][position])
-        stamps = capture.frame_cycles[begin : begin + frames]
-        begin += frames
-        low, high = expected["decision_offsets"][position : position + 2]
-        offered = capture.stages["decision"].get(int(number), Stream([], [])).cycles
-        for frame, cycle in zip(expected["decision_frame"][low:high], offered, strict=False):
+    for recording in recordings_of(expected):
+        stamps = capture.frame_cycles[recording.span("samples")]
+        offered = capture.stream("decision", recording.number).cycles
+        for frame, cycle in zip(recording["decision_frame"], offered, strict=False):
             if 0 < frame <= len(stamps):
                 latencies.append((cycle - int(stamps[frame - 1])) % STAMP_RANGE)
     return np.array(latencies, dtype=np.int64)
@@ -42,12 +38,7 @@ def cycle_table(
     config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture
 ) -> dict[str, int | None]:
     """The CONTRACT's ``cycles``; None where the run had no step."""
-    steps = [
-        int(word, 16)
-        for stream in capture.steps.values()
-        for word in stream.words
-        if word.isalnum() and "x" not in word
-    ]
+    steps = [code for stream in capture.steps.values() for code in stream.codes[stream.definite].tolist()]
     latencies = decision_latencies(expected, capture)
     return {
         "frame_max": capture.summary["frame_cycles_max"],
@@ -67,10 +58,11 @@ def step_limit_frames(config: AcceleratorConfig) -> int:
 
 def limits(config: AcceleratorConfig) -> dict[str, float]:
     """Limit in seconds of each budget that a cycle count of the run decides."""
-    period = 1.0 / config.sensor.sample_rate_hz
+    period, asked = 1.0 / config.sensor.sample_rate_hz, config.hardware.decide_within_s
     if config.is_image:  # the next image takes as long to come
-        return {"frame": period} | dict.fromkeys(("step", "decision"), config.image.height * period)
-    return {"frame": period, "step": step_limit_frames(config) * period, "decision": period}
+        image = config.image.height * period
+        return {"frame": period, "step": image, "decision": asked or image}
+    return {"frame": period, "step": step_limit_frames(config) * period, "decision": asked or period}
 
 
 COUNT_OF = {"frame": "frame_max", "step": "step_max", "decision": "decision_latency_max"}

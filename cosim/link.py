@@ -183,8 +183,8 @@ class Link:
     Parameters
     ----------
     register_map:
-        ``registers`` (name -> address), ``bits`` (register -> name -> bit), ``id``, ``version``: as in
-        registers.json.
+        ``registers`` (name -> address), ``bits`` (register -> name -> bit), ``id``, ``version``,
+        ``versions`` that can be read: as in registers.json.
     timeout_s:
         To wait for an answer before the question is asked again.
     tries:
@@ -237,7 +237,7 @@ class Link:
             )
         self._next = answer.expected
         version, expected = self.read("VERSION"), self._map["version"]
-        if version != expected:
+        if version not in self._map["versions"]:
             raise LinkError(
                 f"the device has register map version {version} and this program has {expected}: build its "
                 "bitstream anew"

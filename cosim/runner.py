@@ -37,29 +37,14 @@ SIMULATORS = ("verilator", "icarus")
 # and --public-flat-rw cost: 4.9
 # million cycles of the pvdf preset took 2.9 s of processor time so, 4.7 s with cocotb's clock, 22 s with
 # every signal public as well.
-VERILATOR_OPTIONS = (
-    "--timing",
-    "--vpi",
-    "-Wno-fatal",
-    "-Wno-lint",
-    "-O3",
-    "--x-assign",
-    "fast",
-    "--x-initial",
-    "fast",
-    "--noassert",
-)
+COMMON_OPTIONS = "-Wno-fatal -Wno-lint -O3 --x-assign fast --x-initial fast --noassert".split()
+VERILATOR_OPTIONS = ("--timing", "--vpi", *COMMON_OPTIONS)
 COMPILE_OPTIONS = "OPT_FAST=-O2 OPT_SLOW=-O0 OPT_GLOBAL=-O2"
 QUICKLY_COMPILED = "OPT_FAST=-O1 OPT_SLOW=-O0 OPT_GLOBAL=-O1"
 """For a flat netlist with its own clock divider and delays: one function of 20 000 lines, over which g++ -O2
 sits for minutes, -O1 for half a minute of processor time."""
-RUNTIME_OBJECTS = (
-    "verilated.o",
-    "verilated_vpi.o",
-    "verilated_timing.o",
-    "verilated_random.o",
-    "verilated_threads.o",
-    "verilated_vcd_c.o",
+RUNTIME_OBJECTS = tuple(
+    f"verilated{part}.o" for part in ("", "_vpi", "_timing", "_random", "_threads", "_vcd_c")
 )
 PACKAGES = {"perl": "perl", "g++": "g++", "make": "make", "iverilog": "iverilog", "vvp": "iverilog"}
 
@@ -220,48 +205,30 @@ def _absolute(path: Path) -> str:
 def _build_verilator(
     folder: Path, sources: Sequence[Path], options: Sequence[str], waves: bool, top: str, compiling: str
 ) -> None:
-    verilator, environment = _verilator()
     libraries = cocotb_tools.config.libs_dir
-    _build_step(
-        [
-            str(verilator),
-            "-cc",
-            "--exe",
-            "-Mdir",
-            ".",
-            "--top-module",
-            top,
-            "--prefix",
-            "Vtop",
-            "-o",
-            top,
-            *VERILATOR_OPTIONS,
-            *(["--trace"] if waves else []),
-            *options,
-            "-LDFLAGS",
-            f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator",
-            _absolute(MAIN),
-            *map(_absolute, sources),
-        ],
-        folder,
-        environment,
-    )
-    _make(folder, environment, (str(verilator), compiling, waves), compiling, f"VM_TRACE={int(waves)}")
+    flags = f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator"
+    files = [_absolute(MAIN), *map(_absolute, sources)]
+    tracing = ["--trace"] if waves else []
+    _verilate(folder, top, top, *VERILATOR_OPTIONS, *tracing, *options, "-LDFLAGS", flags, *files)
+    _make(folder, (waves,), compiling, f"VM_TRACE={int(waves)}")
 
 
-def _make(
-    folder: Path,
-    environment: Mapping[str, str],
-    kind: tuple,
-    compiling: str = COMPILE_OPTIONS,
-    *arguments: str,
-) -> None:
+def _verilate(folder: Path, top: str, program: str, *words: str) -> None:
+    """Let Verilator write the C++ of a design into ``folder``."""
+    verilator, environment = _verilator()
+    names = ["-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", program]
+    _build_step([str(verilator), "-cc", "--exe", *names, *words], folder, environment)
+
+
+def _make(folder: Path, kind: tuple, compiling: str = COMPILE_OPTIONS, *arguments: str) -> None:
     """Compile what Verilator wrote into ``folder``.
 
     Verilator's own runtime compiles the same for every design of a ``kind``; compiling it once saves most of
     a build.
     """
-    runtime = folder.parent / f"runtime-{hashlib.sha256(repr(kind).encode()).hexdigest()[:16]}"
+    verilator, environment = _verilator()
+    described = repr((str(verilator), *kind, compiling))
+    runtime = folder.parent / f"runtime-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
     make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *arguments, *compiling.split()]
     with locked(runtime.with_suffix(".lock")):
         objects = list(runtime.glob("*.o"))
@@ -298,20 +265,7 @@ def _build_step(command: Sequence[str], folder: Path, environment: Mapping[str, 
         raise SimulationError(f"building the simulator failed (status {status}) in {folder}\n{_tail(log)}")
 
 
-LIBRARY_OPTIONS = (
-    *(
-        "-Wno-fatal",
-        "-Wno-lint",
-        "-Wno-MULTIDRIVEN",
-        "-O3",
-        "--x-assign",
-        "fast",
-        "--x-initial",
-        "fast",
-        "--noassert",
-    ),
-    *("-CFLAGS", "-fPIC", "-LDFLAGS", "-shared"),
-)
+LIBRARY_OPTIONS = (*COMMON_OPTIONS, "-Wno-MULTIDRIVEN", "-CFLAGS", "-fPIC", "-LDFLAGS", "-shared")
 PORT = re.compile(r"VL_(?:IN|OUT)(?:8|16|64)?\(&(\w+),")
 
 
@@ -332,20 +286,19 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: st
         A tool is missing; the build fails.
     """
     need_tools(("perl", "g++", "make"), purpose)
-    verilator, environment = _verilator()
 
     def make(folder: Path) -> None:
         (folder / "design.sv").write_text(design)
-        names = ["-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", "device.so"]
-        command = [str(verilator), "-cc", "--exe", *names, *LIBRARY_OPTIONS, "design.sv", _absolute(kernel)]
-        _build_step(command, folder, environment)
+        _verilate(folder, top, "device.so", *LIBRARY_OPTIONS, "design.sv", _absolute(kernel))
         ports = PORT.findall((folder / "Vtop.h").read_text())
         rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in ports)
         (folder / "ports.h").write_text("".join(rows))
-        _make(folder, environment, (str(verilator), LIBRARY_OPTIONS, COMPILE_OPTIONS))
+        _make(folder, LIBRARY_OPTIONS)
 
     hashes = [hashlib.sha256(text.encode()).hexdigest() for text in (design, kernel.read_text())]
-    folder = kept(builds, kernel.stem, [*hashes, top, LIBRARY_OPTIONS, verilator.stat().st_mtime_ns], make)
+    folder = kept(
+        builds, kernel.stem, [*hashes, top, LIBRARY_OPTIONS, _verilator()[0].stat().st_mtime_ns], make
+    )
     return folder / "device.so"
 
 

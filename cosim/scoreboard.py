@@ -9,7 +9,10 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -117,6 +120,50 @@ class Stream:
     words: list[str]
     cycles: list[int]
 
+    @cached_property
+    def definite(self) -> np.ndarray:
+        """Which words have no X or Z bit."""
+        return _definite(self.words)
+
+    @cached_property
+    def codes(self) -> np.ndarray:
+        """The words as numbers of 32 bits; 0 where they are not definite."""
+        numbers = (int(word, 16) if good else 0 for word, good in zip(self.words, self.definite, strict=True))
+        return np.fromiter(numbers, np.uint32, len(self.words))
+
+    def mismatch(self, recording: int, stage: str, index: int, place: str, frame: int, want: Any, got: Any):
+        """The `Mismatch` at a place of this stream."""
+        cycle = self.cycles[index] if index < len(self.cycles) else -1
+        return Mismatch(recording, stage, index, place, frame, want, got, cycle)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What the golden model expects of one recording: arrays of eskin.golden.model.vectors.write_vectors by
+    their names, ``recording["state"]``."""
+
+    arrays: Mapping[str, np.ndarray]
+    position: int
+
+    @property
+    def number(self) -> int:
+        """What it is called."""
+        return int(self.arrays["numbers"][self.position])
+
+    def span(self, name: str) -> slice:
+        """Its part of the array ``name``, of which a row belongs to a frame where it has no offsets."""
+        stage = name.removesuffix("_frame")
+        offsets = self.arrays.get(f"{stage}_offsets", self.arrays["offsets"])
+        return slice(*offsets[self.position : self.position + 2].tolist())
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.arrays[name][self.span(name)]
+
+
+def recordings_of(expected: Mapping[str, np.ndarray]) -> list[Recording]:
+    """All of them, as played."""
+    return [Recording(expected, position) for position in range(len(expected["numbers"]))]
+
 
 @dataclass(frozen=True)
 class Capture:
@@ -133,6 +180,10 @@ class Capture:
     status: dict[int, tuple]
     frame_cycles: np.ndarray
     summary: dict[str, int]
+
+    def stream(self, stage: str, recording: int) -> Stream:
+        """Empty where nothing came."""
+        return self.stages[stage].get(recording, Stream([], []))
 
 
 def flat_stages(config: AcceleratorConfig) -> dict[str, str]:
@@ -220,24 +271,16 @@ def compare(
                 "a standstill",
             )
         )
-    for position, number in enumerate(numbers):
-        rows, row_frames = (
-            _slice(expected, "decision", position),
-            _slice(expected, "decision", position, "decision_frame"),
-        )
-        steps = _steps(rows, row_frames)
+    for recording in recordings_of(expected):
+        number, steps = recording.number, _steps(recording)
         for stage, unit in flat.items() if probes else ():
-            stream = capture.stages[stage].get(number, Stream([], []))
-            _compare_flat(
-                verdict, number, stage, unit, sizes[stage], _slice(expected, stage, position), stream, steps
-            )
-        _compare_decisions(
-            verdict, number, rows, capture.stages["decision"].get(number, Stream([], [])), row_frames
-        )
-        flags = expected["flags"][: position + 1] if config.faults.fault_frames else None
-        _compare_status(
-            verdict, number, int(expected["touches"][position]), capture.status.get(number), flags
-        )
+            stream = capture.stream(stage, number)
+            _compare_flat(verdict, number, stage, unit, sizes[stage], recording[stage], stream, steps)
+        stream = capture.stream("decision", number)
+        _compare_decisions(verdict, number, recording["decision"], stream, recording["decision_frame"])
+        flags = expected["flags"][: recording.position + 1] if config.faults.fault_frames else None
+        touches = int(expected["touches"][recording.position])
+        _compare_status(verdict, number, touches, capture.status.get(number), flags)
     for stage, streams in capture.stages.items():
         for number in set(streams) - set(numbers):
             verdict.add(
@@ -271,20 +314,15 @@ def compare_played(
     _compare_status(verdict, number, touches, (status, faults, counted, 0))
 
 
-def _slice(expected: Mapping[str, np.ndarray], stage: str, position: int, array: str = "") -> np.ndarray:
-    offsets = expected[f"{stage}_offsets"]
-    return expected[array or stage][offsets[position] : offsets[position + 1]]
-
-
-def _steps(rows: np.ndarray, frames: np.ndarray) -> list[tuple[int, int, int]]:
+def _steps(recording: Recording) -> list[tuple[int, int, int]]:
     """(touch, step, completing frame) of each step of a recording, from its expected decisions."""
+    rows, frames = recording["decision"], recording["decision_frame"]
     local = rows[:, 0] == 0
     touches = np.cumsum(rows[local, 1] == 0) - 1
     return list(zip(touches.tolist(), rows[local, 1].tolist(), frames[local].tolist(), strict=True))
 
 
-def _known(words: list[str]) -> np.ndarray:
-    """Which words have no X or Z bit."""
+def _definite(words: Iterable[str]) -> np.ndarray:
     return np.array([not set(word.lower()) & {"x", "z"} for word in words], dtype=bool)
 
 
@@ -298,70 +336,41 @@ def _compare_flat(
     stream: Stream,
     steps: list[tuple[int, int, int]],
 ) -> None:
-    definite = _known(stream.words)
-    actual = np.array(
-        [int(word, 16) if good else 0 for word, good in zip(stream.words, definite, strict=True)],
-        dtype=np.uint32,
-    )
-    actual = actual.astype(np.int32).astype(np.int64)
-    shared = min(len(expected), len(actual))
+    actual, count = stream.codes.astype(np.int32), len(stream.words)
+    shared = min(len(expected), count)
     verdict.compared[stage] += shared
-
-    def note(index: int, want: int | None, got: int | str | None) -> None:
+    differing = np.flatnonzero((actual[:shared] != expected[:shared]) | ~stream.definite[:shared]).tolist()
+    for index in [*differing, *range(shared, max(len(expected), count))]:
         ordinal, element = divmod(index, size)
         place, frame = "after the last step", 0
         if ordinal < len(steps):
             touch, step, frame = steps[ordinal]
             place = f"touch {touch}, step {step}, {unit} {element}"
-        cycle = stream.cycles[index] if index < len(stream.cycles) else -1
-        verdict.add(Mismatch(number, stage, index, place, frame, want, got, cycle))
-
-    for index in np.flatnonzero((actual[:shared] != expected[:shared]) | ~definite[:shared]).tolist():
-        note(index, int(expected[index]), int(actual[index]) if definite[index] else stream.words[index])
-    for index in range(shared, len(expected)):
-        note(index, int(expected[index]), None)
-    for index in range(shared, len(actual)):
-        note(index, None, int(actual[index]) if definite[index] else stream.words[index])
+        want = int(expected[index]) if index < len(expected) else None
+        got = (
+            None if index >= count else int(actual[index]) if stream.definite[index] else stream.words[index]
+        )
+        verdict.add(stream.mismatch(number, stage, index, place, frame, want, got))
 
 
 def _compare_decisions(
     verdict: Verdict, number: int, expected: np.ndarray, stream: Stream, frames: np.ndarray
 ) -> None:
-    definite = _known(stream.words)
     shared = min(len(expected), len(stream.words))
     verdict.compared["decision"] += shared * len(DECISION_FIELDS)
-    for index in range(max(len(expected), len(stream.words))):
-        frame = int(frames[index]) if index < len(frames) else 0
-        cycle = stream.cycles[index] if index < len(stream.cycles) else -1
+    for index, (row, word) in enumerate(zip_longest(expected.tolist(), stream.words)):
         if index >= shared:
-            want = None if index >= len(expected) else int(expected[index][2])
-            got = None if index >= len(stream.words) else stream.words[index]
-            verdict.add(
-                Mismatch(
-                    number, "decision", index, "whole decision, class or payload", frame, want, got, cycle
-                )
-            )
-            continue
-        if not definite[index]:
-            verdict.add(
-                Mismatch(
-                    number,
-                    "decision",
-                    index,
-                    "payload",
-                    frame,
-                    int(expected[index][2]),
-                    stream.words[index],
-                    cycle,
-                )
-            )
-            continue
-        payload = int(stream.words[index], 16)
-        for (name, (low, width)), want in zip(DECISION_FIELDS.items(), expected[index], strict=True):
-            field = payload >> low & (1 << width) - 1
-            if field != want:
-                place = f"{name} of {'the global decision' if expected[index][0] else f'step {expected[index][1]}'}"
-                verdict.add(Mismatch(number, "decision", index, place, frame, int(want), field, cycle))
+            wrong = [("whole decision, class or payload", row and row[2], word)]
+        elif not stream.definite[index]:
+            wrong = [("payload", row[2], word)]
+        else:
+            of = "the global decision" if row[0] else f"step {row[1]}"
+            fields = (int(word, 16) >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values())
+            triples = zip(DECISION_FIELDS, row, fields, strict=True)
+            wrong = [(f"{name} of {of}", want, got) for name, want, got in triples if want != got]
+        frame = int(frames[index]) if index < len(frames) else 0
+        for place, want, got in wrong:
+            verdict.add(stream.mismatch(number, "decision", index, place, frame, want, got))
 
 
 def _compare_status(
@@ -373,7 +382,7 @@ def _compare_status(
         )
         return
     read = [*words[:3], *words[4:]]
-    if not _known(read).all():
+    if not _definite(read).all():
         verdict.add(
             Mismatch(
                 number, STATUS_STAGE, 0, "STATUS, FAULTS, TOUCHES, TAXEL_FAULTS", 0, touches, " ".join(read)

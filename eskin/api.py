@@ -31,7 +31,7 @@ from eskin.golden.model.model import (
     load_config,
     load_training,
 )
-from eskin.golden.model.pipeline import Trace, float_run, run
+from eskin.golden.model.pipeline import Trace, run
 from eskin.golden.model.stream import Stream
 
 Frames = ArrayLike | Sequence[ArrayLike] | Recordings
@@ -383,11 +383,7 @@ class Model:
         """
         self._reads_recordings()
         recordings = self.recordings(frames)
-        return (
-            run(self.integer, recordings, progress=progress)
-            if integer
-            else float_run(self.real, recordings, progress=progress)
-        )
+        return run(self.integer if integer else self.real, recordings, progress=progress)
 
     def image_trace(self, images: Frames, *, integer: bool = True) -> ImageTrace:
         """Of a network for images: every map, logits and decision.

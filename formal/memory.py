@@ -20,7 +20,7 @@ class OpenMemory(Elaboratable):
     Attributes
     ----------
     words:
-        The registers; their names begin with ``free_``, which makes formal/job.py leave out their initial
+        The registers; their names begin with ``free_``, which makes formal/run.py leave out their initial
         values.
     """
 

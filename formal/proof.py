@@ -14,7 +14,17 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from amaranth.asserts import AnyConst, AnySeq
-from amaranth.hdl import Assert, Assume, Elaboratable, Fragment, Module, ResetInserter, Signal, Value
+from amaranth.hdl import (
+    Assert,
+    Assume,
+    Elaboratable,
+    Fragment,
+    Module,
+    ResetInserter,
+    Signal,
+    Value,
+    ValueLike,
+)
 from amaranth.hdl._ast import SignalDict
 from amaranth.lib import stream, wiring
 
@@ -117,9 +127,9 @@ def proof(
 # ---------------------------------------------------------------------- words
 
 EAGER = False
-"""Set by formal/job.py for a bug that is ``eager``."""
+"""Set by formal/run.py for a bug that is ``eager``."""
 HARNESS: Module = None  # type: ignore[assignment]  # an unused module would be warned of
-"""Of the proof under way, set by formal/job.py: what all words speak of."""
+"""Of the proof under way, set by formal/run.py: what all words speak of."""
 
 
 def free(*signals: Value, m: Module | None = None) -> None:
@@ -128,6 +138,13 @@ def free(*signals: Value, m: Module | None = None) -> None:
     for signal in signals:
         value = Value.cast(signal)
         (m or HARNESS).d.comb += value.eq(AnySeq(value.shape()))
+
+
+def free_inputs(block: wiring.Component, *, but: tuple[str, ...] = ()) -> None:
+    """Any values at all inputs of ``block``, except its members of these names."""
+    for (name, *_), member, value in block.signature.flatten(block):
+        if member.flow is wiring.In and name not in but:
+            free(value)
 
 
 def any_number(shape, name: str) -> Signal:
@@ -153,6 +170,11 @@ def before(value, name: str) -> Signal:
     register = Signal(value.shape(), name=name)
     HARNESS.d.sync += register.eq(value)
     return register
+
+
+def less_is_to_go(left: Value, unless: ValueLike = 0) -> None:
+    """In every cycle ``left`` becomes less: what it counts comes to an end."""
+    prove(~before(1, "running") | unless | (left < before(left, "left_before")), "less is to go")
 
 
 def keeps_its_beat(port: stream.Interface, name: str, state=prove) -> None:

@@ -24,7 +24,7 @@ from eskin.golden.model.model import random_integer_model
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.golden.training.choose_network import network
 from eskin.rtl.fpga.targets import target
-from eskin.rtl.program.schedule import frame_cycles, lowest_clock_hz, schedule
+from eskin.rtl.program.schedule import lowest_clock_hz, mean_frame_cycles, schedule
 from eskin.verbs.feature_cost import synthesised
 
 CELLS: tuple[tuple[str, int | None], ...] = (("linear", None), ("gru", 4), ("gru", 8), ("gru", 12))
@@ -74,7 +74,7 @@ def row_of(name: str, config: AcceleratorConfig, candidates: Sequence[dict[str, 
     config = random_integer_model(config.replace(lanes=LANES, lane_type="dsp", feature_shift=()), 1).config
     cells, plan, board = synthesised(config), schedule(config), target(BOARD)
     activity = scheduled_activity(
-        config, plan.step_cycles, frame_cycles(config, ends_window=False), cells["ff"], cells["dsp"]
+        config, plan.step_cycles, *mean_frame_cycles(config), cells["ff"], cells["dsp"]
     )
     energy = estimate(config, board.device, activity, lowest_clock_hz(config))
     called = f"GRU {config.network.hidden}" if config.recurrent else "linear"

@@ -20,14 +20,14 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from eskin.golden.core.groups import GROUPS
+from eskin.rtl.program import register_files
 
 ROOT = Path(__file__).resolve().parents[1]
 CODE = ("golden", "rtl", "cosim", "eskin", "scripts")
 ORDER = {
     "": "index",
-    "Use": "quick_start report recordings images python configuration front_end features linear widths "
-    "enrolment boards "
-    "live_view interface",
+    "Use": "quick_start report recordings images python configuration front_end features linear widths enrolment "
+    "boards live_view interface system",
     "Judge": "results baselines robustness energy verification long_jobs skipped_work",
     "Change": "where specification changing area glossary",
 }
@@ -149,6 +149,7 @@ def filled(text: str) -> str:
     Markdown needs."""
     text = re.sub(r"<!-- fields: (\w+) -->", lambda marker: fields_table(marker[1]), text)
     text = re.sub(r"<!-- modules -->", lambda _: modules_table(), text)
+    text = re.sub(r"<!-- registers -->", lambda _: register_files.markdown(), text)
     parts = re.split(r"(^```.*?^```$)", text, flags=re.MULTILINE | re.DOTALL)
     lists = r"(?m)^((?!- |\d+\. |  |#|$).*)\n(?=- |1\. )"
     return "".join(part if part.startswith("```") else re.sub(lists, r"\1\n\n", part) for part in parts)

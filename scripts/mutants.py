@@ -22,6 +22,7 @@ import argparse
 import ast
 import contextlib
 import hashlib
+import itertools
 import json
 import multiprocessing
 import os
@@ -36,7 +37,7 @@ import tempfile
 import time
 import tomllib
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,6 +64,8 @@ KINDS = (
     "saturation",
     "signal",
 )
+Fault = tuple[str, int, str, str]
+"""Kind, first character, text there, text in its place."""
 Work = tuple[str, list[str], float, "Mutant | None"]
 """File, tests, seconds of the processor, fault."""
 
@@ -116,17 +119,13 @@ class Mutant:
         return " ".join(text[first:last].split()), " ".join(changed.split())
 
 
-class _Finder(ast.NodeVisitor):
-    """Collects mutants while it walks; `names` are the signals of the function it is in."""
+class _Finder:
+    """Faults of one file: (kind, begin, old, new)."""
 
-    def __init__(self, file: str, text: str, skip: frozenset[str]) -> None:
-        self.file, self.text, self.skip = file, text, skip
+    def __init__(self, text: str, skip: frozenset[str]) -> None:
+        self.text, self.skip = text, skip
         self.rows = text.encode().splitlines(keepends=True)
-        self.starts = [0]
-        for row in self.rows:
-            self.starts.append(self.starts[-1] + len(row.decode()))
-        self.names: list[str] = []
-        self.mutants: set[Mutant] = set()
+        self.starts = [0, *itertools.accumulate(len(row.decode()) for row in self.rows)]
 
     def span(self, node: Any) -> tuple[int, int]:
         places = ((node.lineno, node.col_offset), (node.end_lineno, node.end_col_offset))
@@ -138,165 +137,116 @@ class _Finder(ast.NodeVisitor):
     def source(self, node: ast.AST) -> str:
         return self.text[slice(*self.span(node))]
 
-    def fault(self, kind: str, begin: int, old: str, new: str) -> None:
-        if new != old:
-            self.mutants.add(Mutant(self.file, kind, begin, old, new, self.text.count("\n", 0, begin) + 1))
+    def replaced(self, kind: str, node: ast.AST, new: str) -> Fault:
+        return kind, self.span(node)[0], self.source(node), new
 
-    def replace(self, kind: str, node: ast.AST, new: str) -> None:
-        self.fault(kind, self.span(node)[0], self.source(node), new)
-
-    def between(self, kind: str, left: ast.AST, right: ast.AST, sign: str) -> None:
+    def between(self, kind: str, left: ast.AST, right: ast.AST, sign: str) -> Iterator[Fault]:
         """Another sign between two operands."""
         begin = self.span(left)[1]
         old = self.text[begin : self.span(right)[0]]
         bare = old.strip(" ()\n")
         if bare and "#" not in old and old.count(bare) == 1:
-            self.fault(kind, begin, old, old.replace(bare, sign))
+            yield kind, begin, old, old.replace(bare, sign)
 
-    # ------------------------------------------------------------------ what is left alone
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        if node.name in self.skip or (
-            node.name.startswith("__") and node.name not in ("__init__", "__post_init__")
-        ):
-            return
-        outer, self.names = self.names, sorted(set(_signals(node)))
-        self.visit_all(node.body)
-        self.names = outer
+    def walk(self, node: Any, names: Sequence[str] = ()) -> Iterator[Fault]:
+        """The faults of a node and of all below it that is not left alone. names: the signals of the function
+        it is in."""
+        below = list(ast.iter_child_nodes(node))
+        match node:
+            case ast.Raise() | ast.Assert() | ast.JoinedStr() | ast.Import() | ast.ImportFrom():
+                return
+            case ast.FunctionDef(name=name, body=body):
+                special = name.startswith("__") and name not in ("__init__", "__post_init__")
+                below = [] if special or name in self.skip else list(body)
+                names = sorted(set(_signals(node)))
+            case ast.ClassDef(body=body):
+                below = [part for part in body if not isinstance(part, ast.AnnAssign | ast.Assign)]
+            case ast.AnnAssign(value=value):
+                below = [value] if value else []
+            case ast.If(body=body, orelse=orelse) if all(map(_refuses, body)):
+                below = list(orelse)
+            case ast.If(test=ast.Name(id="TYPE_CHECKING")):
+                pass
+            case ast.If(test=test) | ast.IfExp(test=test):
+                yield self.replaced("condition", test, f"not ({self.source(test)})")
+            case ast.Call():
+                yield from self.of_call(node, names)
+                words = [word.value for word in node.keywords if word.arg not in ("name", "dtype")]
+                below = [node.func, *node.args, *words]
+            case _:
+                yield from self.of_value(node)
+        for part in below:
+            yield from self.walk(part, names)
 
-    def visit_all(self, nodes: list[Any]) -> None:
-        for node in nodes:
-            self.visit(node)
+    def of_value(self, node: Any) -> Iterator[Fault]:
+        """Faults of an operation, a constant, the bounds of a slice."""
+        source, op = self.source, type(getattr(node, "op", None)).__name__
+        match node:
+            case ast.BinOp(left=left, right=right):
+                joined = (ast.List, ast.Tuple, ast.JoinedStr, ast.ListComp, ast.Dict)
+                joins = any(isinstance(side, joined) or _is_text(side) for side in (left, right))
+                if op in OTHER and not joins:
+                    yield from self.between("operator", left, right, OTHER[op])
+                    if op in SIGN:
+                        swapped = f"(({source(right)}) {SIGN[op]} ({source(left)}))"
+                        yield self.replaced("swapped operands", node, swapped)
+            case ast.BoolOp(values=values):
+                for left, right in itertools.pairwise(values):
+                    yield from self.between("operator", left, right, OTHER[op])
+            case ast.Compare(left=left, ops=[sign], comparators=[right]):
+                op = type(sign).__name__
+                yield from self.between("condition", left, right, INVERTED[op])
+                if op in ONE_OFF:
+                    yield from self.between("off-by-one", left, right, ONE_OFF[op])
+                    swapped = f"{source(right)} {SIGN[op]} {source(left)}"
+                    yield self.replaced("swapped operands", node, swapped)
+            case ast.UnaryOp(op=ast.UAdd()) | ast.UnaryOp(op=ast.USub(), operand=ast.Constant()):
+                pass
+            case ast.UnaryOp(operand=operand):
+                yield self.replaced("operator" if op == "USub" else "condition", node, f"({source(operand)})")
+            case ast.Constant(value=bool(value)):
+                yield self.replaced("constant", node, str(not value))
+            case ast.Constant(value=int(value)):
+                yield self.replaced("constant", node, str({0: 1, 1: 0}.get(value, value + 1)))
+            case ast.Constant(value=float(value)):
+                yield self.replaced("constant", node, repr(value * 1.5 + (value == 0)))
+            case ast.Slice(lower=lower, upper=upper):
+                for bound in (lower, upper):
+                    if bound is not None and not _is_text(bound):
+                        yield self.replaced("off-by-one", bound, f"{source(bound)} + 1")
 
-    def visit_ClassDef(self, node: ast.ClassDef) -> None:
-        self.visit_all(
-            [statement for statement in node.body if not isinstance(statement, (ast.AnnAssign, ast.Assign))]
-        )
-
-    def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
-        if node.value is not None:
-            self.visit(node.value)
-
-    def skipped(self, node: ast.AST) -> None:
-        """Nothing in here is mutated."""
-
-    visit_Raise = visit_Assert = visit_JoinedStr = visit_Import = visit_ImportFrom = skipped
-
-    def visit_If(self, node: ast.If) -> None:
-        if all(isinstance(part, ast.Raise) or _refuses(part) for part in node.body):
-            return self.visit_all(node.orelse)
-        if not isinstance(node.test, ast.Name) or node.test.id != "TYPE_CHECKING":
-            self.replace("condition", node.test, f"not ({self.source(node.test)})")
-        return self.generic_visit(node)
-
-    # ------------------------------------------------------------------ faults
-    def visit_BinOp(self, node: ast.BinOp) -> None:
-        joined = (ast.List, ast.Tuple, ast.JoinedStr, ast.ListComp, ast.Dict)
-        joins = any(isinstance(side, joined) or _is_text(side) for side in (node.left, node.right))
-        op = type(node.op).__name__
-        if op in OTHER and not joins:
-            self.between("operator", node.left, node.right, OTHER[op])
-            if op in SIGN:
-                self.replace(
-                    "swapped operands",
-                    node,
-                    f"(({self.source(node.right)}) {SIGN[op]} ({self.source(node.left)}))",
-                )
-        self.generic_visit(node)
-
-    def visit_BoolOp(self, node: ast.BoolOp) -> None:
-        for left, right in zip(node.values, node.values[1:], strict=False):
-            self.between("operator", left, right, OTHER[type(node.op).__name__])
-        self.generic_visit(node)
-
-    def visit_Compare(self, node: ast.Compare) -> None:
-        if len(node.ops) == 1:
-            op, left, right = type(node.ops[0]).__name__, node.left, node.comparators[0]
-            self.between("condition", left, right, INVERTED[op])
-            if op in ONE_OFF:
-                self.between("off-by-one", left, right, ONE_OFF[op])
-                self.replace("swapped operands", node, f"{self.source(right)} {SIGN[op]} {self.source(left)}")
-        self.generic_visit(node)
-
-    def visit_UnaryOp(self, node: ast.UnaryOp) -> None:
-        if not isinstance(node.op, ast.UAdd) and not (
-            isinstance(node.op, ast.USub) and isinstance(node.operand, ast.Constant)
-        ):
-            self.replace(
-                "operator" if isinstance(node.op, ast.USub) else "condition",
-                node,
-                f"({self.source(node.operand)})",
-            )
-        self.generic_visit(node)
-
-    def visit_IfExp(self, node: ast.IfExp) -> None:
-        self.replace("condition", node.test, f"not ({self.source(node.test)})")
-        self.generic_visit(node)
-
-    def visit_Constant(self, node: ast.Constant) -> None:
-        value = node.value
-        if isinstance(value, bool):
-            self.replace("constant", node, str(not value))
-        elif isinstance(value, int):
-            self.replace("constant", node, str({0: 1, 1: 0}.get(value, value + 1)))
-        elif isinstance(value, float):
-            self.replace("constant", node, repr(value * 1.5 + (value == 0)))
-
-    def visit_Slice(self, node: ast.Slice) -> None:
-        for bound in (node.lower, node.upper):
-            if bound is not None and not _is_text(bound):
-                self.replace("off-by-one", bound, f"{self.source(bound)} + 1")
-        self.generic_visit(node)
-
-    def visit_Call(self, node: ast.Call) -> None:
+    def of_call(self, node: ast.Call, names: Sequence[str]) -> Iterator[Fault]:
+        """Faults of a call by the name of what is called."""
         name, args, sources = _name(node.func), node.args, list(map(self.source, node.args))
-        plain = not any(isinstance(arg, ast.Starred) for arg in args)
-        words = [f"{word.arg}={self.source(word.value)}" for word in node.keywords if word.arg]
-        if name in SIZED and len(args) == 1 and plain and not isinstance(args[0], (ast.Call, ast.ListComp)):
-            self.replace("off-by-one" if name == "range" else "width", args[0], f"({sources[0]}) - 1")
+        first, plain = (*args, None)[0], not any(isinstance(arg, ast.Starred) for arg in args)
+        target = self.source(node.func.value) if isinstance(node.func, ast.Attribute) else ""
+        if name in SIZED and len(args) == 1 and plain and not isinstance(first, ast.Call | ast.ListComp):
+            yield self.replaced("off-by-one" if name == "range" else "width", args[0], f"({sources[0]}) - 1")
         if name == "If" and args:
-            self.replace("condition", args[0], f"~({sources[0]})")
-        swapped = (
-            name in ("Cat", "concatenate")
-            and plain
-            and len(args) >= 2
-            and [sources[1], sources[0], *sources[2:]]
-        )
-        if name in ("Mux", "where") and len(args) == 3:
-            swapped = [sources[0], sources[2], sources[1]]
-        if swapped:
-            self.replace(
-                "swapped operands", node, f"{self.source(node.func)}({', '.join([*swapped, *words])})"
-            )
-        if name in NARROWINGS and args and plain and not isinstance(args[0], ast.GeneratorExp):
-            of_value = isinstance(node.func, ast.Attribute) and _name(node.func.value) not in ("np", "torch")
-            self.replace("saturation", node, f"({self.source(node.func.value) if of_value else sources[0]})")  # type: ignore[attr-defined]
+            yield self.replaced("condition", args[0], f"~({sources[0]})")
+        order = (0, 2, 1) if name in ("Mux", "where") and len(args) == 3 else ()
+        if name in ("Cat", "concatenate") and plain and len(args) >= 2:
+            order = (1, 0, *range(2, len(args)))
+        if order:
+            words = [f"{word.arg}={self.source(word.value)}" for word in node.keywords if word.arg]
+            swapped = ", ".join([*(sources[place] for place in order), *words])
+            yield self.replaced("swapped operands", node, f"{self.source(node.func)}({swapped})")
+        if name in NARROWINGS and args and plain and not isinstance(first, ast.GeneratorExp):
+            value = target if target and _name(node.func.value) not in ("np", "torch") else sources[0]  # type: ignore[attr-defined]
+            yield self.replaced("saturation", node, f"({value})")
         if name in ROUNDINGS and len(args) >= 2:
-            self.replace("saturation", node, f"(({sources[0]}) >> ({sources[1]}))")
+            yield self.replaced("saturation", node, f"(({sources[0]}) >> ({sources[1]}))")
         for word in node.keywords:
             if name == "Signal" and word.arg == "init" and self.source(word.value) != "0":
-                self.replace("reset", word.value, "0")
+                yield self.replaced("reset", word.value, "0")
         if name == "eq" and len(args) == 1:
-            if isinstance(args[0], ast.Constant) and args[0].value == 0:
-                target = self.source(node.func.value)  # type: ignore[attr-defined]
-                self.replace("reset", node, f"{target}.eq({target})")
-            self.exchange_signals(args[0])
-        self.visit_all(
-            [node.func, *args, *(word.value for word in node.keywords if word.arg not in ("name", "dtype"))]
-        )
-
-    def exchange_signals(self, value: ast.expr) -> None:
-        """Each signal read in what is assigned, exchanged for another one of the function."""
-        for node in ast.walk(value):
-            if isinstance(node, ast.Name) and node.id in self.names and len(self.names) > 1:
-                candidates = [name for name in self.names if name != node.id]
-                self.replace(
-                    "signal",
-                    node,
-                    candidates[
-                        hashlib.sha256(f"{node.id}{self.source(value)}".encode()).digest()[0]
-                        % len(candidates)
-                    ],
-                )
+            if isinstance(first, ast.Constant) and first.value == 0:
+                yield self.replaced("reset", node, f"{target}.eq({target})")
+            for read in ast.walk(args[0]):  # another signal of the function
+                if isinstance(read, ast.Name) and read.id in names and len(names) > 1:
+                    others = [other for other in names if other != read.id]
+                    number = hashlib.sha256(f"{read.id}{sources[0]}".encode()).digest()[0]
+                    yield self.replaced("signal", read, others[number % len(others)])
 
 
 def _name(function: ast.expr) -> str:
@@ -309,30 +259,38 @@ def _is_text(node: ast.AST) -> bool:
 
 def _refuses(statement: ast.stmt) -> bool:
     """Only tells the user of a mistake."""
-    return (
-        isinstance(statement, ast.Expr)
-        and isinstance(statement.value, ast.Call)
-        and _name(statement.value.func) == "refuse"
-    )
+    match statement:
+        case ast.Raise():
+            return True
+        case ast.Expr(value=ast.Call(func=function)):
+            return _name(function) == "refuse"
+    return False
 
 
 def _signals(function: ast.FunctionDef) -> Iterator[str]:
     """Names that the function gives to ``Signal(...)``."""
     for node in ast.walk(function):
-        if isinstance(node, ast.Assign):
-            target, value = node.targets[0], node.value
-            tuples = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-            for name, part in zip(target.elts, value.elts, strict=False) if tuples else [(target, value)]:  # type: ignore[attr-defined]
-                if isinstance(name, ast.Name) and isinstance(part, ast.Call) and _name(part.func) == "Signal":
-                    yield name.id
+        match node:
+            case ast.Assign(targets=[ast.Tuple(elts=names), *_], value=ast.Tuple(elts=values)):
+                pairs = list(zip(names, values, strict=False))
+            case ast.Assign(targets=[target, *_], value=value):
+                pairs = [(target, value)]
+            case _:
+                continue
+        for name, part in pairs:
+            if isinstance(name, ast.Name) and isinstance(part, ast.Call) and _name(part.func) == "Signal":
+                yield name.id
 
 
 def mutants(file: str, text: str, skip: frozenset[str] = frozenset()) -> list[Mutant]:
     """All mutants of a file but in the functions of ``skip``, in the order of its text; some may be no faults
     (`is_fault`)."""
-    finder = _Finder(file, text, skip)
-    finder.visit(ast.parse(text))
-    return sorted(finder.mutants, key=lambda mutant: (mutant.begin, mutant.kind, mutant.old, mutant.new))
+    faults = {
+        Mutant(file, kind, begin, old, new, text.count("\n", 0, begin) + 1)
+        for kind, begin, old, new in _Finder(text, skip).walk(ast.parse(text))
+        if old != new
+    }
+    return sorted(faults, key=lambda mutant: (mutant.begin, mutant.kind, mutant.old, mutant.new))
 
 
 def is_fault(mutant: Mutant, text: str) -> bool:

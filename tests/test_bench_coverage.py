@@ -49,7 +49,7 @@ LOADED = ("weights", "ADDENDS", "CONSTANTS", "MEANS")
 GROUPS: dict[str, list[str]] = {
     "detector": ["settling", "armed", "touch", "rearming", "touch begins"],
     "ring": ["full", "not full", "touch", "no touch"],
-    "averager": [*(f"operation {one.name}" for one in Operation), "bank 0", "bank 1", "last beat of a touch"],
+    "averager": [*(f"operation {one.name}" for one in Operation), "bank 0", "bank 1", "last beat of a frame"],
     "sequencer": ["primes", "waits", "goes", "repeats a word", "turns back to the step", "restarts"],
     "classifier": [
         "idle",
@@ -197,11 +197,11 @@ class _Points:
         if "front_end.pretrigger_ring.i__ready" in now:
             self.note("ring", full=not ready, not_full=ready, touch=touch, no_touch=not touch)
         offered, operation, bank, last = of(
-            "front_end.window_averager", "i__valid", "operation_next", "bank", "touch_last"
+            "front_end.window_averager", "i__valid", "operation", "bank", "frame_last"
         )
-        if offered and "front_end.window_averager.operation_next" in now:
+        if offered and "front_end.window_averager.operation" in now:
             self.seen[f"averager: operation {Operation(operation).name}"] += 1
-        self.note("averager", bank_0=not bank, bank_1=bank, last_beat_of_a_touch=last)
+        self.note("averager", bank_0=not bank, bank_1=bank, last_beat_of_a_frame=last)
         waiting, enable, ended, primed, count, turn, restart = of(
             "engine.sequencer", "waiting", "enable", "ended", "primed", "count", "turn", "restart"
         )

@@ -2,53 +2,41 @@
 
 from __future__ import annotations
 
-import types
-
 import pytest
 
-from formal import job
-from formal.job import ROOT, elaborate
-from formal.run import Runner, good, proofs
+from formal import run
+from formal.proof import Proof
+
+QUICK = run.jobs_of(run.proofs(quick=True))
 
 
 def test_only_verdicts_are_kept(monkeypatch, tmp_path):
     """What ran out of time, or failed on a full disk, is run again; what was proved or found is not."""
-    monkeypatch.setattr(job, "BUILD", tmp_path)
-    monkeypatch.setattr(
-        job, "load", lambda title: types.SimpleNamespace(method="induction", depth=3, bugs=())
-    )
-    monkeypatch.setattr(job, "elaborate", lambda title, bug: "module")
+    made = Proof("made", "made", "", lambda m: None, "induction", 3, "")
+    monkeypatch.setattr(run, "proof_of", lambda title: made)
+    monkeypatch.setattr(run, "elaborate", lambda title, bug: "module")
     came = iter(["TIMEOUT", "ERROR", "UNKNOWN", "PASS", "never"])
-    monkeypatch.setattr(job, "_sby", lambda folder: (next(came), ""))
-    told = [job.run("made", None) for _ in range(5)]
-    assert [(result["verdict"], result["kept"]) for result in told] == [
-        ("TIMEOUT", False),
-        ("ERROR", False),
-        ("UNKNOWN", False),
-        ("PASS", False),
-        ("PASS", True),
-    ]
-
-
-JOBS = [(one.title, number) for one in proofs(quick=True) for number in (None, *range(len(one.bugs)))]
+    monkeypatch.setattr(run, "solve", lambda folder, method: (next(came), ""))
+    verdicts = [run.run(tmp_path, ("made.made", None))["verdict"] for _ in range(5)]
+    assert verdicts == ["TIMEOUT", "ERROR", "UNKNOWN", "PASS", "PASS"] and next(came) == "never"
 
 
 def test_every_proof_has_a_seeded_bug_that_is_in_the_design():
-    for one in proofs():
-        assert one.bugs, one.title
-        for bug in one.bugs:
-            assert bug.old in (ROOT / bug.file).read_text(), (
-                f"{one.title}: {bug.file} no longer has '{bug.old}': write the bug anew"
+    for proof in run.proofs():
+        assert proof.bugs, proof.title
+        for bug in proof.bugs:
+            assert bug.old in (run.ROOT / bug.file).read_text(), (
+                f"{proof.title}: {bug.file} no longer has '{bug.old}': write the bug anew"
             )
 
 
-@pytest.mark.parametrize("title", [one.title for one in proofs() if not one.quick])
+@pytest.mark.parametrize("title", [proof.title for proof in run.proofs() if not proof.quick])
 def test_a_proof_finds_what_it_names_in_its_block(title):
     """Signals of a block that were renamed are seen here, not only by ``make formal``."""
-    assert "$check" in elaborate(title, None)
+    assert "$check" in run.elaborate(title)
 
 
-@pytest.mark.parametrize(("title", "number"), JOBS)
-def test_the_proof_passes_and_the_seeded_bug_is_found(title, number):
-    result = Runner(1).run((title, number))
-    assert good((title, number), result), result
+@pytest.mark.parametrize("name", QUICK)
+def test_the_proof_passes_and_the_seeded_bug_is_found(name):
+    result = run.run(run.BUILD, QUICK[name])
+    assert result["good"], result

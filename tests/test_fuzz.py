@@ -159,6 +159,8 @@ BREAKS = {
     "wrote outside": f"def broken(*a, **k): open({str(watched.ROOT)!r} + '/README.md', 'a').close(); raise "
     "SystemExit(2)\n",
     "hang": "def broken(*a, **k):\n    while True: pass\n",
+    "long work": "def broken(*a, **k):\n    for done in range(1, 3): print(f'recordings: {done} of 9', flush=True)\n"
+    "    while True: pass\n",
     "too much memory": "def broken(*a, **k): return bytearray(3 << 30)\n",
     "odd status": "def broken(*a, **k): raise SystemExit(7)\n",
     "no sentence": "def broken(*a, **k): raise SystemExit(2)\n",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -46,6 +47,10 @@ Level = Literal["rtl", "netlist", "bitstream"]
 """What is simulated."""
 
 
+Bus = Literal["wishbone", "axi4lite", "apb"]
+"""Buses of a user's system."""
+
+
 Pace = Literal["full", "declared"]
 """How frames are fed: as fast as they are taken, or at the declared rate."""
 
@@ -59,14 +64,30 @@ def generate(
     data: Annotated[
         str | None, option("The testbench plays the first of these recordings; default: a made-up one.")
     ] = None,
+    bus: Annotated[
+        Bus | None,
+        option("For a CPU: registers, samples, decisions and an interrupt behind this bus, a driver in C."),
+    ] = None,
+    fifo: Annotated[int | None, option("With --bus: decisions that may wait, 0, 2 or 4; default 2.")] = None,
+    streams: Annotated[
+        Literal["axis"] | None, option("Frames under AXI-Stream names; without --bus decisions too.")
+    ] = None,
 ) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking
     testbench."""
+    from eskin.rtl.host.decision_queue import DEPTHS
     from eskin.verbs.generate_job import generate_design
+
+    if fifo is not None and bus is None:
+        raise InputError("--fifo: is of a bus; add --bus NAME")
+    depth = 2 if fifo is None else fifo
+    if depth not in DEPTHS:
+        raise InputError(f"--fifo: is {fifo}; give 0, 2 or 4")
 
     integer = integer_model(model)
     recordings = None if data is None else recordings_for(data, integer.config)
-    folder = generate_design(integer, out, lanes=lanes, lane_type=lane_type, recordings=recordings)
+    design = {"lanes": lanes, "lane_type": lane_type, "bus": bus, "axis": streams is not None, "depth": depth}
+    folder = generate_design(integer, out, recordings=recordings, **design)  # type: ignore[arg-type]
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
@@ -506,6 +527,10 @@ def energy(
         option("An asic.json of eskin asic --data, shown beside the boards; several times.", metavar="FILE"),
     ] = None,
     recordings: Annotated[int, option("Recordings whose activity is counted.", min=1)] = 2,
+    decide_within: Annotated[
+        float | None,
+        option("Latency budget of a decision, seconds; default: the model's, one frame.", metavar="S"),
+    ] = None,
     out: Annotated[Path, option("Folder of energy.json and energy.html.")] = Path("build/energy"),
 ) -> Record:
     """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists;
@@ -516,6 +541,8 @@ def energy(
 
     check_target(out / RESULT)
     integer = integer_model(model)
+    if decide_within is not None:
+        integer = dataclasses.replace(integer, config=integer.config.replace(decide_within_s=decide_within))
     loaded = recordings_for(data, integer.config)
     with _work_folder(Path("build/cosim")) as work, progress_bars() as report:
         options: Record = {

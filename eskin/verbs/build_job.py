@@ -36,7 +36,14 @@ from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
 from eskin.rtl.program.compact_program import CompactSchedule
 from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_image
 from eskin.rtl.program.memory_map import memory_images
-from eskin.rtl.program.schedule import decision_cycles, frame_cycles, lowest_clock_hz, schedule, step_cycles
+from eskin.rtl.program.schedule import (
+    decision_cycles,
+    frame_cycles,
+    lowest_clock_hz,
+    mean_frame_cycles,
+    schedule,
+    step_cycles,
+)
 from eskin.rtl.program.timing import is_compact
 from eskin.rtl.top.board_top import BAUD, ClassPins
 from eskin.rtl.top.image_accelerator import refuse_hardware
@@ -392,7 +399,7 @@ def _result(
         [lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))]
     )
     activity = scheduled_activity(
-        config, step_cycles(config), frame_cycles(config, ends_window=False), total["ff"], total["dsp"]
+        config, step_cycles(config), *mean_frame_cycles(config), total["ff"], total["dsp"]
     )
     return {
         "target": target.name,

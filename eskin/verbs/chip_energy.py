@@ -18,6 +18,7 @@ import numpy as np
 
 from eskin.cosim.device import Device
 from eskin.cosim.gates import Chip
+from eskin.cosim.latency import limits
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.jobs import Record
@@ -153,7 +154,7 @@ def measured(
     expected = [pack_decision(row) for row in trace.streams["decision"][0]]
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
-    clock = max(lowest_clock_hz(config), schedule(config).decision_cycles * config.sensor.sample_rate_hz)
+    clock = max(lowest_clock_hz(config), schedule(config).decision_cycles / limits(config)["decision"])
     of_part, extra = (
         {part: rows[:, low + number] for part, number in place.items()} for low in (5, 5 + len(place))
     )

@@ -11,13 +11,14 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
+from eskin.cosim.latency import needed_clock
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import write_json
@@ -30,7 +31,7 @@ from eskin.pages.views import write_text
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target as find_target
-from eskin.rtl.program.schedule import frame_cycles
+from eskin.rtl.program.schedule import mean_frame_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.verbs.build_job import suited_lane_type
@@ -43,6 +44,8 @@ IMAGE_CONFIGURATIONS = ("icebreaker:4", "icebreaker:8", "ulx3s:16")
 """The same of images."""
 SLOW_FACTOR, SLOWER_LEAST = 4, 1.5
 """Cycles a frame of the slower run: in taxels, and over those of the run at full pace at least."""
+BUDGET_FRAMES = (1, 1.5, 2, 3, 5, 7, 10, 15, 20, 30, 50, 100, 200, 500)
+"""Latency budgets of `waiting`, frames."""
 RESULT = "energy.json"
 
 
@@ -107,13 +110,15 @@ def measure(
     cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
     if config.is_image:
         cycles = results[0]["cycles"]["decision_latency_max"]
+    frame_cycles, quiet_cycles = mean_frame_cycles(config)
     activity = energy.counted_activity(
         config,
         *counts,
         frames=results[0]["frames"],
         steps=results[0]["steps"],
         recordings=len(recordings),
-        frame_cycles=frame_cycles(config, ends_window=False),
+        frame_cycles=frame_cycles,
+        quiet_cycles=quiet_cycles,
         step_cycles=cycles,
     )
     exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)
@@ -123,7 +128,26 @@ def measure(
         "lanes": lanes,
     }
     described |= {"lane_type": lane_type, "cells": cells, "bit_exact": exact, "blocks": counts[0]["toggles"]}
-    return described | energy.estimate(asked, find_target(target).device, activity, clock)
+    part = find_target(target).device
+    described["waiting"] = waiting(config, part, activity, lowest["cycles"])
+    return described | energy.estimate(asked, part, activity, clock)
+
+
+def waiting(
+    config: AcceleratorConfig, part: str, activity: energy.Activity, cycles: Mapping[str, int | None]
+) -> list[dict[str, float]]:
+    """Power of waiting with the clock always on, by latency budget from a frame to a hop: {decide_within_s,
+    clock_hz, idle_w}. ``cycles``, of a run at the sensor's pace, say the clock; no budget but the
+    configuration's was simulated."""
+    frame_s = 1 / config.sensor.sample_rate_hz
+    longest = config.image.height if config.is_image else config.windows.hop
+    rows = []
+    for frames in sorted({*(count for count in BUDGET_FRAMES if count < longest), longest}):
+        asked = config.replace(decide_within_s=frames * frame_s)
+        clock = needed_clock(asked, cycles)
+        idle = energy.estimate(asked, part, activity, clock)["idle_w"]
+        rows.append({"decide_within_s": frames * frame_s, "clock_hz": clock, "idle_w": idle})
+    return rows
 
 
 def slower_cycles(config: AcceleratorConfig, full: Record) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
@@ -22,9 +23,10 @@ def generate_design(
     lane_type: str | None = None,
     recordings: Recordings | None = None,
     seed: int = 1,
+    **system: Any,
 ) -> Path:
     """``eskin generate``: Verilog and its companions; the self-checking testbench plays the first of
-    ``recordings`` (default: random)."""
+    ``recordings`` (default: random). ``system``: bus, axis and depth of `generate`."""
     config = model.config.with_lanes(lanes, lane_type)
     if not out.name:
         raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
@@ -47,4 +49,4 @@ def generate_design(
                 if recordings is not None or len(trace.streams["decision"][0]):
                     break  # a random recording without a decision would check nothing
             write_vectors(vectors, trace, shown)
-        return generate(config, model.arrays, out, vectors=vectors)
+        return generate(config, model.arrays, out, vectors=vectors, **system)

@@ -155,16 +155,22 @@ def _defences(
     pieces = {f"defences {row.name} {json.dumps([splits, seeds, row.config.to_dict()])}": row for row in rows}
     shared = Comparison(recordings, splits, seeds)
     compared: list[Record] = keep.results(compare_one, pieces, shared, "defences cross-validated")
-    chosen = defences.recommended(recordings, base).replace(checksum=True, watchdog=True)
+    chosen = watched(defences.recommended(recordings, base))
     if not compared:
         return compared, chosen
     chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
     # the class is offered all the same: the threshold changes no accuracy
-    name = f"the same, watchdog, checksum, unsure below a margin of {chosen.network.margin_threshold}"
+    checks = "watchdog, checksum" if chosen.hardware.checksum else "watchdog"
+    name = f"the same, {checks}, unsure below a margin of {chosen.network.margin_threshold}"
     compared.append({**compared[-1], "name": name})
     configs = [*(row.config for row in rows), chosen]
     costs = hardware.costs(configs) if hardware else [None] * len(configs)
     return [{**record, "hardware": cost} for record, cost in zip(compared, costs, strict=True)], chosen
+
+
+def watched(config: AcceleratorConfig) -> AcceleratorConfig:
+    """``config`` with watchdog and checksum; the bit-serial lane is built without the latter."""
+    return config.replace(checksum=config.hardware.lane_type != "serial", watchdog=True)
 
 
 def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
@@ -301,7 +307,7 @@ class _Hardware:
         ways: of leaving a recording. defences: checksum, watchdog, which are on.
         """
         model, clean = self.bench.model, self.bench.clean
-        defended = model.config.replace(**{"checksum": True, "watchdog": True, **defences})
+        defended = watched(model.config).replace(**defences)
         played = IntegerModel(defended, model.arrays, model.source)
         scenario = self.bench.remember(
             f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean)

@@ -23,7 +23,7 @@ from eskin.golden.training.image_models import KEPT
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.golden.training.train_images import CODE as IMAGE_CODE
 from eskin.pages import sweep_charts
-from eskin.rtl.program.schedule import decision_cycles, frame_cycles, step_cycles
+from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.views.complexity import register_bits
 from eskin.rtl.views.schedule_view import save_figure, write_csv
@@ -55,11 +55,9 @@ def cost_of(config: AcceleratorConfig, base: AcceleratorConfig) -> dict[str, flo
         base.replace(clock_hz=hardware.clock_hz).with_lanes(hardware.lanes, hardware.lane_type)
     )
     multipliers = 0 if hardware.lane_type == "serial" else hardware.lanes
-    # one frame in a hop takes longer
-    step, frame = (step_cycles(config), frame_cycles(config, ends_window=False))
-    energy = estimate(
-        config, PART, scheduled_activity(config, step, frame, registers, multipliers), hardware.clock_hz
-    )
+    step = step_cycles(config)
+    activity = scheduled_activity(config, step, *mean_frame_cycles(config), registers, multipliers)
+    energy = estimate(config, PART, activity, hardware.clock_hz)
     compute_j = energy["per_touch_j"]
     energy_j = compute_j if config.is_image else energy["choices"][1]["touch_j"]
     return {

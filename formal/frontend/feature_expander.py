@@ -5,17 +5,17 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 
 import eskin.rtl.frontend.feature_expander
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander, expander_slots
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander
+from formal.frontend.frame_marks import EVEN, FREE, KINDS, frames
 from formal.memory import opened
 from formal.proof import (
     Bug,
     any_number,
     assume,
-    free,
     free_sink,
     free_source,
     keeps_its_beat,
@@ -24,89 +24,7 @@ from formal.proof import (
     prove,
 )
 
-_SIZES = dict(
-    taxels=4,
-    sample_bits=3,
-    clip=2,
-    rest="initial",
-    rest_frames=4,
-    hop=2,
-    window=4,
-    steps=2,
-    feature_shift=(),
-    rearm_frames=20,
-)
-_KINDS = dict(
-    feature_kinds=("mean", "activity", "integral"),
-    activity_rule="change",
-    activity_block=2,
-    integral_knee=1,
-    integral_frac=2,
-)
-TOUCH = PRESETS["thesis"].replace(
-    **_SIZES, **_KINDS, band_low=3, band_high=5, pretrigger_frames=0, touch_frames=6, fault_frames=0
-)
-FREE = PRESETS["pvdf"].replace(**_SIZES, **_KINDS, onset_mean_frames=4, onset_check_frames=2)
-
-
-def _place(m: Module, dut: FeatureExpander, config: AcceleratorConfig) -> SimpleNamespace:
-    """Where the deviation at the input stands, and in windows that run freely the detector's marks, assumed
-    as it makes them (formal/frontend/onset_detector.py: touches_free)."""
-    taxels, hop, steps = config.sensor.taxels, config.windows.hop, config.windows.steps
-    touch, block = config.windows.window_mode == "touch", config.features.activity_block
-    taken, beat, place = (
-        dut.i.valid & dut.i.ready,
-        Signal(range(taxels), name="beat"),
-        Signal(range(block), name="place"),
-    )
-    ends = taken & (beat == taxels - 1)
-    with m.If(taken):
-        m.d.sync += beat.eq(Mux(beat == taxels - 1, 0, beat + 1))
-    with m.If(ends):
-        m.d.sync += place.eq(Mux(place == block - 1, 0, place + 1))
-    prove((beat < taxels) & (place < block), "the reference's own place")
-    frame, some = Signal(range(max(config.last_frame, hop + 1)), name="frame"), Signal(name="some_block")
-    windows, later, emit = (
-        Signal(range(steps + 1), name="windows"),
-        Signal(name="later_hop"),
-        Signal(name="emit"),
-    )
-    if touch:  # frame: of the touch
-        last = frame == config.last_frame - 1
-        with m.If(ends):
-            m.d.sync += [frame.eq(Mux(last, 0, frame + 1)), some.eq(~last & (some | (place == block - 1)))]
-        prove(frame < config.last_frame, "the reference's own frame")
-        prove(place == frame % block, "blocks begin with the touch")
-        prove(some == (frame >= block), "a block was whole")
-        prove(~taken | (dut.touch_last == (last & (beat == taxels - 1))), "the touch's last beat is known")
-        return SimpleNamespace(taken=taken, beat=beat, place=place, some=some, frame=frame)
-    # frame: of the hop. windows: of the touch under way that ended before this hop
-    last, next_emit = frame == hop - 1, Signal(name="next_emit")
-    free(next_emit)
-    with m.If(ends):
-        m.d.sync += [
-            frame.eq(Mux(last, 0, frame + 1)),
-            some.eq(some | (place == block - 1)),
-            later.eq(later | last),
-            emit.eq(next_emit),
-        ]
-        with m.If(last):
-            m.d.sync += windows.eq(Mux(emit & later & (windows != steps - 1), windows + 1, 0))
-    prove((frame < hop) & (windows < steps), "the reference's own frame and window")
-    prove(place == frame % block, "blocks begin with the hops")
-    prove(
-        (some <= (later | (frame >= block))) & (later <= some) & ((frame >= block) <= some),
-        "a block was whole",
-    )
-    prove((windows == 0) | later, "windows take two hops")
-    marks, emits = dut.i.p, emit & later & last
-    assume(
-        ~dut.i.valid
-        | (marks.hop_last == last) & (marks.emit == emits) & (marks.end == (emits & (windows == steps - 1)))
-    )
-    return SimpleNamespace(
-        taken=taken, beat=beat, place=place, some=some, frame=frame, windows=windows, later=later, emits=emits
-    )
+TOUCH, RUNNING = EVEN.replace(**KINDS), FREE.replace(**KINDS)
 
 
 def _of_one_taxel(
@@ -121,7 +39,7 @@ def _of_one_taxel(
     )
     deviation = ~dut.i.p.complement
     now = SimpleNamespace(
-        here=Mux(at.place == 0, 0, here) + deviation, hop_now=Mux(at.frame == 0, 0, hop_now) + deviation
+        here=Mux(at.in_block == 0, 0, here) + deviation, hop_now=Mux(at.frame == 0, 0, hop_now) + deviation
     )
     begins = at.frame == 0 if touch else Const(0)
     now.total = (
@@ -130,7 +48,7 @@ def _of_one_taxel(
     mine, done = at.beat == one, at.beat > one  # of this frame: it is there, or gone
     with m.If(at.taken & mine):
         m.d.sync += here.eq(now.here)
-        with m.If(at.place == features.activity_block - 1):
+        with m.If(at.in_block == features.activity_block - 1):
             m.d.sync += earlier.eq(now.here)
         if touch:
             m.d.sync += total.eq(now.total)
@@ -139,21 +57,21 @@ def _of_one_taxel(
             with m.If(at.frame == config.windows.hop - 1):
                 m.d.sync += [hop_before.eq(now.hop_now), total.eq(now.total)]
     # bounds: so many frames, so much
-    frames = at.frame + done
-    counted = Mux(at.place + done == 0, features.activity_block, at.place + done)
+    so_far = at.frame + done
+    counted = Mux(at.in_block + done == 0, features.activity_block, at.in_block + done)
     prove((here <= counted * bound) & (here >= -(counted * bound)), "a block's sum")
     prove(
         (earlier <= features.activity_block * bound) & (earlier >= -features.activity_block * bound),
         "the block before",
     )
-    ended = Mux(done, at.place == features.activity_block - 1, (at.place == 0) & at.some)
+    ended = Mux(done, at.in_block == features.activity_block - 1, (at.in_block == 0) & at.some)
     prove(~ended | (earlier == here), "a block that ended")
     hop = config.windows.hop
     if touch:
-        of_touch = Mux(frames == 0, config.last_frame, frames)
+        of_touch = Mux(so_far == 0, config.last_frame, so_far)
         prove((total <= of_touch * bound) & (total >= -(of_touch * bound)), "a touch's sum")
     else:
-        of_hop = Mux(frames == 0, hop, frames)
+        of_hop = Mux(so_far == 0, hop, so_far)
         prove((hop_now <= of_hop * bound) & (hop_now >= -(of_hop * bound)), "a hop's sum")
         prove((hop_before <= hop * bound) & (hop_before >= -hop * bound), "the hop before")
         ended = (at.windows + 1) * hop
@@ -201,68 +119,63 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
     keeps_its_beat(dut.o, "o")
     deviation = ~dut.i.p.complement
     assume((deviation <= bound) & (deviation >= -bound))
-    at = _place(m, dut, config)
+    at = frames(m, config, dut.i, Const(1))
     one = any_number(range(taxels), "one")
     assume(one < taxels)
     ref = _of_one_taxel(m, dut, config, at, one)
 
-    # ---- what leaves: each kind of each taxel in turn
-    step, slot, slots = inside.step, inside.slot, expander_slots(config)
+    # ---- what leaves: of each taxel the kinds that come, in turn
+    step, slot = inside.step, inside.slot
+    comes = {"mean": Const(1), "activity": at.block_last, "integral": at.emit}
     made = Signal()
-    kind = Signal(range(len(kinds)))
+    kind = Signal(range(len(kinds) + 1))  # that were made of this deviation
     m.d.comb += made.eq(step & inside.made_now)
-    with m.If(made):
-        m.d.sync += kind.eq(Mux(kind == len(kinds) - 1, 0, kind + 1))
+    with m.If(step):
+        m.d.sync += kind.eq(Mux(at.taken, 0, kind + made))
     changed = ref.now.here - ref.last.earlier if features.activity_rule == "change" else ref.now.here
     compares = at.some | (features.activity_rule == "sum")
-    activity = Mux((at.place == block - 1) & compares, Mux(changed < 0, -changed, changed), 0)
+    activity = Mux(compares, Mux(changed < 0, -changed, changed), 0)
     integral = _companded(m, ref.now.total, config) if "integral" in kinds else Const(0)
     amounts = {"mean": deviation, "activity": activity, "integral": integral}
     expected = Signal(signed(config.sum_bits + 4))
     of_one = Signal()
-    matters = Signal()
-    flags = [name for name in dut.o.p.shape().members if name != "complement"]
+    flags = [name for name in dut.i.p.shape().members if name != "complement"]
     passed = Signal(max(1, len(flags)))
     with m.If(made):
         m.d.sync += [of_one.eq(ref.mine), passed.eq(Cat(getattr(dut.i.p, name) for name in flags))]
         for number, name in enumerate(kinds):
             with m.If(kind == number):
-                # an integral counts where a window ends (touch: always)
-                m.d.sync += [
-                    expected.eq(amounts[name]),
-                    matters.eq(Const(1) if touch or name != "integral" else at.emits),
-                ]
-    prove(~(dut.o.valid & of_one & matters) | (~dut.o.p.complement == expected), "the feature")
+                m.d.sync += expected.eq(amounts[name])
+                prove(~made | comes[name], f"{name}: only where it says something")
+    prove(~(dut.o.valid & of_one) | (~dut.o.p.complement == expected), "the feature")
     prove(~dut.o.valid | (Cat(getattr(dut.o.p, name) for name in flags) == passed[: len(flags)]), "its flags")
-    prove(
-        ~at.taken | (made & (kind == len(kinds) - 1)) | (SLOTS[kinds[-1]] != slots - 1),
-        "all kinds before the next deviation",
-    )
+    prove(~at.taken | (kind + made == sum(comes[name] for name in kinds)), "all that come before the next")
 
     # ---- for the induction: the state of the block
-    before = [sum(SLOTS[other] < number for other in kinds) % len(kinds) for number in range(slots)]
-    prove(slot < slots, "slot")
-    for number in range(slots):
-        prove((slot != number) | (kind == before[number]), f"kinds made before slot {number}")
+    for number in range(1 + max(SLOTS[name] for name in kinds)):
+        earlier = sum((comes[name] for name in kinds if SLOTS[name] < number), Const(0))
+        prove((slot != number) | (kind == earlier), f"kinds made before slot {number}")
+    last: Value = Const(0)
+    for name in kinds:
+        last = Mux(comes[name], SLOTS[name], last)
+    prove(slot <= last, "slot")
     prove((slot == 0) | dut.i.valid, "a deviation that was begun stays")
     prove(inside.taxel == at.beat, "taxel")
-    prove(~inside.written | (slot == 1) & (inside.taxel_of_fresh == at.beat), "the write under way")
-    first_hop = touch or config.opens_at_once
+    of_fresh = Mux(slot == 1, at.beat, Mux(at.beat == 0, taxels - 1, at.beat - 1))
+    prove(~inside.written | (slot < 2) & (inside.taxel_of_fresh == of_fresh), "the write under way")
     prove(inside.first == ((at.frame == 0) if touch else ~at.later & (at.frame == 0)), "the first frame")
-    if touch:
-        prove(inside.frame == at.frame, "frame")
     if "activity" in kinds:
         if block > 1:
-            prove(inside.frame_in_block == at.place, "place")
+            prove(inside.frame_in_block == at.in_block, "place")
         if features.activity_rule == "change":
             prove(inside.lone == ~at.some, "no block before")
-    if "integral" in kinds and not first_hop:
+    if "integral" in kinds and not touch:
         prove(inside.hop_first == (at.frame == 0), "the first frame of a hop")
         prove(inside.falls == ((at.frame == 0) & (at.windows == 0)), "no touch goes on")
     (memory,) = memories
     word, pending = memory.words[one], inside.written & (inside.taxel_of_fresh == one)
     started = ref.mine & (slot != 0)  # what is kept has this frame's deviation in it
-    anything = at.some | (at.place != 0) | ref.done | started | (at.frame != 0)
+    anything = at.some | (at.in_block != 0) | ref.done | started | (at.frame != 0)
     if not touch:
         anything |= at.later
     total_last = ref.last.total
@@ -279,7 +192,9 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
     }
     # a change is r = here - earlier while its block is under way, from the second block on
     within = (
-        Mux(ref.done | started, Const(1), at.place != 0) & at.some & ~((at.place == block - 1) & ref.done)
+        Mux(ref.done | started, Const(1), at.in_block != 0)
+        & at.some
+        & ~((at.in_block == block - 1) & ref.done)
     )
     for name in inside.fresh:
         old, new = kept[name]
@@ -378,7 +293,7 @@ def in_touches(m: Module) -> None:
     bugs=(BUGS["hop"],),
 )
 def running_freely(m: Module) -> None:
-    _beats(m, FREE)
+    _beats(m, RUNNING)
 
 
 @proof(
@@ -388,7 +303,7 @@ def running_freely(m: Module) -> None:
     bugs=(BUGS["end"],),
 )
 def integrals_alone(m: Module) -> None:
-    _beats(m, FREE.replace(feature_kinds=("integral",), steps=1))
+    _beats(m, RUNNING.replace(feature_kinds=("integral",), steps=1))
 
 
 @proof(
@@ -433,4 +348,4 @@ def changes_of_frames(m: Module) -> None:
     ),
 )
 def sums_of_blocks(m: Module) -> None:
-    _beats(m, FREE.replace(feature_kinds=("mean", "activity"), activity_rule="sum"))
+    _beats(m, RUNNING.replace(feature_kinds=("mean", "activity"), activity_rule="sum"))

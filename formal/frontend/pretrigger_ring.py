@@ -160,7 +160,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     m.d.comb += first.eq(number - held)
     mask = ring.depth - 1
     prove(inside.write.addr == (number & mask), "where it writes")
-    prove(inside.read.addr == ((first - inside.counted) & mask), "where it reads")
+    prove(inside.read.addr == (first & mask), "where it reads")
     capacity = ring_frames * taxels
     prove(held <= capacity + 1, "the most it holds")
     prove((held <= capacity) | inside.full, "full in time")
@@ -188,7 +188,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
         "what a cycle did",
     )
     prove(inside.surplus == (before.held >= history * frame + frame // 2), "surplus, a cycle late")
-    prove(inside.some == ((before.held > uncounted) & ~before.fetch), "something to fetch, a cycle late")
+    prove(inside.some == (before.held > uncounted + before.fetch), "something to fetch, a cycle late")
     prove(~(dut_touch & inside.dropped), "nothing is dropped as a touch begins")
     prove(~fetched | dut_touch, "fetched in a touch")
     prove(~(starting & dut_touch), "starting ends with the touch's begin")

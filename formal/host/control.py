@@ -7,20 +7,13 @@ from amaranth.hdl import Module, Mux, Signal
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.host.control import INPUTS, HostControl
 from eskin.rtl.program.memory_map import Control, Fault, Register
-from formal.proof import Bug, assume, before, free, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free, free_inputs, opened_up, proof, prove
 
 STATE, LOADER = "rtl/host/recording_state.py", "rtl/host/memory_loader.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 UNDECIDED = 4
 """Touches that can wait for their decision at once: one at the classifier, two in the engine's buffers, one
 on its way into them."""
-
-
-def _inputs(m: Module, dut: HostControl, bus: bool = True) -> None:
-    for name in INPUTS:
-        free(getattr(dut, name))
-    for name in ("addr", "w_data", "w_stb", "r_stb") if bus else ():
-        free(getattr(dut.bus, name))
 
 
 def _writes(dut: HostControl, register: Register):
@@ -74,7 +67,7 @@ def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
 def no_write_during_a_touch(m: Module) -> None:
     dut = HostControl(CONFIG)
     inside = opened_up(dut)
-    _inputs(m, dut)
+    free_inputs(dut)
     undecided, over = _undecided(m, dut)
     open_for_a_cycle = before(undecided != 0, "open") & (undecided != 0)
     prove(~open_for_a_cycle | inside.touch, "a touch is known a cycle after its onset")
@@ -86,6 +79,28 @@ def no_write_during_a_touch(m: Module) -> None:
     prove(over | (state.undecided == undecided), "the count is the number of undecided touches")
     prove(~state.finished | over, "only finish ends the recording")
     prove((undecided <= UNDECIDED) & (~over | (undecided == 0)), "the reference's own state")
+
+
+def _twins(m: Module):
+    """Two of the same inputs, of which the second gets a write more where ``more`` is high, to any address;
+    their insides. All that they give is the same, and so is their state, but for what is read and the
+    faults."""
+    one, other = HostControl(CONFIG), HostControl(CONFIG)
+    inside, beside = opened_up(one, "one"), opened_up(other, "other")
+    free_inputs(one)
+    more = Signal()
+    free(more)
+    m.d.comb += [getattr(other, name).eq(getattr(one, name)) for name in INPUTS]
+    m.d.comb += [getattr(other.bus, name).eq(getattr(one.bus, name)) for name in ("addr", "w_data", "r_stb")]
+    m.d.comb += other.bus.w_stb.eq(one.bus.w_stb | more)
+    for name in ("clear", "restart", "finish", "mask", "busy", "due"):
+        prove(getattr(one, name) == getattr(other, name), f"{name} is the same")
+    prove(one.load.enable == other.load.enable, "the same writes reach the memories")
+    differ = {id(inside.sticky), id(one.bus.r_data)}
+    for mine, its in zip(inside.registers, beside.registers, strict=True):
+        if id(mine) not in differ:
+            prove(mine == its, "the same state")
+    return one, other, inside, beside, more
 
 
 @proof(
@@ -102,23 +117,8 @@ def no_write_during_a_touch(m: Module) -> None:
     ),
 )
 def refused_write_changes_nothing(m: Module) -> None:
-    one, other = HostControl(CONFIG), HostControl(CONFIG)
-    inside, beside = opened_up(one, "one"), opened_up(other, "other")
-    _inputs(m, one)
-    for name in INPUTS:
-        m.d.comb += getattr(other, name).eq(getattr(one, name))
-    refused = Signal()  # a write that only the other one gets, in a cycle without a write
-    free(refused)
+    one, other, inside, _, refused = _twins(m)
     assume(~refused | (inside.touch & ~one.bus.w_stb & (other.bus.addr == Register.MEMORY_DATA)))
-    m.d.comb += [
-        other.bus.addr.eq(one.bus.addr),
-        other.bus.w_data.eq(one.bus.w_data),
-        other.bus.r_stb.eq(one.bus.r_stb),
-        other.bus.w_stb.eq(one.bus.w_stb | refused),
-    ]
-    for name in ("clear", "restart", "finish", "mask", "busy", "due"):
-        prove(getattr(one, name) == getattr(other, name), f"{name} is the same")
-    prove(one.load.enable == other.load.enable, "the same writes reach the memories")
     prove(
         ~one.load.enable | ((one.load.select == other.load.select) & (one.load.data == other.load.data)),
         "the same memory and word",
@@ -127,10 +127,6 @@ def refused_write_changes_nothing(m: Module) -> None:
     unlike = Signal()
     m.d.sync += unlike.eq(Mux(one.bus.r_stb, one.bus.addr == Register.FAULTS, unlike))
     prove(unlike | (one.bus.r_data == other.bus.r_data), "every other register reads the same")
-    differ = {id(inside.sticky), id(one.bus.r_data)}
-    for mine, its in zip(inside.registers, beside.registers, strict=True):
-        if id(mine) not in differ:
-            prove(mine == its, "the same state")
 
 
 @proof(
@@ -155,34 +151,15 @@ def refused_write_changes_nothing(m: Module) -> None:
     ),
 )
 def no_register_no_effect(m: Module) -> None:
-    one, other = HostControl(CONFIG), HostControl(CONFIG)
-    inside, beside = opened_up(one, "one"), opened_up(other, "other")
-    _inputs(m, one)
-    for name in INPUTS:
-        m.d.comb += getattr(other, name).eq(getattr(one, name))
-    stray = Signal()  # a write that only the other one gets, in a cycle without an access
-    free(stray)
+    one, other, inside, beside, stray = _twins(m)
     nowhere = (one.bus.addr > Register.MEMORY_DATA) & (one.bus.addr != Register.MASK)
     assume(~stray | (nowhere & ~one.bus.w_stb & ~one.bus.r_stb))
-    m.d.comb += [
-        other.bus.addr.eq(one.bus.addr),
-        other.bus.w_data.eq(one.bus.w_data),
-        other.bus.r_stb.eq(one.bus.r_stb),
-        other.bus.w_stb.eq(one.bus.w_stb | stray),
-    ]
-    for name in ("clear", "restart", "finish", "mask", "busy", "due"):
-        prove(getattr(one, name) == getattr(other, name), f"{name} is the same")
-    prove(one.load.enable == other.load.enable, "the same writes reach the memories")
     prove(~before(one.bus.r_stb & nowhere, "read_nothing") | (one.bus.r_data == 0), "it reads 0")
     flag = beside.bits[Fault.ADDRESS]
     prove(
         ~before(stray | other.bus.r_stb & nowhere & ~_commands(other, Control.CLEAR_FAULTS), "astray") | flag,
         "and sets its flag",
     )
-    differ = {id(inside.sticky), id(one.bus.r_data)}
-    for mine, its in zip(inside.registers, beside.registers, strict=True):
-        if id(mine) not in differ:
-            prove(mine == its, "the same state")
     for fault, bit in inside.bits.items():
         if fault != Fault.ADDRESS:
             prove(bit == beside.bits[fault], f"{fault.name} is the same")

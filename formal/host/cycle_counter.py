@@ -5,7 +5,7 @@ from __future__ import annotations
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.rtl.host.cycle_counter import COUNTER_BITS, CycleCounter
-from formal.proof import Bug, before, free, opened_up, proof, prove
+from formal.proof import Bug, before, free_inputs, opened_up, proof, prove
 
 MOST = (1 << COUNTER_BITS) - 1
 
@@ -29,19 +29,7 @@ MOST = (1 << COUNTER_BITS) - 1
 def longest(m: Module) -> None:
     dut = CycleCounter()
     inside = opened_up(dut)
-    free(
-        dut.measure,
-        dut.clear,
-        dut.anew,
-        dut.forget,
-        dut.offered,
-        dut.first,
-        dut.taken,
-        dut.last,
-        dut.slot_done,
-        dut.step_done,
-        dut.windows_open,
-    )
+    free_inputs(dut)
     stops = dut.clear | dut.anew
     open_before, elapsed = Signal(name="open_before"), Signal(COUNTER_BITS, name="elapsed_here")
     is_open = open_before | (dut.offered & dut.first)

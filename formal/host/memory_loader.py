@@ -6,7 +6,7 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.host.memory_loader import MemoryLoader
-from formal.proof import Bug, assume, before, free, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free_inputs, opened_up, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), checksum=True)
 
@@ -30,7 +30,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), checksum=True
 def in_order(m: Module) -> None:
     dut = MemoryLoader(CONFIG)
     inside = opened_up(dut)
-    free(dut.data, dut.chosen, dut.written, dut.locked)
+    free_inputs(dut)
     assume(~(dut.chosen & dut.written))  # one register a write
     taken = Signal.like(inside.address, name="words_taken")
     m.d.sync += taken.eq(Mux(dut.chosen, 0, taken + dut.load.enable))

@@ -6,19 +6,9 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.host.recording_state import RecordingState
-from formal.proof import Bug, before, free, opened_up, proof, prove
+from formal.proof import Bug, before, free_inputs, opened_up, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
-INPUTS = (
-    "clear",
-    "finish_asked",
-    "moving",
-    "engine_busy",
-    "touch_started",
-    "global_taken",
-    "decider_idle",
-    "detector_touch",
-)
 
 
 @proof(
@@ -39,8 +29,7 @@ INPUTS = (
 def finish_ends(m: Module) -> None:
     dut = RecordingState(CONFIG)
     inside = opened_up(dut)
-    for name in INPUTS:
-        free(getattr(dut, name))
+    free_inputs(dut)
     still = ~dut.moving & ~dut.engine_busy & dut.decider_idle & ~dut.finish_asked & ~dut.clear
     calm = Signal(range(21))  # cycles without anything under way and without a command
     m.d.sync += calm.eq(Mux(still, Mux(calm == 20, 20, calm + 1), 0))

@@ -13,7 +13,18 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.host.packet_transmitter import PacketTransmitter
 from eskin.rtl.host.uart_link import UartLink
 from formal import proof as words
-from formal.proof import Bug, any_number, assume, before, free, keeps_its_beat, opened_up, proof, prove
+from formal.proof import (
+    Bug,
+    any_number,
+    assume,
+    before,
+    free,
+    free_inputs,
+    keeps_its_beat,
+    opened_up,
+    proof,
+    prove,
+)
 
 TRANSMITTER = "rtl/host/packet_transmitter.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=())
@@ -53,7 +64,7 @@ def frames_and_writes(m: Module) -> None:
     dut = UartLink(CONFIG, 4)
     with mock.patch.object(eskin.rtl.host.uart_link, "UartReceiver", AnyBytes):
         inside = opened_up(dut)
-    free(dut.frame.ready, dut.decision.valid, dut.decision.payload, dut.bus.r_data)
+    free_inputs(dut)
     taxels, word = CONFIG.sensor.taxels, inside.word
     keeps_its_beat(dut.frame, "frame")
     beats = Signal(range(taxels + 1))
@@ -110,7 +121,7 @@ def frames_and_writes(m: Module) -> None:
 def decisions_counted(m: Module) -> None:
     dut = PacketTransmitter(1)
     inside = opened_up(dut)
-    free(dut.decision.valid, dut.decision.payload, dut.answer, dut.r_data, dut.address, dut.expected)
+    free_inputs(dut)
     if words.EAGER:  # one decision of zeros, withdrawn once: no escapes, no answers
         fall, cycle = any_number(7, "fall"), Signal(7, name="cycle")
         m.d.sync += cycle.eq(cycle + 1)

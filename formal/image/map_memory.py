@@ -9,7 +9,7 @@ from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import Conv, Dense, stages_of
 from eskin.rtl.image.map_memory import MapMemory
 from eskin.rtl.program.image_passes import make_plan
-from formal.proof import Bug, any_number, assume, free, proof, prove
+from formal.proof import Bug, any_number, assume, free_inputs, proof, prove
 
 PLAN = make_plan(
     stages_of(2, 4, [Conv(1, 1), Dense(2)]),
@@ -45,7 +45,7 @@ PLAN = make_plan(
 )
 def values_stay(m: Module) -> None:
     m.submodules.dut = dut = MapMemory(PLAN)
-    free(dut.source, dut.read, dut.read_address, dut.write, dut.write_address, dut.write_value)
+    free_inputs(dut)
     assume((dut.read_address < 8) & (dut.write_address < 8))
     place, memory = any_number(3, "place"), any_number(1, "memory")
     there = Signal()

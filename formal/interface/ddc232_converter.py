@@ -10,7 +10,7 @@ from amaranth.hdl import Module, Mux, Signal
 from eskin.golden.core.ddc232 import DdcPlan
 from eskin.rtl.interface import ddc232_converter
 from eskin.rtl.interface.ddc232_converter import Ddc232Converter
-from formal.proof import Bug, assume, before, free, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free_inputs, less_is_to_go, opened_up, proof, prove
 
 PERIOD, QUIET, BITS = 64, 5, 3
 PLAN = DdcPlan(
@@ -41,7 +41,7 @@ def _chip(m: Module):
     with mock.patch.multiple(ddc232_converter, **SHORT):
         dut = Ddc232Converter(PLAN, 2)
         inside = opened_up(dut)
-    free(dut.start, dut.pins.dvalid_n, dut.pins.dout)
+    free_inputs(dut)
     return dut, inside
 
 
@@ -78,13 +78,8 @@ def goes_on(m: Module) -> None:
     moving = now["write"] | now["check"] | now["read"]
     left = Signal(24)
     m.d.comb += left.eq(rank << 20 | Mux(moving, inside.place << len(inside.timer), 0) | inside.timer)
-    was, was_idle, running = (
-        before(left, "left_before"),
-        before(now["idle"], "was_idle"),
-        before(1, "running"),
-    )
     failed = before(dut.fault.any(), "failed")
-    prove(~running | was_idle | failed | (left < was), "less is to go")
+    less_is_to_go(left, before(now["idle"], "was_idle") | failed)
     prove(~failed | now["reset"], "the set-up begins anew after a fault")
     prove(~dut.finished | ~now["idle"], "only what was begun ends")
 

@@ -7,7 +7,7 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.interface.frame_guard import FrameGuard
-from formal.proof import Bug, before, free, free_sink, opened_up, proof, prove
+from formal.proof import Bug, before, free_inputs, opened_up, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=())
 
@@ -44,8 +44,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=())
 def whole_frames(m: Module) -> None:
     dut = FrameGuard(CONFIG)
     inside = opened_up(dut)
-    free(dut.put, dut.finished, dut.bad)
-    free_sink(dut.o)
+    free_inputs(dut)
     taxels = CONFIG.sensor.taxels
     stalled = before(dut.o.valid & ~dut.o.ready, "stalled")
     marks = before(dut.o.p.first | dut.o.p.last << 1, "marks")

@@ -6,7 +6,7 @@ from __future__ import annotations
 from amaranth.hdl import Cat, Module, Mux, Signal
 
 from eskin.rtl.interface.i2c_master import I2cMaster, I2cOp
-from formal.proof import Bug, assume, before, free, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free_inputs, less_is_to_go, opened_up, proof, prove
 
 QUARTER = 3
 
@@ -14,7 +14,7 @@ QUARTER = 3
 def _port(m: Module):
     dut = I2cMaster(QUARTER)
     inside = opened_up(dut)
-    free(dut.start, dut.op, dut.byte, dut.pins.sda)
+    free_inputs(dut)
     return dut, inside
 
 
@@ -37,8 +37,7 @@ def back_to_idle(m: Module) -> None:
     dut, inside = _port(m)
     left = Signal(16)
     m.d.comb += left.eq(Mux(inside.quarters == 0, 0, (inside.quarters << len(inside.timer)) + inside.timer))
-    was, first = before(left, "left_before"), before(1, "running")
-    prove(~first | (was == 0) | (left < was), "less is to go")
+    less_is_to_go(left, before(left == 0, "was_idle"))
     prove(dut.idle == (left == 0), "idle where nothing is to go")
 
 

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 from amaranth.hdl import Cat, Module, Mux, Signal
 
 from eskin.golden.core.matrix_scan import MatrixPlan
 from eskin.rtl.interface.matrix_converter import MatrixConverter
-from formal.interface.spi_master import CHIP, PLAN
-from formal.proof import Bug, before, free, opened_up, proof, prove
+from formal.interface.spi_master import PLAN
+from formal.proof import Bug, before, free_inputs, less_is_to_go, opened_up, proof, prove
 
 SETTLE = 6
-ONE = MatrixPlan(
-    rows=2,
-    columns=2,
-    settle=SETTLE,
-    port=type(PLAN)(
-        chip=CHIP, lines=1, selects=1, transfers=((0, 0),), half=PLAN.half, lead=PLAN.lead, high=PLAN.high
-    ),
-)
+MATRIX = MatrixPlan(rows=2, columns=2, settle=SETTLE, port=dataclasses.replace(PLAN, lines=1, selects=1))
 REDUCED = "2 x 2 cells of 4 bits, 6 cycles to settle"
 
 
 def _scanner(m: Module):
-    dut = MatrixConverter(ONE)
+    dut = MatrixConverter(MATRIX)
     inside = opened_up(dut)
-    free(dut.start, dut.pins.miso)
+    free_inputs(dut)
     return dut, inside, inside.parts["SpiMaster"]
 
 
@@ -55,12 +50,8 @@ def scan_ends(m: Module) -> None:
     )
     left = Signal(12)
     m.d.comb += left.eq(Cat(within, ~dut.pins.column, ~dut.pins.row))
-    was, was_busy, ended = (
-        before(left, "left_before"),
-        before(dut.busy, "was_busy"),
-        before(dut.finished & dut.busy, "ended"),
-    )
-    prove(~was_busy | ~dut.busy | (left < was), "less is to go")
+    was_busy, ended = before(dut.busy, "was_busy"), before(dut.finished & dut.busy, "ended")
+    less_is_to_go(left, ~was_busy | ~dut.busy)
     prove(~was_busy | (dut.busy == ~ended), "busy until the end, and idle after it")
 
 

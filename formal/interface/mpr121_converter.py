@@ -13,7 +13,7 @@ from eskin.golden.core.mpr121 import RUNNING, MprPlan
 from eskin.rtl.interface import mpr121_converter
 from eskin.rtl.interface.i2c_master import I2cMaster, I2cOp
 from eskin.rtl.interface.mpr121_converter import Mpr121Converter, Step
-from formal.proof import Bug, before, free, opened_up, proof, prove
+from formal.proof import Bug, before, free, free_inputs, less_is_to_go, opened_up, proof, prove
 
 PLAN = MprPlan(chips=1, electrodes=(4,), rows=3, columns=3, lines=(2, 2), quarter=3, reset=5, first=6)
 PAUSES = [Step(I2cOp.STOP, pause=1), Step(I2cOp.STOP, pause=2)]
@@ -47,7 +47,7 @@ def goes_on(m: Module) -> None:
         dut = Mpr121Converter(PLAN)
         inside = opened_up(dut)
     port = inside.parts["I2cMaster"]
-    free(dut.start, dut.pins.sda)
+    free_inputs(dut)
     running, expanding, at = inside.running, inside.expanding, inside.at
     first, steps = len(inside.setting_up), len(inside.program)
     # ---- what is to go: steps, then in a step first the pause, then the port's quarters; or cells, when all steps are done
@@ -64,12 +64,8 @@ def goes_on(m: Module) -> None:
     m.d.comb += left.eq(Mux(running, to_go << 12 | within, Cat(across, down)))
     failed = before(dut.finished & dut.fault.any(), "failed")
     good = before(dut.finished & ~dut.fault.any(), "good")
-    was, was_busy, was_fresh = (
-        before(left, "left_before"),
-        before(dut.busy, "was_busy"),
-        before(inside.fresh, "was_fresh"),
-    )
-    prove(~was_busy | ~dut.busy | failed | (left < was), "less is to go")
+    was_busy, was_fresh = before(dut.busy, "was_busy"), before(inside.fresh, "was_fresh")
+    less_is_to_go(left, ~was_busy | ~dut.busy | failed)
     prove(~failed | (inside.fresh & running & (at == 0)), "after a fault the set-up begins anew")
     prove(~good | (was_busy & ~dut.busy), "a frame's word comes at its end")
     prove(~(was_busy & ~dut.busy) | good | was_fresh, "a frame ends with a word")

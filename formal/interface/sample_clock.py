@@ -5,7 +5,7 @@ from __future__ import annotations
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.rtl.interface.sample_clock import SampleClock
-from formal.proof import Bug, before, free, opened_up, proof, prove
+from formal.proof import Bug, before, free_inputs, opened_up, proof, prove
 
 P, Q = 3, 17
 
@@ -24,7 +24,7 @@ P, Q = 3, 17
 def exact(m: Module) -> None:
     dut = SampleClock(P, Q)
     inside = opened_up(dut)
-    free(dut.run)
+    free_inputs(dut)
     was = before(dut.run, "was_running")
     # k q - p times the cycles since the first tick, k ticks so far: the next is due in the first cycle in
     # which that is 0 or less

@@ -7,7 +7,7 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core.converters import SpiChip, SpiPlan
 from eskin.rtl.interface.spi_master import SpiMaster
-from formal.proof import Bug, before, free, opened_up, proof, prove
+from formal.proof import Bug, before, free_inputs, less_is_to_go, opened_up, proof, prove
 
 BITS, HALF, LEAD, HIGH = 4, 2, 3, 5
 CHIP = SpiChip(bits=BITS, channels=1, sclk_hz=1e6, conversions_hz=1e6, high_s=0, lead_s=0)
@@ -18,7 +18,7 @@ REDUCED = "4 bits, 2 lines, 2 selects, 2, 3 and 5 cycles"
 def _port(m: Module):
     dut = SpiMaster(PLAN)
     inside = opened_up(dut)
-    free(dut.start, dut.select, dut.command, dut.pins.miso)
+    free_inputs(dut)
     return dut, inside
 
 
@@ -41,10 +41,7 @@ def back_to_idle(m: Module) -> None:
     dut, inside = _port(m)
     left = Signal(16)  # what is to go: every cycle takes something of it away
     m.d.comb += left.eq((inside.place << len(inside.timer)) + inside.timer)
-    begun = before(dut.start & dut.idle, "begun")
-    was = before(left, "left_before")
-    first = before(1, "running")
-    prove(~first | begun | (left == 0) | (left < was), "less is to go")
+    less_is_to_go(left, before(dut.start & dut.idle, "begun") | (left == 0))
     prove(dut.idle == (left == 0), "idle where nothing is to go")
 
 

@@ -9,18 +9,18 @@ from amaranth.hdl import Module, Mux, Signal
 from eskin.golden.core.groups import Interface
 from eskin.rtl.interface import stimulator_frames
 from eskin.rtl.interface.stimulator_frames import OFF, ON, StimulatorFrames
-from formal.proof import Bug, before, free, opened_up, proof, prove
+from formal.proof import Bug, before, free_inputs, opened_up, proof, prove
 
-ONE = Interface(amplitude_limit=30, delay_limit=5000, frequency_limit=50, width_limit=256)
+LIMITS = Interface(amplitude_limit=30, delay_limit=5000, frequency_limit=50, width_limit=256)
 ON_CYCLES = 14
 SA, C1, C2 = 3, 4, 5
 
 
 def _frames(m: Module, on_cycles: int = ON_CYCLES):
     with mock.patch.object(stimulator_frames, "OFFS_AT_RESET", 1):
-        dut = StimulatorFrames(ONE, on_cycles)
+        dut = StimulatorFrames(LIMITS, on_cycles)
         inside = opened_up(dut)
-    free(dut.request, dut.electrode, dut.fault, dut.settings, dut.byte.ready)
+    free_inputs(dut)
     return dut, inside
 
 
@@ -52,20 +52,20 @@ def limits(m: Module) -> None:
     byte = dut.byte.payload
     body = dut.byte.valid & (place >= 4)
     bank = body & ((frame == C1) | (frame == C2)) & (place < 20)
-    prove(~bank | (byte <= ONE.amplitude_limit), "amplitude")
+    prove(~bank | (byte <= LIMITS.amplitude_limit), "amplitude")
     high = Signal(8)  # the byte before, as it was taken
     with m.If(dut.byte.valid & dut.byte.ready):
         m.d.sync += high.eq(byte)
     for number, low, limit, name in (
-        (0, 7, ONE.delay_limit, "delay"),
-        (1, 5, ONE.frequency_limit, "frequency"),
-        (2, 5, ONE.width_limit, "width"),
+        (0, 7, LIMITS.delay_limit, "delay"),
+        (1, 5, LIMITS.frequency_limit, "frequency"),
+        (2, 5, LIMITS.width_limit, "width"),
     ):
         at = dut.byte.valid & (frame == number)
         prove(~(at & (place == low)) | ((high << 8 | byte) <= limit), f"{name} on the line")
         prove(~(at & (place == low)) | (high == held[name][8:]), f"{name}: its high byte")
         prove(held[name] <= limit, f"{name} is held")
-    prove(held.amplitude <= ONE.amplitude_limit, "amplitude is held")
+    prove(held.amplitude <= LIMITS.amplitude_limit, "amplitude is held")
     prove(
         ~(dut.byte.valid & (frame == 0) & ((place == 4) | (place == 5))) | (byte == 0),
         "the delay's upper bytes",

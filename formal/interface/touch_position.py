@@ -7,7 +7,7 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.interface.touch_position import FRACTION, TouchPosition
-from formal.proof import Bug, assume, free, opened_up, proof, prove
+from formal.proof import Bug, assume, free_inputs, opened_up, proof, prove
 
 CELLS, BITS = 16, 2 + FRACTION + 1
 CONFIG = AcceleratorConfig.of(
@@ -61,7 +61,7 @@ TOP = 255
 def told_once(m: Module) -> None:
     dut = TouchPosition(CONFIG)
     inside = opened_up(dut)
-    free(dut.i, dut.clear)
+    free_inputs(dut)
     beat, first, last, sample = dut.i.valid, dut.i.payload.first, dut.i.payload.last, dut.i.payload.sample
     # ---- the sender: whole frames; a clear does not change where it is
     at = Signal(range(CELLS))

@@ -60,8 +60,8 @@ def _runs(scene: Scene, method: Method, piece: Judging) -> list[dict[str, Any]]:
     recordings, runs = scene.recordings, []
     tests = split_folds(recordings, piece.groups, piece.folds, None)
     for seed, (fold, test) in itertools.product(piece.seeds, enumerate(tests)):
-        part, asked = (scene.where[rows] for rows in (np.setdiff1d(np.arange(len(recordings)), test), test))
-        part, seen, asked = part[part >= 0], test[asked >= 0], asked[asked >= 0]
+        part, judged = (scene.where[rows] for rows in (np.setdiff1d(np.arange(len(recordings)), test), test))
+        part, seen, judged = part[part >= 0], test[judged >= 0], judged[judged >= 0]
         if not len(part):
             raise InputError(
                 f"{recordings.source}: no touch was found in a training part; check the onset rule with "
@@ -74,7 +74,7 @@ def _runs(scene: Scene, method: Method, piece: Judging) -> list[dict[str, Any]]:
             else _constant(scene, part)
         )
         seconds = time.process_time() - begin
-        right = int((fitted.decide(asked) == recordings.labels[seen]).sum()) if len(asked) else 0
+        right = int((fitted.decide(judged) == recordings.labels[seen]).sum()) if len(judged) else 0
         alone = fitted.alone or partial(_decided, fitted.decide)
         runs.append(
             {
@@ -87,7 +87,7 @@ def _runs(scene: Scene, method: Method, piece: Judging) -> list[dict[str, Any]]:
                 "bytes": FLOAT_BYTES * fitted.parameters,
                 "comparisons": fitted.comparisons,
                 "train_s": seconds,
-                "decision_us": timed(alone, asked),
+                "decision_us": timed(alone, judged),
             }
         )
     return runs
@@ -100,15 +100,15 @@ def _constant(scene: Scene, part: np.ndarray) -> Fitted:
 
 def timed(decide: Callable[[Any], Any], rows: np.ndarray) -> list[float]:
     """Microseconds of each decision, the first one left out; of TIMED rows, as far as TIMED_S go."""
-    found: list[float] = []
+    microseconds: list[float] = []
     for number, row in enumerate(rows[: TIMED + 1]):
         begin = time.thread_time()
         decide(row)
         if number:
-            found.append(1e6 * (time.thread_time() - begin))
-        if sum(found) > 1e6 * TIMED_S:
+            microseconds.append(1e6 * (time.thread_time() - begin))
+        if sum(microseconds) > 1e6 * TIMED_S:
             break
-    return found
+    return microseconds
 
 
 def _network_runs(scene: Scene, method: NetworkMethod, piece: Judging) -> list[dict[str, Any]]:

@@ -14,12 +14,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import with_network
-from eskin.golden.training.choose_network import AS_RECORDED, network
-from eskin.golden.training.recipe import RECIPES, Recipe, choose_recipe
+from eskin.golden.training.choose_network import network
+from eskin.golden.training.recipe import AS_RECORDED, RECIPES, Recipe, choose_recipe
 
 THESIS_STEPS = (20, 50, 100, 200, 256)
 """Windows of a touch that the thesis tries."""
@@ -36,7 +37,7 @@ class NetworkMethod:
     cell: str
     hidden: int | None
     steps: int = 0
-    recipe: tuple[tuple[str, object], ...] = ()
+    recipe: tuple[tuple[str, Any], ...] = ()
     one_seed: bool = False
 
     def network(self, config: AcceleratorConfig) -> tuple[AcceleratorConfig, Recipe]:
@@ -49,7 +50,7 @@ class NetworkMethod:
         """
         if not self.steps:
             changed = network(config, self.cell, self.hidden)
-            return changed, dataclasses.replace(choose_recipe(changed), **dict(self.recipe))  # type: ignore[arg-type]
+            return changed, dataclasses.replace(choose_recipe(changed), **dict(self.recipe))
         return thesis_network(config, self.cell, self.hidden or 12, self.steps), RECIPES["thesis"]
 
 
@@ -80,7 +81,6 @@ def _thesis(cell: str, hidden: int, steps: int) -> NetworkMethod:
     return NetworkMethod(f"{cell}{hidden}-n{steps}", called, "thesis", cell, hidden, steps)
 
 
-_SQUARES = (*AS_RECORDED.items(), ("squares", True))
 OURS = (
     NetworkMethod("linear", "linear cell, our recipe", "ours", "linear", None),
     NetworkMethod(

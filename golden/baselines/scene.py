@@ -1,7 +1,8 @@
 """What a baseline sees: the first touches of a set of recordings, as window means, as frames, as a tensor.
 
-All methods see the same touches, found by one front end, with the resting level removed and from the onset to the end of the last window:
-what lies before, the length of a recording and its resting level tell the session, not the touch.
+All methods see the same touches, found by one front end: from the onset to the end of the last window, with
+the resting level removed. What lies before, the length of a recording and its resting level tell the session,
+not the touch.
 """
 
 from __future__ import annotations
@@ -56,15 +57,15 @@ class Scene:
         InputError
             No recording has a touch.
         """
-        found = find_touches(config, recordings)
-        first = found.first_touch()
-        usable = np.flatnonzero((first >= 0) & (found.completed[first] > 0))
+        every_touch = find_touches(config, recordings)
+        first = every_touch.first_touch()
+        usable = np.flatnonzero((first >= 0) & (every_touch.completed[first] > 0))
         if not len(usable):
             raise InputError(
                 f"{recordings.source}: no recording has a touch with a completed window; look with 'eskin "
                 "inspect'"
             )
-        touches = found.take(first[usable])
+        touches = every_touch.take(first[usable])
         where = np.full(len(recordings), -1)
         where[usable] = np.arange(len(usable))
         shape = shape or array_shape(config, None)

@@ -22,6 +22,7 @@ import torch
 from eskin.golden.baselines.method import Fitted, Method
 from eskin.golden.baselines.scene import Scene
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.training.losses import descend
 from eskin.golden.training.recipe import Recipe, choose_recipe
 from eskin.golden.training.yardsticks import fitted, rbf_svm
 
@@ -150,11 +151,8 @@ def _train_cnn(
     """``recipe`` on whole touches: features (touches, steps, inputs). Windows after the last are its
     copies."""
     steps = features.shape[1]
-    optimiser = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, recipe.learning_rate, total_steps=recipe.updates
-    )
-    for _ in range(recipe.updates):
+
+    def loss_of() -> torch.Tensor:
         rows = torch.randint(len(features), (recipe.batch,))
         speed, gain = (limit ** (2 * torch.rand(recipe.batch, 1) - 1) for limit in (recipe.warp, recipe.gain))
         position = (torch.arange(steps) * speed).clamp(max=steps - 1)
@@ -164,11 +162,9 @@ def _train_cnn(
         batch = torch.lerp(features[row, lower], features[row, upper], (position - lower)[..., None])
         batch = batch * (gain * speed**recipe.speed_gain)[..., None]
         batch = batch + recipe.noise * torch.randn(batch.shape)
-        loss = torch.nn.functional.cross_entropy(network(batch.transpose(1, 2)), labels[rows])
-        optimiser.zero_grad()
-        loss.backward()
-        optimiser.step()
-        schedule.step()
+        return torch.nn.functional.cross_entropy(network(batch.transpose(1, 2)), labels[rows])
+
+    descend(network.parameters(), loss_of, recipe.learning_rate, recipe.updates)
 
 
 # ---------------------------------------------------------------------- random convolutions

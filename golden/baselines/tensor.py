@@ -5,12 +5,12 @@ The unfolding of a tensor X along mode n is the matrix X(n) whose rows are its s
 leading right singular vectors of X(n), columns of an orthonormal matrix, two tensors are compared by the
 subspaces that these span:
 
-    k(X, Y) = product over n of exp(-d_n(X, Y) / (2 sigma^2)),   d_n = |V V' - W W'|^2 = r + s - 2 |V' W|^2   (Frobenius norms)
+    k(X, Y) = product over n of exp(-d_n(X, Y) / (2 sigma^2)),   d_n = |V V' - W W'|^2 = r + s - 2 |V' W|^2
 
-with V (r columns) of X and W (s columns) of Y. The amplitude of a tensor, and a change of orthonormal basis
-along a mode that all tensors share, leave it as it is. Of each unfolding the leading half of the singular
-vectors is taken (one at least): all of them would span the whole space where the unfolding is higher than it
-is wide, and then say nothing.
+(Frobenius norms), with V (r columns) of X and W (s columns) of Y. The amplitude of a tensor, and a change of
+orthonormal basis along a mode that all tensors share, leave it as it is. Of each unfolding the leading half
+of the singular vectors is taken (one at least): all of them would span the whole space where the unfolding is
+higher than it is wide, and then say nothing.
 
 sigma, as a share of the median distance, and the penalty are chosen by folds inside the training part.
 """
@@ -22,7 +22,6 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.linalg import solve
 
 from eskin.golden.baselines.method import Fitted, Method
 from eskin.golden.baselines.scene import Scene
@@ -175,8 +174,10 @@ def _svm(within: np.ndarray, labels: np.ndarray, between: np.ndarray, penalty: f
 
 def rls_weights(within: np.ndarray, labels: np.ndarray, classes: int, penalty: float) -> np.ndarray:
     """(n, classes): (K + I / penalty)^-1 Y with Y = +1 for the class, -1 for the others."""
+    from sklearn.kernel_ridge import KernelRidge
+
     targets = np.where(labels[:, None] == np.arange(classes), 1.0, -1.0)
-    return solve(within + np.eye(len(within)) / penalty, targets, assume_a="pos")
+    return KernelRidge(alpha=1 / penalty, kernel="precomputed").fit(within, targets).dual_coef_
 
 
 def fit_svm(scene: Scene, part: np.ndarray, seed: int) -> Fitted:

@@ -9,13 +9,11 @@ pixels. Here it is IMAGES images of TILES x TILES frames, means over time, so a 
   the rest.
 - ConvLSTM: an LSTM whose products are 3 x 3 convolutions, its last state pooled, two dense layers.
 
-Both by Adam on cross-entropy. ``thesis_convlstm`` and ``thesis_cnn_lstm`` count the thesis's sizes without
-making them.
+Both by Adam on cross-entropy.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable
 
@@ -24,6 +22,7 @@ import torch
 
 from eskin.golden.baselines.method import Fitted, Method
 from eskin.golden.baselines.scene import Scene
+from eskin.golden.training.losses import descend
 
 IMAGES, TILES = 12, 4
 """Images of a touch; tiles along each side of an image, a frame each."""
@@ -130,16 +129,13 @@ def _fit(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         network = make(x.shape[2], x.shape[3], scene.classes)
-        optimiser = torch.optim.Adam(network.parameters(), lr=RATE)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, RATE, total_steps=UPDATES)
-        known = torch.tensor(part)
-        for _ in range(UPDATES):
-            rows = known[torch.randint(len(known), (BATCH,))]
-            loss = torch.nn.functional.cross_entropy(network(x[rows]), y[rows])
-            optimiser.zero_grad()
-            loss.backward()
-            optimiser.step()
-            schedule.step()
+        seen = torch.tensor(part)
+
+        def loss_of() -> torch.Tensor:
+            rows = seen[torch.randint(len(seen), (BATCH,))]
+            return torch.nn.functional.cross_entropy(network(x[rows]), y[rows])
+
+        descend(network.parameters(), loss_of, RATE, UPDATES)
 
     def decide(rows: np.ndarray) -> np.ndarray:
         with torch.no_grad():
@@ -156,53 +152,6 @@ def fit_cnn_lstm(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
 def fit_convlstm(scene: Scene, part: np.ndarray, seed: int) -> Fitted:
     """ConvLSTM."""
     return _fit(ConvLstm, scene, part, seed)
-
-
-# ---------------------------------------------------------------------- the thesis's sizes
-def thesis_convlstm(
-    images: int = 24, side: int = 64, filters: int = 32, dense: int = 100, classes: int = 3
-) -> tuple[int, int]:
-    """(parameters, multiplies of a decision) of the thesis's ConvLSTM: every image's state, not the last
-    one's, goes into the dense layer, which holds nearly all of its parameters."""
-    gates = KERNEL * KERNEL * (1 + filters) * 4 * filters
-    states = images * side * side * filters
-    parameters = gates + 4 * filters + (states + 1) * dense + (dense + 1) * classes
-    return parameters, images * side * side * gates + 3 * states + states * dense + dense * classes
-
-
-def thesis_cnn_lstm(units: int, classes: int = 3) -> dict[str, int]:
-    """Parameters of a VGG16 and a ResNet50 without their last layers, whose values for a 64 x 64 image (2 x 2
-    x 512, 2 x 2 x 2048) go into an LSTM of so many units, and of the dense layer after it. The thesis does
-    not tell the units."""
-
-    def with_lstm(cnn: int, values: int) -> int:
-        return cnn + 4 * (units * (values + units) + units) + classes * (units + 1)
-
-    return {"VGG16": with_lstm(_vgg16(), 4 * 512), "ResNet50": with_lstm(_resnet50(), 4 * 2048)}
-
-
-def _vgg16() -> int:
-    """Thirteen 3 x 3 convolutions with biases (K. Simonyan, A. Zisserman 2015)."""
-    widths = [3, 64, 64, 128, 128, 256, 256, 256, *[512] * 6]
-    return sum(9 * a * b + b for a, b in itertools.pairwise(widths))
-
-
-def _resnet50() -> int:
-    """Bottlenecks of 3, 4, 6, 3 (K. He et al. 2016), every convolution with a bias and four numbers of batch
-    normalisation a channel, as Keras counts them."""
-
-    def convolution(kernel: int, a: int, b: int) -> int:
-        return kernel * kernel * a * b + b + 4 * b
-
-    count, width = convolution(7, 3, 64), 64
-    for inner, blocks in ((64, 3), (128, 4), (256, 6), (512, 3)):
-        for block in range(blocks):
-            count += (
-                convolution(1, width, inner) + convolution(3, inner, inner) + convolution(1, inner, 4 * inner)
-            )
-            count += convolution(1, width, 4 * inner) if block == 0 else 0
-            width = 4 * inner
-    return count
 
 
 TILED = (

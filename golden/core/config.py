@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -34,6 +34,7 @@ from eskin.golden.core.groups import (
     Sensor,
     Windows,
 )
+from eskin.golden.core.serial_port import Refusal
 
 WIDEST_ACCUMULATOR = 48
 """Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum
@@ -78,288 +79,266 @@ class AcceleratorConfig:
 
     # ------------------------------------------------------------------ checks
     def __post_init__(self) -> None:
-        if (
-            not isinstance(self.name, str)
-            or not self.name.isprintable()
-            or len(self.name.encode()) > 100
-            or set(self.name) & set("/\\")
-        ):
+        name = self.name
+        printable = isinstance(name, str) and name.isprintable() and not set(name) & set("/\\")
+        if not printable or len(name.encode()) > 100:
             raise InputError(
-                f"configuration, field name: is {self.name!r:.120}; give up to 100 printable letters "
-                "without / and \\"
+                f"configuration, field name: is {name!r:.120}; give up to 100 printable letters without / "
+                "and \\"
             )
-        self._check_front_end()
+        for field, why in self._refusals():
+            raise InputError(f"configuration '{name}', field {field}: {why}")
+
+    def _refusals(self) -> Iterator[Refusal]:
+        """What does not fit together; of the first the user is told."""
+        yield from self._front_end_refusals()
         if self.is_image:
-            self._check_image()
+            yield from self._image_refusals()
         else:
-            self._check_features()
-            self._check_formats()
-        self._check_pace()
-        if wrong := converters.refusal(self):
-            self._refuse(*wrong)
-        self._check_position()
-        self._check_stimulator()
+            yield from self._feature_refusals()
+            yield from self._format_refusals()
+        clock, least = self.hardware.clock_hz, 2 * self.inputs * self.sensor.sample_rate_hz
+        if clock < least:
+            kinds = f" with {self.kinds} kinds of feature" if self.kinds > 1 else ""
+            yield (
+                "clock_hz",
+                f"is {clock:g}: {clock / self.sensor.sample_rate_hz:.3g} cycles a frame cannot take "
+                f"{self.sensor.taxels} taxels{kinds}; use at least {least:g}",
+            )
+        yield from converters.refusals(self)
+        if self.interface.position:
+            yield from self._position_refusals()
+        yield from self._stimulator_refusals()
 
-    def _refuse(self, field: str, why: str) -> None:
-        raise InputError(f"configuration '{self.name}', field {field}: {why}")
-
-    def _check_front_end(self) -> None:
-        rest, onset, windows, lowest = (
-            self.rest_level.rest,
-            self.onset_rule,
-            self.windows,
-            self.sample_format.min_code,
-        )
-        if rest == "tracked" and onset.onset == "immediate":
-            self._refuse(
+    def _front_end_refusals(self) -> Iterator[Refusal]:
+        rest, rule, windows, network = self.rest_level.rest, self.onset_rule, self.windows, self.network
+        lowest, bits, before = self.sample_format.min_code, self.sensor.sample_bits, windows.pretrigger_frames
+        if rest == "tracked" and rule.onset == "immediate":
+            yield (
                 "rest",
                 "is 'tracked' with onset 'immediate', where the gate is never closed; use 'initial' or "
                 "'none'",
             )
-        if onset.onset == "band" and not 0 <= onset.band_low - lowest <= onset.band_high - lowest:
-            self._refuse(
+        if rule.onset == "band" and not 0 <= rule.band_low - lowest <= rule.band_high - lowest:
+            yield (
                 "band_low",
-                f"is {onset.band_low} with band_high {onset.band_high}; give sample codes, low below high",
+                f"is {rule.band_low} with band_high {rule.band_high}; give sample codes, low below high",
             )
-        if onset.onset == "baseline" and rest == "none":
-            self._refuse("rest", "is 'none' with onset 'baseline', which needs a rest level; use 'tracked'")
-        if self.faults.fault_frames and self.sensor.sample_bits < 4:
-            self._refuse(
+        if rule.onset == "baseline" and rest == "none":
+            yield "rest", "is 'none' with onset 'baseline', which needs a rest level; use 'tracked'"
+        if self.faults.fault_frames and bits < 4:
+            yield (
                 "fault_frames",
-                f"is {self.faults.fault_frames} with samples of {self.sensor.sample_bits} bits; a fault "
-                "detector needs 4: give 0",
+                f"is {self.faults.fault_frames} with samples of {bits} bits; a fault detector needs 4: give 0",
             )
         if windows.window_mode == "touch":
-            if self.opens_at_once and windows.pretrigger_frames:
-                self._refuse("pretrigger_frames", "must be 0 when the gate opens at once")
-            if not self.opens_at_once and onset.rearm_frames < self.ring_frames:
-                self._refuse(
+            if self.opens_at_once and before:
+                yield "pretrigger_frames", "must be 0 when the gate opens at once"
+            if not self.opens_at_once and rule.rearm_frames < self.ring_frames:
+                yield (
                     "rearm_frames",
-                    f"is {onset.rearm_frames}; it must be at least {self.ring_frames}, the frames the "
+                    f"is {rule.rearm_frames}; it must be at least {self.ring_frames}, the frames the "
                     "pre-trigger ring holds",
                 )
-            if self.last_frame < windows.pretrigger_frames + 2:
-                self._refuse(
+            if self.last_frame < before + 2:
+                yield (
                     "pretrigger_frames",
-                    f"is {windows.pretrigger_frames}, but a touch ends with its frame {self.last_frame}, "
-                    "which must come "
-                    "after the onset; lower pretrigger_frames or raise steps or hop",
+                    f"is {before}, but a touch ends with its frame {self.last_frame}, which must come after "
+                    "the onset; lower pretrigger_frames or raise steps or hop",
                 )
-        if self.network.decision == "early" and self.network.early_steps > windows.steps:
-            self._refuse(
+        if network.decision == "early" and network.early_steps > windows.steps:
+            yield (
                 "early_steps",
-                f"is {self.network.early_steps} in a touch of {windows.steps} steps; give at most as many",
+                f"is {network.early_steps} in a touch of {windows.steps} steps; give at most as many",
             )
 
-    def _check_features(self) -> None:
-        features, windows, bits = self.features, self.windows, self.sum_bits
+    def _feature_refusals(self) -> Iterator[Refusal]:
+        features, hop, bits, lengths = self.features, self.windows.hop, self.sum_bits, self.window_lengths
+        shifts, kinds = features.feature_shift, features.feature_kinds
         if self.inputs > 160:
-            self._refuse(
+            yield (
                 "feature_kinds",
                 f"{self.kinds} kinds of {self.sensor.taxels} taxels are {self.inputs} inputs and 160 are "
                 "there; use fewer kinds",
             )
-        common = math.gcd(windows.hop, *self.window_lengths)
-        if "activity" in features.feature_kinds and common % features.activity_block:
+        common = math.gcd(hop, *lengths)
+        if "activity" in kinds and common % features.activity_block:
             works = ", ".join(str(block) for block in range(1, 65) if common % block == 0)
-            frames = f"hops of {windows.hop} and windows of {', '.join(map(str, self.window_lengths))} frames"
-            self._refuse(
+            yield (
                 "activity_block",
-                f"is {features.activity_block} with {frames}; blocks must fill both: use {works}",
+                f"is {features.activity_block} with hops of {hop} and windows of "
+                f"{', '.join(map(str, lengths))} frames; blocks must fill both: use {works}",
             )
-        if "integral" in features.feature_kinds and features.integral_knee > self.integral_bits - 2:
-            self._refuse(
-                "integral_knee",
-                f"is {features.integral_knee} for integrals of {self.integral_bits} bits; give at most "
-                f"{self.integral_bits - 2}",
+        of_bits = (("integral", "integral_knee", self.integral_bits), ("log", "compand_knee", bits))
+        for there, field, width in of_bits:
+            knee = getattr(features, field)
+            if there in (*kinds, features.compand) and knee > width - 2:
+                values = "integrals" if there == "integral" else "sums"
+                yield field, f"is {knee} for {values} of {width} bits; give at most {width - 2}"
+        if (
+            features.compand == "log"
+            and (bits - features.compand_knee) << features.compand_frac > 1 << bits - 1
+        ):
+            yield (
+                "compand_frac",
+                f"is {features.compand_frac}; lower it: companded sums have the {bits} bits of sums at most",
             )
-        if features.compand == "log":
-            if features.compand_knee > bits - 2:
-                self._refuse(
-                    "compand_knee",
-                    f"is {features.compand_knee} for sums of {bits} bits; give at most {bits - 2}",
-                )
-            if (bits - features.compand_knee) << features.compand_frac > 1 << bits - 1:
-                self._refuse(
-                    "compand_frac",
-                    f"is {features.compand_frac}; lower it: companded sums have the {bits} bits of sums at "
-                    "most",
-                )
-        if len(features.feature_shift) not in (0, len(self.feature_units)):
+        if len(shifts) not in (0, len(self.feature_units)):
             of_kinds = f" of {self.kinds} kinds of feature" if self.kinds > 1 else ""
-            self._refuse(
+            yield (
                 "feature_shift",
-                f"has {len(features.feature_shift)} values for {len(self.window_lengths)} distinct window "
-                f"lengths{of_kinds}",
+                f"has {len(shifts)} values for {len(lengths)} distinct window lengths{of_kinds}",
             )
-        if any(not 0 <= shift <= bits for shift in features.feature_shift):
-            self._refuse("feature_shift", f"must lie in 0..{bits}")
+        if any(not 0 <= shift <= bits for shift in shifts):
+            yield "feature_shift", f"must lie in 0..{bits}"
 
-    def _check_formats(self) -> None:
-        formats = self.formats
+    def _format_refusals(self) -> Iterator[Refusal]:
+        formats, lane = self.formats, self.hardware.lane_type
         if self.recurrent:
-            self._check_recurrent_formats()
+            yield from self._recurrent_refusals()
         if self.logit_shift < 1:
-            self._refuse(
+            yield (
                 "logit_format",
                 f"{formats.logit_format} is finer than the dense products; lower its fraction bits",
             )
         if self.dense_bias_shift < 0:
-            self._refuse("dense_bias_format", f"{formats.dense_bias_format} is finer than the dense products")
-        if self.accumulator_bits > WIDEST_ACCUMULATOR:
-            needed = f"{self.accumulator_bits}-bit accumulator and there are {WIDEST_ACCUMULATOR} bits"
-            self._refuse(
+            yield "dense_bias_format", f"{formats.dense_bias_format} is finer than the dense products"
+        bits = self.accumulator_bits  # of shifts that are sound
+        if bits > WIDEST_ACCUMULATOR:
+            yield (
                 "weight_format" if self.recurrent else "dense_format",
-                f"the worst case needs a {needed}: narrow the weights",
+                f"the worst case needs a {bits}-bit accumulator and there are {WIDEST_ACCUMULATOR} bits: "
+                "narrow the weights",
             )
-        if self.hardware.lane_type == "dsp" and self.accumulator_bits > WIDEST_DSP_ACCUMULATOR:
-            self._refuse(
+        if lane == "dsp" and bits > WIDEST_DSP_ACCUMULATOR:
+            yield (
                 "lane_type",
                 f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need "
-                f"{self.accumulator_bits}; "
-                "take plain lanes, or narrow the weights",
+                f"{bits}; take plain lanes, or narrow the weights",
             )
-        if not self.recurrent and self.hardware.lane_type == "serial" and self.kept_low_bits > 15:
-            self._refuse(
+        if not self.recurrent and lane == "serial" and self.kept_low_bits > 15:
+            yield (
                 "dense_format",
-                f"{formats.dense_format} and features of {formats.feature_format} need sums of "
-                f"{self.accumulator_bits} bits with "
-                f"{self.logit_shift} below a logit; the bit-serial lane keeps 31 with 15 below: narrow the "
-                "weights",
+                f"{formats.dense_format} and features of {formats.feature_format} need sums of {bits} bits "
+                f"with {self.logit_shift} below a logit; the bit-serial lane keeps 31 with 15 below: narrow "
+                "the weights",
             )
 
-    def _check_recurrent_formats(self) -> None:
-        formats, network = self.formats, self.network
+    def _recurrent_refusals(self) -> Iterator[Refusal]:
+        cell, reset = self.network.cell, self.network.reset
+        feature, state, bias = (
+            self.formats.feature_format,
+            self.formats.state_format,
+            self.formats.bias_format,
+        )
         if self.feature_align < 0:
-            self._refuse(
+            yield (
                 "feature_format",
-                f"{formats.feature_format} has {-self.feature_align} fraction bits too many: input products "
-                "must not be "
+                f"{feature} has {-self.feature_align} fraction bits too many: input products must not be "
                 "finer than recurrent ones (state + recurrent weight fraction bits)",
             )
         if self.operand_bits > 16:
-            self._refuse(
+            yield (
                 "feature_format",
-                f"{formats.feature_format} needs {self.operand_bits} bits on the lanes' scale; 16 are "
-                "there: raise the "
+                f"{feature} needs {self.operand_bits} bits on the lanes' scale; 16 are there: raise the "
                 "fraction bits of weight_format or lower those of recurrent_format or state_format",
             )
-        for what, shift in (
-            ("sigmoid", self.sigmoid_shift),
-            ("tanh", self.tanh_shift),
-            ("value", self.value_shift),
+        for field, signal, shift in (
+            ("table_entries", "sigmoid", self.sigmoid_shift),
+            ("table_entries", "tanh", self.tanh_shift),
+            ("recurrent_format", "value", self.value_shift),
         ):
             if shift < 1:
-                self._refuse(
-                    "table_entries" if what != "value" else "recurrent_format",
-                    f"the {what} narrowing would be {shift} bits; products need more fraction bits than "
+                yield (
+                    field,
+                    f"the {signal} narrowing would be {shift} bits; products need more fraction bits than "
                     "their result",
                 )
-        if (
-            network.cell == "lstm" or network.reset == "after"
-        ) and formats.state_format.frac_bits < self.tanh_frac + 1:
-            self._refuse(
+        if (cell == "lstm" or reset == "after") and state.frac_bits < self.tanh_frac + 1:
+            yield (
                 "state_format",
-                f"{formats.state_format} needs at least {self.tanh_frac + 1} fraction bits to address the "
-                "tanh table",
+                f"{state} needs at least {self.tanh_frac + 1} fraction bits to address the tanh table",
             )
-        if network.cell == "gru" and formats.state_format.frac_bits > 14:
-            self._refuse(
+        if cell == "gru" and state.frac_bits > 14:
+            yield (
                 "state_format",
-                f"{formats.state_format} has too many fraction bits; a GRU takes differences of states, "
-                "which leave room for 14 in 16-bit operands",
+                f"{state} has too many fraction bits; a GRU takes differences of states, which leave room "
+                "for 14 in 16-bit operands",
             )
         if self.bias_shift < 0:
-            self._refuse(
+            yield (
                 "bias_format",
-                f"{formats.bias_format} is finer than the products; it has at most {self.product_frac} "
-                "fraction bits",
+                f"{bias} is finer than the products; it has at most {self.product_frac} fraction bits",
             )
 
-    def _check_image(self) -> None:
-        image, network = self.image, self.network
-        if network.cell != "image" or not image.layers:
-            self._refuse(
+    def _image_refusals(self) -> Iterator[Refusal]:
+        image, cell, logit = self.image, self.network.cell, self.formats.logit_format
+        if cell != "image" or not image.layers:
+            yield (
                 "cell",
-                f"is '{network.cell}' with {len(image.layers)} layers in group image; cell 'image' and "
-                "layers go together",
+                f"is '{cell}' with {len(image.layers)} layers in group image; cell 'image' and layers go "
+                "together",
             )
         if (outputs := self.stages[-1].outputs) != self.classes:
-            self._refuse(
-                "layers", f"end with {outputs} outputs and there are {self.classes} classes; give one each"
+            yield (
+                "layers",
+                f"end with {outputs} outputs and there are {self.classes} classes; give one each",
             )
-        for field, wanted in _of_every_image(image).items():
-            if self.value(field) != wanted:
-                self._refuse(
-                    field, f"is {self.value(field)!r} in a network for images, where it is always {wanted!r}"
+        for field, fixed in _of_every_image(image).items():
+            if self.value(field) != fixed:
+                yield (
+                    field,
+                    f"is {self.value(field)!r} in a network for images, where it is always {fixed!r}",
                 )
         for group in ("rest_level", "faults", "features"):
             if getattr(self, group) != GROUPS[group]():
-                self._refuse(group, "is set, and images have none of it; leave the group out")
+                yield group, "is set, and images have none of it; leave the group out"
         if self.interface.position or self.interface.converter != "none":
-            self._refuse("interface", "has a converter or position, which images do not have; leave it out")
-        logit = self.formats.logit_format
+            yield "interface", "has a converter or position, which images do not have; leave it out"
         if logit.width != images.LOGIT_BITS:
-            self._refuse("logit_format", f"is {logit}; logits of images have {images.LOGIT_BITS} bits")
+            yield "logit_format", f"is {logit}; logits of images have {images.LOGIT_BITS} bits"
         for stage, shift in zip(self.weighted_stages, self.layer_shifts, strict=True):
             if not 0 <= shift <= images.MOST_SHIFT:
-                self._refuse(
+                yield (
                     "weight_formats",
-                    f"make a shift of {shift} behind '{stage.layer}'; it must lie in "
-                    f"0..{images.MOST_SHIFT}: quantise again",
+                    f"make a shift of {shift} behind '{stage.layer}'; it must lie in 0..{images.MOST_SHIFT}: "
+                    "quantise again",
                 )
 
-    def _check_position(self) -> None:
-        one, fmt = self.interface, self.sample_format
-        if not one.position:
-            return
-        if one.rows * one.columns != self.sensor.taxels:
-            self._refuse(
+    def _position_refusals(self) -> Iterator[Refusal]:
+        array, taxels, fmt = self.interface, self.sensor.taxels, self.sample_format
+        if array.rows * array.columns != taxels:
+            yield (
                 "rows",
-                f"is {one.rows} with {one.columns} columns, and there are {self.sensor.taxels} taxels; give "
-                "the array's own",
+                f"is {array.rows} with {array.columns} columns, and there are {taxels} taxels; give the "
+                "array's own",
             )
-        if self.sensor.taxels < 16:
-            self._refuse(
-                "position",
-                f"is for arrays of 16 taxels and more, and there are {self.sensor.taxels}; leave it out",
+        if taxels < 16:
+            yield ("position", f"is for arrays of 16 taxels and more, and there are {taxels}; leave it out")
+        if not fmt.min_code <= array.position_rest <= fmt.max_code:
+            yield (
+                "position_rest",
+                f"is {array.position_rest}; give a sample, {fmt.min_code} to {fmt.max_code}",
             )
-        if not fmt.min_code <= one.position_rest <= fmt.max_code:
-            self._refuse(
-                "position_rest", f"is {one.position_rest}; give a sample, {fmt.min_code} to {fmt.max_code}"
-            )
-        if one.position_threshold >= fmt.max_code - one.position_rest:
-            self._refuse(
+        if array.position_threshold >= fmt.max_code - array.position_rest:
+            yield (
                 "position_threshold",
-                f"is {one.position_threshold}; no sample is that far above position_rest",
+                f"is {array.position_threshold}; no sample is that far above position_rest",
             )
 
-    def _check_stimulator(self) -> None:
-        one = self.interface
-        if one.stimulator == "positions" and not one.position:
-            self._refuse(
-                "stimulator", "is 'positions' without position; set position and the array's rows and columns"
+    def _stimulator_refusals(self) -> Iterator[Refusal]:
+        source, electrodes = self.interface.stimulator, self.interface.electrodes
+        if source == "positions" and not self.interface.position:
+            yield (
+                "stimulator",
+                "is 'positions' without position; set position and the array's rows and columns",
             )
-        if one.stimulator == "decisions" and one.electrodes and len(one.electrodes) != self.classes:
-            self._refuse(
-                "electrodes", f"has {len(one.electrodes)} values for {self.classes} classes; give one each"
-            )
-        if one.stimulator == "decisions" and not one.electrodes and self.classes > 24:
-            self._refuse(
+        if source == "decisions" and electrodes and len(electrodes) != self.classes:
+            yield "electrodes", f"has {len(electrodes)} values for {self.classes} classes; give one each"
+        if source == "decisions" and not electrodes and self.classes > 24:
+            yield (
                 "electrodes",
                 f"is empty with {self.classes} classes and 24 electrodes; name one for each class",
-            )
-
-    def _check_pace(self) -> None:
-        clock, rate, inputs = self.hardware.clock_hz, self.sensor.sample_rate_hz, self.inputs
-        if clock / rate < 2 * inputs:
-            what = f"{self.sensor.taxels} taxels" + (
-                f" with {self.kinds} kinds of feature" if self.kinds > 1 else ""
-            )
-            self._refuse(
-                "clock_hz",
-                f"is {clock:g}: {clock / rate:.3g} cycles a frame cannot take {what}; use at least "
-                f"{2 * inputs * rate:g}",
             )
 
     # ------------------------------------------------------------------ sensor and windows
@@ -566,10 +545,10 @@ class AcceleratorConfig:
         those of what it gives. 0 until the model is quantised."""
         if not self.image.weight_formats:
             return (0,) * len(self.weighted_stages)
-        given = (images.PIXEL_FORMAT, *self.image.map_formats, self.formats.logit_format)
+        formats = (images.PIXEL_FORMAT, *self.image.map_formats, self.formats.logit_format)
         return tuple(
             weight.frac_bits + before.frac_bits - behind.frac_bits
-            for weight, before, behind in zip(self.image.weight_formats, given, given[1:], strict=False)
+            for weight, before, behind in zip(self.image.weight_formats, formats, formats[1:], strict=False)
         )
 
     @property
@@ -829,32 +808,21 @@ class AcceleratorConfig:
         of ``class_names``; an image is one touch of height frames, open at once, one window and one step.
         ``fields``: others by name, whatever their group."""
         image = Image(height=height, width=width, layers=tuple(map(str, layers)))
-        given = {"sample_rate_hz": IMAGE_ROWS_HZ, "logit_format": QFormat(8, 8)} | fields
-        own: dict[str, Any] = {"name": given.pop("name")} if "name" in given else {}
-        of_group: dict[str, dict[str, Any]] = {}
-        for field, value in (
-            _of_every_image(image) | given | {"cell": "image", "class_names": tuple(class_names)}
-        ).items():
-            of_group.setdefault(GROUP_OF[field], {})[field] = value
+        defaults = {"sample_rate_hz": IMAGE_ROWS_HZ, "logit_format": QFormat(8, 8)}
+        network = {"cell": "image", "class_names": tuple(class_names)}
+        own, of_group = _by_group(_of_every_image(image) | defaults | fields | network)
         groups: dict[str, Any] = {group: GROUPS[group](**values) for group, values in of_group.items()}
         return cls(**own, image=image, **groups)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
         """A copy on other lanes; None keeps what is there, but that a serial lane is one."""
-        wanted = {
-            "lanes": 1 if lanes is None and lane_type == "serial" else lanes,
-            "lane_type": None if lane_type is None else str(lane_type),
-        }
-        return self.replace(**{key: value for key, value in wanted.items() if value is not None})
+        lanes = 1 if lanes is None and lane_type == "serial" else lanes
+        fields = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
+        return self.replace(**{field: value for field, value in fields.items() if value is not None})
 
     def replace(self, **changes: Any) -> AcceleratorConfig:
         """A copy with ``changes``, fields by name whatever their group, checked again."""
-        own = {"name": changes.pop("name")} if "name" in changes else {}
-        of_group: dict[str, dict[str, Any]] = {}
-        for field, value in changes.items():
-            if field not in GROUP_OF:
-                raise TypeError(f"a configuration has no field '{field}'")
-            of_group.setdefault(GROUP_OF[field], {})[field] = value
+        own, of_group = _by_group(changes)
         try:
             groups = {group: getattr(self, group).replace(**fields) for group, fields in of_group.items()}
         except InputError as error:  # a group does not know the configuration's name
@@ -872,11 +840,10 @@ class AcceleratorConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, group by group; formats as ``SQ(int,frac)``."""
-        groups = {
-            group: {field: _plain(value) for field, value in vars(getattr(self, group)).items()}
-            for group in GROUPS
+        fields = self.fields()
+        return {"name": self.name} | {
+            group: {field: fields[field] for field in vars(getattr(self, group))} for group in GROUPS
         }
-        return {"name": self.name, **groups}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any], source: str = "configuration") -> AcceleratorConfig:
@@ -888,30 +855,23 @@ class AcceleratorConfig:
             )
         parts: dict[str, Any] = {}
         for key, value in values.items():
-            if key == "name":
-                parts[key] = value
-            elif key in GROUP_OF:
+            if key in GROUP_OF:
                 raise InputError(
                     f"{source}: field {key} stands outside of its group, as before version 0.2; put it into "
-                    f"{GROUP_OF[key]}, "
-                    "or train the model again"
+                    f"{GROUP_OF[key]}, or train the model again"
                 )
-            elif key not in GROUPS:
+            if key != "name" and key not in GROUPS:
                 raise InputError(f"{source}: unknown group {key}; known groups are {', '.join(GROUPS)}")
-            elif not isinstance(value, dict):
+            if key != "name" and not isinstance(value, dict):
                 raise InputError(f"{source}, group {key}: must be a JSON object of fields")
-            else:
-                unknown = sorted(field for field in value if GROUP_OF.get(field) != key)
-                if unknown:
-                    known = ", ".join(field for field, group in GROUP_OF.items() if group == key)
-                    raise InputError(
-                        f"{source}, group {key}: unknown field {unknown[0]}; known fields are {known}"
-                    )
-                try:
-                    parts[key] = GROUPS[key](**value)
-                except InputError as error:
-                    raise InputError(f"{source}: {error}") from None
+            if key != "name" and (unknown := sorted(field for field in value if GROUP_OF.get(field) != key)):
+                fields = ", ".join(field for field, group in GROUP_OF.items() if group == key)
+                raise InputError(
+                    f"{source}, group {key}: unknown field {unknown[0]}; known fields are {fields}"
+                )
         try:
+            for key, value in values.items():
+                parts[key] = value if key == "name" else GROUPS[key](**value)
             return cls(**parts)
         except InputError as error:
             raise InputError(f"{source}: {error}") from None
@@ -936,6 +896,20 @@ class AcceleratorConfig:
         except (ValueError, RecursionError) as error:
             raise InputError(f"configuration '{path}': is not JSON ({error})") from None
         return cls.from_dict(values, str(path))
+
+
+def _by_group(fields: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """The configuration's own fields, and the others by their groups."""
+    own: dict[str, Any] = {}
+    of_group: dict[str, dict[str, Any]] = {}
+    for field, value in fields.items():
+        if field == "name":
+            own[field] = value
+        elif field in GROUP_OF:
+            of_group.setdefault(GROUP_OF[field], {})[field] = value
+        else:
+            raise TypeError(f"a configuration has no field '{field}'")
+    return own, of_group
 
 
 def _plain(value: Any) -> Any:

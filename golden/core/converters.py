@@ -10,22 +10,28 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntFlag
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from eskin.golden.core import ddc232, mpr121
+from eskin.golden.core import ddc232, matrix_scan, mpr121
 from eskin.golden.core.formats import QFormat
-from eskin.golden.core.matrix_scan import MatrixPlan, matrix_plan, matrix_refusal
-from eskin.golden.core.serial_port import HALF_MIN, USUAL_HZ, half_period
+from eskin.golden.core.serial_port import (
+    RESERVE,
+    USUAL_HZ,
+    Converter,
+    Plan,
+    Refusal,
+    frame_s,
+    half_period,
+    slow_clock,
+)
 
 if TYPE_CHECKING:
     from eskin.golden.core.config import AcceleratorConfig
 
-RESERVE = 0.1
-"""Of a frame's time that a scan leaves free: the frame is handed on then, and the last taxel still belongs to
-this frame's instant."""
 LINES_MAX = 16
 """Data lines at most."""
 
@@ -48,7 +54,8 @@ class SpiChip:
     significant bit first; channel_bit: where in it the channel's number begins. delay: transfers from a
     command to its data. code_bit, code_bits: place of the code in what comes back; tag_bit, tag_bits: of the
     channel's number (0 bits: none); zeros: bits that are 0 by the data sheet. sclk_hz, conversions_hz: the
-    most. high_s, lead_s: select high between transfers, and from its fall to the first clock, at least.
+    most. high_s, lead_s: select high between transfers, and from its fall to the first clock, at least. most:
+    chips at most, and what to do with more taxels (0: any number). watt, stated: as of a `Converter`.
     """
 
     bits: int
@@ -65,6 +72,10 @@ class SpiChip:
     conversions_hz: float
     high_s: float
     lead_s: float
+    most: int = 0
+    instead: str = ""
+    watt: float | None = None
+    stated: str = ""
 
 
 SPI_CHIPS: dict[str, SpiChip] = {
@@ -82,6 +93,10 @@ SPI_CHIPS: dict[str, SpiChip] = {
         conversions_hz=1e6,
         high_s=100e-9,
         lead_s=40e-9,
+        most=1,
+        instead="it has 16 channels: use mcp3208x2 or spi with more lines, or fewer taxels",
+        watt=14.5e-3,
+        stated="SLAS605: 14.5 mW typical at 1 MS/s, +VA 5 V, +VBD 3 V",
     ),
     # start bit, single-ended, three bits of channel, a clock to sample, a null bit, twelve bits of code
     "mcp3208x2": SpiChip(
@@ -94,9 +109,21 @@ SPI_CHIPS: dict[str, SpiChip] = {
         conversions_hz=50e3,
         high_s=500e-9,
         lead_s=100e-9,
+        most=2,
+        instead="two chips have 16 channels: use fewer taxels or another converter",
+        watt=320e-6 * 5.0,
+        stated="DS21298: 320 uA typical while active, 5 V",
     ),
     "ad7476": SpiChip(
-        bits=16, channels=1, zeros=0xF000, sclk_hz=20e6, conversions_hz=1e6, high_s=100e-9, lead_s=40e-9
+        bits=16,
+        channels=1,
+        zeros=0xF000,
+        sclk_hz=20e6,
+        conversions_hz=1e6,
+        high_s=100e-9,
+        lead_s=40e-9,
+        watt=5.1e-3,
+        stated="AD7476A, rev. F: 5.1 mW in normal operation at 1 MS/s, 3 V",
     ),
 }
 """``mcp3208x2`` at 3.3 V: its limits at 2.7 V. ``high_s`` of the ads7953 and ad7476 are wider than their data
@@ -104,7 +131,7 @@ sheets ask for."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpiPlan:
+class SpiPlan(Plan):
     """Transfers of one frame at one clock.
 
     lines: data lines, whose chips share clock, command and select. selects: groups of chips asked one after
@@ -160,6 +187,11 @@ class SpiPlan:
         """Bits of a code."""
         return self.chip.code_bits
 
+    @property
+    def chips(self) -> int:  # type: ignore[override]
+        """Of all lines and selects."""
+        return self.lines * self.selects
+
 
 def sample_clock(clock_hz: float, rate_hz: float) -> tuple[int, int]:
     """(p, q) with p / q = rate / clock in lowest terms: p frames in q cycles. p = 1: every frame takes q
@@ -168,40 +200,12 @@ def sample_clock(clock_hz: float, rate_hz: float) -> tuple[int, int]:
     return ratio.numerator, ratio.denominator
 
 
-Plan = SpiPlan | ddc232.DdcPlan | MatrixPlan | mpr121.MprPlan
-
-
-def converter_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> Plan:
-    """How the configuration's converter is read at ``clock_hz``, by default the configuration's."""
-    kind = config.interface.converter
-    if kind == "ddc232":
-        return ddc232.ddc_plan(config, clock_hz)
-    if kind == "mpr121":
-        return mpr121.mpr_plan(config, clock_hz)
-    plan = spi_plan(config, clock_hz)
-    return matrix_plan(config, plan, clock_hz) if kind == "matrix" else plan
-
-
-def code_bits(config: AcceleratorConfig) -> int:
-    """Bits of the converter's code of a taxel."""
-    kind = config.interface.converter
-    if kind == "ddc232":
-        return config.interface.ddc_bits
-    return mpr121.CODE_BITS + 1 if kind == "mpr121" else spi_chip(config).code_bits
-
-
-def pin_codes(config: AcceleratorConfig) -> int:
-    """Codes of a frame at the converter's pins: the taxels, or an array's electrodes."""
-    return sum(mpr121.line_counts(config)) if config.interface.converter == "mpr121" else config.sensor.taxels
-
-
 def spi_chip(config: AcceleratorConfig) -> SpiChip:
     """The chip of a configuration whose converter has an SPI port."""
     interface = config.interface
-    if interface.converter == "matrix":
-        return SPI_CHIPS["ad7476"]
-    if interface.converter in SPI_CHIPS:
-        return SPI_CHIPS[interface.converter]
+    name = "ad7476" if interface.converter == "matrix" else interface.converter
+    if name in SPI_CHIPS:
+        return SPI_CHIPS[name]
     return SpiChip(
         bits=interface.spi_frame_bits,
         channels=interface.spi_channels,
@@ -233,11 +237,7 @@ def spi_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> SpiPla
     lines = config.interface.data_lines or chips(config)
     selects = -(-chips(config) // lines)
     channels = min(chip.channels, config.sensor.taxels)
-    asked = [
-        chip.command | channel << chip.channel_bit if chip.channels > 1 else chip.command
-        for channel in range(channels)
-    ]
-    words = asked + [0] * chip.delay
+    words = [chip.command | channel << chip.channel_bit for channel in range(channels)] + [0] * chip.delay
     sclk = min(chip.sclk_hz, config.interface.converter_hz or USUAL_HZ)
     half = half_period(clock, sclk)
     period = clock / chip.conversions_hz
@@ -254,14 +254,135 @@ def spi_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> SpiPla
     )
 
 
+def spi_refusals(config: AcceleratorConfig) -> Iterator[Refusal]:
+    """What an SPI converter cannot deliver."""
+    interface, taxels, name = config.interface, config.sensor.taxels, config.interface.converter
+    if name == "spi":
+        yield from _wrong_frame(config)
+    chip, count = spi_chip(config), chips(config)
+    per_chip = f"{chip.channels} channel{'s' * (chip.channels > 1)}"
+    if chip.most and count > chip.most:
+        yield "converter", f"is '{name}' with {taxels} taxels; {chip.instead}"
+    lines, most = interface.data_lines or count, min(count, LINES_MAX)
+    if not 1 <= lines <= most:
+        yield (
+            "data_lines",
+            f"is {interface.data_lines}; {taxels} taxels are {count} chips of {per_chip}: give 1 to {most}",
+        )
+    if taxels % min(chip.channels, taxels):
+        yield "taxels", f"is {taxels}; chips of {per_chip} take a multiple of {chip.channels}"
+    if count % lines:
+        yield "data_lines", f"is {lines} for {count} chips; give a number that divides them"
+    yield from slow_clock(config)
+    yield from _too_slow(config)
+
+
+def _wrong_frame(config: AcceleratorConfig) -> Iterator[Refusal]:
+    port, frame, bit = config.interface, config.interface.spi_frame_bits, config.interface.spi_channel_bit
+    for name, low, bits in (
+        ("spi_code_bit", port.spi_code_bit, port.spi_code_bits),
+        ("spi_tag_bit", port.spi_tag_bit, port.spi_tag_bits),
+    ):
+        if low + bits > frame:
+            yield name, f"is {low} with {bits} bits; they must lie in the {frame} bits of a frame"
+    for name, value in (("spi_command", port.spi_command), ("spi_zeros", port.spi_zeros)):
+        if value >> frame:
+            yield name, f"is {value:#x}; a frame has {frame} bits"
+    number_bits, first = (port.spi_channels - 1).bit_length(), port.spi_code_bit + port.spi_code_bits - 1
+    if port.spi_channels > 1 and bit + number_bits > frame:
+        yield "spi_channel_bit", f"is {bit}; the channel's number must lie in the {frame} bits of a frame"
+    if port.spi_channels > 1 and not port.spi_delay and bit <= first:
+        yield (
+            "spi_channel_bit",
+            f"is {bit} with the code's first bit at {first}; a code that comes in its command's own transfer "
+            "must come after the channel's number: put it higher, or give spi_delay",
+        )
+    if port.spi_tag_bits and port.spi_channels > 1 << port.spi_tag_bits:
+        yield (
+            "spi_tag_bits",
+            f"is {port.spi_tag_bits}; {port.spi_channels} channels need {number_bits}, or 0 for none",
+        )
+
+
+def _too_slow(config: AcceleratorConfig) -> Iterator[Refusal]:
+    """Whether a scan leaves a reserve of the frame; with the nearest that does."""
+    clock, rate, left = config.hardware.clock_hz, config.sensor.sample_rate_hz, frame_s(config)
+    plan, chip, count = spi_plan(config), spi_chip(config), chips(config)
+    took = plan.scan_cycles / clock
+    if took <= left:
+        return
+
+    def fits(words: str, **fields: Any) -> list[str]:
+        took = spi_plan(_with(config, **fields)).scan_cycles / clock
+        return [f"{words} takes {1e6 * took:.0f} us"] if took <= left else []
+
+    divisors = (lines for lines in range(plan.lines + 1, count + 1) if count % lines == 0)
+    parallel = (fits(f"data_lines {lines} (chips side by side)", data_lines=lines) for lines in divisors)
+    helps = next(filter(None, parallel), [])
+    if chip.sclk_hz > clock / plan.half / 2:
+        helps = helps + fits(f"converter_hz {chip.sclk_hz:g}", converter_hz=chip.sclk_hz)
+    if config.interface.converter != "ads7953" and config.sensor.taxels <= 16 and not helps:
+        helps = fits("converter ads7953", converter="ads7953", data_lines=0, converter_hz=0.0)
+    helps = [*helps, f"a rate of at most {math.floor((1 - RESERVE) / took)} Hz works as it is"]
+    series = f" of {plan.selects} chips in series" if plan.selects > 1 else ""
+    yield (
+        "converter",
+        f"is '{config.interface.converter}', which cannot keep up: {len(plan.transfers)} transfers{series} "
+        f"at {clock / plan.half / 2 / 1e6:.3g} MHz take {1e6 * took:.0f} us, and of {1e6 / rate:.0f} us a "
+        f"frame at {rate:g} Hz {1e6 * left:.0f} may be used; {', or '.join(helps)}",
+    )
+
+
+class _Changed:
+    """A configuration seen with other fields of its interface, without the checks that would refuse it while
+    they are made."""
+
+    def __init__(self, config: AcceleratorConfig, interface: Any) -> None:
+        self.sensor, self.hardware, self.interface = config.sensor, config.hardware, interface
+
+
+def _with(config: AcceleratorConfig, **changes: Any) -> AcceleratorConfig:
+    return _Changed(config, config.interface.replace(**changes))  # type: ignore[return-value]
+
+
+# ---------------------------------------------------------------------- all of them
+def _matrix_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> matrix_scan.MatrixPlan:
+    return matrix_scan.matrix_plan(config, spi_plan(config, clock_hz), clock_hz)
+
+
+CONVERTERS: dict[str, Converter] = {
+    **{name: Converter(spi_plan, spi_refusals, chip.watt, chip.stated) for name, chip in SPI_CHIPS.items()},
+    "spi": Converter(spi_plan, spi_refusals),
+    "ddc232": Converter(
+        ddc232.ddc_plan, lambda config: ddc232.refusals(config, lambda **fields: _with(config, **fields))
+    ),
+    "mpr121": Converter(mpr121.mpr_plan, mpr121.refusals),
+    "matrix": Converter(
+        _matrix_plan,
+        lambda config: matrix_scan.refusals(config, _matrix_plan(config)),
+        SPI_CHIPS["ad7476"].watt,
+        f"its {SPI_CHIPS['ad7476'].stated}; multiplexers and amplifier not counted",
+    ),
+}
+"""Every converter by its name in a configuration. A new chip on SPI is a row of `SPI_CHIPS`; one that is read
+in another way is a file beside ddc232.py and an entry here."""
+
+
+def converter_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> Any:
+    """How the configuration's converter is read at ``clock_hz``, by default the configuration's."""
+    return CONVERTERS[config.interface.converter].plan(config, clock_hz)
+
+
+def code_bits(config: AcceleratorConfig) -> int:
+    """Bits of the converter's code of a taxel."""
+    return converter_plan(config).code_bits
+
+
 def code_offset(config: AcceleratorConfig) -> int:
     """The code that becomes sample 0."""
-    offset, bits = config.interface.code_offset, code_bits(config)
-    if offset is not None:
-        return offset
-    if config.interface.converter == "ddc232":
-        return ddc232.ZERO[config.interface.ddc_bits]
-    return 1 << bits - 1 if config.sensor.sample_signed else 0
+    middle = 1 << code_bits(config) - 1 if config.sensor.sample_signed else 0
+    choices = (config.interface.code_offset, converter_plan(config).zero, middle)
+    return next(offset for offset in choices if offset is not None)
 
 
 def code_shift(config: AcceleratorConfig) -> int:
@@ -275,143 +396,7 @@ def code_format(config: AcceleratorConfig) -> QFormat:
     return QFormat(code_bits(config), 0, False)
 
 
-def refusal(config: AcceleratorConfig) -> tuple[str, str] | None:
-    """(field, why) where the converter cannot deliver these frames; None where it can."""
-    interface, taxels = config.interface, config.sensor.taxels
-    if interface.converter == "none":
-        return None
-    left_s = (1 - RESERVE) / config.sensor.sample_rate_hz
-    if interface.converter == "ddc232":
-        return ddc232.ddc_refusal(config, lambda **changes: _with(config, **changes))
-    if interface.converter == "mpr121":
-        return mpr121.mpr_refusal(config, left_s)
-    if interface.converter == "matrix":
-        return matrix_refusal(config, matrix_plan(config, spi_plan(config)), left_s)
-    if interface.converter == "spi":
-        wrong = _wrong_frame(config)
-        if wrong:
-            return wrong
-    chip, count = spi_chip(config), chips(config)
-    per_chip = f"{chip.channels} channel{'s' * (chip.channels > 1)}"
-    if interface.converter == "ads7953" and count > 1:
-        return (
-            "converter",
-            f"is 'ads7953' with {taxels} taxels; it has 16 channels: use mcp3208x2 or spi with more lines, "
-            "or fewer taxels",
-        )
-    if interface.converter == "mcp3208x2" and count > 2:
-        return (
-            "converter",
-            f"is 'mcp3208x2' with {taxels} taxels; two chips have 16 channels: use fewer taxels or another "
-            "converter",
-        )
-    lines = interface.data_lines or count
-    if not 1 <= lines <= min(count, LINES_MAX):
-        return (
-            "data_lines",
-            f"is {interface.data_lines}; {taxels} taxels are {count} chips of {per_chip}: give 1 to "
-            f"{min(count, LINES_MAX)}",
-        )
-    if taxels % min(chip.channels, taxels):
-        return "taxels", f"is {taxels}; chips of {per_chip} take a multiple of {chip.channels}"
-    if count % lines:
-        return "data_lines", f"is {lines} for {count} chips; give a number that divides them"
-    if config.hardware.clock_hz < 2 * HALF_MIN * 1e5:
-        return (
-            "clock_hz",
-            f"is {config.hardware.clock_hz:g}; an SPI converter needs at least {2 * HALF_MIN * 1e5:g}",
-        )
-    return _too_slow(config)
-
-
-def _wrong_frame(config: AcceleratorConfig) -> tuple[str, str] | None:
-    one = config.interface
-    for name, low, bits in (
-        ("spi_code_bit", one.spi_code_bit, one.spi_code_bits),
-        ("spi_tag_bit", one.spi_tag_bit, one.spi_tag_bits),
-    ):
-        if low + bits > one.spi_frame_bits:
-            return (
-                name,
-                f"is {low} with {bits} bits; they must lie in the {one.spi_frame_bits} bits of a frame",
-            )
-    for name, value in (("spi_command", one.spi_command), ("spi_zeros", one.spi_zeros)):
-        if value >> one.spi_frame_bits:
-            return name, f"is {value:#x}; a frame has {one.spi_frame_bits} bits"
-    if (
-        one.spi_channels > 1
-        and one.spi_channel_bit + (one.spi_channels - 1).bit_length() > one.spi_frame_bits
-    ):
-        return (
-            "spi_channel_bit",
-            f"is {one.spi_channel_bit}; the channel's number must lie in the {one.spi_frame_bits} bits of a "
-            "frame",
-        )
-    if (
-        one.spi_channels > 1
-        and not one.spi_delay
-        and one.spi_channel_bit < one.spi_code_bit + one.spi_code_bits
-    ):
-        return "spi_channel_bit", (
-            f"is {one.spi_channel_bit} with the code's first bit at "
-            f"{one.spi_code_bit + one.spi_code_bits - 1}; a code that comes in its "
-            "command's own transfer must come after the channel's number: put it higher, or give spi_delay"
-        )
-    if one.spi_tag_bits and one.spi_channels > 1 << one.spi_tag_bits:
-        return (
-            "spi_tag_bits",
-            f"is {one.spi_tag_bits}; {one.spi_channels} channels need "
-            f"{(one.spi_channels - 1).bit_length()}, or 0 for none",
-        )
-    return None
-
-
-def _too_slow(config: AcceleratorConfig) -> tuple[str, str] | None:
-    """Whether a scan leaves RESERVE of a frame; with the nearest that does."""
-    clock, rate = config.hardware.clock_hz, config.sensor.sample_rate_hz
-    plan, left = spi_plan(config), (1 - RESERVE) / config.sensor.sample_rate_hz
-    took = plan.scan_cycles / clock
-    if took <= left:
-        return None
-    most = math.floor((1 - RESERVE) / took)
-    count = chips(config)
-    helps = []
-    for lines in range(plan.lines + 1, count + 1):
-        parallel = spi_plan(_with(config, data_lines=lines))
-        if count % lines == 0 and parallel.scan_cycles / clock <= left:
-            helps.append(
-                f"data_lines {lines} (chips side by side) takes {1e6 * parallel.scan_cycles / clock:.0f} us"
-            )
-            break
-    chip = spi_chip(config)
-    if chip.sclk_hz > clock / plan.half / 2:
-        faster = _with(config, converter_hz=chip.sclk_hz)
-        if spi_plan(faster).scan_cycles / clock <= left:
-            helps.append(
-                f"converter_hz {chip.sclk_hz:g} takes {1e6 * spi_plan(faster).scan_cycles / clock:.0f} us"
-            )
-    if config.interface.converter != "ads7953" and config.sensor.taxels <= 16 and not helps:
-        fast = spi_plan(_with(config, converter="ads7953", data_lines=0, converter_hz=0.0))
-        if fast.scan_cycles / clock <= left:
-            helps.append(f"converter ads7953 takes {1e6 * fast.scan_cycles / clock:.0f} us")
-    helps.append(f"a rate of at most {most} Hz works as it is")
-    series = f" of {plan.selects} chips in series" if plan.selects > 1 else ""
-    return "converter", (
-        f"is '{config.interface.converter}', which cannot keep up: {len(plan.transfers)} transfers{series} "
-        "at "
-        f"{clock / plan.half / 2 / 1e6:.3g} MHz take {1e6 * took:.0f} us, and of {1e6 / rate:.0f} us a "
-        f"frame at {rate:g} Hz "
-        f"{1e6 * left:.0f} may be used; {', or '.join(helps)}"
-    )
-
-
-class _Changed:
-    """A configuration seen with other fields of its interface, without the checks that would refuse it while
-    they are made."""
-
-    def __init__(self, config: AcceleratorConfig, interface) -> None:
-        self.sensor, self.hardware, self.interface = config.sensor, config.hardware, interface
-
-
-def _with(config: AcceleratorConfig, **changes) -> AcceleratorConfig:
-    return _Changed(config, config.interface.replace(**changes))  # type: ignore[return-value]
+def refusals(config: AcceleratorConfig) -> Iterator[Refusal]:
+    """Why the converter, where there is one, cannot deliver these frames."""
+    if config.interface.converter != "none":
+        yield from CONVERTERS[config.interface.converter].refusals(config)

@@ -9,10 +9,11 @@ after reset.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
-from eskin.golden.core.serial_port import USUAL_HZ, half_period
+from eskin.golden.core.serial_port import USUAL_HZ, Plan, Refusal, half_period
 
 if TYPE_CHECKING:
     from eskin.golden.core.config import AcceleratorConfig
@@ -38,7 +39,7 @@ ZERO = {20: 0x01000, 16: 0x0100}
 
 
 @dataclass(frozen=True, kw_only=True)
-class DdcPlan:
+class DdcPlan(Plan):
     """What the controller does at one clock.
 
     configuration: the 12 bits, first bit highest. bits: of a code. places: taxel of each word that is read,
@@ -63,13 +64,23 @@ class DdcPlan:
 
     def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
         """Of the model in cosim/converters; FIRST: input of taxel 0."""
-        one, first = config.interface, self.places.index(0)
+        chip, first = config.interface, self.places.index(0)
         return {
-            "FIRST": first + 1 if one.ddc_ascending else CHANNELS - first,
-            "ASCENDING": int(one.ddc_ascending),
-            "DELAY": one.ddc_dvalid_clocks,
-            "CLOCK_PS": round(1e12 / CLOCK_HZ[one.ddc_version]),
+            "FIRST": first + 1 if chip.ddc_ascending else CHANNELS - first,
+            "ASCENDING": int(chip.ddc_ascending),
+            "DELAY": chip.ddc_dvalid_clocks,
+            "CLOCK_PS": round(1e12 / CLOCK_HZ[chip.ddc_version]),
         }
+
+    @property
+    def code_bits(self) -> int:
+        """Bits of a code."""
+        return self.bits
+
+    @property
+    def zero(self) -> int:  # type: ignore[override]
+        """Code of no current."""
+        return ZERO[self.bits]
 
     @property
     def read_cycles(self) -> int:
@@ -84,97 +95,84 @@ class DdcPlan:
 
 def places(config: AcceleratorConfig) -> tuple[int | None, ...]:
     """Taxel of each word up to the last that is wanted; inputs are numbered from 1."""
-    one, taxels = config.interface, config.sensor.taxels
-    words = list(range(1, CHANNELS + 1)) if one.ddc_ascending else list(range(CHANNELS, 0, -1))
-    first = one.ddc_first or (1 if one.ddc_ascending else CHANNELS + 1 - taxels)
-    found = [channel - first if 0 <= channel - first < taxels else None for channel in words]
-    return tuple(found[: max(index for index, place in enumerate(found) if place is not None) + 1])
+    chip, taxels = config.interface, config.sensor.taxels
+    words = list(range(1, CHANNELS + 1)) if chip.ddc_ascending else list(range(CHANNELS, 0, -1))
+    first = chip.ddc_first or (1 if chip.ddc_ascending else CHANNELS + 1 - taxels)
+    taxel_of = [channel - first if 0 <= channel - first < taxels else None for channel in words]
+    return tuple(taxel_of[: taxel_of.index(taxels - 1 if chip.ddc_ascending else 0) + 1])
 
 
 def ddc_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> DdcPlan:
     """The plan at ``clock_hz``, by default the configuration's."""
-    one, clock = config.interface, clock_hz or config.hardware.clock_hz
-    half = half_period(clock, one.converter_hz or USUAL_HZ)
-    clk_half = half_period(clock, CLOCK_HZ[one.ddc_version], 1)
+    chip, clock = config.interface, clock_hz or config.hardware.clock_hz
+    half = half_period(clock, chip.converter_hz or USUAL_HZ)
+    clk_half = half_period(clock, CLOCK_HZ[chip.ddc_version], 1)
     quiet = math.ceil(QUIET_S * clock)
-    known = dict(
-        configuration=one.ddc_range << 9 | (one.ddc_bits == 20) << 8 | (one.ddc_version == "CK") << 7,
-        bits=one.ddc_bits,
+    plan = DdcPlan(
+        configuration=chip.ddc_range << 9 | (chip.ddc_bits == 20) << 8 | (chip.ddc_version == "CK") << 7,
+        bits=chip.ddc_bits,
         places=places(config),
         clk_half=clk_half,
         half=half,
         wait=math.ceil(WAIT_S * clock),
         quiet=quiet,
-        dvalid=one.ddc_dvalid_clocks * 2 * clk_half
-        + 6,  # an edge of CONV waits for its clock; DVALID crosses two flip-flops
+        deadline=0,
+        # an edge of CONV waits for its clock; DVALID crosses two flip-flops
+        dvalid=chip.ddc_dvalid_clocks * 2 * clk_half + 6,
     )
-    read = DdcPlan(deadline=0, **known).read_cycles  # type: ignore[arg-type]
-    return DdcPlan(deadline=math.floor(clock / config.sensor.sample_rate_hz) - quiet - read, **known)  # type: ignore[arg-type]
+    frame = math.floor(clock / config.sensor.sample_rate_hz)
+    return replace(plan, deadline=frame - quiet - plan.read_cycles)
 
 
-def ddc_refusal(config: AcceleratorConfig, changed) -> tuple[str, str] | None:
-    """(field, why) where it cannot deliver these frames; ``changed(**fields)`` is the configuration with
-    others, unchecked."""
-    one, taxels, clock, rate = (
-        config.interface,
-        config.sensor.taxels,
-        config.hardware.clock_hz,
-        config.sensor.sample_rate_hz,
-    )
+def refusals(config: AcceleratorConfig, changed: Callable[..., AcceleratorConfig]) -> Iterator[Refusal]:
+    """What it cannot deliver; ``changed(**fields)`` is the configuration with others, unchecked."""
+    chip, taxels = config.interface, config.sensor.taxels
+    clock, rate = config.hardware.clock_hz, config.sensor.sample_rate_hz
     if taxels > CHANNELS:
-        return "taxels", f"is {taxels}; a DDC232 has {CHANNELS} inputs: use fewer taxels or another converter"
-    if one.ddc_first and one.ddc_first + taxels - 1 > CHANNELS:
-        return (
+        yield "taxels", f"is {taxels}; a DDC232 has {CHANNELS} inputs: use fewer taxels or another converter"
+    if chip.ddc_first and chip.ddc_first + taxels - 1 > CHANNELS:
+        yield (
             "ddc_first",
-            f"is {one.ddc_first} with {taxels} taxels; inputs end at {CHANNELS}: give at most "
+            f"is {chip.ddc_first} with {taxels} taxels; inputs end at {CHANNELS}: give at most "
             f"{CHANNELS + 1 - taxels}",
         )
-    if one.converter_hz > DCLK_HZ:
-        return (
+    if chip.converter_hz > DCLK_HZ:
+        yield (
             "converter_hz",
-            f"is {one.converter_hz:g}; the data clock of a DDC232 has at most {DCLK_HZ:g} Hz here",
+            f"is {chip.converter_hz:g}; the data clock of a DDC232 has at most {DCLK_HZ:g} Hz here",
         )
     if rate > RATE_HZ:
-        return (
+        yield (
             "sample_rate_hz",
             f"is {rate:g}; a DDC232 integrates for 166.5 us at least: give at most {math.floor(RATE_HZ)}",
         )
-
-    def late(other) -> int:
-        plan = ddc_plan(other)
-        return plan.dvalid - plan.deadline
-
-    if late(config) <= 0:
-        return None
     plan = ddc_plan(config)
-    wiring = {"ddc_first": 0} if plan.places.count(None) else {}
-    ways: list[dict] = [wiring] if wiring else []
-    ways += [
-        {"converter_hz": clock / 2 / half}
-        for half in range(plan.half - 1, 1, -1)
-        if clock / 2 / half <= DCLK_HZ
-    ]
+    if plan.dvalid <= plan.deadline:
+        return
+    rates = [clock / 2 / half for half in range(plan.half - 1, 1, -1)]
     fastest = {"converter_hz": min(DCLK_HZ, clock / 4)}
+    ways: list[dict[str, Any]] = [{"ddc_first": 0}] * (None in plan.places)
+    ways += [{"converter_hz": rate} for rate in rates if rate <= DCLK_HZ]
     ways += [
         {"ddc_bits": 16},
         {"ddc_version": "CK"},
         {"ddc_version": "CK"} | fastest,
         {"ddc_bits": 16} | fastest,
     ]
-    works = (way for way in ways if late(changed(**way)) <= 0)
-    helps = [
-        " and ".join(f"{k} {v:.0f}" if isinstance(v, float) else f"{k} {v}" for k, v in way.items())
-        for way in works
-    ]
+    helps = []
+    for way in ways:
+        other = ddc_plan(changed(**way))
+        if other.dvalid <= other.deadline:
+            fields = (f"{k} {v:.0f}" if isinstance(v, float) else f"{k} {v}" for k, v in way.items())
+            helps.append(" and ".join(fields))
     most = math.floor(clock / (plan.dvalid + plan.read_cycles + plan.quiet + 1))
     helps = [*helps[:2], f"a rate of at most {most} Hz works as it is"]
     us = 1e6 / clock
-    return "converter", (
+    yield (
+        "converter",
         f"is 'ddc232', which cannot keep up: DVALID comes up to {plan.dvalid * us:.0f} us after CONV "
-        f"(version {one.ddc_version} at "
-        f"{clock / plan.clk_half / 2e6:.3g} MHz), {len(plan.places)} words of {plan.bits} bits at "
-        f"{clock / plan.half / 2e6:.3g} MHz take "
-        f"{plan.read_cycles * us:.0f} us and 10 us before the next CONV are quiet, of {1e6 / rate:.0f} us a "
-        f"frame at {rate:g} Hz; "
-        f"{', or '.join(helps)}"
+        f"(version {chip.ddc_version} at {clock / plan.clk_half / 2e6:.3g} MHz), {len(plan.places)} words of "
+        f"{plan.bits} bits at {clock / plan.half / 2e6:.3g} MHz take {plan.read_cycles * us:.0f} us and 10 "
+        f"us before the next CONV are quiet, of {1e6 / rate:.0f} us a frame at {rate:g} Hz; "
+        f"{', or '.join(helps)}",
     )

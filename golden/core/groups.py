@@ -7,9 +7,10 @@ Types, ranges and words to choose from stand in the annotations, where pydantic 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, Literal, Self, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args, get_type_hints
 
 from annotated_types import Ge, Gt, Interval
 from pydantic import (
@@ -25,9 +26,11 @@ from pydantic import (
     ValidationError,
 )
 
+from eskin.golden.core.converters import CONVERTERS
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import Stage, parse_layer, stages_of
+from eskin.golden.core.serial_port import Refusal
 
 Real = Annotated[StrictFloat, AllowInfNan(False)]
 Code = Annotated[StrictInt, Interval(ge=0, le=65535)]
@@ -49,74 +52,70 @@ GateActivation = Literal["sigmoid", "hard_sigmoid"]
 Decision = Literal["vote", "last", "early"]
 LaneType = Literal["plain", "dsp", "serial"]
 Stimulator = Literal["none", "decisions", "positions"]
-Converter = Literal["none", "ads7953", "mcp3208x2", "ad7476", "spi", "ddc232", "mpr121", "matrix"]
+if TYPE_CHECKING:
+    Converter = str
+else:
+    Converter = Literal[("none", *CONVERTERS)]
 DdcVersion = Literal["CK", "C"]
 DdcBits = Literal[16, 20]
 MprChips = Literal[1, 2]
 
 
-def _parsed(value: Any) -> Any:
-    return QFormat.parse(value) if isinstance(value, str) else value
+def _format(allowed: Callable[[QFormat], bool], words: str) -> AfterValidator:
+    """Formats of one kind; ``words``: what to give instead of another."""
 
-
-def _signed(low: int) -> AfterValidator:
     def check(fmt: QFormat) -> QFormat:
-        if not fmt.signed or not low <= fmt.width <= 16:
-            raise ValueError(f"use a signed format of {low} to 16 bits")
+        if not allowed(fmt):
+            raise ValueError(words)
         return fmt
 
     return AfterValidator(check)
 
 
-_Format = Annotated[InstanceOf[QFormat], BeforeValidator(_parsed)]
+def _signed(low: int) -> AfterValidator:
+    words = f"use a signed format of {low} to 16 bits"
+    return _format(lambda fmt: fmt.signed and low <= fmt.width <= 16, words)
+
+
+_Format = Annotated[
+    InstanceOf[QFormat],
+    BeforeValidator(lambda value: QFormat.parse(value) if isinstance(value, str) else value),
+]
 Weight = Annotated[_Format, _signed(2)]
 Feature = Annotated[_Format, _signed(4)]
 State = Annotated[_Format, _signed(6)]
-
-
-def _layer(text: str) -> str:
-    return str(parse_layer(text))
-
-
-def _image_weight(fmt: QFormat) -> QFormat:
-    if not fmt.signed or fmt.width not in (4, 8):
-        raise ValueError("use signed formats of 4 or 8 bits")
-    return fmt
-
-
-def _image_map(fmt: QFormat) -> QFormat:
-    if fmt.signed or fmt.width != 8:
-        raise ValueError("use unsigned formats of 8 bits, UQ(3,5) say")
-    return fmt
-
-
-LayerText = Annotated[StrictStr, AfterValidator(_layer)]
-ImageWeight = Annotated[_Format, AfterValidator(_image_weight)]
-ImageMap = Annotated[_Format, AfterValidator(_image_map)]
+ImageWeight = Annotated[
+    _Format, _format(lambda fmt: fmt.signed and fmt.width in (4, 8), "use signed formats of 4 or 8 bits")
+]
+ImageMap = Annotated[
+    _Format,
+    _format(lambda fmt: not fmt.signed and fmt.width == 8, "use unsigned formats of 8 bits, UQ(3,5) say"),
+]
+LayerText = Annotated[StrictStr, AfterValidator(lambda text: str(parse_layer(text)))]
 
 
 class Group:
-    """Fields that belong together. On construction every field is held against its annotation, then `check`
-    against the others."""
+    """Fields that belong together. On construction every field is held against its annotation, then
+    `refusals` against the others."""
 
     def __post_init__(self) -> None:
+        for field, why in self._misfits() or self.refusals():
+            raise InputError(f"configuration, field {field}: {why}")
+
+    def _misfits(self) -> list[Refusal]:
+        """The first field that its annotation does not allow; the others are as pydantic reads them."""
         for name, adapter in _adapters(type(self)).items():  # type: ignore[arg-type]  # a class is hashable whatever its instances are
             value = getattr(self, name)
             try:
                 object.__setattr__(self, name, adapter.validate_python(value))
             except ValidationError as error:
-                raise self.refused(
-                    name, f"is {_shown(value)}; {_in_words(error, type(self), name)}"
-                ) from None
-        self.check()
+                shown = str(value) if isinstance(value, QFormat) else repr(value)
+                return [(name, f"is {shown}; {_in_words(error, type(self), name)}")]
+        return []
 
-    def check(self) -> None:
-        """Raises InputError where fields of this group do not fit each other."""
-
-    @staticmethod
-    def refused(field: str, why: str) -> InputError:
-        """The error that says what is wrong with ``field``."""
-        return InputError(f"configuration, field {field}: {why}")
+    def refusals(self) -> Iterator[Refusal]:
+        """Where fields of this group do not fit each other."""
+        yield from ()
 
     def replace(self, **changes: Any) -> Self:
         """A copy with ``changes``, checked again."""
@@ -128,8 +127,15 @@ def _adapters(group: type[Group]) -> dict[str, TypeAdapter]:
     return {name: TypeAdapter(hint) for name, hint in get_type_hints(group, include_extras=True).items()}
 
 
-def _shown(value: Any) -> str:
-    return str(value) if isinstance(value, QFormat) else repr(value)
+_WORDS = {
+    "float_type": "give a finite number",
+    "finite_number": "give a finite number",
+    "bool_type": "give true or false",
+    "string_type": "give text",
+    "is_instance_of": "give a format, SQ(3,5) say",
+    "tuple_type": "give a list",
+}
+"""What to give instead, by pydantic's name of the mistake."""
 
 
 def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
@@ -138,34 +144,22 @@ def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
     kind, context = first["type"], first.get("ctx", {})
     if kind in ("int_type", "int_from_float"):
         return "give whole numbers" if first["loc"] else "give a whole number"
-    if kind in ("float_type", "finite_number"):
-        return "give a finite number"
-    if kind == "bool_type":
-        return "give true or false"
-    if kind == "string_type":
-        return "give text"
-    if kind.startswith(("greater_than", "less_than")):
-        bounds = next(
-            part
-            for part in get_args(get_type_hints(group, include_extras=True)[field])
-            if isinstance(part, Interval | Ge | Gt)
-        )
-        if isinstance(bounds, Gt):
-            return f"it must be above {bounds.gt}"
-        return (
-            f"it must be at least {bounds.ge}"
-            if isinstance(bounds, Ge)
-            else f"it must lie in {bounds.ge}..{bounds.le}"
-        )
-    if kind == "is_instance_of":
-        return "give a format, SQ(3,5) say"
     if kind == "literal_error":
         return f"give one of {context['expected'].replace(chr(39), '').replace(' or ', ', ')}"
-    if kind == "tuple_type":
-        return "give a list"
     if kind == "value_error":
         return str(context["error"])
-    return first["msg"][0].lower() + first["msg"][1:].replace("input should", "it must")
+    for bounds in get_args(get_type_hints(group, include_extras=True)[field]):
+        match bounds:
+            case _ if not kind.startswith(("greater_than", "less_than")):
+                break
+            case Gt():
+                return f"it must be above {bounds.gt}"
+            case Ge():
+                return f"it must be at least {bounds.ge}"
+            case Interval():
+                return f"it must lie in {bounds.ge}..{bounds.le}"
+    plain = first["msg"][0].lower() + first["msg"][1:].replace("input should", "it must")
+    return _WORDS.get(kind, plain)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -184,11 +178,16 @@ class Sensor(Group):
     volt_per_code: Annotated[Real, Ge(0)] = 0.0
     masked_taxels: tuple[StrictInt, ...] = ()
 
-    def check(self) -> None:
+    @property
+    def live(self) -> list[int]:
+        """Taxels that are not masked."""
+        return [taxel for taxel in range(self.taxels) if taxel not in self.masked_taxels]
+
+    def refusals(self) -> Iterator[Refusal]:
         if any(not 0 <= taxel < self.taxels for taxel in self.masked_taxels):
-            raise self.refused("masked_taxels", f"names a taxel outside 0..{self.taxels - 1}")
+            yield "masked_taxels", f"names a taxel outside 0..{self.taxels - 1}"
         if len(set(self.masked_taxels)) != len(self.masked_taxels):
-            raise self.refused("masked_taxels", "names a taxel twice; name each once")
+            yield "masked_taxels", "names a taxel twice; name each once"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -204,9 +203,9 @@ class RestLevel(Group):
     rest_frames: Annotated[StrictInt, Interval(ge=0, le=4096)] = 0
     clip: Code = 0
 
-    def check(self) -> None:
+    def refusals(self) -> Iterator[Refusal]:
         if (self.rest == "none") != (self.rest_frames == 0):
-            raise self.refused(
+            yield (
                 "rest_frames",
                 f"is {self.rest_frames} with rest '{self.rest}'; rest none has 0 frames, the others at "
                 "least 1",
@@ -234,9 +233,9 @@ class Onset(Group):
     onset_hits: Annotated[StrictInt, Ge(1)] = 1
     onset_span: Annotated[StrictInt, Interval(ge=1, le=16)] = 1
 
-    def check(self) -> None:
+    def refusals(self) -> Iterator[Refusal]:
         if self.onset_hits > self.onset_span:
-            raise self.refused("onset_hits", f"is {self.onset_hits}; it must lie in 1..{self.onset_span}")
+            yield "onset_hits", f"is {self.onset_hits}; it must lie in 1..{self.onset_span}"
         if self.onset == "baseline":
             blocks, remainder = (
                 divmod(self.onset_mean_frames, self.onset_check_frames)
@@ -244,14 +243,12 @@ class Onset(Group):
                 else (0, 1)
             )
             if remainder or blocks not in (1, 2, 4, 8):
-                raise self.refused(
+                yield (
                     "onset_mean_frames",
                     f"is {self.onset_mean_frames}; it must be 1, 2, 4 or 8 times onset_check_frames",
                 )
             if self.onset_check_frames & (self.onset_check_frames - 1):
-                raise self.refused(
-                    "onset_check_frames", f"is {self.onset_check_frames}; it must be a power of two"
-                )
+                yield "onset_check_frames", f"is {self.onset_check_frames}; it must be a power of two"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,11 +263,9 @@ class Faults(Group):
     fault_frames: Annotated[StrictInt, Interval(ge=0, le=4096)] = 0
     fault_activity: Code = 0
 
-    def check(self) -> None:
+    def refusals(self) -> Iterator[Refusal]:
         if self.fault_frames & (self.fault_frames - 1) or self.fault_frames == 1:
-            raise self.refused(
-                "fault_frames", f"is {self.fault_frames}; it must be 0 or a power of two from 2 on"
-            )
+            yield "fault_frames", f"is {self.fault_frames}; it must be 0 or a power of two from 2 on"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -288,22 +283,16 @@ class Windows(Group):
     window: StrictInt = 615
     steps: Annotated[StrictInt, Interval(ge=1, le=256)] = 20
 
-    def check(self) -> None:
+    def refusals(self) -> Iterator[Refusal]:
         if self.window not in (2 * self.hop, 2 * self.hop + 1):
-            raise self.refused(
-                "window", f"is {self.window} at hop {self.hop}; a window is 2 hop or 2 hop + 1 frames"
-            )
+            yield "window", f"is {self.window} at hop {self.hop}; a window is 2 hop or 2 hop + 1 frames"
         if self.window_mode == "free":
             if self.window != 2 * self.hop:
-                raise self.refused(
-                    "window", f"is {self.window}; free-running windows are 2 hop = {2 * self.hop} frames"
-                )
+                yield "window", f"is {self.window}; free-running windows are 2 hop = {2 * self.hop} frames"
             if self.pretrigger_frames:
-                raise self.refused(
-                    "pretrigger_frames", "must be 0 with free-running windows, which keep no raw frames"
-                )
+                yield "pretrigger_frames", "must be 0 with free-running windows, which keep no raw frames"
         elif self.hop * (self.steps - 1) + 1 > self.touch_frames:
-            raise self.refused(
+            yield (
                 "steps",
                 f"is {self.steps}: window {self.steps} would begin after frame {self.touch_frames}; lower "
                 "steps or hop",
@@ -341,28 +330,27 @@ class Features(Group):
     feature_shift: tuple[StrictInt, ...] = ()
     aligned_means: StrictBool = False
 
-    def check(self) -> None:
+    def refusals(self) -> Iterator[Refusal]:
         if not self.feature_kinds:
-            raise self.refused("feature_kinds", f"is empty; name one or more of {', '.join(FEATURE_KINDS)}")
+            yield "feature_kinds", f"is empty; name one or more of {', '.join(FEATURE_KINDS)}"
         if self.feature_kinds != tuple(kind for kind in FEATURE_KINDS if kind in self.feature_kinds):
-            raise self.refused(
+            yield (
                 "feature_kinds",
                 f"is {', '.join(self.feature_kinds)}; name each kind once, in the order "
                 f"{', '.join(FEATURE_KINDS)}",
             )
         if self.compand == "log" and self.feature_kinds == ("integral",):
-            raise self.refused(
-                "compand", "is 'log' with integrals alone, which are companded by themselves; use 'none'"
-            )
+            yield "compand", "is 'log' with integrals alone, which are companded by themselves; use 'none'"
         if self.aligned_means and (len(self.feature_kinds) > 1 or self.feature_scale == "taxel"):
-            raise self.refused(
+            yield (
                 "aligned_means",
                 "is for one mean a window length; leave it out with several kinds of feature or a scale a "
                 "taxel",
             )
         if self.aligned_means and len(set(self.feature_shift)) > 1:
-            raise self.refused(
-                "aligned_means", f"needs one feature_shift for every window length, not {self.feature_shift}"
+            yield (
+                "aligned_means",
+                f"needs one feature_shift for every window length, not {self.feature_shift}",
             )
 
 
@@ -389,11 +377,11 @@ class Network(Group):
     early_steps: Annotated[StrictInt, Interval(ge=1, le=256)] = 1
     margin_threshold: Code = 0
 
-    def check(self) -> None:
+    def refusals(self) -> Iterator[Refusal]:
         if not 2 <= len(self.class_names) <= 32:
-            raise self.refused("class_names", f"has {len(self.class_names)} names; a classifier has 2 to 32")
+            yield "class_names", f"has {len(self.class_names)} names; a classifier has 2 to 32"
         if len(set(self.class_names)) != len(self.class_names):
-            raise self.refused("class_names", "has a name twice; names must differ")
+            yield "class_names", "has a name twice; names must differ"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -414,24 +402,25 @@ class Image(Group):
     weight_formats: tuple[ImageWeight, ...] = ()
     map_formats: tuple[ImageMap, ...] = ()
 
-    def check(self) -> None:
+    def refusals(self) -> Iterator[Refusal]:
         if not self.layers:
             for field in ("height", "width", "weight_formats", "map_formats"):
                 if getattr(self, field):
-                    raise self.refused(field, "is given without layers; name the layers, or leave it out")
+                    yield field, "is given without layers; name the layers, or leave it out"
             return
         for field in ("height", "width"):
             if getattr(self, field) < 4:
-                raise self.refused(field, f"is {getattr(self, field)}; an image has at least 4 x 4 pixels")
+                yield field, f"is {getattr(self, field)}; an image has at least 4 x 4 pixels"
         try:
             weighted = sum(1 for stage in self.stages() if stage.weights)
         except ValueError as error:
-            raise self.refused("layers", str(error)) from None
+            yield "layers", str(error)
         for field, wanted in (("weight_formats", weighted), ("map_formats", weighted - 1)):
             given = len(getattr(self, field))
             if given != (wanted if self.weight_formats else 0):
-                raise self.refused(
-                    field, f"has {given} formats for {wanted} layers that have one; quantise the model again"
+                yield (
+                    field,
+                    f"has {given} formats for {wanted} layers that have one; quantise the model again",
                 )
 
     def stages(self) -> tuple[Stage, ...]:
@@ -461,7 +450,8 @@ class Formats(Group):
 @dataclass(frozen=True, kw_only=True)
 class Hardware(Group):
     """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the
-    host bus; False: ROM); clock_hz; checksum (memories and registers are checked as they are used, a fault
+    host bus; False: ROM); clock_hz; decide_within_s (the latency budget from a window's last sample to its
+    decision; 0: one frame, of images one image); checksum (memories and registers are checked as they are used, a fault
     raises a flag); watchdog (a chain that hangs goes back to idle); one_port (no memory of the pre-trigger
     ring is read and written in one cycle, as a chip's macros of one port want); clock_gate (the clock stops
     while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights in the large
@@ -477,24 +467,23 @@ class Hardware(Group):
     clock_gate: StrictBool = False
     spare_blocks: StrictBool = False
     clock_hz: Annotated[Real, Gt(0)] = 12e6
+    decide_within_s: Annotated[Real, Ge(0)] = 0.0
 
-    def check(self) -> None:
+    def refusals(self) -> Iterator[Refusal]:
         if self.lane_type == "serial" and self.lanes > 1:
-            raise self.refused(
+            yield (
                 "lanes",
                 f"is {self.lanes} and lane_type is 'serial', of which one lane is built; take lanes 1, or "
                 "plain or dsp lanes",
             )
         if self.lane_type == "dsp" and self.clock_gate:
-            raise self.refused(
+            yield (
                 "clock_gate",
                 "stops the clock of a chip, and lane_type is 'dsp', a part of FPGAs; take plain lanes or "
                 "leave it out",
             )
         if self.lane_type == "serial" and self.checksum:
-            raise self.refused(
-                "checksum", "is not built for the bit-serial lane; leave it out, or take plain or dsp lanes"
-            )
+            yield "checksum", "is not built for the bit-serial lane; leave it out, or take plain or dsp lanes"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -576,19 +565,17 @@ class Interface(Group):
     hold_s: Annotated[Real, Gt(0)] = 0.25
     on_limit_s: Annotated[Real, Gt(0)] = 2.0
 
-    def check(self) -> None:
+    def refusals(self) -> Iterator[Refusal]:
         if self.code_shift is not None and not -15 <= self.code_shift <= 20:
-            raise self.refused("code_shift", f"is {self.code_shift}; it must lie in -15..20")
+            yield "code_shift", f"is {self.code_shift}; it must lie in -15..20"
         if self.code_offset is not None and not -(1 << 23) <= self.code_offset < 1 << 24:
-            raise self.refused("code_offset", f"is {self.code_offset}; it must be a code")
+            yield "code_offset", f"is {self.code_offset}; it must be a code"
         for name in ("amplitude", "delay", "frequency", "width"):
             value, limit = getattr(self, f"stim_{name}"), getattr(self, f"{name}_limit")
             if value > limit:
-                raise self.refused(
-                    f"stim_{name}", f"is {value} and {name}_limit is {limit}; give at most that"
-                )
+                yield f"stim_{name}", f"is {value} and {name}_limit is {limit}; give at most that"
         if any(not 0 <= electrode <= 24 for electrode in self.electrodes):
-            raise self.refused("electrodes", "names one outside 1..24; give 0 for none")
+            yield "electrodes", "names one outside 1..24; give 0 for none"
 
 
 GROUPS: dict[str, type[Group]] = {

@@ -213,8 +213,7 @@ def _check_room(stages: Sequence[Stage]) -> None:
         if math.prod(stage.result) > MOST_MAP_VALUES and not isinstance(behind.layer, Pool):
             raise ValueError(
                 f"has a map of {math.prod(stage.result)} values behind '{stage.layer}', and "
-                f"{MOST_MAP_VALUES} fit the memory; "
-                "use fewer channels, or a pool behind it"
+                f"{MOST_MAP_VALUES} fit the memory; use fewer channels, or a pool behind it"
             )
     for kind, most, words in (
         (Conv, MOST_CONV_WEIGHTS, "convolutions"),

@@ -95,20 +95,20 @@ class Jobs:
         InputError
             The scheduler does not answer, its workers have other code, or a worker died.
         """
-        found = {key: keep.read(key) if keep else None for key in pieces}
-        waiting = {key: piece for key, piece in pieces.items() if found[key] is None}
+        results = {key: keep.read(key) if keep else None for key in pieces}
+        waiting = {key: piece for key, piece in pieces.items() if results[key] is None}
         if not waiting:
-            return found
+            return results
         if self._progress:
             self._progress(what, 0, len(waiting))
         with contextlib.closing(self._arriving(function, waiting, shared)) as arriving:
             for done, (key, result) in enumerate(arriving, 1):
                 if keep:
                     keep.write(key, result)
-                found[key] = result
+                results[key] = result
                 if self._progress:
                     self._progress(what, done, len(waiting))
-        return found
+        return results
 
     def _arriving(
         self, function: Function, pieces: Mapping[str, Any], shared: Any

@@ -7,10 +7,11 @@ The converter is an AD7476: its select line falls when the amplifier has settled
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from eskin.golden.core.serial_port import HALF_MIN
+from eskin.golden.core.serial_port import Plan, Refusal, frame_s, slow_clock
 
 if TYPE_CHECKING:
     from eskin.golden.core.config import AcceleratorConfig
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MatrixPlan:
+class MatrixPlan(Plan):
     """rows, columns: of the matrix. settle: cycles from a new address to the sample. port: of the converter,
     one transfer a cell."""
 
@@ -45,6 +46,11 @@ class MatrixPlan:
         }
 
     @property
+    def code_bits(self) -> int:
+        """Bits of a code."""
+        return self.port.code_bits
+
+    @property
     def cell_cycles(self) -> int:
         """From one cell's address to the next one's."""
         return self.settle + self.port.transfer_cycles + 3
@@ -58,38 +64,30 @@ class MatrixPlan:
 def matrix_plan(config: AcceleratorConfig, port: SpiPlan, clock_hz: float | None = None) -> MatrixPlan:
     """The plan at ``clock_hz``, by default the configuration's; ``port`` is that of one channel at the same
     clock."""
-    one, clock = config.interface, clock_hz or config.hardware.clock_hz
-    return MatrixPlan(
-        rows=one.rows, columns=one.columns, settle=max(1, math.ceil(one.settle_s * clock)), port=port
-    )
+    array, clock = config.interface, clock_hz or config.hardware.clock_hz
+    settle = max(1, math.ceil(array.settle_s * clock))
+    return MatrixPlan(rows=array.rows, columns=array.columns, settle=settle, port=port)
 
 
-def matrix_refusal(config: AcceleratorConfig, plan: MatrixPlan, left_s: float) -> tuple[str, str] | None:
-    """(field, why) where a scan does not end in ``left_s`` seconds, or rows and columns are not the
-    taxels."""
-    one, taxels, clock, rate = (
-        config.interface,
-        config.sensor.taxels,
-        config.hardware.clock_hz,
-        config.sensor.sample_rate_hz,
-    )
-    if one.rows * one.columns != taxels:
-        return (
+def refusals(config: AcceleratorConfig, plan: MatrixPlan) -> Iterator[Refusal]:
+    """Rows and columns that are not the taxels, and a scan that does not end in time."""
+    settle_s, taxels, left_s = config.interface.settle_s, config.sensor.taxels, frame_s(config)
+    clock, rate = config.hardware.clock_hz, config.sensor.sample_rate_hz
+    if plan.rows * plan.columns != taxels:
+        yield (
             "rows",
-            f"is {one.rows} with {one.columns} columns, and there are {taxels} taxels; give the matrix's own",
+            f"is {plan.rows} with {plan.columns} columns, and there are {taxels} taxels; give the matrix's own",
         )
-    if clock < 2 * HALF_MIN * 1e5:
-        return "clock_hz", f"is {clock:g}; an SPI converter needs at least {2 * HALF_MIN * 1e5:g}"
+    yield from slow_clock(config)
     took = plan.scan_cycles / clock
     if took <= left_s:
-        return None
+        return
     settle = (left_s * clock / taxels - plan.cell_cycles + plan.settle - 1) / clock
     helps = [f"settle_s {math.floor(settle * 1e7) / 1e7:g}"] if settle > 1e-6 else []
     helps.append(f"a rate of at most {math.floor(left_s * rate / took)} Hz works as it is")
-    return "converter", (
+    yield (
+        "converter",
         f"is 'matrix', which cannot keep up: {taxels} cells of {1e6 * plan.cell_cycles / clock:.3g} us, "
-        f"{1e6 * one.settle_s:.3g} of them "
-        f"to settle, take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms a frame at {rate:g} Hz "
-        f"{1e3 * left_s:.3g} may be used; "
-        f"{', or '.join(helps)}"
+        f"{1e6 * settle_s:.3g} of them to settle, take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms "
+        f"a frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; {', or '.join(helps)}",
     )

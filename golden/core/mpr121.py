@@ -8,10 +8,13 @@ two chips each row and column is an electrode of its own.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from eskin.golden.core.serial_port import Plan, Refusal, frame_s
 
 if TYPE_CHECKING:
     from eskin.golden.core.config import AcceleratorConfig
@@ -36,7 +39,7 @@ FULL = 2 * (1 << CODE_BITS) - 2
 
 
 @dataclass(frozen=True, kw_only=True)
-class MprPlan:
+class MprPlan(Plan):
     """chips: 1 or 2. electrodes: of each chip that are read. rows, columns: of the array. lines: electrodes
     of columns, electrodes of rows. quarter: cycles of a quarter of a bit. reset, first: cycles of `RESET_S`
     and `FIRST_DATA_S`."""
@@ -49,6 +52,16 @@ class MprPlan:
     quarter: int
     reset: int
     first: int
+    code_bits = CODE_BITS + 1
+
+    def pin_codes(self, config: AcceleratorConfig) -> int:
+        return sum(self.lines)
+
+    def to_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+        return electrodes_of(codes, config)
+
+    def from_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+        return cells_of(codes, config)
 
     def wires(self, chip: str) -> dict[str, str]:
         """Ports of a board, and what each goes to."""
@@ -69,24 +82,28 @@ class MprPlan:
 
 def line_counts(config: AcceleratorConfig) -> tuple[int, int]:
     """(electrodes of columns, electrodes of rows); column electrodes come first on the chips."""
-    one = config.interface
-    return (one.columns, one.rows) if one.mpr_chips == 2 else ((one.columns + 1) // 2, (one.rows + 1) // 2)
+    array = config.interface
+    return (
+        (array.columns, array.rows)
+        if array.mpr_chips == 2
+        else ((array.columns + 1) // 2, (array.rows + 1) // 2)
+    )
 
 
 def mpr_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> MprPlan:
     """The plan at ``clock_hz``, by default the configuration's."""
-    one, clock = config.interface, clock_hz or config.hardware.clock_hz
+    array, clock = config.interface, clock_hz or config.hardware.clock_hz
     lines = line_counts(config)
     total = sum(lines)
-    first = min(total, 11) if one.mpr_chips == 2 else total
-    wanted = min(one.converter_hz or I2C_HZ, I2C_HZ)
+    first = min(total, 11) if array.mpr_chips == 2 else total
+    bus_hz = min(array.converter_hz or I2C_HZ, I2C_HZ)
     return MprPlan(
-        chips=one.mpr_chips,
-        electrodes=(first, total - first)[: one.mpr_chips],
-        rows=one.rows,
-        columns=one.columns,
+        chips=array.mpr_chips,
+        electrodes=(first, total - first)[: array.mpr_chips],
+        rows=array.rows,
+        columns=array.columns,
         lines=lines,
-        quarter=max(3, math.ceil(clock / wanted / 4 - 1e-9), math.ceil(LOW_S / 2 * clock - 1e-9)),
+        quarter=max(3, math.ceil(clock / bus_hz / 4 - 1e-9), math.ceil(LOW_S / 2 * clock - 1e-9)),
         reset=math.ceil(RESET_S * clock),
         first=math.ceil(FIRST_DATA_S * clock),
     )
@@ -106,12 +123,12 @@ def cells_of(electrodes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
     """Codes of the array's cells (frames, rows x columns) from those of its electrodes: a touch lowers both
     electrodes of its cell, so a cell's code is how far the one that fell less has fallen from full scale,
     doubled."""
-    one = config.interface
+    array = config.interface
     across, down = line_counts(config)
-    direct = one.mpr_chips == 2
+    direct = array.mpr_chips == 2
     columns, rows = (
-        between(electrodes[:, :across], one.columns, direct),
-        between(electrodes[:, across : across + down], one.rows, direct),
+        between(electrodes[:, :across], array.columns, direct),
+        between(electrodes[:, across : across + down], array.rows, direct),
     )
     return (FULL - np.maximum(rows[:, :, None], columns[:, None, :])).reshape(len(electrodes), -1)
 
@@ -119,56 +136,43 @@ def cells_of(electrodes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
 def electrodes_of(cells: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
     """Electrode codes (frames, electrodes) for codes of cells: each electrode has fallen as far as the cell
     on it that fell most."""
-    one = config.interface
-    step = 1 if one.mpr_chips == 2 else 2
-    shaped = cells.reshape(-1, one.rows, one.columns)
+    array = config.interface
+    step = 1 if array.mpr_chips == 2 else 2
+    shaped = cells.reshape(-1, array.rows, array.columns)
     fallen = np.concatenate([shaped.max(axis=1)[:, ::step], shaped.max(axis=2)[:, ::step]], axis=1)
     return np.clip((FULL - fallen) // 2, 0, (1 << CODE_BITS) - 1)
 
 
-def mpr_refusal(config: AcceleratorConfig, left_s: float) -> tuple[str, str] | None:
-    """(field, why) where a scan does not end in ``left_s`` seconds, or the array has other places than the
-    electrodes."""
-    one, taxels, clock, rate = (
-        config.interface,
-        config.sensor.taxels,
-        config.hardware.clock_hz,
-        config.sensor.sample_rate_hz,
-    )
-    if one.rows * one.columns != taxels:
-        return (
-            "rows",
-            f"is {one.rows} with {one.columns} columns, and there are {taxels} taxels; give the array's own",
+def refusals(config: AcceleratorConfig) -> Iterator[Refusal]:
+    """An array with other places than the electrodes, and a scan that does not end in time."""
+    array, taxels, left_s = config.interface, config.sensor.taxels, frame_s(config)
+    clock, rate, chips = config.hardware.clock_hz, config.sensor.sample_rate_hz, config.interface.mpr_chips
+    size = f"is {array.rows} with {array.columns} columns"
+    if array.rows * array.columns != taxels:
+        yield "rows", f"{size}, and there are {taxels} taxels; give the array's own"
+    if chips == 1 and not (array.rows % 2 and array.columns % 2):
+        yield "rows", f"{size}; with places between electrodes both are odd, or set mpr_chips 2"
+    electrodes = sum(line_counts(config))
+    if electrodes > ELECTRODES[chips]:
+        yield (
+            "mpr_chips",
+            f"is {chips}; {array.rows} rows and {array.columns} columns are {electrodes} electrodes and "
+            f"{ELECTRODES[chips]} are there: use fewer rows or columns",
         )
-    if one.mpr_chips == 1 and not (one.rows % 2 and one.columns % 2):
-        return (
-            "rows",
-            f"is {one.rows} with {one.columns} columns; with places between electrodes both are odd, or set "
-            "mpr_chips 2",
-        )
-    across, down = line_counts(config)
-    if across + down > ELECTRODES[one.mpr_chips]:
-        return "mpr_chips", (
-            f"is {one.mpr_chips}; {one.rows} rows and {one.columns} columns are {across + down} electrodes "
-            "and "
-            f"{ELECTRODES[one.mpr_chips]} are there: use fewer rows or columns"
-        )
-    if one.mpr_chips == 2 and across + down < 12:
-        return "mpr_chips", f"is 2 for {across + down} electrodes; set 1"
+    if chips == 2 and electrodes < 12:
+        yield "mpr_chips", f"is 2 for {electrodes} electrodes; set 1"
     if clock < 12 * 1e4:
-        return "clock_hz", f"is {clock:g}; the I2C port needs at least 120000"
-    took = mpr_plan(config).scan_cycles / clock
+        yield "clock_hz", f"is {clock:g}; the I2C port needs at least 120000"
+    plan = mpr_plan(config)
+    took = plan.scan_cycles / clock
     if took <= left_s:
-        return None
-    helps = (
-        [f"converter_hz {I2C_HZ:.0f}"]
-        if one.converter_hz and one.converter_hz < I2C_HZ and clock >= 12 * I2C_HZ
-        else []
-    )
+        return
+    faster = 0 < array.converter_hz < I2C_HZ and clock >= 12 * I2C_HZ
+    helps = [f"converter_hz {I2C_HZ:.0f}"] * faster
     helps.append(f"a rate of at most {math.floor(left_s * rate / took)} Hz works as it is")
-    bits = clock / mpr_plan(config).quarter / 4
-    return "converter", (
-        f"is 'mpr121', which cannot keep up: {across + down} electrodes over I2C at {bits / 1e3:.0f} kHz "
-        f"take {1e3 * took:.3g} ms, and "
-        f"of {1e3 / rate:.3g} ms a frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; {', or '.join(helps)}"
+    yield (
+        "converter",
+        f"is 'mpr121', which cannot keep up: {electrodes} electrodes over I2C at "
+        f"{clock / plan.quarter / 4 / 1e3:.0f} kHz take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms a "
+        f"frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; {', or '.join(helps)}",
     )

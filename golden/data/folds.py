@@ -37,8 +37,10 @@ def grouped_folds(
         raise InputError(f"{folds} folds were asked for; cross-validation needs at least 2")
     for name in groups:
         if name not in recordings.groups:
-            known = ", ".join(sorted(recordings.groups)) or "none"
-            raise InputError(f"recordings '{recordings.source}': has no group array '{name}'; it has {known}")
+            listed = ", ".join(sorted(recordings.groups)) or "none"
+            raise InputError(
+                f"recordings '{recordings.source}': has no group array '{name}'; it has {listed}"
+            )
     keys = np.zeros(len(recordings), dtype=np.int64)
     if groups:
         for name in groups:
@@ -48,10 +50,10 @@ def grouped_folds(
         keys = np.arange(len(recordings))
     count = int(keys.max()) + 1
     if count < 2:
-        what = f"group {' and '.join(groups)} has one value" if groups else "there is one recording"
+        reason = f"group {' and '.join(groups)} has one value" if groups else "there is one recording"
         raise InputError(
-            f"recordings '{recordings.source}': {what}; nothing can be left out, so choose another group or "
-            "add recordings"
+            f"recordings '{recordings.source}': {reason}; nothing can be left out, so choose another group "
+            "or add recordings"
         )
     if groups and count <= folds:
         return [np.flatnonzero(keys == key) for key in range(count)]
@@ -66,15 +68,13 @@ def grouped_folds(
     np.add.at(table, (keys, recordings.labels), 1)
     order = np.arange(count) if seed is None else np.random.default_rng(seed).permutation(count)
     order = order[np.argsort(-table[order].max(axis=1), kind="stable")]
-    wanted = np.maximum(recordings.class_counts, 1) / folds
+    even = np.maximum(recordings.class_counts, 1) / folds
     filled = np.zeros((folds, table.shape[1]))
     fold_of = np.zeros(count, dtype=np.int64)
     for group in order:
         # The fold that this group leaves closest to an even share of every class; ties go to the emptiest,
         # then the first.
-        unevenness = (((filled + table[group]) / wanted) ** 2).sum(axis=1) - ((filled / wanted) ** 2).sum(
-            axis=1
-        )
+        unevenness = (((filled + table[group]) / even) ** 2).sum(axis=1) - ((filled / even) ** 2).sum(axis=1)
         fold = np.lexsort((filled.sum(axis=1), np.round(unevenness, 9)))[0]
         fold_of[group] = fold
         filled[fold] += table[group]

@@ -19,7 +19,10 @@ from eskin.golden.data.text import Reading
 if TYPE_CHECKING:
     import pandas as pd
 
-FORMS = "an .npz archive, a folder of .csv, .lvm or .png files by class, a long .csv table, a .mat file or the word synthetic"
+FORMS = (
+    "an .npz archive, a folder of .csv, .lvm or .png files by class, a long .csv table, a .mat file or the "
+    "word synthetic"
+)
 
 
 def load_recordings(

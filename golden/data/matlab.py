@@ -86,12 +86,14 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
         rate = config.sensor.sample_rate_hz
         notes.append(f"there is no rate in the file; it is that of configuration '{config.name}'")
     codes, class_names = _classes(arrays[labels], arrays.get(names), len(parts), labels, names, notes, refuse)
+    used = (samples, labels, offsets, rate_name, names)
+    others = [name for name in arrays if name not in used and name in (reading.groups or arrays)]
+    columns = {name: _column(arrays[name]) for name in others}
     groups = {
         name: values
-        for name, array in arrays.items()
-        if name not in (samples, labels, offsets, rate_name, names) and (not reading.groups or name in reading.groups)
-        and (values := _column(array)) is not None and values.shape == (len(parts),)
-    }  # fmt: skip
+        for name, values in columns.items()
+        if values is not None and values.shape == (len(parts),)
+    }
     lost = next((name for name in reading.groups if name not in groups), None)
     if lost:
         refuse(f"--group {lost}: is no array of {len(parts)} values; the file has {listed}")
@@ -127,14 +129,14 @@ def _read(path: Path, refuse) -> dict[str, np.ndarray]:
     try:
         if trial.returncode < 0:
             raise ValueError
-        found = loadmat(path, appendmat=False)
+        loaded = loadmat(path, appendmat=False)
     except Exception as error:  # a damaged file can fail anywhere inside scipy's and zlib's readers
         if isinstance(error, OSError) and error.errno:
             raise
         refuse("is damaged or no .mat file; save it again in MATLAB with save(..., '-v7')")
     return {
         name: array
-        for name, array in found.items()
+        for name, array in loaded.items()
         if not name.startswith("__") and isinstance(array, np.ndarray)
     }
 

@@ -159,8 +159,10 @@ class Recordings:
         for name, given in (groups or {}).items():
             values = array_of(given, f"{source}, group {name}")
             if values.shape != (len(parts),) or values.dtype.kind not in GROUP_KINDS:
-                why = f"is {values.dtype} of shape {values.shape}; give a number or text for each of {len(parts)} recordings"
-                raise InputError(f"{source}, group {name}: {why}")
+                raise InputError(
+                    f"{source}, group {name}: is {values.dtype} of shape {values.shape}; give a number or "
+                    f"text for each of {len(parts)} recordings"
+                )
         return recordings_of(
             {
                 "samples": np.concatenate(parts),
@@ -251,8 +253,9 @@ class Recordings:
 def _parts(arrays: ArrayLike | Sequence[ArrayLike], source: str) -> list[np.ndarray]:
     """The recordings in what was given: one, or several."""
     try:
-        if not hasattr(arrays, "ndim") and len(arrays) > 0 and np.ndim(arrays[0]) == 2:  # type: ignore[arg-type, index]
-            return [np.asarray(part) for part in arrays]  # type: ignore[union-attr]
+        sequence: Any = arrays
+        if not hasattr(arrays, "ndim") and len(sequence) > 0 and np.ndim(sequence[0]) == 2:
+            return [np.asarray(part) for part in sequence]
         whole = np.asarray(arrays)
     except (TypeError, ValueError, KeyError):  # no sequence, or rows of several lengths
         kind = type(arrays).__name__
@@ -312,14 +315,14 @@ def recordings_of(
         refuse("samples", "holds no frame; an archive needs at least one recording")
     volt = 0.0
     if "lsb_volt" in arrays:
-        known = _positive_number(arrays["lsb_volt"])
-        if known is None:
+        step_volt = _positive_number(arrays["lsb_volt"])
+        if step_volt is None:
             refuse(
                 "lsb_volt",
                 f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or leave the array "
                 "out",
             )
-        volt = known
+        volt = step_volt
     if samples.dtype.kind == "f":
         if not np.isfinite(samples).all():
             row, taxel = place_of(~np.isfinite(samples))
@@ -529,10 +532,10 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
         class names.
     """
 
-    def refuse(what: str, why: str) -> None:
+    def refuse(subject: str, why: str) -> None:
         raise InputError(
-            f"recordings '{recordings.source}', {what}: {why}; use recordings and a model of one sensor and "
-            "task"
+            f"recordings '{recordings.source}', {subject}: {why}; use recordings and a model of one sensor "
+            "and task"
         )
 
     if config.is_image and recordings.image_shape != (config.image.height, config.image.width):
@@ -570,9 +573,14 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
             f"{of_model:.6g}",
         )
     if abs(recordings.sample_rate_hz / config.sensor.sample_rate_hz - 1.0) > 0.02:
-        wanted = f"configuration '{config.name}', field sample_rate_hz, has {config.sensor.sample_rate_hz:g}"
-        rates = f"is {recordings.sample_rate_hz:g} and {wanted}"
-        refuse("array sample_rate_hz", rates)
+        refuse(
+            "array sample_rate_hz",
+            f"is {recordings.sample_rate_hz:g} and configuration '{config.name}', field sample_rate_hz, has "
+            f"{config.sensor.sample_rate_hz:g}",
+        )
     if recordings.class_names != config.network.class_names:
-        names = f"is {', '.join(recordings.class_names)} and configuration '{config.name}' has {', '.join(config.network.class_names)}"
-        refuse("array class_names", names)
+        refuse(
+            "array class_names",
+            f"is {', '.join(recordings.class_names)} and configuration '{config.name}' has "
+            f"{', '.join(config.network.class_names)}",
+        )

@@ -37,22 +37,13 @@ _TIME = re.compile(
     re.I,
 )
 _INDEX = ("", "index", "frame", "sample", "n", "no", "number", "row", "counter", "unnamed: 0")
-_RECORDING = ("recording", "recording_id", "rec", "rec_id", "record", "series", "series_id",
-              "sequence_id", "sample_id", "measurement", "id")  # fmt: skip
-_CLASS = (
-    "class",
-    "label",
-    "target",
-    "class_name",
-    "category",
-    "material",
-    "object",
-    "texture",
-    "surface",
-    "gesture",
+_RECORDING = tuple(
+    "recording recording_id rec rec_id record series series_id sequence_id sample_id measurement id".split()
 )
-_GROUPS = ("person", "subject", "participant", "user", "session", "block", "trial", "run", "fold", "group", "day",
-           "speed", "seq", "sequence")  # fmt: skip
+_CLASS = tuple("class label target class_name category material object texture surface gesture".split())
+_GROUPS = tuple(
+    "person subject participant user session block trial run fold group day speed seq sequence".split()
+)
 _MISSING = ("", "nan", "n/a", "<na>", "null")
 
 
@@ -572,7 +563,8 @@ def load_long_table(
             groups.append(column)
             keys[column] = key
         elif asked or not chosen:
-            why = f"{table.called(column)} is a group and changes inside recording {_shown(table.frame[recording].iloc[inside[0]])}"
+            name = _shown(table.frame[recording].iloc[inside[0]])
+            why = f"{table.called(column)} is a group and changes inside recording {name}"
             table.refuse(f"{why}; name the groups with --group, or the taxels with --columns", int(inside[0]))
     first_rows: dict[tuple[int, ...], int] = {}
     for start in starts.tolist():

@@ -34,8 +34,8 @@ _NUMBER = re.compile(r"[-+]?(?:(?:\d[\d.,]*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity
 _WITH_COMMA = re.compile(r"(?<![\w.,])[-+]?\d+(?:,\d+)+(?:\.\d*)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")
 _LVM_WORDS = (
-    "channels|samples|date|time|y_unit_label|x_dimension|x0|delta_x|x_value|notes|y_dimension|test_name|test_numbers|test_series|"
-    "uut_name|uut_m/n|uut_s/n|model_number|serial_number"
+    "channels|samples|date|time|y_unit_label|x_dimension|x0|delta_x|x_value|notes|y_dimension|test_name|"
+    "test_numbers|test_series|uut_name|uut_m/n|uut_s/n|model_number|serial_number"
 )
 _LVM_HEADER = re.compile(rf"\s*(?:\*\*\*|(?:{_LVM_WORDS})\s*(?:[\t;, ]|$))", re.I)
 """How the lines begin that LabVIEW writes again at each segment."""
@@ -261,9 +261,18 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
                     numbered[row][0],
                 )
     frame = pd.read_csv(
-        StringIO("\n".join(text)), sep=r"\s+" if delimiter == " " else delimiter, header=None, names=range(width), index_col=False,
-        keep_default_na=False, na_values=[], low_memory=False, skipinitialspace=True, skip_blank_lines=False, quoting=3 if lvm else 0,
-    )  # fmt: skip
+        StringIO("\n".join(text)),
+        sep=r"\s+" if delimiter == " " else delimiter,
+        header=None,
+        names=range(width),
+        index_col=False,
+        keep_default_na=False,
+        na_values=[],
+        low_memory=False,
+        skipinitialspace=True,
+        skip_blank_lines=False,
+        quoting=3 if lvm else 0,
+    )
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iuf")]:
         frame[column] = frame[column].astype(str).str.strip()
     table = Table(

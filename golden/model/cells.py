@@ -124,13 +124,8 @@ class Fixed:
 
     def sigmoid(self, acc: Array) -> Array:
         """``sig[narrow(acc, sigmoid_shift, index_format)]``, a gate code."""
-        config = self._config
-        return self._look_up(
-            self._sigmoid,
-            acc,
-            config.sigmoid_shift,
-            lambda: self._smooth_sigmoid(acc / 2.0**config.product_frac) * self.one,
-        )
+        unit, shift = 2.0**self._config.product_frac, self._config.sigmoid_shift
+        return self._look_up(self._sigmoid, acc, shift, lambda: self._smooth_sigmoid(acc / unit) * self.one)
 
     def tanh(self, acc: Array) -> Array:
         """``tanh[narrow(acc, tanh_shift, index_format)]``, a state code."""
@@ -201,26 +196,20 @@ def apply_rows(matrix: Array, vector: Array) -> Array:
     return vector @ matrix.swapaxes(-1, -2)
 
 
-def _gru_before(
+def _gru(
     a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state: tuple[Array, ...]
 ) -> tuple[Array, ...]:
-    """z, r = sig(row); n = tanh(Wn x + Un (r h) + bn); h' = z h + (1 - z) n."""
+    """z, r = sig(row); n = tanh(Wn x + Un (r h) + bn), or with reset after (``bh_n``) tanh(Wn x + bn + r (Un h
+    + bhn)); h' = z h + (1 - z) n."""
     (h,) = state
     z, r = _parts(a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], h)), h.shape[-1], h.shape[-1])
-    rh = a.state(r * h)
-    n = a.tanh(pre["n"] + apply_rows(u["n"], rh))
-    return (a.state(z * h + (a.one - z) * n),)
-
-
-def _gru_after(
-    a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state: tuple[Array, ...]
-) -> tuple[Array, ...]:
-    """z, r = sig(row); n = tanh(Wn x + bn + r (Un h + bhn)); h' = z h + (1 - z) n."""
-    (h,) = state
-    z, r = _parts(a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], h)), h.shape[-1], h.shape[-1])
-    hn = a.value(apply_rows(u["n"], h) + pre["bh_n"])
-    wx = a.value(pre["n"])
-    n = a.tanh_of_state(a.state(r * hn + a.one * wx))
+    if "bh_n" in pre:
+        hn = a.value(apply_rows(u["n"], h) + pre["bh_n"])
+        wx = a.value(pre["n"])
+        n = a.tanh_of_state(a.state(r * hn + a.one * wx))
+    else:
+        rh = a.state(r * h)
+        n = a.tanh(pre["n"] + apply_rows(u["n"], rh))
     return (a.state(z * h + (a.one - z) * n),)
 
 
@@ -235,12 +224,7 @@ def _lstm(
     return a.state(o * a.tanh_of_state(c)), c
 
 
-_CELLS = {
-    ("gru", "before"): _gru_before,
-    ("gru", "after"): _gru_after,
-    ("lstm", "before"): _lstm,
-    ("lstm", "after"): _lstm,
-}
+_CELLS = {"gru": _gru, "lstm": _lstm}
 
 
 def _run_linear(a: Arithmetic, parameters: Parameters, features: Array) -> tuple[Array, Array]:
@@ -274,10 +258,9 @@ def run_cell(
     """
     if not config.recurrent:
         return _run_linear(a, parameters, features)
-    p, xp = parameters, _library(features)
-    through_sigmoid = ("i", "f", "o") if config.network.cell == "lstm" else ("z", "r")
-    through_tanh = "g" if config.network.cell == "lstm" else "n"
-    reset_after = config.network.cell == "gru" and config.network.reset == "after"
+    p, xp, network = parameters, _library(features), config.network
+    through_sigmoid, through_tanh = (("i", "f", "o"), "g") if network.cell == "lstm" else (("z", "r"), "n")
+    reset_after = network.cell == "gru" and network.reset == "after"
 
     def bias(gate: str) -> Array:
         # the second bias row of a float reset-after gate is one with the first; only bh_n stands inside the
@@ -293,11 +276,11 @@ def run_cell(
     touches, steps = features.shape[-3:-1]
     rows = apply_rows(w, _in_rows(a.operand(features))) + a.bias(b)[..., None, :]
     rows = rows.reshape(*rows.shape[:-2], touches, steps, rows.shape[-1])
-    widths = (len(through_sigmoid) * config.network.hidden, config.network.hidden)
+    widths = (len(through_sigmoid) * network.hidden, network.hidden)
 
-    zero = xp.zeros_like(rows[..., 0, : config.network.hidden])
-    state: tuple[Array, ...] = (zero, zero) if config.network.cell == "lstm" else (zero,)
-    step = _CELLS[config.network.cell, config.network.reset]
+    zero = xp.zeros_like(rows[..., 0, : network.hidden])
+    state: tuple[Array, ...] = (zero, zero) if network.cell == "lstm" else (zero,)
+    step = _CELLS[network.cell]
     hidden = []
     for k in range(steps):
         pre = dict(zip(("sigmoid", through_tanh), _parts(rows[..., k, :], *widths), strict=True))

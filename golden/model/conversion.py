@@ -7,9 +7,8 @@ import dataclasses
 
 import numpy as np
 
-from eskin.golden.core import mpr121
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.converters import code_format, code_offset, code_shift
+from eskin.golden.core.converters import code_format, code_offset, code_shift, converter_plan
 from eskin.golden.data.recordings import Recordings
 
 
@@ -33,10 +32,7 @@ def codes_of(samples: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
 def through_converter(recordings: Recordings, config: AcceleratorConfig) -> tuple[Recordings, np.ndarray]:
     """The recordings as the chain gets them behind the configuration's converter, and the codes at its pins:
     (frames, taxels), or (frames, electrodes)."""
-    codes = codes_of(recordings.samples, config)
-    if config.interface.converter == "mpr121":
-        electrodes = mpr121.electrodes_of(codes, config)
-        return dataclasses.replace(
-            recordings, samples=samples_of(mpr121.cells_of(electrodes, config), config)
-        ), electrodes
-    return dataclasses.replace(recordings, samples=samples_of(codes, config)), codes
+    plan = converter_plan(config)
+    codes = plan.to_pins(codes_of(recordings.samples, config), config)
+    samples = samples_of(plan.from_pins(codes, config), config)
+    return dataclasses.replace(recordings, samples=samples), codes

@@ -203,8 +203,8 @@ def _run(
     last = config.stages[-1].number
     logits = np.concatenate(maps_of.pop(last)).reshape(len(pixels), config.classes).astype(kind)
     ordered = np.sort(logits, axis=1)
-    found = {number: np.concatenate(parts) for number, parts in maps_of.items() if parts}
-    return ImageTrace(config, np.argmax(logits, axis=1), ordered[:, -1] - ordered[:, -2], logits, found)
+    maps = {number: np.concatenate(parts) for number, parts in maps_of.items() if parts}
+    return ImageTrace(config, np.argmax(logits, axis=1), ordered[:, -1] - ordered[:, -2], logits, maps)
 
 
 # ---------------------------------------------------------------------- made-up images

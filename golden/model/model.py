@@ -63,18 +63,16 @@ def network_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
             for stage, fmt in zip(config.weighted_stages, config.image.weight_formats, strict=True)
         }
         return weights | {f"b_{stage.number}": QFormat(BIAS_BITS, 0) for stage in config.weighted_stages}
+    formats = config.formats
     kinds = {
-        "W": config.formats.weight_format,
-        "U": config.formats.recurrent_format,
-        "b": config.formats.bias_format,
-        "bh": config.formats.bias_format,
+        "W": formats.weight_format,
+        "U": formats.recurrent_format,
+        "b": formats.bias_format,
+        "bh": formats.bias_format,
     }
-    formats = {
-        name: kinds[name.partition("_")[0]]
-        for name in network_shapes(config, real=False)
-        if name not in ("V", "b_y")
-    }
-    return formats | {"V": config.formats.dense_format, "b_y": config.formats.dense_bias_format}
+    dense = {"V": formats.dense_format, "b_y": formats.dense_bias_format}
+    names = [name for name in network_shapes(config, real=False) if name not in dense]
+    return {name: kinds[name.partition("_")[0]] for name in names} | dense
 
 
 def constants_shape(config: AcceleratorConfig) -> tuple[int, ...]:
@@ -190,13 +188,10 @@ class IntegerModel:
 
     def __post_init__(self) -> None:
         config, lengths = self.config, len(self.config.window_lengths)
-        if config.is_image and not config.image.weight_formats:
+        field = "weight_formats" if config.is_image else "feature_shift"
+        if not config.value(field):
             raise InputError(
-                f"{self.source}: field weight_formats of its configuration is empty; quantise the model"
-            )
-        if not config.is_image and not config.features.feature_shift:
-            raise InputError(
-                f"{self.source}: field feature_shift of its configuration is empty; quantise the model"
+                f"{self.source}: field {field} of its configuration is empty; quantise the model"
             )
         shapes, formats = network_shapes(config, real=False), network_formats(config)
         if not config.is_image:
@@ -213,8 +208,7 @@ class IntegerModel:
             if array.min() < lowest or array.max() > formats[name].max_code:
                 raise InputError(
                     f"{self.source}, array {name}: holds {array.min()}..{array.max()}, outside "
-                    f"{lowest}..{formats[name].max_code} of "
-                    f"{formats[name]}; quantise the model again"
+                    f"{lowest}..{formats[name].max_code} of {formats[name]}; quantise the model again"
                 )
             checked[name] = _frozen(np.array(array, dtype=np.int64))
         if (
@@ -319,22 +313,16 @@ def _take(
     if config.is_image:
         cell = ", ".join(config.image.layers)
     needed_by = f"configuration '{config.name}' ({cell}, {config.inputs} inputs, {config.classes} classes)"
-    for name in shapes:
+    fix = "use weights and config.json of one model"
+    for name in [*shapes, *arrays]:
         if name not in arrays:
-            raise InputError(
-                f"{source}, array {name}: is missing and {needed_by} needs it; use weights and config.json "
-                "of one model"
-            )
-    for name in arrays:
+            raise InputError(f"{source}, array {name}: is missing and {needed_by} needs it; {fix}")
         if name not in shapes:
-            raise InputError(
-                f"{source}, array {name}: is unknown to {needed_by}; use weights and config.json of one model"
-            )
+            raise InputError(f"{source}, array {name}: is unknown to {needed_by}; {fix}")
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise InputError(
-                f"{source}, array {name}: has shape {arrays[name].shape} and {needed_by} needs {shape}; "
-                "use weights and config.json of one model"
+                f"{source}, array {name}: has shape {arrays[name].shape} and {needed_by} needs {shape}; {fix}"
             )
     return {name: arrays[name] for name in shapes}
 
@@ -478,14 +466,14 @@ def normaliser_constants(
     mu, sigma = (np.broadcast_to(np.asarray(value, dtype=np.float64), (many,)) for value in (mu, sigma))
     kind_of = np.arange(many) % config.kinds  # a constant a kind, or a constant an input
     units = np.array(config.feature_units).reshape(lengths, config.kinds)
-    one = 2.0**config.formats.feature_format.frac_bits
+    unit_code = 2.0**config.formats.feature_format.frac_bits
     spare = max(config.formats.feature_format.width + 2 - config.centred_format.width, 0)
     for q, length in enumerate(config.window_lengths):
         unit = units[q, kind_of]
-        ratio = one / (unit * sigma)
+        ratio = unit_code / (unit * sigma)
         for kind in range(config.kinds):
             of_kind = ratio[kind_of == kind]
-            smallest = one / (units.max() * sigma[0]) if aligned else of_kind.min()
+            smallest = unit_code / (units.max() * sigma[0]) if aligned else of_kind.min()
             shift = min(max(0, int(np.ceil(np.log2(0.25 / smallest))) + spare), config.sum_bits)
             lowest = max(0, shift - SCALE_ROOM) if config.features.feature_scale == "taxel" else shift
             while (
@@ -502,10 +490,8 @@ def normaliser_constants(
             worst = int(np.argmax(scale)) if scale.max() > largest else int(np.argmin(scale))
             raise InputError(
                 f"configuration '{config.name}', field feature_format: {config.formats.feature_format} "
-                "needs a scale "
-                f"of {scale[worst]:.0f} for windows of {length} frames with a spread of {sigma[worst]:.3g} "
-                f"codes, outside 1..{largest}; "
-                "use fewer feature bits"
+                f"needs a scale of {scale[worst]:.0f} for windows of {length} frames with a spread of "
+                f"{sigma[worst]:.3g} codes, outside 1..{largest}; use fewer feature bits"
             )
         step, half = (1 << by) if aligned else np.ones_like(by), (1 << by) >> 1
         means.append(np.rint((mu * unit - half) / step) * step if aligned else np.rint(mu * unit) - half)
@@ -526,30 +512,16 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
     Mean and scale suit the signals that the configuration's front end lets through; feature_shift is filled
     when empty.
     """
-    rng = np.random.default_rng(seed)
-    spread = (
-        (config.onset_rule.band_high - config.onset_rule.band_low) / 2
-        if config.onset_rule.onset == "band"
-        else float(config.onset_rule.onset_threshold)
-    )
-    level = (
-        (config.onset_rule.band_low + config.onset_rule.band_high) / 2
-        if config.rest_level.rest == "none"
-        else 0.0
-    )
+    rng, rule, features = np.random.default_rng(seed), config.onset_rule, config.features
+    banded = rule.onset == "band"
+    spread = (rule.band_high - rule.band_low) / 2 if banded else float(rule.onset_threshold)
+    level = (rule.band_low + rule.band_high) / 2 if config.rest_level.rest == "none" else 0.0
     mu: Any = level + spread * rng.uniform(-0.2, 0.2)
     sigma: Any = max(spread, 8.0) * float(np.exp(rng.uniform(-0.7, 0.7)))
-    if config.features.compand == "log":  # of a whole window
-        mu, sigma = (
-            companded(
-                np.array([round(value * config.windows.window)]),
-                config.features.compand_knee,
-                config.features.compand_frac,
-            )[0]
-            / 2.0**config.features.compand_frac
-            for value in (mu, sigma)
-        )
-    if config.constants > 1 or config.features.feature_kinds != ("mean",):
+    if features.compand == "log":  # of a whole window
+        knee, frac = features.compand_knee, features.compand_frac
+        mu, sigma = (_logarithm(value * config.windows.window, knee, frac) for value in (mu, sigma))
+    if config.constants > 1 or features.feature_kinds != ("mean",):
         mu, sigma = _random_scaling(config, rng, mu, sigma)
     filled, mean, scale = normaliser_constants(config, mu, sigma)
     if config.features.feature_shift:
@@ -567,50 +539,33 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
     return IntegerModel(filled, arrays, f"random model {seed}")
 
 
+def _logarithm(value: float, knee: int, frac: int) -> float:
+    return companded(np.array([round(value)]), knee, frac)[0] / 2.0**frac
+
+
 def _random_scaling(
     config: AcceleratorConfig, rng: np.random.Generator, mu: float, sigma: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Constants a kind or an input about those of the mean, each a little different."""
-    block, frac = config.features.activity_block, 2.0**config.features.integral_frac
-    grown = (
-        companded(
-            np.array([round(abs(value) * config.last_frame / 2)]),
-            config.features.integral_knee,
-            config.features.integral_frac,
-        )[0]
-        / frac
-        for value in (mu, sigma)
-    )
-    one_log = config.features.compand == "log"
+    features, count, frac = config.features, config.constants, config.formats.feature_format.frac_bits
+    moved = sigma * features.activity_block**0.5
     of_kind = {
         "mean": (mu, sigma),
-        "activity": (mu if one_log else sigma * block**0.5, sigma if one_log else sigma * block**0.5),
+        "activity": (mu, sigma) if features.compand == "log" else (moved, moved),
+        "integral": tuple(
+            _logarithm(abs(value) * config.last_frame / 2, features.integral_knee, features.integral_frac)
+            for value in (mu, sigma)
+        ),
     }
-    of_kind["integral"] = tuple(grown)
-    chosen = np.array(
-        [of_kind[config.features.feature_kinds[index % config.kinds]] for index in range(config.constants)]
-    )
-    means = chosen[:, 0] + chosen[:, 1] * rng.uniform(-0.2, 0.2, config.constants)
-    sigmas = np.maximum(
-        chosen[:, 1],
-        [
-            1.0 if kind != "integral" else 0.25
-            for kind in np.resize(config.features.feature_kinds, config.constants)
-        ],
-    )
-    sigmas = sigmas * rng.uniform(0.5, 1.0, config.constants)
+    kinds = np.resize(features.feature_kinds, count)
+    middle, spread = np.array([of_kind[kind] for kind in kinds]).T
+    means = middle + spread * rng.uniform(-0.2, 0.2, count)
+    sigmas = np.maximum(spread, np.where(kinds == "integral", 0.25, 1.0)) * rng.uniform(0.5, 1.0, count)
     # no finer features than a 16-bit scale can make of the window's value
-    units = (
-        np.array(config.feature_units)
-        .reshape(-1, config.kinds)
-        .min(axis=0)[np.arange(config.constants) % config.kinds]
-    )
-    finest = (
-        2.0 ** (config.formats.feature_format.frac_bits + config.formats.gate_frac)
-        / config.scale_format.max_code
-    )
-    sigmas = np.maximum(sigmas, 1.01 * finest / units)
-    return (means, sigmas) if config.constants > 1 else (means[0], sigmas[0])
+    units = np.array(config.feature_units).reshape(-1, config.kinds).min(axis=0)
+    finest = 2.0 ** (frac + config.formats.gate_frac) / config.scale_format.max_code
+    sigmas = np.maximum(sigmas, 1.01 * finest / np.resize(units, count))
+    return (means, sigmas) if count > 1 else (means[0], sigmas[0])
 
 
 def with_network(
@@ -640,11 +595,8 @@ def with_network(
                     f"configuration '{config.name}', field {field}: is {value} and a linear cell has none; "
                     "leave it out"
                 )
-    changes: dict[str, Any] = {
-        key: value
-        for key, value in (("cell", cell), ("reset", reset), ("hidden", hidden))
-        if value is not None
-    }
+    asked = {"cell": cell, "reset": reset, "hidden": hidden}
+    changes: dict[str, Any] = {field: value for field, value in asked.items() if value is not None}
     if steps is not None and steps != config.windows.steps:
         changes |= {"steps": steps, "feature_shift": ()}
         if config.windows.window_mode == "touch" and steps > 0:
@@ -673,11 +625,7 @@ def describe_formats(config: AcceleratorConfig) -> dict[str, str]:
             f"{stage.number} {stage.layer}": f"weights {weight}, gives {behind}, shift {shift}"
             for stage, weight, behind, shift in stages
         }
+    linear = ("feature_format", "dense_format", "dense_bias_format", "logit_format")
     names = [name for name in config.fields() if name.endswith("_format")]
-    if not config.recurrent:
-        names = [
-            name
-            for name in names
-            if name in ("feature_format", "dense_format", "dense_bias_format", "logit_format")
-        ]
+    names = names if config.recurrent else [name for name in names if name in linear]
     return {name.removesuffix("_format"): str(config.value(name)) for name in names}

@@ -293,13 +293,14 @@ def by_recording(values: np.ndarray, rows: np.ndarray, none: int = -1) -> np.nda
 
 
 def run(
-    model: IntegerModel,
+    model: IntegerModel | FloatModel,
     recordings: Recordings,
     *,
     touches: Touches | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Trace:
-    """Run an integer model over recordings, every stage in exact integers.
+    """Run a model over recordings: an integer one in exact integers, every stage kept, a float one on the same
+    exact sums in real arithmetic, without streams.
 
     Parameters
     ----------
@@ -313,25 +314,9 @@ def run(
     InputError
         When the recordings do not have the model's taxels.
     """
-    touches = find_touches(model.config, recordings, progress=progress) if touches is None else touches
-    return _trace(model, touches, streams=True)
-
-
-def float_run(
-    model: FloatModel,
-    recordings: Recordings,
-    *,
-    touches: Touches | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> Trace:
-    """Run a float model over recordings: the same exact sums, then real arithmetic; parameters and errors as
-    ``run``. No streams."""
-    touches = find_touches(model.config, recordings, progress=progress) if touches is None else touches
-    return _trace(model, touches, streams=False)
-
-
-def _trace(model: IntegerModel | FloatModel, touches: Touches, *, streams: bool) -> Trace:
-    config, first, decided = model.config, touches.first_touch(), decide_touches(model, touches)
+    config = model.config
+    touches = find_touches(config, recordings, progress=progress) if touches is None else touches
+    first, decided = touches.first_touch(), decide_touches(model, touches)
     trace = Trace(
         config,
         touches,
@@ -347,14 +332,10 @@ def _trace(model: IntegerModel | FloatModel, touches: Touches, *, streams: bool)
         decided.hidden,
         decided.logits,
     )
-    if streams:
-        stages = {
-            "sum": touches.sums,
-            "feature": decided.features,
-            "state": decided.hidden,
-            "logit": decided.logits,
-        }
-        trace.streams.update({stage: _flat_stream(touches, values) for stage, values in stages.items()})
+    if isinstance(model, IntegerModel):
+        stages = (touches.sums, decided.features, decided.hidden, decided.logits)
+        for stage, values in zip(("sum", "feature", "state", "logit"), stages, strict=True):
+            trace.streams[stage] = _flat_stream(touches, values)
         trace.streams["fault"] = _fault_stream(config, touches)
         trace.streams["decision"] = _decision_stream(trace)
     return trace

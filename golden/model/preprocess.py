@@ -8,7 +8,7 @@ sees whole recordings, so it adds spans of stored deviations; the hardware keeps
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -121,23 +121,15 @@ def find_touches(
     if recordings.taxels != config.sensor.taxels:
         raise InputError(
             f"{recordings.source}: has {recordings.taxels} taxels and configuration '{config.name}', field "
-            "taxels, "
-            f"has {config.sensor.taxels}; "
-            "use recordings and a configuration of one array"
+            f"taxels, has {config.sensor.taxels}; use recordings and a configuration of one array"
         )
     spans = window_spans(config, config.windows.steps if steps is None else steps)
     lengths = recordings.lengths
     rows: list[tuple[int, int, int, int, bool]] = []
     sums: list[np.ndarray] = []
     flagged = np.zeros((len(lengths), config.sensor.taxels), dtype=np.int64)
-    for first, last in _batches(lengths, config.sensor.taxels):
-        samples = np.zeros(
-            (int(lengths[first:last].max(initial=0)), last - first, config.sensor.taxels), dtype=np.int32
-        )
-        for index in range(first, last):
-            samples[: lengths[index], index - first] = recordings.recording(index)
-        forced = None if onsets is None else onsets[first:last]
-        deviations, touches, flagged[first:last] = _scan(config, samples, lengths[first:last], forced)
+    for first, last, deviations, touches, failed in _scans(config, recordings, onsets):
+        flagged[first:last] = failed
         for index, onset, start in touches:
             length = int(lengths[first + index])
             window_sums, ended = window_values(config, deviations[:length, index], start, spans)
@@ -446,9 +438,7 @@ class TouchFinder:
         self._hits = np.zeros((config.onset_rule.onset_span, recordings), dtype=bool)
         self._banded = config.onset_rule.onset == "band"
         self._period = 1 if self._banded else config.onset_rule.onset_check_frames
-        self._live = np.array(
-            [taxel not in config.sensor.masked_taxels for taxel in range(config.sensor.taxels)]
-        )
+        self._live = np.isin(np.arange(config.sensor.taxels), config.sensor.live)
         self._recent = np.zeros(
             (0 if self._banded or config.opens_at_once else config.onset_rule.onset_mean_frames, *shape),
             np.int32,
@@ -585,14 +575,23 @@ class TouchFinder:
         self._block = held[len(held) // block * block :].copy()
 
 
-def _scan(
-    config: AcceleratorConfig, samples: np.ndarray, lengths: np.ndarray, forced: np.ndarray | None = None
-) -> tuple[np.ndarray, list[tuple[int, int, int]], np.ndarray]:
-    """Deviations (frames, recordings, taxels) of a batch, its touches (recording, onset frame, start frame),
+def _scans(
+    config: AcceleratorConfig,
+    recordings: Recordings,
+    forced: np.ndarray | None = None,
+    most: int | None = None,
+) -> Iterator[tuple[int, int, np.ndarray, list[tuple[int, int, int]], np.ndarray]]:
+    """Recordings batch by batch, as many as stay within ``most`` (`_batches`): the first, the one behind the
+    last, their deviations (frames, recordings, taxels), their touches (recording, onset frame, start frame),
     in order, and the frame that raised the fault flag of each taxel (recordings, taxels), 0 = none."""
-    front = TouchFinder(config, samples.shape[1])
-    deviations, touches = front.push(samples, lengths, forced)
-    return deviations, sorted(touches), front.flagged
+    lengths, taxels = recordings.lengths, config.sensor.taxels
+    for first, last in _batches(lengths, taxels, most):
+        samples = np.zeros((int(lengths[first:last].max(initial=0)), last - first, taxels), dtype=np.int32)
+        for index in range(first, last):
+            samples[: lengths[index], index - first] = recordings.recording(index)
+        front, onsets = TouchFinder(config, last - first), None if forced is None else forced[first:last]
+        deviations, touches = front.push(samples, lengths[first:last], onsets)
+        yield first, last, deviations, sorted(touches), front.flagged
 
 
 def _track(samples: np.ndarray, baseline: np.ndarray, armed: np.ndarray) -> np.ndarray:
@@ -706,13 +705,7 @@ def first_touches(config: AcceleratorConfig, recordings: Recordings) -> FirstTou
     rows: list[tuple[int, int]] = []
     parts: list[np.ndarray] = []
     lengths = recordings.lengths
-    for first, last in _batches(lengths, config.sensor.taxels, GATE_BATCH):
-        samples = np.zeros(
-            (int(lengths[first:last].max(initial=0)), last - first, config.sensor.taxels), dtype=np.int32
-        )
-        for index in range(first, last):
-            samples[: lengths[index], index - first] = recordings.recording(index)
-        deviations, onsets, _ = _scan(config, samples, lengths[first:last])
+    for first, _, deviations, onsets, _ in _scans(config, recordings, most=GATE_BATCH):
         touched = set()
         for index, onset, start in onsets:
             if index not in touched:

@@ -60,59 +60,19 @@ def stage_errors(real: FloatModel, integer: IntegerModel, touches: Touches) -> l
     touches:
         As ``find_touches`` gives them.
     """
-    config = integer.config
-    done = np.arange(config.windows.steps) < touches.completed[:, None]
-    if not done.any():
-        return []
-    formats, mask = config.formats, done
-    ideal, codes = (
-        float_features(real, touches)[:, : config.windows.steps],
-        feature_codes(integer, touches)[:, : config.windows.steps],
-    )
-    weights = {name: fmt.to_real(integer.arrays[name]) for name, fmt in network_formats(config).items()}
-
-    float_notes, integer_notes = _NotedFloat(config), _NotedFixed(config)
-    logits = _logits(float_notes, config, real.arrays, ideal)
-    got = _logits(integer_notes, config, integer.arrays, codes) / 2.0**formats.logit_format.frac_bits
-
-    def alone(stage: str) -> tuple[float, float]:
-        features = formats.feature_format.to_real(codes) if stage == "features" else ideal
-        arrays = weights if stage == "accumulators" else real.arrays
-        error = np.abs(_logits(_Only(config, stage), config, arrays, features) - logits)[mask]
-        return float(error.mean()), float(error.max())
-
-    pairs = {
-        "features": (ideal[done], formats.feature_format.to_real(codes)[done]),
-        **{
-            stage: (float_notes.values(stage, mask), integer_notes.values(stage, mask))
-            for stage in ("accumulators", "gates", "hidden state")
-        },
-        "logits": (logits[mask], got[mask]),
-    }
-    constants = [_at_ends(integer.arrays[name], fmt) for name, fmt in network_formats(config).items()]
-    sizes = [integer.arrays[name].size for name in weights]
-    reach = integer_notes.reach(mask)
-    product_frac = config.product_frac if config.recurrent else config.dense_product_frac
-    top = float(
-        np.abs(pairs["accumulators"][1]).max() * 2.0**product_frac / 2.0 ** (config.accumulator_bits - 1)
-    )
-    shares = {
-        "features": _shares(codes[done], formats.feature_format),
-        "accumulators": (float(np.average(constants, weights=sizes)), top),
-        "gates": (float((reach > 1).mean()), min(1.0, float(reach.max()))),
-        "hidden state": _shares(
-            pairs["hidden state"][1] * 2.0**formats.state_format.frac_bits, formats.state_format
-        ),
-        "logits": _shares(pairs["logits"][1] * 2.0**formats.logit_format.frac_bits, formats.logit_format),
-    }
-    errors = []
-    for stage, (float_values, integer_values) in pairs.items():
-        if not config.recurrent and stage in ("gates", "hidden state"):
-            continue
-        error = np.abs(integer_values - float_values)
-        errors.append(
-            StageError(stage, float(error.mean()), float(error.max()), *shares[stage], *alone(stage))
-        )
+    runs, errors = _Runs(real, integer, touches), []
+    for stage, (fmt, ideal, values) in runs.values.items():
+        error, alone = np.abs(values - ideal), runs.alone(stage)
+        size = np.abs(values).max() * 2.0**fmt.frac_bits
+        at_ends, used = _at_ends(values * 2.0**fmt.frac_bits, fmt), size / fmt.magnitude
+        if stage == "accumulators":
+            names = network_formats(integer.config)
+            ends = [_at_ends(integer.arrays[name], fmt) for name, fmt in names.items()]
+            at_ends = float(np.average(ends, weights=[integer.arrays[name].size for name in names]))
+        elif stage == "gates":
+            at_ends, used = float(np.mean(runs.reach > 1)), min(1.0, runs.reach.max())
+        figures = (error.mean(), error.max(), at_ends, used, alone.mean(), alone.max())
+        errors.append(StageError(stage, *map(float, figures)))
     return errors
 
 
@@ -147,44 +107,16 @@ class SignalProfile:
 
 def signal_profiles(real: FloatModel, integer: IntegerModel, touches: Touches) -> list[SignalProfile]:
     """Every array of weights, and every stage over the completed steps of ``touches``, against its format:
-    what hls4ml calls profiling.
-
-    Parameters
-    ----------
-    real, integer, touches:
-        As for ``stage_errors``.
-    """
-    config, formats = integer.config, integer.config.formats
+    what hls4ml calls profiling. Parameters as for ``stage_errors``."""
     profiles = []
-    for name, fmt in network_formats(config).items():
-        # the second bias of a float reset-after gate is one with the first
-        second = (
-            real.arrays.get(name.replace("b_", "bh_", 1)) if name.startswith("b_") and name != "b_y" else None
-        )
-        ideal_values = real.arrays[name] + (
-            second if second is not None and name.replace("b_", "bh_", 1) not in integer.arrays else 0
-        )
-        profiles.append(profile_of(name, "weights", fmt, ideal_values, fmt.to_real(integer.arrays[name])))
-    steps = config.windows.steps
-    mask = np.arange(steps) < touches.completed[:, None]
-    if not mask.any():
-        return profiles
-    ideal, codes = float_features(real, touches)[:, :steps], feature_codes(integer, touches)[:, :steps]
-    wanted_stages, made_stages = _NotedFloat(config), _NotedFixed(config)
-    logits = _logits(wanted_stages, config, real.arrays, ideal)
-    got = _logits(made_stages, config, integer.arrays, codes) / 2.0**formats.logit_format.frac_bits
-    product_frac = config.product_frac if config.recurrent else config.dense_product_frac
-    stages = [("features", formats.feature_format, ideal[mask], formats.feature_format.to_real(codes)[mask])]
-    inner = {
-        "accumulators": QFormat(config.accumulator_bits - product_frac, product_frac),
-        "gates": config.gate_format,
-        "hidden state": formats.state_format,
-    }
-    for stage, fmt in inner.items():
-        if config.recurrent or stage == "accumulators":
-            stages.append((stage, fmt, wanted_stages.values(stage, mask), made_stages.values(stage, mask)))
-    stages.append(("logits", formats.logit_format, logits[mask], got[mask]))
-    return profiles + [profile_of(stage, "activations", fmt, a, b) for stage, fmt, a, b in stages]
+    for name, fmt in network_formats(integer.config).items():
+        ideal, second = real.arrays[name], name.replace("b_", "bh_", 1)
+        if name.startswith("b_") and second in real.arrays and second not in integer.arrays:
+            # the second bias of a float reset-after gate is one with the first
+            ideal = ideal + real.arrays[second]
+        profiles.append(profile_of(name, "weights", fmt, ideal, fmt.to_real(integer.arrays[name])))
+    stages = _Runs(real, integer, touches).values
+    return profiles + [profile_of(stage, "activations", *values) for stage, values in stages.items()]
 
 
 def profile_of(
@@ -236,150 +168,127 @@ def _at_ends(codes: np.ndarray, fmt: QFormat) -> float:
     return float(np.mean((codes <= fmt.min_code) | (codes >= fmt.max_code)))
 
 
-def _shares(codes: np.ndarray, fmt: QFormat) -> tuple[float, float]:
-    return _at_ends(codes, fmt), float(np.abs(codes).max() / fmt.magnitude)
+# ---------------------------------------------------------------------- both networks, every value looked at
+OPERATIONS = {
+    "sigmoid": ("gates", "product", "gate"),
+    "tanh": ("gates", "product", "state"),
+    "tanh_of_state": ("gates", "state", "state"),
+    "value": ("hidden state", "product", "state"),
+    "state": ("hidden state", "gate x state", "state"),
+    "logit": ("logits", "dense", "logit"),
+}
+"""Operations of an arithmetic: the stage that each belongs to, the units of what it takes and gives."""
+TABLE_ENDS = {"sigmoid": 8.0, "tanh": 4.0, "tanh_of_state": 4.0}
+"""Largest pre-activation of each table."""
 
 
-def _logits(
-    arithmetic: Float | Fixed,
-    config: AcceleratorConfig,
-    arrays: Mapping[str, np.ndarray],
-    features: np.ndarray,
-) -> np.ndarray:
-    parameters = {name: np.asarray(array, dtype=np.float64) for name, array in arrays.items()}
-    return run_cell(arithmetic, config, parameters, np.asarray(features, dtype=np.float64))[1]
+def _units(config: AcceleratorConfig) -> dict[str, float]:
+    """What codes of 1.0 are, by unit."""
+    gate, state = float(config.gate_one), 2.0**config.formats.state_format.frac_bits
+    products = {"product": 2.0**config.product_frac, "dense": 2.0**config.dense_product_frac}
+    logit = 2.0**config.formats.logit_format.frac_bits
+    return products | {"gate": gate, "state": state, "gate x state": gate * state, "logit": logit}
 
 
-class _Only(Float):
+class _Only:
     """Real arithmetic but for one stage, which is that of the integer model."""
 
     def __init__(self, config: AcceleratorConfig, stage: str) -> None:
-        super().__init__(config)
-        self._fixed, self._stage, self._config = Fixed(config), stage, config
-        self._state = 2.0**config.formats.state_format.frac_bits
-
-    def sigmoid(self, acc):
-        if self._stage != "gates":
-            return super().sigmoid(acc)
-        return self._fixed.sigmoid(acc * 2.0**self._config.product_frac) / self._fixed.one
-
-    def tanh(self, acc):
-        return (
-            self._fixed.tanh(acc * 2.0**self._config.product_frac) / self._state
-            if self._stage == "gates"
-            else super().tanh(acc)
+        self._float, self._fixed, self._stage, self._units = (
+            Float(config),
+            Fixed(config),
+            stage,
+            _units(config),
         )
 
-    def tanh_of_state(self, value):
-        return (
-            self._fixed.tanh_of_state(value * self._state) / self._state
-            if self._stage == "gates"
-            else super().tanh_of_state(value)
-        )
-
-    def value(self, acc):
-        return (
-            self._fixed.value(acc * 2.0**self._config.product_frac) / self._state
-            if self._stage == "hidden state"
-            else acc
-        )
-
-    def state(self, products):
-        return (
-            self._fixed.state(products * self._fixed.one * self._state) / self._state
-            if self._stage == "hidden state"
-            else products
-        )
-
-    def logit(self, acc):
-        if self._stage != "logits":
-            return acc
-        return (
-            self._fixed.logit(acc * 2.0**self._config.dense_product_frac)
-            / 2.0**self._config.formats.logit_format.frac_bits
-        )
+    def __getattr__(self, name: str) -> Any:
+        stage, taken, given = OPERATIONS.get(name, ("", "", ""))
+        if stage != self._stage:
+            return getattr(self._float, name)
+        units, operation = self._units, getattr(self._fixed, name)
+        return lambda value: operation(value * units[taken]) / units[given]
 
 
-class _Notes:
-    """Real values of stages in the order in which steps make them."""
+class _Noted:
+    """An arithmetic that notes what its operations take and give, as real values, step by step."""
 
-    def __init__(self, steps: int) -> None:
-        self._steps = steps
-        self._by_step: dict[str, list[np.ndarray]] = defaultdict(list)
-        self._dense: dict[str, np.ndarray] = {}
+    def __init__(self, arithmetic: Float | Fixed, config: AcceleratorConfig) -> None:
+        self._arithmetic, self._steps = arithmetic, config.windows.steps
+        units = _units(config)
+        self._units = units if isinstance(arithmetic, Fixed) else dict.fromkeys(units, 1.0)
+        self._calls: dict[str, list[np.ndarray]] = defaultdict(list)
+        self._rows = np.zeros(0)
+        """Sums of the dense layer (touches, steps, classes)."""
 
-    def add(self, stage: str, value: np.ndarray) -> None:
-        self._by_step[stage].append(value)
+    def __getattr__(self, name: str) -> Any:
+        operation = getattr(self._arithmetic, name)
+        if name not in OPERATIONS:
+            return operation
+        stage, taken, given = OPERATIONS[name]
 
-    def add_dense(self, stage: str, value: np.ndarray) -> None:
-        """``value``: (touches x steps, C), or of a linear cell (steps, touches, C)."""
-        self._dense[stage] = (
-            value.swapaxes(0, 1) if value.ndim == 3 else value.reshape(-1, self._steps, value.shape[-1])
-        )
+        def noted(value: np.ndarray) -> np.ndarray:
+            before, result = value / self._units[taken], operation(value)
+            if taken == "dense":  # (touches x steps, classes), of a linear cell (steps, touches, classes)
+                by_step = before.reshape(-1, self._steps, before.shape[-1])
+                self._rows = before.swapaxes(0, 1) if before.ndim == 3 else by_step
+            else:
+                self._calls[stage].append(result / self._units[given])
+            if taken == "product":
+                self._calls["accumulators"].append(before)
+            if name in TABLE_ENDS:
+                self._calls["reach"].append(np.abs(before) / TABLE_ENDS[name])
+            return result
+
+        return noted
 
     def of(self, stage: str, done: np.ndarray) -> np.ndarray:
         """All values of completed steps, flat."""
-        calls = self._by_step[stage]
+        calls = self._calls[stage]
         a_step = len(calls) // self._steps  # the same number of values of a stage in every step
         parts = [value[done[:, k // a_step]].flatten() for k, value in enumerate(calls)]
-        if stage in self._dense:
-            parts.append(self._dense[stage][done].flatten())
-        return np.concatenate(parts) if parts else np.zeros(1)
+        return np.concatenate(parts + [self._rows[done].flatten()] * (stage == "accumulators"))
 
 
-def _noted(arithmetic: type[Float] | type[Fixed]) -> type:
-    """``arithmetic`` that notes accumulators, gates and states as real values, and how far into their table
-    pre-activations reach."""
+class _Runs:
+    """A network and its integers on the completed steps of touches.
 
-    class Noted(arithmetic):  # type: ignore[misc, valid-type]
-        def __init__(self, config: AcceleratorConfig) -> None:
-            super().__init__(config)
-            fixed = arithmetic is Fixed
-            self._notes = _Notes(config.windows.steps)
-            self._product = 2.0**config.product_frac if fixed else 1.0
-            self._dense_product = 2.0**config.dense_product_frac if fixed else 1.0
-            self._state = 2.0**config.formats.state_format.frac_bits if fixed else 1.0
+    values: stage of STAGES -> (format, real values, integer ones as real); nothing without a step. reach:
+    pre-activations of the integer network over the end of their table.
+    """
 
-        def values(self, stage: str, done: np.ndarray) -> np.ndarray:
-            return self._notes.of(stage, done)
+    def __init__(self, real: FloatModel, integer: IntegerModel, touches: Touches) -> None:
+        self._config = config = integer.config
+        self._real, self._integer, formats, steps = real, integer, config.formats, config.windows.steps
+        self._done = done = np.arange(steps) < touches.completed[:, None]
+        self.values: dict[str, tuple[QFormat, np.ndarray, np.ndarray]] = {}
+        if not done.any():
+            return
+        self._features = float_features(real, touches)[:, :steps]
+        codes = feature_codes(integer, touches)[:, :steps]
+        self._codes = formats.feature_format.to_real(codes)
+        ideal, exact = _Noted(Float(config), config), _Noted(Fixed(config), config)
+        self._logits = self._run(ideal, real.arrays, self._features)
+        logits = formats.logit_format.to_real(self._run(exact, integer.arrays, codes))
+        frac = config.product_frac if config.recurrent else config.dense_product_frac
+        inner = {"accumulators": QFormat(config.accumulator_bits - frac, frac)}
+        if config.recurrent:
+            inner |= {"gates": config.gate_format, "hidden state": formats.state_format}
+            self.reach = exact.of("reach", done)
+        self.values["features"] = (formats.feature_format, self._features[done], self._codes[done])
+        for stage, fmt in inner.items():
+            self.values[stage] = (fmt, ideal.of(stage, done), exact.of(stage, done))
+        self.values["logits"] = (formats.logit_format, self._logits[done], logits[done])
 
-        def reach(self, done: np.ndarray) -> np.ndarray:
-            """Pre-activations over the end of their table."""
-            return self._notes.of("reach", done)
+    def alone(self, stage: str) -> np.ndarray:
+        """Errors of the logits when this stage alone is that of the integer model."""
+        arrays = dict(self._real.arrays)
+        if stage == "accumulators":
+            formats = network_formats(self._config)
+            arrays = {name: fmt.to_real(self._integer.arrays[name]) for name, fmt in formats.items()}
+        features = self._codes if stage == "features" else self._features
+        logits = self._run(_Only(self._config, stage), arrays, features)
+        return np.abs(logits - self._logits)[self._done]
 
-        def _row(self, acc: np.ndarray) -> np.ndarray:
-            self._notes.add("accumulators", acc / self._product)
-            return acc
-
-        def _gate(self, before: np.ndarray, span: float, after: np.ndarray, unit: float) -> np.ndarray:
-            self._notes.add("reach", np.abs(before) / span)
-            self._notes.add("gates", after / unit)
-            return after
-
-        def sigmoid(self, acc):
-            return self._gate(acc / self._product, 8.0, super().sigmoid(self._row(acc)), self.one)
-
-        def tanh(self, acc):
-            return self._gate(acc / self._product, 4.0, super().tanh(self._row(acc)), self._state)
-
-        def tanh_of_state(self, value):
-            return self._gate(value / self._state, 4.0, super().tanh_of_state(value), self._state)
-
-        def value(self, acc):
-            return self._stored(super().value(self._row(acc)))
-
-        def state(self, products):
-            return self._stored(super().state(products))
-
-        def _stored(self, value: np.ndarray) -> np.ndarray:
-            self._notes.add("hidden state", value / self._state)
-            return value
-
-        def logit(self, acc):
-            self._notes.add_dense("accumulators", acc / self._dense_product)
-            return super().logit(acc)
-
-    return Noted
-
-
-_NotedFloat, _NotedFixed = _noted(Float), _noted(Fixed)
+    def _run(self, arithmetic: Any, arrays: Mapping[str, np.ndarray], features: np.ndarray) -> np.ndarray:
+        parameters = {name: np.asarray(array, dtype=np.float64) for name, array in arrays.items()}
+        return run_cell(arithmetic, self._config, parameters, features.astype(np.float64))[1]

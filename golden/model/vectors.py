@@ -19,9 +19,6 @@ from eskin.golden.data.recordings import Recordings
 if TYPE_CHECKING:
     from eskin.golden.model.pipeline import Trace
 
-FLAT_STAGES = ("sum", "fault", "feature", "state", "logit")
-"""Stages whose stream is one number after the other."""
-
 
 def write_vectors(
     path: str | Path,
@@ -50,11 +47,9 @@ def write_vectors(
     last window, 0 where the end of the recording brings the decision. touches (R): touches begun. flags (R,
     taxels), bool: fault flags at the recording's end. codes (frames, taxels) uint32, where they were given.
     """
-    path = Path(path)
     arrays: dict[str, np.ndarray] = {
         "samples": (recordings.samples & 0xFFFF).astype(np.uint16),
         "offsets": np.asarray(recordings.offsets, dtype=np.int64),
-        "numbers": np.arange(len(recordings)) if numbers is None else np.asarray(numbers, dtype=np.int64),
         "decision_frame": completing_frames(trace),
         "flags": np.zeros((len(recordings), recordings.taxels), dtype=bool)
         if trace.touches.flagged is None
@@ -63,11 +58,7 @@ def write_vectors(
     }
     if codes is not None:
         arrays["codes"] = codes.astype(np.uint32)
-    for stage in (*FLAT_STAGES, "decision"):
-        arrays[stage], arrays[f"{stage}_offsets"] = trace.streams[stage]
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, allow_pickle=False, **arrays)
-    return path
+    return _write(path, arrays, trace.streams, numbers)
 
 
 def write_image_vectors(
@@ -96,24 +87,30 @@ def write_image_vectors(
     maps = [streams[name] for name in streams if name.startswith("map_")]
     flat = [np.zeros((count, 0), dtype=np.int64), *(values.reshape(count, -1) for values, _ in maps)]
     together = np.concatenate(flat, axis=1)
-    decision, decision_offsets = streams["decision"]
     arrays = {
         "samples": images.reshape(count * height, width).astype(np.uint16),
         "offsets": np.arange(count + 1) * height,
-        "numbers": np.arange(count) if numbers is None else np.asarray(numbers, dtype=np.int64),
-        "decision": decision,
-        "decision_offsets": decision_offsets,
-        "decision_frame": np.full(len(decision), height, dtype=np.int64),
+        "decision_frame": np.full(len(streams["decision"][0]), height, dtype=np.int64),
         "touches": np.ones(count, dtype=np.int64),
-        "logit": streams["logit"][0],
-        "logit_offsets": streams["logit"][1],
-        "map": together.ravel(),
-        "map_offsets": np.arange(count + 1) * together.shape[1],
     }
-    path = Path(path)
+    whole = {"map": (together.ravel(), np.arange(count + 1) * together.shape[1])}
+    return _write(path, arrays, whole | {stage: streams[stage] for stage in ("decision", "logit")}, numbers)
+
+
+def _write(
+    path: str | Path,
+    arrays: dict[str, np.ndarray],
+    streams: Mapping[str, tuple[np.ndarray, np.ndarray]],
+    numbers: Sequence[int] | np.ndarray | None,
+) -> Path:
+    arrays["numbers"] = (
+        np.arange(len(arrays["touches"])) if numbers is None else np.asarray(numbers, np.int64)
+    )
+    for stage, (values, offsets) in streams.items():
+        arrays |= {stage: values, f"{stage}_offsets": offsets}
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, allow_pickle=False, **arrays)
-    return path
+    return Path(path)
 
 
 def completing_frames(trace: Trace) -> np.ndarray:
@@ -148,36 +145,30 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
     seed:
         Of every random draw.
     """
-    rng = np.random.default_rng(seed)
-    fmt = config.sample_format
-    if config.onset_rule.onset == "band":
-        swing = config.onset_rule.band_high - config.onset_rule.band_low
-        rest, noise = (config.onset_rule.band_low + config.onset_rule.band_high) / 2, swing / 16
+    rng, fmt, taxels = np.random.default_rng(seed), config.sample_format, config.sensor.taxels
+    rule, hop, whole = config.onset_rule, config.windows.hop, config.last_frame
+    if rule.onset == "band":
+        swing = rule.band_high - rule.band_low
+        rest, noise = (rule.band_low + rule.band_high) / 2, swing / 16
     else:
-        rest, noise, swing = (
-            (fmt.min_code + fmt.max_code) / 2,
-            config.onset_rule.onset_threshold / 8,
-            6 * config.onset_rule.onset_threshold,
-        )
+        rest, noise = (fmt.min_code + fmt.max_code) / 2, rule.onset_threshold / 8
+        swing = 6 * rule.onset_threshold
     samples = []
     for length in lengths:
-        signal = np.clip(rng.normal(0, noise, (length, config.sensor.taxels)), -3 * noise, 3 * noise)
+        signal = np.clip(rng.normal(0, noise, (length, taxels)), -3 * noise, 3 * noise)
         time = np.arange(length)[:, None]
-        at = int(rng.integers(0, 2 * config.windows.hop + 1)) + config.rest_level.rest_frames
+        at = int(rng.integers(0, 2 * hop + 1)) + config.rest_level.rest_frames
         while at < length:
-            duration = int(rng.integers(1, config.last_frame + config.windows.hop))
+            duration = int(rng.integers(1, whole + hop))
             inside = (time >= at) & (time < at + duration)
-            speed, phase, gain = (
-                rng.uniform(0.01, 0.6, config.sensor.taxels),
-                rng.uniform(0, 6.3, config.sensor.taxels),
-                rng.normal(0, 1, config.sensor.taxels),
-            )
+            speed, phase = rng.uniform(0.01, 0.6, taxels), rng.uniform(0, 6.3, taxels)
+            gain = rng.normal(0, 1, taxels)
             strength = fmt.max_code if rng.random() < 0.15 else swing * rng.uniform(0.3, 1)
             signal += inside * (0.7 + np.sin(time * speed + phase)) * gain * strength
-            at += duration + int(rng.integers(1, 2 * config.onset_rule.rearm_frames + config.last_frame))
+            at += duration + int(rng.integers(1, 2 * rule.rearm_frames + whole))
         codes = np.clip(np.rint(rest + signal), fmt.min_code, fmt.max_code).astype(np.int32)
         if config.faults.fault_frames and length and rng.random() < 0.8:
-            frame, taxel = rng.integers(length), rng.integers(config.sensor.taxels)
+            frame, taxel = rng.integers(length), rng.integers(taxels)
             codes[frame:, taxel] = rng.choice([fmt.min_code, fmt.max_code, codes[frame, taxel]])
         samples.append(codes)
     return Recordings(

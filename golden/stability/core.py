@@ -75,7 +75,7 @@ class Bench:
 
     def __getstate__(self) -> dict[str, Any]:
         """What another process gets: the fields, not what was computed from them here."""
-        return {one.name: getattr(self, one.name) for one in dataclasses.fields(self)} | {"memo": {}}
+        return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)} | {"memo": {}}
 
     @property
     def config(self) -> AcceleratorConfig:
@@ -143,16 +143,16 @@ class Bench:
     @cached_property
     def touches(self) -> Touches:
         """First touches (with a completed step) of the clean recordings, by the parts under test."""
-        found = self.parts.find_touches(self.config, self.clean)
-        rows = found.first_touch()
+        every_touch = self.parts.find_touches(self.config, self.clean)
+        rows = every_touch.first_touch()
         rows = rows[rows >= 0]
-        rows = rows[found.completed[rows] > 0]
+        rows = rows[every_touch.completed[rows] > 0]
         if not len(rows):
             raise InputError(
                 f"stability: no touch was found in {self.recordings.source}; check the onset rule with "
                 "'eskin inspect'"
             )
-        return found.take(rows)
+        return every_touch.take(rows)
 
     @cached_property
     def onsets(self) -> np.ndarray:
@@ -200,11 +200,7 @@ class Bench:
     @property
     def live(self) -> list[int]:
         """Taxels that are not masked."""
-        return [
-            taxel
-            for taxel in range(self.config.sensor.taxels)
-            if taxel not in self.config.sensor.masked_taxels
-        ]
+        return self.config.sensor.live
 
     # -- running the parts
     def features(self, touches: Touches) -> np.ndarray:

@@ -147,9 +147,9 @@ def lost_taxels(bench: ImageBench, images: np.ndarray, level: float) -> list[np.
 def stuck_taxels(bench: ImageBench, images: np.ndarray, level: float) -> list[np.ndarray]:
     """So many taxels, other ones in every image, read the largest code."""
     places = bench.rng(3).random((len(images), images[0].size)).argsort(axis=1)[:, : int(level)]
-    found = images.reshape(len(images), -1).copy()
-    np.put_along_axis(found, places, FULL, axis=1)
-    return [found.reshape(images.shape)]
+    stuck = images.reshape(len(images), -1).copy()
+    np.put_along_axis(stuck, places, FULL, axis=1)
+    return [stuck.reshape(images.shape)]
 
 
 def curve_of(
@@ -162,11 +162,14 @@ def curve_of(
         images, labels = bench.sample
         line = [min(bench.accuracy(one, labels) for one in change(bench, images, level)) for level in levels]
         ways = change(bench, bench.images, nominal)
-        found = [bench.accuracy(one, bench.recordings.labels) for one in ways]
-        worst = int(np.argmin(found))
-        what = f"{xlabel}: {nominal:g}" + (f", way {worst + 1} of {len(ways)}" if len(ways) > 1 else "")
+        accuracies = [bench.accuracy(one, bench.recordings.labels) for one in ways]
+        worst = int(np.argmin(accuracies))
+        words = f"{xlabel}: {nominal:g}" + (f", way {worst + 1} of {len(ways)}" if len(ways) > 1 else "")
         return Outcome(
-            found[worst], what, Curve(xlabel, "accuracy", levels, {"accuracy": line}), bench.case(ways[worst])
+            accuracies[worst],
+            words,
+            Curve(xlabel, "accuracy", levels, {"accuracy": line}),
+            bench.case(ways[worst]),
         )
 
     return run
@@ -221,11 +224,11 @@ def nothing(bench: ImageBench) -> Outcome:
     sure = trace.margin >= threshold
     right, value = (trace.decision == bench.recordings.labels)[sure], float(np.mean(sure))
     share = 100 * float(np.mean(right)) if len(right) else 0.0
-    what = f"margin_threshold {threshold}: {100 * value:.1f} % of the images stay confident, {share:.1f} % of these are right"
+    words = f"margin_threshold {threshold}: {100 * value:.1f} % of the images stay confident, {share:.1f} % of these are right"
     curve = Curve(
         "noise of the empty array (codes)", "images still confident", levels, {"images still confident": kept}
     )
-    return Outcome(value, what, curve, bench.case(empty_images(bench, NOTHING_NOISE[-1])))
+    return Outcome(value, words, curve, bench.case(empty_images(bench, NOTHING_NOISE[-1])))
 
 
 # ---------------------------------------------------------------------- upsets
@@ -249,11 +252,11 @@ def kept_maps(bench: ImageBench, images: np.ndarray) -> dict[int, np.ndarray]:
     """Number of the layer that reads it -> the map that stands in memory, of each image: the image itself,
     then what each layer gave."""
     maps = run_images(bench.model, images).maps
-    found = {0: images[..., None].astype(np.int64)}
+    kept = {0: images[..., None].astype(np.int64)}
     for stage in bench.config.stages[1:]:
         if not isinstance(stage.layer, Pool):
-            found[stage.number] = maps[stage.number - 1].astype(np.int64)
-    return found
+            kept[stage.number] = maps[stage.number - 1].astype(np.int64)
+    return kept
 
 
 def _flips(
@@ -299,8 +302,10 @@ def map_flips(bench: ImageBench) -> Outcome:
         shares.setdefault(number, []).append(share)
     worst = max(shares, key=lambda number: np.mean(shares[number]))
     source = f"the map before '{bench.config.stages[worst].layer}'" if worst else "the image"
-    what = f"{source}: {np.mean(shares[worst]):.4f} on average; {harmless}"
-    return Outcome(float(np.mean(changed)), what, by_bit(sites, changed, "bit of a map's value (0 = lowest)"))
+    words = f"{source}: {np.mean(shares[worst]):.4f} on average; {harmless}"
+    return Outcome(
+        float(np.mean(changed)), words, by_bit(sites, changed, "bit of a map's value (0 = lowest)")
+    )
 
 
 def weight_flips(bench: ImageBench) -> Outcome:
@@ -324,8 +329,8 @@ def weight_flips(bench: ImageBench) -> Outcome:
     shown = [k for k, (name, *_) in enumerate(sites) if name.startswith("W")]
     curve = by_bit([sites[k] for k in shown], [changed[k] for k in shown], "bit of a weight (0 = lowest)")
     case = Case(image_recordings(bench.config, images[:PLAYED]), hit(*worst))
-    what = f"{worst[0]}, value {worst[1]}, bit {worst[2]}: {max(changed):.3f}; {harmless}"
-    return Outcome(float(np.mean(changed)), what, curve, case)
+    words = f"{worst[0]}, value {worst[1]}, bit {worst[2]}: {max(changed):.3f}; {harmless}"
+    return Outcome(float(np.mean(changed)), words, curve, case)
 
 
 # ---------------------------------------------------------------------- the table

@@ -3,7 +3,7 @@ configuration and state."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,16 @@ def upset(array: np.ndarray, place: int, bit: int, fmt: QFormat) -> np.ndarray:
     array = array.copy()
     array.flat[place] = flipped(array.flat[place], bit, fmt)
     return array
+
+
+def every_bit(arrays: Mapping[str, np.ndarray], formats: Mapping[str, QFormat]) -> list[Site]:
+    """Every bit of the arrays that have a format."""
+    return [
+        (name, place, bit)
+        for name, fmt in formats.items()
+        for place in range(arrays[name].size)
+        for bit in range(fmt.width)
+    ]
 
 
 def by_bit(
@@ -66,12 +76,7 @@ def _changed(bench: Bench, logits: np.ndarray) -> float:
 def _weight_flips(bench: Bench) -> tuple[list[Site], np.ndarray, str, Case]:
     """Every flip tried, the share of decisions it changes, the worst in words and for the hardware."""
     formats, arrays, few = network_formats(bench.config), bench.model.arrays, bench.sample
-    sites = [
-        (name, place, bit)
-        for name, fmt in formats.items()
-        for place in range(arrays[name].size)
-        for bit in range(fmt.width)
-    ]
+    sites = every_bit(arrays, formats)
     if len(sites) > bench.flips:
         sites = [sites[i] for i in np.sort(bench.rng(9).permutation(len(sites))[: bench.flips])]
     changed: list[float] = []
@@ -104,8 +109,8 @@ def weight_flips(bench: Bench) -> Outcome:
     """Every bit of every weight and bias inverted, one at a time (at random where there are too many): mean
     share of decisions changed."""
     sites, changed, worst, case = bench.remember("weight flips", lambda: _weight_flips(bench))
-    what = f"{worst}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change nothing"
-    return Outcome(float(changed.mean()), what, by_bit(sites, changed), case)
+    words = f"{worst}: {changed.max():.3f}; {np.mean(changed == 0):.1%} of {len(sites)} flips change nothing"
+    return Outcome(float(changed.mean()), words, by_bit(sites, changed), case)
 
 
 def worst_flip(bench: Bench) -> Outcome:
@@ -136,20 +141,15 @@ def table_flips(bench: Bench) -> Outcome:
         setattr(arithmetic, table, upset(getattr(arithmetic, table), entry, bit, words[table]))
         changed.append(_changed(bench, few.forward(few.codes, arithmetic)[1]))
     table, entry, bit = sites[int(np.argmax(changed))]
-    what = f"{table.strip('_')} entry {entry - entries // 2} bit {bit}: {max(changed):.3f}; {len(sites)} flips tried"
-    return Outcome(float(np.mean(changed)), what, by_bit(sites, changed))
+    words_of = f"{table.strip('_')} entry {entry - entries // 2} bit {bit}: {max(changed):.3f}; {len(sites)} flips tried"
+    return Outcome(float(np.mean(changed)), words_of, by_bit(sites, changed))
 
 
 def constant_flips(bench: Bench) -> Outcome:
     """Every bit of the normaliser's mean and scale inverted, one at a time: share of decisions changed."""
     few, arrays = bench.sample, bench.model.arrays
     formats = {"mean": QFormat(bench.config.sum_bits, 0), "scale": bench.config.scale_format}
-    sites = [
-        (name, place, bit)
-        for name, fmt in formats.items()
-        for place in range(arrays[name].size)
-        for bit in range(fmt.width)
-    ]
+    sites = every_bit(arrays, formats)
     changed = []
     for name, place, bit in sites:
         constants = {**arrays, name: upset(arrays[name], place, bit, formats[name])}
@@ -192,8 +192,8 @@ def register_flips(bench: Bench) -> Outcome:
         )
     changed = np.array(shares)
     name, bit = sites[int(changed.argmax())]
-    what = f"{name} bit {bit}: {changed.max():.3f}; {len(sites)} flips of {', '.join(fields)} and mask"
-    return Outcome(float(changed.mean()), what, by_bit(sites, changed))
+    words = f"{name} bit {bit}: {changed.max():.3f}; {len(sites)} flips of {', '.join(fields)} and mask"
+    return Outcome(float(changed.mean()), words, by_bit(sites, changed))
 
 
 # ---------------------------------------------------------------------- the state
@@ -205,15 +205,15 @@ class Upset(Fixed):
         self._step, self._unit, self._bit, self._calls = step, unit, bit, 0
 
     def state(self, products):
-        made = super().state(products)
+        values = super().state(products)
         step, second = divmod(self._calls, 2)  # every cell narrows two values a step; the second is the new h
         self._calls += 1
         if second:
             rows = np.flatnonzero(self._step == step)
-            made = made.copy()
-            old = made[rows, self._unit[rows]].astype(np.int64)
-            made[rows, self._unit[rows]] = flipped(old, self._bit[rows], self._config.formats.state_format)
-        return made
+            values = values.copy()
+            old = values[rows, self._unit[rows]].astype(np.int64)
+            values[rows, self._unit[rows]] = flipped(old, self._bit[rows], self._config.formats.state_format)
+        return values
 
 
 def state_flips(bench: Bench) -> Outcome:

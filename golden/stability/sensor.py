@@ -150,14 +150,14 @@ def _missed(bench: Bench, level: str, within: int) -> float:
     shares = [0.0]
     begin = np.maximum(0, bench.onsets - 1 + round(0.25 * bench.config.last_frame))
     for taxel in bench.live:
-        made = disturbed(bench, held(bench, [taxel], level, 0.25))
-        flagged = bench.parts.find_touches(bench.config, made, steps=0).flagged
+        recordings = disturbed(bench, held(bench, [taxel], level, 0.25))
+        flagged = bench.parts.find_touches(bench.config, recordings, steps=0).flagged
         if flagged is None:
             return 1.0
-        alive = made.lengths >= begin + within
-        mine = (flagged[:, taxel] > 0) & (flagged[:, taxel] <= begin + within)
+        alive = recordings.lengths >= begin + within
+        its_own = (flagged[:, taxel] > 0) & (flagged[:, taxel] <= begin + within)
         others = np.delete(flagged, taxel, axis=1).any(axis=1)
-        shares.append(1 - float(np.mean((mine & ~others)[alive])) if alive.any() else 1.0)
+        shares.append(1 - float(np.mean((its_own & ~others)[alive])) if alive.any() else 1.0)
     return max(shares)
 
 
@@ -171,9 +171,9 @@ def missed(bench: Bench) -> Outcome:
     frames = bench.thin([4 * block, 2 * block, 3 * block // 2, block, block // 2])
     line = [max(_missed(few, level, int(frame)) for level in ("high", "rest")) for frame in frames]
     worst = max(shares, key=shares.__getitem__)
-    what = f"stuck {worst}: {shares[worst]:.4f}; {f'{fault_frames} frames' if fault_frames else 'no detector'} a block"
+    words = f"stuck {worst}: {shares[worst]:.4f}; {f'{fault_frames} frames' if fault_frames else 'no detector'} a block"
     return Outcome(
-        shares[worst], what, Curve("frames after the failure", "share missed", frames, {"missed": line})
+        shares[worst], words, Curve("frames after the failure", "share missed", frames, {"missed": line})
     )
 
 
@@ -194,6 +194,6 @@ def false_alarms(bench: Bench) -> Outcome:
         for gain in amplitudes
     ]
     first = next((gain for gain, flagged in zip(amplitudes, line, strict=True) if flagged > 0), None)
-    what = f"none until noise and signal fall to {first:g}" if first else "none on the whole curve"
+    words = f"none until noise and signal fall to {first:g}" if first else "none on the whole curve"
     curve = Curve("amplitude / recorded", "share with a flag", amplitudes, {"flagged": line})
-    return Outcome(share(bench, bench.recordings), f"{len(bench.recordings)} recordings; {what}", curve)
+    return Outcome(share(bench, bench.recordings), f"{len(bench.recordings)} recordings; {words}", curve)

@@ -78,12 +78,15 @@ class Whole:
 
 def _shares(bench: Bench, changes: dict[str, tuple[Bench, Change]]) -> dict[str, tuple[float, Case]]:
     """Accuracy under each disturbance, by what it is called, and its three worst recordings."""
-    found = {}
+    shares = {}
     for name, (where, change) in changes.items():
-        made = disturbed(bench, change)
-        decisions = where.decisions(made)
-        found[name] = (float(np.mean(decisions == made.labels)), worst_recordings(where, made, decisions))
-    return found
+        recordings = disturbed(bench, change)
+        decisions = where.decisions(recordings)
+        shares[name] = (
+            float(np.mean(decisions == recordings.labels)),
+            worst_recordings(where, recordings, decisions),
+        )
+    return shares
 
 
 @dataclass(frozen=True)

@@ -161,13 +161,13 @@ def motor_burst(bench: Bench) -> Outcome:
             stream[:quiet] = level + gain * (stream[:quiet] - level)
             return stream
 
-        made = disturbed(where, change)
-        touches = where.parts.find_touches(where.config, made, steps=0)
+        recordings = disturbed(where, change)
+        touches = where.parts.find_touches(where.config, recordings, steps=0)
         first = touches.first_touch()
-        found = np.where(first >= 0, touches.onset_frame[first], 1 << 30)
-        return float(np.mean(found < where.onsets - where.config.windows.window)), made
+        onsets = np.where(first >= 0, touches.onset_frame[first], 1 << 30)
+        return float(np.mean(onsets < where.onsets - where.config.windows.window)), recordings
 
-    share, made = early(bench, 1.5)
+    share, recordings = early(bench, 1.5)
     gains = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0]
     curve = Curve(
         "burst / recorded",
@@ -179,7 +179,7 @@ def motor_burst(bench: Bench) -> Outcome:
         share,
         f"{round(share * len(clean))} of {len(clean)} recordings",
         curve,
-        Case(made.subset(range(min(3, len(made))))),
+        Case(recordings.subset(range(min(3, len(recordings))))),
     )
 
 
@@ -223,9 +223,9 @@ def two_touches(bench: Bench) -> Outcome:
                 differing.append(i)
     failed = range(len(differing) + 1)
     curve = Curve("recording", "touches that differ", [k + 1 for k in failed], {"sum": failed})
-    what = f"{len(differing)} of {compared} second touches differ in a tenth of their steps"
+    words = f"{len(differing)} of {compared} second touches differ in a tenth of their steps"
     return Outcome(
-        (compared - len(differing)) / max(compared, 1), what, curve, Case(both.subset(differing[:2] or [0]))
+        (compared - len(differing)) / max(compared, 1), words, curve, Case(both.subset(differing[:2] or [0]))
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from eskin.golden.stability import memory, numeric, sensor, stream
-from eskin.golden.stability.core import ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Bench, Mode, harmless
+from eskin.golden.stability.core import ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Mode, harmless
 from eskin.golden.stability.shapes import AGREED, AsInFloat, EachTaxel, QuietStretches, TaxelPairs, Whole
 
 TWO_TAXELS_MEAN = 0.90
@@ -31,27 +31,12 @@ DEAD = EachTaxel(sensor.stuck("rest"), -0.1, BEGINS, TO_FAILURE)
 MASKED = EachTaxel(sensor.stuck_and_masked, -0.1, BEGINS, TO_FAILURE)
 
 
-def _table_interval(bench: Bench) -> float:
-    """An interval of the tanh table in state LSB."""
-    return float(2.0 ** (bench.config.formats.state_format.frac_bits - bench.config.tanh_frac))
-
-
 # fmt: off
 MODES: dict[str, Mode] = {mode.name: mode for mode in (
     # numeric: rounding, saturation, bits
     Mode("numeric", "state error without reset", numeric.growth, "error at step t / error at step 20",
         "a contracting cell forgets its roundings: an error that grows would make long touches "
         "undecidable", at_most=2.0, needs=("state",)),
-    Mode("numeric", "rounding bias carried in the state", numeric.carried_bias, "state LSB",
-        "truncation shifts every state by about an LSB a step, which accuracy does not show", at_most=0.25,
-        needs=("state",)),
-    Mode("numeric", "limit cycle after a touch", numeric.limit_cycle, "state LSB peak to peak",
-        "a unit may rock within one interval of the tanh table; more would be an oscillation that "
-        "arithmetic made", at_most=_table_interval, needs=("state",)),
-    Mode("numeric", "table resolution", numeric.table_resolution,
-        "share of decisions as with the exact functions",
-        "an interval's width is the table's only error that grows with few entries", at_least=0.98,
-        needs=("state",)),
     Mode("numeric", "weight bits",
         AsInFloat("weight_bits", "weight bits", (12, 8, 7, 6, 5, 4, 3, 2), lambda config: config.weight_bits),
         LOCAL, AS_EVALUATE,
@@ -85,9 +70,8 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
                                                                                     "there are",
             "half of the steps"), ACCURACY,
         "half of the steps must do: a cut touch is decided by the steps it has, and flagged partial",
-        "Streams that end in the middle of the touch: the decision of the completed steps. Curve: other "
-        "shares of "
-        "the steps.", at_least=ONE_TAXEL_WORST),
+        "Streams that end in the middle of the touch: the decision of the "
+        "completed steps. Curve: other shares of the steps.", at_least=ONE_TAXEL_WORST),
     Mode("stream", "touch at frame 1",
         Whole(stream.without_lead, 0, (400, 200, 128, 96, 64, 32, 0), "quiet frames before the onset",
             stream.undecided), ACCURACY,
@@ -104,9 +88,8 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
             "the last quarter"), ACCURACY,
         "the vote of the first three quarters stands: what comes then must not change the decision of the "
         "touch "
-        "before", "The movement of a recording of another class is added to the last quarter of the touch: "
-                  "the "
-        "first touch's decision.", at_least=harmless),
+        "before", "The movement of a recording of another class is added to the last quarter of "
+        "the touch: the first touch's decision.", at_least=harmless),
     Mode("stream", "one-sample glitch before the touch",
         QuietStretches(stream.glitch, sensor.SPIKE_CODES, (30, 100, 300, 1000, sensor.SPIKE_CODES, 10000,
             30000), "height of the glitch (codes)", lambda bench, streams: f"{len(streams)} quiet stretches",
@@ -125,8 +108,7 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
     Mode("stream", "drift of all taxels",
         Whole(stream.drift, 0.25, (0.125, 0.25, 0.5, 1.0, 2.0),
             "drift in a touch (deviations of the features)", "a quarter of a deviation", log=True),
-        ACCURACY, "the rest level is frozen in a touch: what drifts in one touch must stay small beside its "
-        "features",
+        ACCURACY, "the rest level is frozen in a touch: what drifts in one touch must stay small beside its features",
         "All taxels ramp through the whole recording by a quarter of the features' standard deviation in "
         "a touch.", at_least=harmless),
     Mode("stream", "mains hum",
@@ -276,7 +258,8 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "the watchdog returns to idle", at_most=0),
     Mode("memory", "weight or constant upset flagged", "checksum",
         "flips not flagged before the next global decision",
-        "the checksum covers weights, constants and configuration registers", at_most=0),
+        "the checksum covers weights, constants and configuration registers", at_most=0,
+        needs=("checksum",)),
 )}
 # fmt: on
 """Every mode by its name, in the order of the report."""

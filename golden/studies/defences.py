@@ -56,8 +56,7 @@ class Variant:
 def smallest_activity(recordings: Recordings, config: AcceleratorConfig, block: int) -> int:
     """Smallest activity (docs/specification.md, section 10) of a whole block after settling, any recording,
     any live taxel, codes."""
-    live = [taxel for taxel in range(config.sensor.taxels) if taxel not in config.sensor.masked_taxels]
-    least = []
+    live, least = config.sensor.live, []
     for index in range(len(recordings)):
         stream = recordings.recording(index).astype(np.int64)[:, live]
         first = -(-config.rest_level.rest_frames // block) * block
@@ -158,7 +157,7 @@ def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
     taxel."""
     clean = find_touches(config, recordings)
     rows = clean.first_touch()
-    found = {"clean": (config, rows, clean)}
+    touches_of = {"clean": (config, rows, clean)}
     # half a touch more than the first touch takes is all that a late onset can ask for
     ends = np.where(rows >= 0, clean.start_frame[rows] - 1 + config.last_frame * 3 // 2, recordings.lengths)
     ends = np.minimum(ends, recordings.lengths)
@@ -167,11 +166,11 @@ def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
         samples=np.concatenate([recordings.recording(i)[:end] for i, end in enumerate(ends)]),
         offsets=np.cumsum([0, *ends]),
     )
-    for taxel in (taxel for taxel in range(config.sensor.taxels) if taxel not in config.sensor.masked_taxels):
+    for taxel in config.sensor.live:
         for name, (changed, spoiled) in failures(short, config, taxel).items():
             touches = find_touches(changed, spoiled)
-            found[f"{name} {taxel}"] = (changed, touches.first_touch(), touches)
-    return found
+            touches_of[f"{name} {taxel}"] = (changed, touches.first_touch(), touches)
+    return touches_of
 
 
 def _decisions(
@@ -182,9 +181,9 @@ def _decisions(
     if not (rows >= 0).any():
         return np.full(len(rows), -1, dtype=np.int64), np.zeros(len(rows), dtype=np.int64)
     own = dataclasses.replace(model, config=model.config.replace(masked_taxels=config.sensor.masked_taxels))
-    made = decide_touches(own, touches.take(rows[rows >= 0]))
+    decided = decide_touches(own, touches.take(rows[rows >= 0]))
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
-    return by_recording(made.decision, placed), by_recording(made.lead, placed, none=0)
+    return by_recording(decided.decision, placed), by_recording(decided.lead, placed, none=0)
 
 
 # ---------------------------------------------------------------------- the comparison
@@ -245,13 +244,11 @@ def _judged(
     models = work.quantise(work.fit(None), widths)
     numbers = work.split_numbers
     _, clean_rows, clean = found["clean"]
-    outcome: list[
-        tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    ] = []  # split, test, decisions, margins; training margins
+    # split, test, decisions, margins; training margins
+    outcome: list[tuple[int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
     for model, number, test, training in zip(models, numbers, work.tests, work.trainings, strict=True):
-        decisions, margins = _decisions(model, config, clean_rows[test], clean)
         training_margins = _decisions(model, config, clean_rows[training], clean)[1]
-        outcome.append((number, test, decisions, margins, training_margins))
+        outcome.append((number, test, *_decisions(model, config, clean_rows[test], clean), training_margins))
     record: dict[str, Any] = {
         "name": variant.name,
         "hidden": config.network.hidden,
@@ -261,34 +258,26 @@ def _judged(
         "clean": [],
         "margin": [],
     }
+    labels = recordings.labels
     for number, groups in enumerate(splits):
-        mine = [entry for entry in outcome if entry[0] == number]
-        by_fold = [float(np.mean(decisions == recordings.labels[test])) for _, test, decisions, _, _ in mine]
-        total = sum(float(np.sum(decisions == recordings.labels[test])) for _, test, decisions, _, _ in mine)
-        accuracy = total / sum(len(test) for _, test, *_ in mine)
-        record["clean"].append(
-            {"groups": list(groups), "accuracy": accuracy, "spread": float(np.std(by_fold))}
-        )
-        record["margin"].append(margin_record(list(groups), recordings.labels, mine, COVERAGE))
-    live = [taxel for taxel in range(config.sensor.taxels) if taxel not in config.sensor.masked_taxels]
-    right: dict[str, dict[int, float]] = {}
-    for taxel in live:
-        for name in ("dead", "stuck", "stuck, masked"):
+        of_split = [entry for entry in outcome if entry[0] == number]
+        right = [decisions == labels[test] for _, test, decisions, *_ in of_split]
+        accuracy, spread = float(np.mean(np.concatenate(right))), float(np.std([np.mean(r) for r in right]))
+        record["clean"].append({"groups": list(groups), "accuracy": accuracy, "spread": spread})
+        record["margin"].append(margin_record(list(groups), labels, of_split, COVERAGE))
+    for name in ("dead", "stuck", "stuck, masked"):
+        by_taxel = {}
+        for taxel in config.sensor.live:
             changed, rows, touches = found[f"{name} {taxel}"]
-            count = wrong = 0
-            for model, number, test in zip(models, numbers, work.tests, strict=True):
-                if number == 0:
-                    decisions, _ = _decisions(model, changed, rows[test], touches)
-                    wrong += int(np.sum(decisions != recordings.labels[test]))
-                    count += len(test)
-            right.setdefault(name, {})[taxel] = 1 - wrong / count
-    for name, by_taxel in right.items():
+            wrong = [
+                _decisions(model, changed, rows[test], touches)[0] != labels[test]
+                for model, number, test in zip(models, numbers, work.tests, strict=True)
+                if number == 0
+            ]
+            by_taxel[taxel] = 1 - float(np.mean(np.concatenate(wrong)))
         worst = min(by_taxel, key=by_taxel.__getitem__)
-        record[name] = {
-            "mean": float(np.mean(list(by_taxel.values()))),
-            "worst": by_taxel[worst],
-            "worst_taxel": worst,
-        }
+        mean = float(np.mean(list(by_taxel.values())))
+        record[name] = {"mean": mean, "worst": by_taxel[worst], "worst_taxel": worst}
     return record
 
 

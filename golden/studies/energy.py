@@ -4,6 +4,7 @@ measurements, with its band.
     E(step)        = cycles * e_clock + register-bit toggles * e_toggle + multiply cycles * e_multiply
     E(touch)       = steps * E(step)                                   (the recurrent cell, its normaliser and the decision)
     E(preprocess)  = frames of a touch * (cycles * e_clock + toggles * e_toggle)
+                                       (a frame without a touch takes fewer cycles)
     P(idle)        = P(static) + clock * (e_clock + idle toggles * e_toggle) + frame rate * frame toggles * e_toggle
     P(average)     = P(idle) + touches a second * what the steps add
     hours          = 1000 mAh * 5 V / P                                (thesis, equation 5.1: 18 000 J)
@@ -79,11 +80,10 @@ PARTS = {
             multiply_j=24e-12,
             oscillator_w={hertz: amp * 1.219 + _RAILS_W for hertz, amp in _OSCILLATOR_A.items()},
             band=2.0,
-            rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: "
-            "one board, all supplies, core "
-            "at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; 0.2 pJ a register "
-            "bit that changes; at most "
-            "24 pJ a multiply. The source has no figure for block RAM.",
+            rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: one board, "
+            "all supplies, core at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; "
+            "0.2 pJ a register bit that changes; at most 24 pJ a multiply. The source has no figure for "
+            "block RAM.",
             measured=True,
         ),
         Part(name="iCE40HX1K", static_w=296e-6 * 1.2, band=3.0, rests_on=_SMALL_PART.format(296)),
@@ -93,10 +93,9 @@ PARTS = {
             static_w=50e-3,
             multiply_j=24e-12,
             band=4.0,
-            rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), "
-            "though this part's clock network "
-            "is larger; static power of some tens of milliwatt from memory, taken as 50 mW. Orders of "
-            "magnitude, hence a band of 4.",
+            rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), though this "
+            "part's clock network is larger; static power of some tens of milliwatt from memory, taken as "
+            "50 mW. Orders of magnitude, hence a band of 4.",
         ),
     )
 }
@@ -164,15 +163,16 @@ class Activity:
     """What the hardware does, averages of co-simulated recordings.
 
     step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles,
-    frame_toggles: of a frame, in the rest. idle_toggles: a cycle without work. ram_reads, large_uses: a
-    cycle, of block memories and of the large ones of one port. source: how it was found. recordings: how many
-    were counted.
+    quiet_cycles: of a frame of a touch, and of another one. frame_toggles: of a frame, in the rest.
+    idle_toggles: a cycle without work. ram_reads, large_uses: a cycle, of block memories and of the large
+    ones of one port. source: how it was found. recordings: how many were counted.
     """
 
     step_cycles: float
     step_toggles: float
     step_multiplies: float
     frame_cycles: float
+    quiet_cycles: float
     frame_toggles: float
     idle_toggles: float
     ram_reads: float
@@ -181,6 +181,8 @@ class Activity:
     large_uses: float = 0.0
 
 
+CHOICE = ("name", "clock_hz", "idle_w", "average_w", "hours", "touch_j", "touches")
+"""Keys of a choice of `estimate`."""
 COMPUTE_BLOCKS = ("cell", "classifier")
 REGISTER_SHARE, IDLE_TOGGLES = 0.125, 4.0
 """For an uncounted design: share of its register bits that change in a busy cycle, register bits that change
@@ -195,7 +197,8 @@ def counted_activity(
     frames: int,
     steps: int,
     step_cycles: float,
-    frame_cycles: int,
+    frame_cycles: float,
+    quiet_cycles: float,
     recordings: int,
 ) -> Activity:
     """Activity from two runs over the same recordings, at full pace and slower, which differ in idle cycles
@@ -208,8 +211,8 @@ def counted_activity(
         as a mapping).
     frames, steps:
         In all, of one run.
-    step_cycles, frame_cycles:
-        Most cycles of a step; cycles of a frame of a touch.
+    step_cycles, frame_cycles, quiet_cycles:
+        Most cycles of a step; cycles of a frame of a touch, and of another one.
     """
     idle = max(
         0.0,
@@ -221,6 +224,7 @@ def counted_activity(
         step_toggles=compute / steps,
         step_multiplies=full["multiplies"] / steps,
         frame_cycles=frame_cycles,
+        quiet_cycles=quiet_cycles,
         frame_toggles=(sum(full["toggles"].values()) - compute) / frames,
         idle_toggles=idle,
         ram_reads=full["ram_reads"] / full["cycles"],
@@ -231,14 +235,19 @@ def counted_activity(
 
 
 def scheduled_activity(
-    config: AcceleratorConfig, step_cycles: int, frame_cycles: int, registers: int, multipliers: int
+    config: AcceleratorConfig,
+    step_cycles: int,
+    frame_cycles: float,
+    quiet_cycles: float,
+    registers: int,
+    multipliers: int,
 ) -> Activity:
     """Activity for a build without recordings: cycles of the schedule, every multiplier busy as often as
     there are products, an eighth of the register bits changing in a busy cycle.
 
     Parameters
     ----------
-    step_cycles, frame_cycles:
+    step_cycles, frame_cycles, quiet_cycles:
         Of the schedule. registers, multipliers: cells of the netlist (a design without multipliers multiplies
         in its logic).
     """
@@ -247,11 +256,11 @@ def scheduled_activity(
         step_toggles=REGISTER_SHARE * registers * step_cycles,
         step_multiplies=(config.multiplies + config.inputs) if multipliers else 0,
         frame_cycles=frame_cycles,
+        quiet_cycles=quiet_cycles,
         frame_toggles=REGISTER_SHARE * registers * frame_cycles,
         idle_toggles=IDLE_TOGGLES,
         ram_reads=0.0,
-        source=f"cycles of the schedule; {REGISTER_SHARE:g} of the register bits taken to change in a busy "
-        "cycle",
+        source=f"cycles of the schedule; {REGISTER_SHARE:g} of the register bits taken to change in a busy cycle",
     )
 
 
@@ -280,52 +289,36 @@ def estimate(
         `eskin.golden.studies.converter_power`, in no sum.
     """
     part = PARTS[part] if isinstance(part, str) else part
-    clock = activity.step_cycles * part.clock_j
-    toggles = activity.step_toggles * part.toggle_j
-    multiplies = activity.step_multiplies * part.multiply_j
-    per_step = clock + toggles + multiplies
+    steps, rate, frames = config.windows.steps, config.sensor.sample_rate_hz, config.last_frame
+    parts = {
+        "clock": activity.step_cycles * part.clock_j,
+        "toggles": activity.step_toggles * part.toggle_j,
+        "multiplies": activity.step_multiplies * part.multiply_j,
+    }
+    per_step, switched = sum(parts.values()), parts["toggles"] + parts["multiplies"]
     switching = activity.frame_toggles * part.toggle_j  # of a frame, beyond its cycles
     frame = activity.frame_cycles * part.clock_j + switching
-    frames = config.last_frame
-    touch_s = frames / config.sensor.sample_rate_hz
-    idle_cycle = part.clock_j + activity.idle_toggles * part.toggle_j
+    touch_s, idle_toggles = frames / rate, activity.idle_toggles * part.toggle_j
     # With the clock always on a step's cycles are among those that run anyhow.
-    on = part.static_w + clock_hz * idle_cycle + config.sensor.sample_rate_hz * switching
-    rows = [("outside clock, always on", clock_hz, on, config.windows.steps * (toggles + multiplies))]
+    on = part.static_w + clock_hz * (part.clock_j + idle_toggles) + rate * switching
+    rows = [("outside clock, always on", clock_hz, on, steps * switched)]
     if part.clock_stops:
-        stopped = part.static_w + config.sensor.sample_rate_hz * frame
-        rows.append(
-            ("outside clock, stops between samples", clock_hz, stopped, config.windows.steps * per_step)
+        stopped = part.static_w + rate * (activity.quiet_cycles * part.clock_j + switching)
+        touch_adds = (
+            steps * per_step + frames * (activity.frame_cycles - activity.quiet_cycles) * part.clock_j
         )
+        rows.append(("outside clock, stops between samples", clock_hz, stopped, touch_adds))
     for hertz, watt in sorted(part.oscillator_w.items()):
         if hertz >= clock_hz:
-            idle = (
-                watt
-                + hertz * activity.idle_toggles * part.toggle_j
-                + config.sensor.sample_rate_hz * switching
-            )
-            rows.append(
-                (
-                    f"own oscillator, {hertz / 1e6:g} MHz",
-                    hertz,
-                    idle,
-                    config.windows.steps * (toggles + multiplies),
-                )
-            )
+            idle = watt + hertz * idle_toggles + rate * switching
+            rows.append((f"own oscillator, {hertz / 1e6:g} MHz", hertz, idle, steps * switched))
     choices = []
     for name, hertz, idle, added in rows:
         average, touch_j = idle + TOUCHES_PER_S * added, idle * touch_s + added
-        choices.append(
-            {
-                "name": name,
-                "clock_hz": hertz,
-                "idle_w": idle,
-                "average_w": average,
-                "hours": BATTERY_J / average / 3600,
-                "touch_j": touch_j,
-                "touches": BATTERY_J / touch_j,
-            }
-        )
+        hours, touches = BATTERY_J / average / 3600, BATTERY_J / touch_j
+        figures = (name, hertz, idle, average, hours, touch_j, touches)
+        choices.append(dict(zip(CHOICE, figures, strict=True)))
+    reads = steps * activity.step_cycles * activity.ram_reads * RAM_READ_ASSUMED_J
     return {
         "method": f"estimate: {activity.source}, times published figures of the part",
         "band": part.band,
@@ -335,22 +328,15 @@ def estimate(
         "activity": asdict(activity),
         "clock_hz": clock_hz,
         "per_step_j": per_step,
-        "per_touch_j": config.windows.steps * per_step,
-        "per_touch_parts_j": {
-            "clock": config.windows.steps * clock,
-            "toggles": config.windows.steps * toggles,
-            "multiplies": config.windows.steps * multiplies,
-        },
+        "per_touch_j": steps * per_step,
+        "per_touch_parts_j": {name: steps * joule for name, joule in parts.items()},
         "preprocessing_per_touch_j": frames * frame,
         "touch_s": touch_s,
         "static_w": part.static_w,
         "idle_w": on,
         "ram_reads_per_cycle": activity.ram_reads,
         "ram_read_assumed_j": RAM_READ_ASSUMED_J,
-        "ram_reads_per_touch_j": config.windows.steps
-        * activity.step_cycles
-        * activity.ram_reads
-        * RAM_READ_ASSUMED_J,
+        "ram_reads_per_touch_j": reads,
         "choices": choices,
         "interface": converter_power(config),
     }

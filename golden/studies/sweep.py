@@ -189,7 +189,7 @@ def read_grid(path: str | Path) -> list[dict[str, Any]]:
             f"grid '{path}': is not JSON ({error}); give an object of fields, or a list of them"
         ) from None
     grids = grid if isinstance(grid, list) else [grid]
-    if not grids or not all(isinstance(each, dict) for each in grids):
+    if not grids or not all(isinstance(entry, dict) for entry in grids):
         raise InputError(
             f"grid '{path}': must be an object of fields, or a list of them; fields are {', '.join(FIELDS)}"
         )
@@ -232,23 +232,23 @@ def expand(
         if not all(choices):
             raise InputError(f"{source}: a field has an empty list; give at least one value")
         for values in itertools.product(*choices):
-            wanted = dict(zip(grid, values, strict=True))
+            fields_of = dict(zip(grid, values, strict=True))
             try:
-                point = point_of(wanted)
+                point = point_of(fields_of)
             except (InputError, ValueError) as error:
-                raise InputError(f"{source}, point {json.dumps(wanted)}: {error}") from None
+                raise InputError(f"{source}, point {json.dumps(fields_of)}: {error}") from None
             points.setdefault(json.dumps(point.to_dict()), point)
     return list(points.values())
 
 
-def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
+def _point(base: AcceleratorConfig, fields: dict[str, Any]) -> Point:
     for name in (*WIDTHS, "hidden", "steps", "hop", "lanes"):
-        if name in wanted and (not isinstance(wanted[name], int) or isinstance(wanted[name], bool)):
-            raise InputError(f"field {name}: is {wanted[name]!r}; give a whole number")
-    if not isinstance(wanted.get(AWARE, False), bool):
-        raise InputError(f"field {AWARE}: is {wanted[AWARE]!r}; give true or false")
-    changes = {name: wanted[name] for name in (*PREPROCESSING, *DECISION, *HARDWARE) if name in wanted}
-    network = {name: wanted[name] for name in ("cell", "reset", "hidden", "steps") if name in wanted}
+        if name in fields and (not isinstance(fields[name], int) or isinstance(fields[name], bool)):
+            raise InputError(f"field {name}: is {fields[name]!r}; give a whole number")
+    if not isinstance(fields.get(AWARE, False), bool):
+        raise InputError(f"field {AWARE}: is {fields[AWARE]!r}; give true or false")
+    changes = {name: fields[name] for name in (*PREPROCESSING, *DECISION, *HARDWARE) if name in fields}
+    network = {name: fields[name] for name in ("cell", "reset", "hidden", "steps") if name in fields}
     cell = network.get("cell") or base.network.cell
     if cell == "lstm":
         network["reset"] = "before"  # an LSTM has none: two spellings of it are one point
@@ -261,8 +261,8 @@ def _point(base: AcceleratorConfig, wanted: dict[str, Any]) -> Point:
             "feature_shift": (),
         }
     config = config.replace(**changes)
-    widths = {name: wanted[name] for name in WIDTHS if name in wanted}
-    return Point(choose_formats(config, _TYPICAL_RANGES, **widths), widths, wanted.get(AWARE, False))
+    widths = {name: fields[name] for name in WIDTHS if name in fields}
+    return Point(choose_formats(config, _TYPICAL_RANGES, **widths), widths, fields.get(AWARE, False))
 
 
 # ---------------------------------------------------------------------- judging
@@ -421,9 +421,9 @@ class SweepRequest(Request):
     ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         """The outcome of each point (`judge`), and what sweep.json holds of this task alone: baselines,
         judged_split, base."""
-        asked = self.work()
-        keys = [job.key(version) for job in asked]
-        pieces = dict(zip(keys, asked, strict=True))
+        work = self.work()
+        keys = [job.key(version) for job in work]
+        pieces = dict(zip(keys, work, strict=True))
         outcomes = jobs.results(judging or judge, pieces, recordings, keep=keep, what="trained and judged")
         count = len(self.baselines)
         baselines = [

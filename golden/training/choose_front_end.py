@@ -4,8 +4,7 @@ A *front end* is everything between the samples and the network: rest level, gat
 and their scale. Candidates come from the recordings (``eskin.golden.training.derive`` measures noise, signal
 and lengths) and from the presets of the same sensor. Each is judged by a linear classifier on the features
 that the INTEGER front end gives (``eskin.golden.model.preprocess``, normaliser included), on recordings that
-the
-classifier has not seen:
+the classifier has not seen:
 
 - *classifier*: kernel ridge regression of the classes' indicators on all windows of a touch at once. The
   penalty of a fold is the one of PENALTIES that does best on the OTHER folds. The normaliser's mean and scale
@@ -29,7 +28,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -269,12 +268,12 @@ def integer_features(config: AcceleratorConfig, touches) -> np.ndarray:
                 raise
             # logits and biases of a linear cell are no finer than features times weights; features do not
             # depend on them
-            names = ("logit_format", "dense_bias_format")
-            current = {name: getattr(config.formats, name) for name in names}
-            coarser = {
-                name: QFormat(fmt_of.int_bits + 1, fmt_of.frac_bits - 1) for name, fmt_of in current.items()
-            }
-            config = config.replace(feature_format=QFormat(fmt.int_bits, fmt.frac_bits - 1), **coarser)
+            logit, bias = config.formats.logit_format, config.formats.dense_bias_format
+            config = config.replace(
+                feature_format=QFormat(fmt.int_bits, fmt.frac_bits - 1),
+                logit_format=QFormat(logit.int_bits + 1, logit.frac_bits - 1),
+                dense_bias_format=QFormat(bias.int_bits + 1, bias.frac_bits - 1),
+            )
     codes = normalise(filled, touches.sums, touches.completed, mean, scale)
     return filled.formats.feature_format.to_real(codes).reshape(len(codes), -1)
 
@@ -303,16 +302,34 @@ class Judged:
         return float(self.correct.std(ddof=1) / np.sqrt(len(self.correct)))
 
 
-def behind(best: Judged, rival: Judged) -> tuple[float, float]:
-    """(shortfall of ``other``, standard error of the paired difference over recordings)."""
+class Judgement(Protocol):
+    """Whether each recording was decided rightly, or how often."""
+
+    @property
+    def correct(self) -> np.ndarray: ...
+
+
+def behind(best: Judgement, rival: Judgement) -> tuple[float, float]:
+    """(shortfall of ``rival``, standard error of the paired difference over recordings)."""
     difference = best.correct.astype(float) - rival.correct
     return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
 
 
-def is_level(best: Judged, rival: Judged) -> bool:
+def is_level(best: Judgement, rival: Judgement) -> bool:
     """The shortfall is none, or below TIE standard errors of the paired difference."""
     shortfall, error = behind(best, rival)
     return shortfall <= 0 or shortfall < TIE * error
+
+
+def most_accurate(candidates: Sequence[Any]) -> Any:
+    """The first of those with the highest accuracy."""
+    return max(candidates, key=lambda candidate: candidate.accuracy)
+
+
+def first_or_best(judged: Sequence[Judged]) -> Judged:
+    """The first one where it is level with the best, else the best."""
+    best = most_accurate(judged)
+    return judged[0] if is_level(best, judged[0]) else best
 
 
 def simplicity(config: AcceleratorConfig) -> tuple:
@@ -334,7 +351,7 @@ def simplicity(config: AcceleratorConfig) -> tuple:
 
 def choose(judged: Sequence[Judged]) -> Judged:
     """The simplest of those that are level with the best."""
-    best = max(judged, key=lambda candidate: candidate.accuracy)
+    best = most_accurate(judged)
     return min(
         (candidate for candidate in judged if is_level(best, candidate)),
         key=lambda candidate: (simplicity(candidate.config), -candidate.accuracy),
@@ -357,12 +374,8 @@ class Judge:
         progress: Callable[[int], None] = lambda count: None,
         decide: Callable[[np.ndarray, np.ndarray, Sequence[np.ndarray], int], np.ndarray] | None = None,
     ) -> None:
-        self.recordings, self._folds, self._progress, self._decide = (
-            recordings,
-            folds,
-            progress,
-            decide or blocked_ridge,
-        )
+        self.recordings, self._folds = recordings, folds
+        self._progress, self._decide = progress, decide or blocked_ridge
         self._touches: dict[AcceleratorConfig, FirstTouches] = {}
         self.judged: dict[AcceleratorConfig, Judged] = {}
 
@@ -552,31 +565,23 @@ def block_of(hop: int) -> int:
 def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
     """``config`` with every kind of feature and both scales, as far as the network's inputs go."""
     block = block_of(config.windows.hop)
-    small, large = (
-        dict(activity_rule="change", activity_block=1),
-        dict(activity_rule="sum", activity_block=block),
-    )
-    middle = dict(activity_rule="change", activity_block=block)
-    kinds: list[dict[str, Any]] = [dict(feature_kinds=("mean",))]
+    small, large, middle = ("change", 1), ("sum", block), ("change", block)
+    kinds: list[tuple[tuple[str, ...], tuple[str, int]]] = [(("mean",), ("sum", 1))]
     if config.windows.window % 2 == 0 and config.windows.window_mode == "free":
-        kinds += [dict(feature_kinds=("mean", "activity"), **rule) for rule in (small, large, middle)]
-        kinds += [dict(feature_kinds=("activity",), **small)]
-        kinds += [
-            dict(feature_kinds=("mean", "activity", "integral"), integral_knee=knee, **rule)
-            for rule in (small, large)
-        ]
-    kinds += [dict(feature_kinds=("mean", "integral"), integral_knee=knee)]
-    plain = config.replace(activity_rule="sum", activity_block=1)
+        kinds += [(("mean", "activity"), rule) for rule in (small, large, middle)]
+        kinds += [(("activity",), small)]
+        kinds += [(("mean", "activity", "integral"), rule) for rule in (small, large)]
+    kinds += [(("mean", "integral"), ("sum", 1))]
     candidates = []
-    for change in kinds:
+    for kind, (rule, length) in kinds:
+        changes: dict[str, Any] = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)
+        if "integral" in kind:
+            changes["integral_knee"] = knee
         for scale in ("array", "taxel"):
-            candidate = _valid(plain, feature_scale=scale, **change)
+            candidate = _valid(config, feature_scale=scale, **changes)
             if candidate is not None:
-                candidates.append(
-                    candidate
-                    if candidate.replace(name="derived") != config.replace(name="derived")
-                    else config
-                )
+                same = candidate == config.replace(name="derived")
+                candidates.append(config if same else candidate)
     return candidates
 
 
@@ -628,7 +633,7 @@ def choose_front_end(
     InputError
         Sizes that no accelerator has: the sentence names the field. Unknown groups.
     """
-    begin = time.perf_counter()
+    began = time.perf_counter()
     split, split_from = choose_split(recordings, groups)
     for name in split:
         if name != "label" and name not in recordings.groups:
@@ -665,7 +670,7 @@ def choose_front_end(
         chosen = _search(judge, recordings, _windows(judge, recordings, base, field, looked_at))
     record = _record(judge, chosen, judged_on, split, split_from, len(parts)) | {
         "recordings": len(recordings),
-        "wall_s": time.perf_counter() - begin,
+        "wall_s": time.perf_counter() - began,
     }
     reasons += [_in_words(record), *_cautions(judge, chosen, parts, record)]
     rivals = rivals_of(list(judge.judged.values()), chosen)
@@ -747,29 +752,18 @@ def _search(judge: Judge, recordings: Recordings, of_gate: list[list[Accelerator
     for candidate in means[:SURVIVORS]:
         judge.all(features(candidate.config, knee_of(judge.touches(candidate.config))))
 
-    best = max(
-        judge.judged.values(), key=lambda candidate: candidate.accuracy
-    ).config  # once more around the best
+    best = most_accurate(list(judge.judged.values())).config  # once more around the best
     around: list[AcceleratorConfig | None] = []
     if best.windows.window_mode == "free":
-        for configs in of_gate:
-            if _gate_of(configs[0]) == _gate_of(best):
-                for config in configs:
-                    block = 1 if best.features.activity_block == 1 else block_of(config.windows.hop)
-                    around.append(
-                        _valid(
-                            best,
-                            hop=config.windows.hop,
-                            window=config.windows.window,
-                            steps=config.windows.steps,
-                            activity_block=block,
-                        )
-                    )
+        for config in (
+            config for configs in of_gate if _gate_of(configs[0]) == _gate_of(best) for config in configs
+        ):
+            block = 1 if best.features.activity_block == 1 else block_of(config.windows.hop)
+            windows = {name: getattr(config.windows, name) for name in ("hop", "window", "steps")}
+            around.append(_valid(best, **windows, activity_block=block))
     if best.onset_rule.onset == "baseline":
-        around += [
-            _valid(best, onset_threshold=max(1, round(best.onset_rule.onset_threshold * factor)))
-            for factor in (0.7, 1.4)
-        ]
+        threshold = best.onset_rule.onset_threshold
+        around += [_valid(best, onset_threshold=max(1, round(threshold * factor))) for factor in (0.7, 1.4)]
     judge.all(config for config in around if config is not None)
     return choose(list(judge.judged.values()))
 
@@ -806,28 +800,15 @@ def rivals_of(judged: Sequence[Judged], chosen: Judged) -> tuple[AcceleratorConf
 
 def row_of(config: AcceleratorConfig) -> dict[str, Any]:
     """The fields of a front end in plain values."""
-    onset = (
-        {"onset_threshold": config.onset_rule.onset_threshold}
-        if config.onset_rule.onset == "baseline"
-        else {}
-    )
-    activity = {
-        "activity_rule": config.features.activity_rule,
-        "activity_block": config.features.activity_block,
-    }
-    return {
-        "name": config.name,
-        "rest": config.rest_level.rest,
-        "onset": config.onset_rule.onset,
-        **onset,
-        "hop": config.windows.hop,
-        "window": config.windows.window,
-        "steps": config.windows.steps,
-        "feature_kinds": list(config.features.feature_kinds),
-        **(activity if "activity" in config.features.feature_kinds else {}),
-        "feature_scale": config.features.feature_scale,
-        "inputs": config.inputs,
-    }
+    onset, windows, features = config.onset_rule, config.windows, config.features
+    row: dict[str, Any] = {"name": config.name, "rest": config.rest_level.rest, "onset": onset.onset}
+    if onset.onset == "baseline":
+        row["onset_threshold"] = onset.onset_threshold
+    row |= {"hop": windows.hop, "window": windows.window, "steps": windows.steps}
+    row["feature_kinds"] = list(features.feature_kinds)
+    if "activity" in features.feature_kinds:
+        row |= {"activity_rule": features.activity_rule, "activity_block": features.activity_block}
+    return row | {"feature_scale": features.feature_scale, "inputs": config.inputs}
 
 
 def describe(candidate: Judged, best: Judged) -> dict[str, Any]:
@@ -867,17 +848,13 @@ def _record(
 def _in_words(record: dict[str, Any]) -> str:
     chosen, rivals = record["chosen"], record["rivals"]
     best = max([chosen, *rivals], key=lambda row: row["accuracy"])
-    better = (
-        ""
-        if best is chosen
-        else f"; the best, {front_end_words(best)}, has {best['accuracy']:.1%} and is level"
-    )
+    rival = f"; the best, {front_end_words(best)}, has {best['accuracy']:.1%} and is level"
     left = left_out(record["split"])
     return (
         f"front end chosen among {len(rivals) + 1} by a linear classifier, leaving out {left} "
         f"({record['split_from']}), on "
         f"{record['recordings_looked_at']} recordings: {front_end_words(chosen)}, "
-        f"{chosen['accuracy']:.1%}{better}"
+        f"{chosen['accuracy']:.1%}{'' if best is chosen else rival}"
     )
 
 

@@ -39,13 +39,22 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import check_model_target, with_network
 from eskin.golden.training import doubts
 from eskin.golden.training.choice_table import front_end_words, left_out, network_name
-from eskin.golden.training.choose_front_end import Judge, Judged, Plan, configure, is_level, row_of
-from eskin.golden.training.crossval import Decided, Folds, Progress
+from eskin.golden.training.choose_front_end import (
+    Judge,
+    Judged,
+    Plan,
+    configure,
+    first_or_best,
+    is_level,
+    most_accurate,
+    row_of,
+)
+from eskin.golden.training.crossval import FoldDecisions, Folds, Progress, Terms, share_right
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_models import train_image_model
-from eskin.golden.training.nested import Nested, fits, fixed_network
-from eskin.golden.training.recipe import Recipe, choose_recipe
+from eskin.golden.training.nested import Nested, fits, fixed_network, halved
+from eskin.golden.training.recipe import AS_RECORDED, Recipe, choose_recipe
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.golden.training.train import TrainingRequest, train
 
@@ -56,16 +65,6 @@ LEVEL = 1.0
 OUT_OF_REACH = 3.0
 """Standard errors behind another candidate, with one seed, from which a network is not looked at any
 further."""
-
-AS_RECORDED: dict[str, Any] = {
-    "noise": 0.0,
-    "warp": 1.0,
-    "gain": 1.0,
-    "speed_gain": 0.0,
-    "channel_dropout": 0.0,
-    "taxel_failure": 0.0,
-}
-"""Changes to a recipe that then trains on touches as they were recorded."""
 
 WEAK_PENALTY = 10.0
 """Inverse penalty of a logistic regression beside that of the recipe, 1: on fabric_slide it reaches 97.7 %
@@ -140,28 +139,22 @@ def network(config: AcceleratorConfig, cell: str, hidden: int | None) -> Acceler
 def smallest_enough(candidates: Sequence[Candidate]) -> Candidate:
     """The fewest multiplies a touch of those within LEVEL standard errors of the best; of as many, the first
     that is level with the most accurate (``eskin.golden.training.choose_front_end.is_level``)."""
-    best = max(candidates, key=lambda candidate: candidate.accuracy)
+    best = most_accurate(candidates)
     enough = [
         candidate
         for candidate in candidates
         if candidate.accuracy >= best.accuracy - LEVEL * best.standard_error
     ]
     least = min(candidate.multiplies_touch for candidate in enough)
-    alike = [
-        Judged(candidate.config, candidate.correct, 0)
-        for candidate in enough
-        if candidate.multiplies_touch == least
-    ]
-    top = max(alike, key=lambda candidate: candidate.accuracy)
-    level = next(number for number, candidate in enumerate(alike) if is_level(top, candidate))
-    return [candidate for candidate in enough if candidate.multiplies_touch == least][level]
+    alike = [candidate for candidate in enough if candidate.multiplies_touch == least]
+    return next(candidate for candidate in alike if is_level(most_accurate(alike), candidate))
 
 
 def goes_on(candidates: Sequence[Candidate]) -> bool:
     """GRU 12, the last of ``candidates``, is not level: below the best, or still better than GRU 8, by more
     than a standard error."""
     *_, eight, twelve = candidates
-    best = max(candidates, key=lambda candidate: candidate.accuracy)
+    best = most_accurate(candidates)
     below = best.accuracy - twelve.accuracy > LEVEL * best.standard_error
     rising = twelve.accuracy - eight.accuracy > LEVEL * max(eight.standard_error, twelve.standard_error)
     return below or rising
@@ -173,80 +166,56 @@ def settled(candidate: Candidate) -> bool:
 
 
 def cross_validate_network(
-    recordings: Recordings,
+    terms: Terms,
     config: AcceleratorConfig,
     recipe: Recipe,
-    groups: Sequence[str],
-    seeds: Sequence[int],
-    folds: int,
-    widths: dict[str, Any],
-    progress: Progress | None = None,
-    *,
-    datasets: Datasets | None = None,
     goes_on: Callable[[Candidate], bool] = lambda first: True,
 ) -> Candidate:
     """One candidate, judged on recordings left out: with the first seed, and where that ``goes_on`` with the
     others too."""
-    datasets = datasets or Datasets(recordings)
+    recordings, groups = terms.recordings, [list(terms.groups)]
 
-    def judged(of_seeds: Sequence[int]) -> list[Decided]:
-        work = Folds(recordings, config, recipe, [list(groups)], of_seeds, folds, datasets)
-        models = work.fit(progress)
-        return work.decided(models, work.quantise(models, widths))
+    def folds_of(seeds: Sequence[int]) -> Folds:
+        return Folds(recordings, config, recipe, groups, seeds, terms.folds, terms.datasets)
 
-    def candidate(of_seeds: Sequence[int], decided: list[Decided]) -> Candidate:
-        work = Folds(recordings, config, recipe, [list(groups)], of_seeds, folds, datasets)
-        correct = np.zeros(len(recordings))
-        for test, run in zip(work.tests, decided, strict=True):
-            correct[test] += (run.integer_global == recordings.labels[test]) / len(of_seeds)
-        (record,) = work.records_of(decided)
+    def decided(work: Folds) -> list[FoldDecisions]:
+        models = work.fit(terms.progress)
+        return work.decided(models, work.quantise(models, terms.widths))
+
+    def candidate(work: Folds, runs: list[FoldDecisions]) -> Candidate:
+        (record,) = work.records_of(runs)
+        correct = share_right(recordings.labels, work.tests, runs)
         return Candidate(config, recipe, correct, record, config)
 
-    decided = judged(seeds[:1])
-    first = candidate(seeds[:1], decided)
-    if len(seeds) < 2 or not goes_on(first):
+    alone = folds_of(terms.seeds[:1])
+    runs = decided(alone)
+    first = candidate(alone, runs)
+    if len(terms.seeds) < 2 or not goes_on(first):
         return first
-    return candidate(seeds, decided + judged(seeds[1:]))
+    return candidate(folds_of(terms.seeds), runs + decided(folds_of(terms.seeds[1:])))
 
 
 def recurrent_front_end(
-    recordings: Recordings,
-    front_ends: Sequence[AcceleratorConfig],
-    groups: Sequence[str],
-    *,
-    seed: int = 0,
-    folds: int = 5,
-    protocol: str = "default",
-    datasets: Datasets | None = None,
-    progress: Progress | None = None,
+    terms: Terms, front_ends: Sequence[AcceleratorConfig]
 ) -> tuple[AcceleratorConfig, list[dict[str, Any]]]:
     """The front end for a recurrent network: of these the one on which it does best, and a row for each that
     was tried.
 
-    Each trains the configuration's network, a GRU 12 as it is derived, one seed, half the recipe's updates.
-    The first one stays where it is level with the best, by
+    Each trains the configuration's network, a GRU 12 as it is derived, the first seed, half the recipe's
+    updates. The first one stays where it is level with the best, by
     ``eskin.golden.training.choose_front_end.is_level``, or so near 100 % that none can be better by a
     standard error; of the others the best is taken.
     """
-    tried = []
-    for number, config in enumerate(front_ends):
-        named: Progress | None = None
-        if progress:
-            named = lambda task, done, total, number=number: progress(
-                f"{task}, front end {number + 1} of {len(front_ends)}", done, total
-            )
-        recipe = choose_recipe(config, protocol)
-        recipe = dataclasses.replace(recipe, updates=max(recipe.updates // 2, 1))
-        tried.append(
-            cross_validate_network(
-                recordings, config, recipe, groups, [seed], folds, {}, named, datasets=datasets
-            )
-        )
+    tried: list[Candidate] = []
+    for number, config in enumerate(front_ends, 1):
+        recipe = halved((config, choose_recipe(config, terms.protocol)))[1]
+        progress = terms.called(f"front end {number} of {len(front_ends)}")
+        own = dataclasses.replace(terms, seeds=terms.seeds[:1], widths={}, progress=progress)
+        tried.append(cross_validate_network(own, config, recipe))
         if settled(tried[0]):
             break
     judged = [Judged(candidate.config, candidate.correct, 0) for candidate in tried]
-    best = max(judged, key=lambda candidate: candidate.accuracy)
-    taken = judged[0] if is_level(best, judged[0]) else best
+    taken = first_or_best(judged)
     rows = [
         {
             "front_end": front_end_words(row_of(candidate.config)),
@@ -261,18 +230,24 @@ def recurrent_front_end(
     return taken.config, rows
 
 
+def _linear_recipes(augments: bool) -> list[dict[str, Any]]:
+    """How linear cells differ from the configuration's recipe, in the order of preference."""
+    squares: dict[str, Any] = {"name": "least squares", "squares": True}
+    weak: dict[str, Any] = {"penalty": WEAK_PENALTY, **AS_RECORDED}
+    if not augments:
+        return [{}, {"name": "weak penalty", **weak}, squares]
+    # augmenting is no gain where classes differ by their timing
+    return [
+        {},
+        {"name": "as recorded", **AS_RECORDED},
+        {"name": "as recorded, weak penalty", **weak},
+        squares,
+        {**squares, "name": "least squares, as recorded", **AS_RECORDED},
+    ]
+
+
 def choose_network(
-    recordings: Recordings,
-    config: AcceleratorConfig,
-    groups: Sequence[str],
-    *,
-    recurrent: AcceleratorConfig | None = None,
-    seeds: Sequence[int] = (0, 1, 2),
-    folds: int = 5,
-    protocol: str = "default",
-    widths: dict[str, Any] | None = None,
-    datasets: Datasets | None = None,
-    progress: Progress | None = None,
+    terms: Terms, config: AcceleratorConfig, recurrent: AcceleratorConfig | None = None
 ) -> tuple[Candidate, list[dict[str, Any]]]:
     """Judge the candidates and take one: it, and the rows of training.json, in the order of size. The linear
     cell stands on ``config``'s front end, the others on that of ``recurrent`` where there is one.
@@ -287,37 +262,24 @@ def choose_network(
     """
     candidates: list[Candidate] = []
 
-    def judge(cell: str, hidden: int | None, **changes: Any) -> bool:
+    def judge(cell: str, hidden: int | None = None, **changes: Any) -> Candidate | None:
+        """The candidate; None: it is too wide for an accelerator, or has no such recipe."""
         on = config if cell == "linear" or recurrent is None else recurrent
         try:
             tried = network(on, cell, hidden)
-            recipe = choose_recipe(tried, protocol)
+            recipe = dataclasses.replace(choose_recipe(tried, terms.protocol), **changes)
         except InputError:
-            return False  # too wide for an accelerator, or a recipe that this cell has not
-        recipe = dataclasses.replace(recipe, **changes)
-        called = f"{cell} {hidden}" if hidden else cell
-        named: Progress | None = (
-            (lambda task, done, total: progress(f"{task}, {called}", done, total)) if progress else None
-        )
+            return None
+        progress = terms.called(f"{cell} {hidden}" if hidden else cell)
+        own = dataclasses.replace(terms, progress=progress)
         try:
-            candidate = cross_validate_network(
-                recordings,
-                tried,
-                recipe,
-                groups,
-                seeds,
-                folds,
-                widths or {},
-                named,
-                datasets=datasets,
-                goes_on=in_reach,
-            )
+            candidate = cross_validate_network(own, tried, recipe, goes_on=in_reach)
         except InputError:
             if cell != "linear":
                 raise
-            return False  # its formats find no room
+            return None  # its formats find no room
         candidates.append(dataclasses.replace(candidate, front_end=on))
-        return True
+        return candidate
 
     def in_reach(first: Candidate) -> bool:
         if any(
@@ -328,21 +290,9 @@ def choose_network(
         best = max((candidate.accuracy for candidate in candidates), default=0.0)
         return best - first.accuracy <= OUT_OF_REACH * first.standard_error
 
-    datasets = datasets or Datasets(recordings)
-    if judge("linear", None):
-        augments = candidates[-1].recipe.augments
-        if augments:  # which is no gain where classes differ by their timing
-            judge("linear", None, name="as recorded", **AS_RECORDED)
-        judge(
-            "linear",
-            None,
-            name="as recorded, weak penalty" if augments else "weak penalty",
-            penalty=WEAK_PENALTY,
-            **AS_RECORDED,
-        )
-        judge("linear", None, name="least squares", squares=True)
-        if augments:
-            judge("linear", None, name="least squares, as recorded", squares=True, **AS_RECORDED)
+    if linear := judge("linear"):
+        for changes in _linear_recipes(linear.recipe.augments)[1:]:
+            judge("linear", **changes)
     units = [hidden for hidden in GRU_UNITS if judge("gru", hidden)]
     if not candidates:
         raise InputError(
@@ -363,14 +313,163 @@ def splits_to_report(
     return splits if list(groups) in splits else [*splits, list(groups)]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Wish:
+    """What was said of the network; None: nothing. ``train_chosen`` says what each means."""
+
+    cell: str | None = None
+    hidden: int | None = None
+    weight_sets: str | None = None
+    reset: str | None = None
+    steps: int | None = None
+
+    @property
+    def is_open(self) -> bool:
+        """True where the network is chosen, unless a configuration was given."""
+        return self.cell is None and self.hidden is None and self.reset is None
+
+    def front_end(self, config: AcceleratorConfig) -> AcceleratorConfig:
+        """``config`` with the steps that were asked for."""
+        return config if self.steps is None else with_network(config, steps=self.steps)
+
+    def on(self, config: AcceleratorConfig) -> AcceleratorConfig:
+        """The network asked for on a front end."""
+        config = self.front_end(config)
+        config = config if self.weight_sets is None else config.replace(weight_sets=self.weight_sets)
+        if self.cell not in (None, AUTO):
+            config = network(config, self.cell, self.hidden)
+        elif self.hidden is not None:
+            config = with_network(config, hidden=self.hidden)
+        return with_network(config, reset=self.reset) if config.recurrent else config
+
+
+class _Choice:
+    """The steps of ``train_chosen``: the plan's front end, perhaps another one for a recurrent network, the
+    network, the splits to report, and what is said of it all."""
+
+    def __init__(self, terms: Terms, plan: Plan, wish: Wish, chooses: bool) -> None:
+        self.terms, self.wish, self.chooses = terms, wish, chooses
+        self.linear = plan.config
+        self.config = wish.front_end(plan.config) if chooses else wish.on(plan.config)
+        if wish.weight_sets is not None and self.config.recurrent and not chooses:
+            raise InputError(
+                f"--weight-sets {wish.weight_sets}: only a linear cell has them; leave it out, or name "
+                "--cell linear"
+            )
+        self.plan, self.reasons = plan, list(plan.reasons)
+        self.notes: dict[str, Any] = {}
+        self.recipe: Recipe | None = None
+        self.judged: list[dict[str, Any]] = []
+
+    def take_network(self) -> None:
+        """Choose the front end of a recurrent network among the plan's rivals, and the network."""
+        recurrent, of_recurrent = self._recurrent_front_end()
+        if self.chooses and self.terms.folds:
+            self._choose_network(recurrent)
+        elif not self.chooses:
+            self.plan, self.config = self.plan.with_chosen(recurrent), self.wish.on(recurrent)
+        if self.plan.record:
+            self.notes["front_end"] = self.plan.record | {"for_recurrent": of_recurrent}
+            if row_of(self.plan.config) != row_of(self.linear):
+                self.reasons.append(
+                    "the network stands on another front end than the linear classifier's: "
+                    f"{front_end_words(row_of(self.plan.config))}"
+                )
+
+    def _recurrent_front_end(self) -> tuple[AcceleratorConfig, list[dict[str, Any]]]:
+        plan, wish = self.plan, self.wish
+        front_ends = (plan.config, *plan.rivals)
+        resized = wish.front_end(plan.config) != plan.config
+        fixed = self.config.network
+        if len(front_ends) < 2 or not self.terms.folds or not self.config.recurrent or wish.reset or resized:
+            return plan.config, []
+        tried = [with_network(config, cell=fixed.cell, hidden=fixed.hidden) for config in front_ends]
+        config, rows = recurrent_front_end(self.terms, tried)
+        return front_ends[tried.index(config)], rows
+
+    def _choose_network(self, recurrent: AcceleratorConfig) -> None:
+        on = self.wish.front_end(recurrent)
+        chosen, rows = choose_network(self.terms, self.config, on)
+        self.plan = self.plan.with_chosen(recurrent if chosen.front_end == on else self.linear)
+        self.config, self.recipe, self.notes["candidates"] = chosen.config, chosen.recipe, rows
+        self.judged = [chosen.record]
+        self.reasons.append(
+            f"network chosen among {len(rows)}, leaving out {left_out(self.plan.split)} "
+            f"({self.plan.split_from}): {network_name(chosen.row(True))} needs the fewest multiplies a touch "
+            f"({chosen.multiplies_touch}) of those within one standard error (over recordings) of the best"
+        )
+
+    def nested(self) -> Nested | None:
+        """What makes the choice again inside folds; None where nothing was chosen."""
+        field = self.plan.field
+        if not (self.terms.folds and field and field.seen and self.chose):
+            return None
+        protocol = self.terms.protocol
+        networks = [fixed_network(self.wish.on, protocol)]
+        if self.chooses:
+            linear, gru = (
+                dataclasses.replace(self.wish, cell=cell, hidden=hidden)
+                for cell, hidden in (("linear", None), ("gru", 8))
+            )
+            squares = {"squares": True, "name": "least squares", **AS_RECORDED}
+            networks = [fixed_network(linear.on, protocol, **squares), fixed_network(gru.on, protocol)]
+            networks = [candidate for candidate in networks if fits(candidate, self.linear)]
+        return Nested(self.terms, field, networks)
+
+    @property
+    def chose(self) -> bool:
+        """Whether front end or network were chosen."""
+        return bool(self.plan.record or self.chooses)
+
+    def compared(self, nested: Nested | None, record: dict[str, Any]) -> dict[str, Any]:
+        """What training.json says beside ``train``'s record; ``doubts`` has the warnings. A linear classifier
+        on the same integer features and folds stands beside every split; each split that something was chosen
+        on gets its ``nested`` figure."""
+        recordings, config, folds = self.terms.recordings, self.config, self.terms.folds
+        baselines, warnings = [], []
+        judge = Judge(recordings, [])
+        for split in record["cross_validation"]:
+            judge.refold(split_folds(recordings, split["groups"], folds, None))
+            with one_thread():
+                judged = judge(config)
+            baselines.append(
+                {
+                    "name": "linear classifier on the same features",
+                    "groups": split["groups"],
+                    "accuracy": judged.accuracy,
+                    "standard_error": judged.standard_error,
+                    "multiplies": config.windows.steps * config.inputs * config.classes,
+                    "hardware": True,
+                }
+            )
+            warnings += doubts.below_baselines(split, baselines, chosen="candidates" in self.notes)
+            warnings += doubts.lost_classes(split, recordings.class_names)
+            if not self.chose:
+                continue
+            try:
+                if nested is None:
+                    raise InputError("recordings are too few; record more")
+                split["nested"] = nested.record(split["groups"])
+                warnings += doubts.by_choice(split)
+            # a front end that a fold chose has no room for its network, or no touch
+            except InputError as error:
+                split["nested"] = None
+                warnings.append(
+                    f"leaving out {left_out(split['groups'])}, there is no figure of folds that chose "
+                    f"nothing: {error}"
+                )
+        warnings += wrong_rate(recordings)
+        warnings += doubts.missed_onsets(record["touched"], record["recordings"])
+        groups = record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"]
+        warnings += doubts.look_alike(recordings, groups, folds)
+        return self.notes | {"reasons": self.reasons, "baselines": baselines, "warnings": warnings}
+
+
 def train_chosen(
     recordings: Recordings,
     asked: AcceleratorConfig | None,
     *,
     out: str | Path,
-    cell: str | None = None,
-    hidden: int | None = None,
-    weight_sets: str | None = None,
     group: Sequence[str] | None = None,
     folds: int = 5,
     seed: int = 0,
@@ -381,7 +480,7 @@ def train_chosen(
     plan: Plan | None = None,
     progress: Progress | None = None,
     of_images: dict[str, Any] | None = None,
-    **network_changes: Any,
+    **of_network: Any,
 ) -> dict[str, Any]:
     """Choose what was not asked for, train it, and write the model folder.
 
@@ -389,11 +488,6 @@ def train_chosen(
     ----------
     asked:
         The configuration that was asked for; None: the front end is chosen (``choose_front_end``).
-    cell, hidden:
-        ``auto``: the network is chosen. None: as ``auto`` where neither configuration nor ``hidden`` was
-        asked for, else the configuration's own (a GRU where there is none).
-    weight_sets:
-        Of a linear cell: ``one`` or ``window``; None: as the configuration has it.
     plan:
         What ``configure`` gave for these recordings, when it is at hand; with a field, for figures of folds
         that chose nothing.
@@ -402,8 +496,11 @@ def train_chosen(
     of_images:
         ``keep`` and ``workers`` of `eskin.golden.training.image_models.train_image_model`; of recordings they
         say nothing.
-    network_changes:
-        ``reset`` and ``steps``, as for ``train``.
+    of_network:
+        cell, hidden: ``auto``: the network is chosen. None: as ``auto`` where neither configuration nor
+        ``hidden`` was asked for, else the configuration's own (a GRU where there is none). weight_sets: of a
+        linear cell, ``one`` or ``window``; None: as the configuration has it. reset, steps: as
+        ``with_network`` takes them.
 
     All else as for ``eskin.golden.training.train.train``, whose record it returns, with ``front_end`` (where
     it was chosen), ``candidates`` (where the network was), ``reasons``, ``baselines`` (a linear classifier on
@@ -414,191 +511,72 @@ def train_chosen(
     InputError
         As ``train``; ``hidden`` with a cell that has none or is chosen.
     """
+    wish = Wish(**of_network)
     check_model_target(out)
-    check_units(cell, hidden, weight_sets)
+    check_units(wish.cell, wish.hidden, wish.weight_sets)
+    common: dict[str, Any] = {"folds": folds, "seed": seed, "quantisation_aware": quantisation_aware}
     if recordings.image_shape:
-        return _train_on_images(
-            recordings,
-            asked,
-            {
-                "hidden": hidden,
-                "weight_sets": weight_sets,
-                "reset": network_changes.get("reset"),
-                "steps": network_changes.get("steps"),
-            },
-            protocol,
-            dict(widths or {}),
-            {
-                "out": out,
-                "cell": cell,
-                "group": group,
-                "folds": folds,
-                "seed": seed,
-                "quantisation_aware": quantisation_aware,
-            }
-            | {"seeds": seeds or 1}
-            | (of_images or {}),
-            progress,
+        options = (
+            common | {"out": out, "cell": wish.cell, "group": group, "seeds": seeds or 1} | (of_images or {})
         )
-    if cell in NETWORKS:
+        return _train_on_images(recordings, asked, wish, protocol, dict(widths or {}), options, progress)
+    if wish.cell in NETWORKS:
         raise InputError(
-            f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
+            f"--cell {wish.cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
             "linear or auto"
         )
-    seeds = seeds or 3
-    begin = plan or configure(recordings, asked, groups=group, folds=folds, nested=True, progress=progress)
-    if weight_sets is not None:
-        begin = dataclasses.replace(begin, config=begin.config.replace(weight_sets=weight_sets))
-    config, reasons, begin_config = begin.config, list(begin.reasons), begin.config
-    split, split_from, steps = begin.split, begin.split_from, network_changes.get("steps")
-    config = with_network(config, steps=steps) if steps is not None else config
-    chooses = cell == AUTO or (
-        cell is None and hidden is None and asked is None and network_changes.get("reset") is None
-    )
-    if cell == AUTO and not folds:
+    plan = plan or configure(recordings, asked, groups=group, folds=folds, nested=True, progress=progress)
+    if wish.cell == AUTO and not folds:
         raise InputError(
             "--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or "
             "linear"
         )
-    datasets = Datasets(recordings)
-    changes: dict[str, Any] = {}
-    known: list[dict[str, Any]] = []
-    recipe: Recipe | None = None
-    recurrent = config
-    of_recurrent: list[dict[str, Any]] = []
-
-    def on(
-        front_end: AcceleratorConfig, cell: str | None = cell, hidden: int | None = hidden
-    ) -> AcceleratorConfig:
-        """The network asked for on a front end."""
-        sized = front_end if steps is None else with_network(front_end, steps=steps)
-        sized = sized if weight_sets is None else sized.replace(weight_sets=weight_sets)
-        made = network(sized, cell, hidden) if cell else with_network(sized, hidden=hidden)
-        return with_network(made, reset=network_changes.get("reset")) if made.recurrent else made
-
-    fixed = (
-        config if chooses else network(config, cell, hidden) if cell else with_network(config, hidden=hidden)
+    if wish.weight_sets is not None:
+        plan = dataclasses.replace(plan, config=plan.config.replace(weight_sets=wish.weight_sets))
+    terms = Terms(
+        recordings=recordings,
+        groups=plan.split,
+        datasets=Datasets(recordings),
+        seeds=range(seed, seed + (seeds or 3)),
+        folds=folds,
+        protocol=protocol,
+        widths=dict(widths or {}),
+        progress=progress,
     )
-    if weight_sets is not None and fixed.recurrent and not chooses:
-        raise InputError(
-            f"--weight-sets {weight_sets}: only a linear cell has them; leave it out, or name --cell linear"
-        )
-    if (
-        begin.rivals
-        and folds
-        and fixed.recurrent
-        and network_changes.get("reset") is None
-        and config == begin.config
-    ):
-        like: dict[str, Any] = {"cell": fixed.network.cell, "hidden": fixed.network.hidden}
-        front_ends = [with_network(one, **like) for one in (config, *begin.rivals)]
-        found, of_recurrent = recurrent_front_end(
-            recordings,
-            front_ends,
-            split,
-            seed=seed,
-            folds=folds,
-            protocol=protocol,
-            datasets=datasets,
-            progress=progress,
-        )
-        recurrent = (config, *begin.rivals)[front_ends.index(found)]
-    if chooses and folds:
-        chosen, rows = choose_network(
-            recordings,
-            config,
-            split,
-            recurrent=recurrent,
-            seeds=range(seed, seed + seeds),
-            folds=folds,
-            protocol=protocol,
-            widths=widths,
-            datasets=datasets,
-            progress=progress,
-        )
-        begin = begin.with_chosen(chosen.front_end)
-        config, recipe, changes["candidates"] = chosen.config, chosen.recipe, rows
-        left = left_out(split)
-        reasons.append(
-            f"network chosen among {len(rows)}, leaving out {left} ({split_from}): "
-            f"{network_name(chosen.row(True))} needs the fewest "
-            f"multiplies a touch ({chosen.multiplies_touch}) of those within one standard error (over "
-            "recordings) of the best"
-        )
-        known = [] if quantisation_aware else [chosen.record]
-    elif cell not in (None, AUTO):
-        begin, config = begin.with_chosen(recurrent), network(recurrent, cell, hidden)
-    elif hidden is not None:
-        begin, config = begin.with_chosen(recurrent), with_network(recurrent, hidden=hidden)
-    if begin.record:
-        changes["front_end"] = begin.record | {"for_recurrent": of_recurrent}
-        if row_of(begin.config) != row_of(begin_config):
-            reasons.append(
-                "the network stands on another front end than the linear classifier's: "
-                f"{front_end_words(row_of(begin.config))}"
-            )
+    choice = _Choice(terms, plan, wish, wish.cell == AUTO or (asked is None and wish.is_open))
+    choice.take_network()
     if group is not None:
         splits: list[list[str]] | None = [list(group)]
     elif protocol == "thesis":
         splits = None
+    elif asked is not None and not choice.chooses:
+        splits = default_splits(recordings, choice.config)
     else:
-        splits = (
-            default_splits(recordings, config)
-            if asked is not None and not chooses
-            else splits_to_report(recordings, config, split)
-        )
-    nested, chose = None, bool(begin.record or chooses)
-    if folds and begin.field and begin.field.seen and chose:
-        squares = {"squares": True, "name": "least squares", **AS_RECORDED}
-        candidates = [
-            fixed_network(lambda front_end: on(front_end, "linear", None), protocol, **squares),
-            fixed_network(lambda front_end: on(front_end, "gru", 8), protocol),
-        ]
-        networks = (
-            [one for one in candidates if fits(one, begin_config)]
-            if chooses
-            else [fixed_network(on, protocol)]
-        )
-        nested = Nested(
-            recordings,
-            begin.field,
-            split,
-            networks,
-            folds,
-            range(seed, seed + seeds),
-            dict(widths or {}),
-            datasets,
-            progress,
-        )
+        splits = splits_to_report(recordings, choice.config, plan.split)
+    nested = choice.nested()
     return train(
         recordings,
-        with_network(config, reset=network_changes.get("reset")),
+        with_network(choice.config, reset=wish.reset),
         TrainingRequest(
-            folds=folds,
+            **common,
             splits=splits,
-            seed=seed,
-            seeds=seeds,
+            seeds=len(terms.seeds),
             protocol=protocol,
-            recipe=recipe,
-            quantisation_aware=quantisation_aware,
-            widths=widths or {},
-            known=known,
+            recipe=choice.recipe,
+            widths=terms.widths,
+            known=[] if quantisation_aware else choice.judged,
         ),
         out=out,
-        datasets=datasets,
+        datasets=terms.datasets,
         progress=progress,
-        notes=lambda record: (
-            _compared(recordings, config, folds, record, changes, nested, chose)
-            | changes
-            | {"reasons": reasons}
-        ),
+        notes=lambda record: choice.compared(nested, record),
     )
 
 
 def _train_on_images(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
-    not_of_images: dict[str, Any],
+    wish: Wish,
     protocol: str,
     widths: dict[str, Any],
     options: dict[str, Any],
@@ -607,7 +585,8 @@ def _train_on_images(
     """`eskin.golden.training.image_models.train_image_model`, where nothing was asked for that networks for
     images do not have."""
     bits = widths.pop("weight_bits", None)
-    options_set = [name for name, value in (not_of_images | widths).items() if value is not None]
+    not_of_images = dataclasses.asdict(dataclasses.replace(wish, cell=None)) | widths
+    options_set = [name for name, value in not_of_images.items() if value is not None]
     if options_set or protocol != "default":
         name = options_set[0].replace("_", "-") if options_set else "protocol"
         raise InputError(
@@ -628,55 +607,3 @@ def check_units(cell: str | None, hidden: int | None, weight_sets: str | None = 
         raise InputError(
             f"--weight-sets {weight_sets}: only a linear cell has them; leave it out, or name --cell linear"
         )
-
-
-def _compared(
-    recordings: Recordings,
-    config: AcceleratorConfig,
-    folds: int,
-    record: dict[str, Any],
-    changes: dict[str, Any],
-    nested: Nested | None,
-    chose: bool,
-) -> dict[str, Any]:
-    """baselines and warnings (``doubts``): a linear classifier on the same integer features and folds beside
-    every split; each split that something was chosen on gets its ``nested`` figure."""
-    baselines, warnings = [], []
-    judge = Judge(recordings, [])
-    for split in record["cross_validation"]:
-        judge.refold(split_folds(recordings, split["groups"], folds, None))
-        with one_thread():
-            judged = judge(config)
-        multiplies = config.windows.steps * config.inputs * config.classes
-        baselines.append(
-            {
-                "name": "linear classifier on the same features",
-                "groups": split["groups"],
-                "accuracy": judged.accuracy,
-                "standard_error": judged.standard_error,
-                "multiplies": multiplies,
-                "hardware": True,
-            }
-        )
-        warnings += doubts.below_baselines(split, baselines, chosen="candidates" in changes)
-        warnings += doubts.lost_classes(split, recordings.class_names)
-        if chose:
-            try:
-                if nested is None:
-                    raise InputError("recordings are too few; record more")
-                split["nested"] = nested.record(split["groups"])
-                warnings += doubts.by_choice(split)
-            except (
-                InputError
-            ) as error:  # a front end that a fold chose has no room for its network, or no touch
-                split["nested"] = None
-                warnings.append(
-                    f"leaving out {left_out(split['groups'])}, there is no figure of folds that chose "
-                    f"nothing: {error}"
-                )
-    warnings += wrong_rate(recordings)
-    warnings += doubts.missed_onsets(record["touched"], record["recordings"])
-    warnings += doubts.look_alike(
-        recordings, record["cross_validation"][0]["groups"] if record["cross_validation"] else ["none"], folds
-    )
-    return {"baselines": baselines, "warnings": warnings}

@@ -160,7 +160,7 @@ class Folds:
         """A record for each split, as ``cross_validate`` returns them."""
         return self.records_of(self.decided(models, integers))
 
-    def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[Decided]:
+    def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[FoldDecisions]:
         """What each network decided on the recordings it has not seen (``tests``)."""
         runs = [
             _judge(model, integer, self.data, test)
@@ -174,9 +174,9 @@ class Folds:
             for m, run in enumerate(runs)
         ]
 
-    def records_of(self, runs: Sequence[Decided]) -> list[dict[str, Any]]:
+    def records_of(self, runs: Sequence[FoldDecisions]) -> list[dict[str, Any]]:
         """A record for each split from what each network ``decided``."""
-        decided: dict[tuple[int, int], list[Decided]] = {}
+        decided: dict[tuple[int, int], list[FoldDecisions]] = {}
         for m, run in enumerate(runs):
             decided.setdefault(self._jobs[m % len(self._jobs)][:2], []).append(run)
         times = step_times(self._config, self.data.touches)
@@ -192,6 +192,29 @@ class Folds:
             )
             for number, groups in enumerate(self._splits)
         ]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Terms:
+    """On what networks are judged.
+
+    groups: what is left out. seeds: of the networks of a fold. widths: bits, as
+    ``eskin.golden.training.quantise.choose_formats`` takes them.
+    """
+
+    recordings: Recordings
+    groups: Sequence[str]
+    datasets: Datasets
+    seeds: Sequence[int] = (0, 1, 2)
+    folds: int = 5
+    protocol: str = "default"
+    widths: dict[str, Any] = dataclasses.field(default_factory=dict)
+    progress: Progress | None = None
+
+    def called(self, name: str) -> Progress | None:
+        """Its progress, that says what is worked on."""
+        progress = self.progress
+        return progress and (lambda task, done, total: progress(f"{task}, {name}", done, total))
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,10 +240,10 @@ def judge_pieces(
     seed: int,
     widths: dict[str, Any],
     progress: Progress | None = None,
-) -> list[Decided]:
+) -> list[FoldDecisions]:
     """What each decided on its test. All of one configuration and recipe train at once; of those that also
     share their training part and are judged on several tests, one is trained."""
-    found: dict[int, Decided] = {}
+    outcomes: dict[int, FoldDecisions] = {}
     kinds: dict[tuple[AcceleratorConfig, Recipe], list[int]] = {}
     for number, piece in enumerate(pieces):
         kinds.setdefault((piece.config, piece.recipe), []).append(number)
@@ -234,8 +257,8 @@ def judge_pieces(
         integers = {key: post_training(models[key], data, rows, widths) for key, rows in parts.items()}
         for number in numbers:
             key = pieces[number].key
-            found[number] = _judge(models[key], integers[key], data, pieces[number].test)
-    return [found[number] for number in range(len(pieces))]
+            outcomes[number] = _judge(models[key], integers[key], data, pieces[number].test)
+    return [outcomes[number] for number in range(len(pieces))]
 
 
 def named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
@@ -243,7 +266,7 @@ def named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
 
 
 @dataclass(frozen=True)
-class Decided:
+class FoldDecisions:
     """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the
     step (r) after which the integer global one was given, -1 none; how far integer logits are from float ones
     (values of completed steps); its losses (points, 2) in training after so many updates (``LossCurves``),
@@ -259,14 +282,14 @@ class Decided:
     losses: np.ndarray | None = None
 
 
-def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.ndarray) -> Decided:
+def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.ndarray) -> FoldDecisions:
     rows = data.index[test]
     touches = data.touches.take(rows[rows >= 0])
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
     real = decide_touches(model, touches, config=integer.config)
     exact = decide_touches(integer, touches)
     done = np.arange(exact.logits.shape[1]) < touches.completed[:, None]
-    return Decided(
+    return FoldDecisions(
         by_recording(real.decision, placed),
         by_recording(real.local, placed),
         by_recording(exact.decision, placed),
@@ -276,33 +299,54 @@ def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.nda
     )
 
 
+SHARES = ("float_accuracy", "integer_accuracy", "agreement")
+
+
+def fold_records(names, tests, decided, labels: np.ndarray) -> list[dict[str, Any]]:
+    """For each fold what it holds out, its recordings, and SHARES: means over seeds, and by seed."""
+    records = []
+    for name, test, runs in zip(names, tests, decided, strict=True):
+        right = labels[test]
+        shares = {
+            "float_accuracy": [float(np.mean(run.float_global == right)) for run in runs],
+            "integer_accuracy": [float(np.mean(run.integer_global == right)) for run in runs],
+            "agreement": [float(np.mean(run.float_global == run.integer_global)) for run in runs],
+        }
+        means = {key: float(np.mean(values)) for key, values in shares.items()}
+        records.append({"held_out": name, "recordings": len(test), "by_seed": shares} | means)
+    return records
+
+
+def over_folds(per_fold: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """SHARES of all recordings."""
+    weights = [fold["recordings"] for fold in per_fold]
+    return {key: float(np.average([fold[key] for fold in per_fold], weights=weights)) for key in SHARES}
+
+
+def share_right(labels: np.ndarray, tests: Sequence[np.ndarray], runs: Sequence[FoldDecisions]) -> np.ndarray:
+    """(recordings) the share of the integer networks that decided each rightly, of those that had not seen
+    it."""
+    right, judged = np.zeros(len(labels)), np.zeros(len(labels))
+    for test, run in zip(tests, runs, strict=True):
+        right[test] += run.integer_global == labels[test]
+        judged[test] += 1
+    return right / judged
+
+
 def split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
     """The record of one split, as training.json has it, of what each network (a list a fold, one a seed)
     decided on the part left out."""
     classes = len(recordings.class_names)
     confusion = np.zeros((classes, classes + 1), dtype=np.int64)
-    per_fold = []
-    steps_float, steps_integer = np.zeros(len(times)), np.zeros(len(times))
-    total = len(recordings) * len(seeds)
-    for name, test, runs in zip(names, tests, decided, strict=True):
+    steps = np.zeros((2, len(times)))
+    for test, runs in zip(tests, decided, strict=True):
         labels = recordings.labels[test]
         for run in runs:
             np.add.at(confusion, (labels, run.integer_global), 1)  # -1, no decision, is the last column
-            steps_float += (run.float_local == labels[:, None]).sum(axis=0) / total
-            steps_integer += (run.integer_local == labels[:, None]).sum(axis=0) / total
-        shares = {
-            "float_accuracy": [float(np.mean(run.float_global == labels)) for run in runs],
-            "integer_accuracy": [float(np.mean(run.integer_global == labels)) for run in runs],
-            "agreement": [float(np.mean(run.float_global == run.integer_global)) for run in runs],
-        }
-        per_fold.append(
-            {"held_out": name, "recordings": len(test), "by_seed": shares}
-            | {key: float(np.mean(values)) for key, values in shares.items()}
-        )
+            for row, local in enumerate((run.float_local, run.integer_local)):
+                steps[row] += (local == labels[:, None]).sum(axis=0) / (len(recordings) * len(seeds))
+    per_fold = fold_records(names, tests, decided, recordings.labels)
     weights = [len(test) for test in tests]
-
-    def overall(key: str) -> float:
-        return float(np.average([fold[key] for fold in per_fold], weights=weights))
 
     def spread(key: str) -> float:
         return float(np.std([value for fold in per_fold for value in fold["by_seed"][key]]))
@@ -318,7 +362,7 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
         "groups": groups,
         "folds": len(tests),
         "seeds": seeds,
-        **{key: overall(key) for key in ("float_accuracy", "integer_accuracy", "agreement")},
+        **over_folds(per_fold),
         "float_spread": spread("float_accuracy"),
         "integer_spread": spread("integer_accuracy"),
         "float_by_seed": by_seed("float_accuracy"),
@@ -326,11 +370,11 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
         "per_step": [
             {
                 "step": k + 1,
-                "time_s": float(times[k]),
-                "float_accuracy": float(steps_float[k]),
-                "integer_accuracy": float(steps_integer[k]),
+                "time_s": float(time),
+                "float_accuracy": float(real),
+                "integer_accuracy": float(integer),
             }
-            for k in range(len(times))
+            for k, (time, real, integer) in enumerate(zip(times, *steps, strict=True))
         ],
         "per_fold": per_fold,
         "decision_time_s": float(np.mean(np.asarray(times)[given])) if len(given) else None,
@@ -346,7 +390,7 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
     }
 
 
-def _training_curve(runs: Sequence[Decided]) -> dict[str, Any] | None:
+def _training_curve(runs: Sequence[FoldDecisions]) -> dict[str, Any] | None:
     """{updates, training_loss, held_out_loss (None: nothing to judge)}, means over networks; None of a linear
     cell."""
     losses = [run.losses for run in runs if run.losses is not None]

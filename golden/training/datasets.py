@@ -39,13 +39,13 @@ def find_dataset(
     recordings: Recordings, config: AcceleratorConfig, recipe: Recipe, onsets: np.ndarray | None = None
 ) -> Dataset:
     further = max(config.windows.steps, int(np.ceil((config.windows.steps - 1) * recipe.warp)) + 1)
-    found = find_touches(config, recordings, steps=further, onsets=onsets)
-    first = found.first_touch()
+    long = find_touches(config, recordings, steps=further, onsets=onsets)
+    first = long.first_touch()
     index = np.where(first >= 0, np.cumsum(first >= 0) - 1, -1)
-    found = found.take(first[first >= 0])
-    touches = found.take(np.arange(len(found)), config.windows.steps)
+    long = long.take(first[first >= 0])
+    touches = long.take(np.arange(len(long)), config.windows.steps)
     return Dataset(
-        touches, index, recordings.labels, real_features(config, found.sums), found.faults, found.completed
+        touches, index, recordings.labels, real_features(config, long.sums), long.faults, long.completed
     )
 
 

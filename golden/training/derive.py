@@ -71,8 +71,11 @@ def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]
         config = for_recordings(preset, recordings, name=name)
         why_not = _unsuited(config, sample)
         if why_not is None:
-            shape = f"{recordings.taxels} taxels, {recordings.sample_rate_hz:g} Hz, {recordings.sample_format} codes"
-            return config, [*reasons, f"{shape}: these are the sizes of preset '{name}', which was taken"]
+            reasons.append(
+                f"{recordings.taxels} taxels, {recordings.sample_rate_hz:g} Hz, {recordings.sample_format} "
+                f"codes: these are the sizes of preset '{name}', which was taken"
+            )
+            return config, reasons
         reasons.append(f"preset '{name}' has the same taxels, rate and codes but was not taken: {why_not}")
     config, why = _general(sample, recordings)
     return config, reasons + why
@@ -118,7 +121,8 @@ def _unsuited(config: AcceleratorConfig, recordings: Recordings) -> str | None:
         recordings.lengths[touched] - np.maximum(onsets[touched] - config.windows.hop, 0) >= config.last_frame
     )
     if full.mean() < 0.5:
-        return f"its {config.windows.steps} windows end after the recording in {len(recordings) - full.sum()} of {len(recordings)}"
+        cut = f"{len(recordings) - full.sum()} of {len(recordings)}"
+        return f"its {config.windows.steps} windows end after the recording in {cut}"
     return None
 
 
@@ -239,7 +243,10 @@ def _onset_rule(
         for_recordings(AcceleratorConfig(), recordings, **base, **fields, hop=1, window=2, steps=1), sample
     )
     touched = onsets >= 0
-    rule_text = f"a taxel's mean over {mean_frames} frames leaves its tracked rest level by more than {rule.threshold} codes"
+    rule_text = (
+        f"a taxel's mean over {mean_frames} frames leaves its tracked rest level by more than "
+        f"{rule.threshold} codes"
+    )
     outcome = f"found in {touched.sum()} of {len(sample)} recordings looked at"
     if touched.mean() < 0.5:
         return at_once, [f"no onset rule works ({rule_text}: {outcome}), so the gate opens at once"], 0
@@ -247,8 +254,10 @@ def _onset_rule(
         f"onset when {rule_text} (noise {rule.noise:.3g}, weakest signals {rule.signal:.3g} codes): {outcome}"
     ]
     if rule.clip:
-        spikes = f"some reach {rule.largest.max():.0f} codes where the median recording reaches {np.median(rule.largest):.0f}"
-        reasons.append(f"single samples are clipped at {rule.clip} codes from rest: {spikes}")
+        reasons.append(
+            f"single samples are clipped at {rule.clip} codes from rest: some reach {rule.largest.max():.0f} "
+            f"codes where the median recording reaches {np.median(rule.largest):.0f}"
+        )
     if touched.mean() < 0.9:
         reasons.append(
             "many recordings show no onset: look at them with eskin inspect, or give a configuration of "

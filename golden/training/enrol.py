@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -30,34 +30,26 @@ from eskin.golden.data.folds import grouped_folds
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.cells import Float, run_cell
 from eskin.golden.model.model import (
-    CONFIG_FILE,
-    FLOAT_FILE,
-    INTEGER_FILE,
-    TRAINING_FILE,
     FloatModel,
     IntegerModel,
     check_model_target,
     load_training,
     network_formats,
     network_shapes,
-    replace_folder,
     with_network,
 )
 from eskin.golden.model.pipeline import by_recording, decide_touches
 from eskin.golden.model.straight_through import straight_through
-from eskin.golden.training.batches import Batches, Pool
+from eskin.golden.training.batches import Batches, TouchPool
 from eskin.golden.training.choose_front_end import choose, field_of
 from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
-from eskin.golden.training.losses import class_loss
-from eskin.golden.training.quantise import merged_parameters, profile, range_records
+from eskin.golden.training.losses import Progress, class_loss, descend
+from eskin.golden.training.quantise import Masters, limits_of, merged_parameters, profile, range_records
 from eskin.golden.training.recipe import Recipe, choose_recipe
 
 Layers = Literal["dense", "all"]
 Draw = Literal["random", "first"]
-Progress = Callable[[int, int], None]
-"""Called with (updates done, updates in all)."""
-
 DENSE = ("V", "b_y")
 """Arrays of the dense layer; of a linear cell there are no others."""
 
@@ -99,50 +91,15 @@ class Pair:
     integer: IntegerModel
 
 
-class _Held(torch.nn.Module):
+class _Held(Masters):
     """Networks of one configuration but for their formats, as the hardware holds their weights: every forward
     pass rounds the masters."""
 
     def __init__(self, pairs: Sequence[Pair], trained: Sequence[str]) -> None:
-        super().__init__()
-        self.config = pairs[0].integer.config
-        merged = [merged_parameters(pair.real) for pair in pairs]
-        formats = [network_formats(pair.integer.config) for pair in pairs]
-        self.weights = torch.nn.ParameterDict(
-            {
-                name: torch.nn.Parameter(
-                    torch.tensor(np.stack([arrays[name] for arrays in merged])).float(),
-                    requires_grad=name in trained,
-                )
-                for name in merged[0]
-            }
-        )
-
-        def of_each(values: Sequence[float], like: torch.Tensor) -> torch.Tensor:
-            return torch.tensor(values, dtype=torch.float32).view(-1, *[1] * (like.dim() - 1))
-
-        self._units, self._limits = {}, {}
-        for name, weight in self.weights.items():
-            self._units[name] = of_each([2.0 ** fmt[name].frac_bits for fmt in formats], weight)
-            self._limits[name] = tuple(
-                of_each(
-                    [float(fmt[name].to_real(code)) for fmt, code in zip(formats, codes, strict=True)], weight
-                )
-                for codes in (
-                    [fmt[name].min_code for fmt in formats],
-                    [fmt[name].max_code for fmt in formats],
-                )
-            )
-        self._feature_limits = tuple(
-            torch.tensor(
-                [
-                    float(of.to_real(code(of)))
-                    for of in (pair.integer.config.formats.feature_format for pair in pairs)
-                ]
-            ).view(-1, 1, 1, 1)
-            for code in (lambda of: of.min_code, lambda of: of.max_code)
-        )
-        self.hold()
+        integers = [pair.integer for pair in pairs]
+        super().__init__([pair.real for pair in pairs], integers, torch.float32, trained)
+        of_features = [integer.config.formats.feature_format for integer in integers]
+        self._feature_limits = limits_of(of_features, torch.empty(1, 1, 1, 1))
         self._begin = {name: weight.detach().clone() for name, weight in self.weights.items()}
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
@@ -161,12 +118,6 @@ class _Held(torch.nn.Module):
             for name, weight in self.weights.items()
             if weight.requires_grad
         )
-
-    @torch.no_grad()
-    def hold(self) -> None:
-        """Bring the masters back into their formats."""
-        for name, weight in self.weights.items():
-            weight.clamp_(*self._limits[name])
 
     def pairs(self, before: Sequence[Pair]) -> list[Pair]:
         """The networks as they are now, in the configurations and with the constants of those they came
@@ -213,14 +164,14 @@ def load_pair(folder: str | Path) -> Pair:
     return Pair(real, integer)
 
 
-class _Mixed(Pool):
+class _Mixed(TouchPool):
     """Draws a fixed share of every batch from the new touches, the rest from the old ones."""
 
     def __init__(
         self, old: list[np.ndarray], new: list[np.ndarray], share: float, generator: torch.Generator
     ) -> None:
         super().__init__(old, generator)
-        self._new, self._share = Pool(new, generator), share
+        self._new, self._share = TouchPool(new, generator), share
 
     def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
         fresh = max(1, round(batch * self._share))
@@ -255,27 +206,24 @@ def fit(
         names = network_shapes(pairs[0].integer.config, real=False)
         network = _Held(pairs, DENSE if setting.layers == "dense" else list(names))
         pool = (
-            Pool(list(new), generator)
+            TouchPool(list(new), generator)
             if old is None
             else _Mixed(list(old), list(new), setting.share, generator)
         )
         scales = [(pair.real.arrays["mu"].tolist(), pair.real.arrays["sigma"].tolist()) for pair in pairs]
         drawn = dataclasses.replace(recipe, epochs=0)  # a pass over so few touches means nothing
         batches = Batches(data, pairs[0].real.config, drawn, list(new), generator, scales=scales, pool=pool)
-        trained = [weight for weight in network.parameters() if weight.requires_grad]
-        optimiser = torch.optim.Adam(trained, lr=setting.learning_rate, foreach=True)
-        schedule = torch.optim.lr_scheduler.OneCycleLR(
-            optimiser, setting.learning_rate, total_steps=setting.updates
-        )
-        for update in range(setting.updates):
+
+        def loss_of() -> torch.Tensor:
             features, labels, counts = batches.draw()
-            losses = class_loss(recipe, network(features), labels, counts) + setting.near * network.distance()
-            optimiser.zero_grad()
-            losses.sum().backward()
-            optimiser.step()
-            schedule.step()
+            return class_loss(recipe, network(features), labels, counts) + setting.near * network.distance()
+
+        def after(done: int, loss: torch.Tensor) -> None:
             network.hold()
-            progress(update + 1, setting.updates)
+            progress(done, setting.updates)
+
+        trained = [weight for weight in network.parameters() if weight.requires_grad]
+        descend(trained, loss_of, setting.learning_rate, setting.updates, after=after)
         return network.pairs(pairs)
 
 
@@ -436,7 +384,8 @@ def enrol(
             low, high = ranges[entry["signal"]]
             ranges[entry["signal"]] = (min(low, entry["min"]), max(high, entry["max"]))
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
-    _save(enrolled, out, json.loads(json.dumps(record)))
+    enrolled.real.save(out, json.loads(json.dumps(record)))
+    enrolled.integer.save(out)
     return result
 
 
@@ -452,16 +401,6 @@ def _recipe_of(record: Mapping[str, Any], config: AcceleratorConfig) -> Recipe:
         return Recipe(**record["recipe"])
     except (KeyError, TypeError):
         return choose_recipe(config)
-
-
-def _save(pair: Pair, out: str | Path, record: Mapping[str, Any]) -> None:
-    def write(folder: Path) -> None:
-        (folder / CONFIG_FILE).write_text(pair.integer.config.to_json())
-        np.savez(folder / FLOAT_FILE, allow_pickle=False, **pair.real.arrays)
-        np.savez(folder / INTEGER_FILE, allow_pickle=False, **pair.integer.arrays)
-        (folder / TRAINING_FILE).write_text(json.dumps(record, indent=1) + "\n")
-
-    replace_folder(out, write)
 
 
 def _largest_change(before: Pair, after: Pair) -> float:
@@ -564,10 +503,10 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
         raise InputError(
             "--group: is missing; name the group array whose values are mountings, persons or positions"
         )
-    found = {}
+    of_value = {}
     for members in grouped_folds(recordings, groups, max(2, len(recordings)), None):
         name = " ".join(str(recordings.groups[group][members[0]]) for group in groups)
-        found[name] = members
+        of_value[name] = members
         counts = np.bincount(recordings.labels[members], minlength=len(recordings.class_names))
         label = int(np.argmin(counts))
         if counts[label] <= max(ks):
@@ -577,7 +516,7 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
                 f"{recordings.class_names[label]}, and enrolling {max(ks)} leaves none to judge; use a "
                 "smaller k or another group"
             )
-    return found
+    return of_value
 
 
 def set_aside(recordings: Recordings, values: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -624,9 +563,9 @@ def _judge_values(
     recipe = choose_recipe(config)
     data = find_dataset(recordings, config, recipe)
     everything, most = np.arange(len(recordings)), max(question.ks)
-    known = [np.setdiff1d(everything[~aside], members) for members in values.values()]
+    remembered = [np.setdiff1d(everything[~aside], members) for members in values.values()]
     others = [np.setdiff1d(everything[aside], members) for members in values.values()]
-    parts = [touch_rows(data, members) for members in known]
+    parts = [touch_rows(data, members) for members in remembered]
     models = fit_networks(data, config, recipe, parts, question.seed, progress)
     before = [
         Pair(model, post_training(model, data, rows, {})) for model, rows in zip(models, parts, strict=True)
@@ -699,35 +638,30 @@ def summary(
     """
     figures = ("before", "after", "others_before", "others_after")
 
-    def several(values: np.ndarray) -> float | None:
-        return float(values.std(ddof=1)) if len(values) > 1 else None
+    def means(of_seeds: Mapping[str, np.ndarray | None]) -> dict[str, Any]:
+        spread = {
+            name: float(values.std(ddof=1)) if len(values) > 1 else None
+            for name, values in of_seeds.items()
+            if values is not None
+        }
+        mean = {name: None if values is None else float(values.mean()) for name, values in of_seeds.items()}
+        return mean | {"spread": spread}
 
-    rows, mean = [], {}
+    rows: list[dict[str, Any]] = []
+    mean = {}
     for same in zip(*by_seed, strict=True):
         runs = {name: [row[name] for row in same] for name in figures}
-        known = {name: np.array(values) for name, values in runs.items() if None not in values}
-        rows.append(
-            {
-                "group": " and ".join(group),
-                "value": same[0]["value"],
-                "k": same[0]["k"],
-                "layers": layers,
-                "old": old,
-            }
-            | {name: float(known[name].mean()) if name in known else None for name in figures}
-            | {"recordings": same[0]["recordings"], "others": same[0]["others"]}
-            | {"spread": {name: several(values) for name, values in known.items()}, "by_seed": runs}
-        )
+        head = {"group": " and ".join(group), "layers": layers, "old": old}
+        head |= {name: same[0][name] for name in ("value", "k", "recordings", "others")}
+        of_seeds = {name: None if None in values else np.array(values) for name, values in runs.items()}
+        rows.append(head | means(of_seeds) | {"by_seed": runs})
     for k in sorted({row["k"] for row in rows}):
         of_k = [row for row in rows if row["k"] == k]
-        entry: dict[str, Any] = {}
-        spread = {}
+        overall: dict[str, np.ndarray | None] = {}
         for name in figures:
             weight = [row["others" if name.startswith("others") else "recordings"] for row in of_k]
-            if any(row[name] is None for row in of_k):
-                entry[name] = None
-                continue
-            overall = np.average([row["by_seed"][name] for row in of_k], axis=0, weights=weight)
-            entry[name], spread[name] = float(overall.mean()), several(overall)
-        mean[str(k)] = entry | {"spread": spread}
+            whole = all(row[name] is not None for row in of_k)
+            values = [row["by_seed"][name] for row in of_k]
+            overall[name] = np.average(values, axis=0, weights=weight) if whole else None
+        mean[str(k)] = means(overall)
     return {"rows": rows, "mean": mean}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.training.batches import Batches
 from eskin.golden.training.datasets import Dataset
 from eskin.golden.training.linear_fit import fit_least_squares, fit_linear
-from eskin.golden.training.losses import LossCurves, class_loss, teacher_loss
+from eskin.golden.training.losses import LossCurves, Progress, class_loss, descend, teacher_loss
 from eskin.golden.training.network import RecurrentClassifier
 from eskin.golden.training.quantise import IntegerNetwork, profile, quantise_model
 from eskin.golden.training.recipe import Recipe
@@ -40,7 +40,7 @@ def fit_networks(
     recipe: Recipe,
     parts: list[np.ndarray],
     seed: int,
-    progress: Callable[[int, int], None],
+    progress: Progress,
     curves: LossCurves | None = None,
 ) -> list[FloatModel]:
     """One network for each part (rows of the touches to train on), all trained at once; deterministic by
@@ -76,7 +76,7 @@ def _fit_in_one_thread(
     recipe: Recipe,
     parts: list[np.ndarray],
     seed: int,
-    progress: Callable[[int, int], None],
+    progress: Progress,
     curves: LossCurves | None,
 ) -> list[FloatModel]:
     generator = torch.Generator().manual_seed(seed)
@@ -84,12 +84,11 @@ def _fit_in_one_thread(
         return _fit_linear(data, config, recipe, parts, generator, progress)
     models: list[FloatModel] = []
     shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
-    curve_parts = [curves.of(share) for share in shares] if curves else [None] * len(shares)
-    for number, (share, curve) in enumerate(zip(shares, curve_parts, strict=True)):
+    for number, share in enumerate(shares):
         report = lambda done, total, number=number: progress(number * total + done, len(shares) * total)
-        models += _fit_together(data, config, recipe, parts[share], generator, report, curve)
-    if curves:
-        curves.join([curve for curve in curve_parts if curve])
+        if curves:
+            curves.begin(share)
+        models += _fit_together(data, config, recipe, parts[share], generator, report, curves)
     return models
 
 
@@ -99,7 +98,7 @@ def _fit_together(
     recipe: Recipe,
     parts: list[np.ndarray],
     generator: torch.Generator,
-    progress: Callable[[int, int], None],
+    progress: Progress,
     curves: LossCurves | None,
 ) -> list[FloatModel]:
     """A recurrent network for each part, all in one batch of networks."""
@@ -111,27 +110,21 @@ def _fit_together(
         else recipe.updates
     )
 
-    optimiser = torch.optim.Adam(network.parameters(), lr=recipe.learning_rate, foreach=True)
-    schedule = (
-        torch.optim.lr_scheduler.OneCycleLR(optimiser, recipe.learning_rate, total_steps=updates)
-        if recipe.one_cycle
-        else None
-    )
-    for update in range(updates):
+    def loss_of() -> torch.Tensor:
         features, labels, counts = batches.draw()
-        loss = class_loss(recipe, network(features), labels, counts)
-        optimiser.zero_grad()
-        loss.sum().backward()  # the networks share nothing, so the sum trains each by its own loss
-        optimiser.step()
+        return class_loss(recipe, network(features), labels, counts)
+
+    def after(done: int, loss: torch.Tensor) -> None:
         if recipe.weight_limit:
             with torch.no_grad():
                 for weight in network.parameters():
                     weight.clamp_(-recipe.weight_limit, recipe.weight_limit)
-        if schedule:
-            schedule.step()
         if curves:
-            curves.note(update + 1, updates, loss.detach(), network, batches.scales)
-        progress(update + 1, updates)
+            curves.note(done, updates, loss, network, batches.scales)
+        progress(done, updates)
+
+    rate, one_cycle = recipe.learning_rate, recipe.one_cycle
+    descend(network.parameters(), loss_of, rate, updates, one_cycle=one_cycle, after=after)
     arrays = network.arrays() | {
         name: np.array([pair[i] for pair in batches.scales]) for i, name in enumerate(("mu", "sigma"))
     }
@@ -144,14 +137,14 @@ def _fit_linear(
     recipe: Recipe,
     parts: list[np.ndarray],
     generator: torch.Generator,
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> list[FloatModel]:
     """A logistic regression for each part, on what the recipe draws of it, or on the part as it is where the
     recipe augments nothing."""
     models: list[FloatModel] = []
-    known: dict[bytes, FloatModel] = {}  # without augmentation every seed gives the same
+    fitted: dict[bytes, FloatModel] = {}  # without augmentation every seed gives the same
     for number, rows in enumerate(parts):
-        model = known.get(rows.tobytes()) if not recipe.augments else None
+        model = fitted.get(rows.tobytes()) if not recipe.augments else None
         if model is None:
             batches = Batches(data, config, recipe, [rows], generator)
             if recipe.augments:
@@ -171,7 +164,7 @@ def _fit_linear(
             )
             mu, sigma = batches.scales[0]
             model = FloatModel(config, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)})
-            known[rows.tobytes()] = model
+            fitted[rows.tobytes()] = model
         models.append(model)
         progress(number + 1, len(parts))
     return models
@@ -188,7 +181,7 @@ def fine_tune(
     models: list[FloatModel],
     seed: int,
     widths: dict[str, Any],
-    progress: Callable[[int, int], None],
+    progress: Progress,
 ) -> list[IntegerModel]:
     """Quantisation-aware training: an integer network from each trained float one, trained on in integer
     arithmetic.
@@ -201,33 +194,24 @@ def fine_tune(
     for m, start in enumerate(starts):
         groups.setdefault(start.config, []).append(m)
     total = FINE_TUNING_UPDATES * len(groups)
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        for g, members in enumerate(groups.values()):
+    with one_thread():
+        for number, members in enumerate(groups.values()):
             network = IntegerNetwork([models[m] for m in members], [starts[m] for m in members])
-            batches = Batches(
-                data, network.config, recipe, [parts[m] for m in members], torch.Generator().manual_seed(seed)
-            )
-            optimiser = torch.optim.Adam(network.parameters(), lr=FINE_TUNING_RATE, foreach=True)
-            schedule = torch.optim.lr_scheduler.OneCycleLR(
-                optimiser, FINE_TUNING_RATE, total_steps=FINE_TUNING_UPDATES
-            )
-            for update in range(FINE_TUNING_UPDATES):
+            generator = torch.Generator().manual_seed(seed)
+            batches = Batches(data, network.config, recipe, [parts[m] for m in members], generator)
+
+            def loss_of(network=network, batches=batches) -> torch.Tensor:
                 features, labels, counts = batches.draw()
                 logits = network(network.feature_codes(features))
+                told = class_loss(recipe, logits, labels, counts)
                 taught = teacher_loss(logits, network.teach(features), counts)
-                loss = (1 - FINE_TUNING_TEACHER) * class_loss(
-                    recipe, logits, labels, counts
-                ) + FINE_TUNING_TEACHER * taught
-                optimiser.zero_grad()
-                loss.sum().backward()
-                optimiser.step()
-                schedule.step()
+                return (1 - FINE_TUNING_TEACHER) * told + FINE_TUNING_TEACHER * taught
+
+            def after(done: int, loss: torch.Tensor, network=network, number=number) -> None:
                 network.hold()
-                progress(g * FINE_TUNING_UPDATES + update + 1, total)
+                progress(number * FINE_TUNING_UPDATES + done, total)
+
+            descend(network.parameters(), loss_of, FINE_TUNING_RATE, FINE_TUNING_UPDATES, after=after)
             for m, integer in zip(members, network.export(), strict=True):
                 starts[m] = integer
-    finally:
-        torch.set_num_threads(threads)
     return starts

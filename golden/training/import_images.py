@@ -170,7 +170,8 @@ def _check_shape(stage: Stage, weight: np.ndarray, refuse: Any) -> None:
         and len(weight) == stage.outputs
         and stage.source[:2] != (1, 1)
     ):
-        more = f" (a map of {stage.source[0]} x {stage.source[1]} x {stage.source[2]}; pools here keep a last odd row: ceil_mode=True)"
+        size = " x ".join(map(str, stage.source))
+        more = f" (a map of {size}; pools here keep a last odd row: ceil_mode=True)"
     refuse(
         f"has shape {weight.shape}, and '{stage.layer}' takes {tuple(expected)}{more}; give the layers and "
         "image size it was trained with"

@@ -42,9 +42,7 @@ def fit_linear(
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import LogisticRegression
 
-    inputs = (
-        (features if config.sets > 1 else features.sum(axis=1)).reshape(len(features), -1).astype(np.float64)
-    )
+    inputs = _inputs(config, features)
     mean, spread = inputs.mean(axis=0), inputs.std(axis=0)
     # what hardly moves is noise, and the weight of an input is divided by its spread: unbounded, the quietest
     # took all bits of the weights
@@ -64,10 +62,7 @@ def fit_linear(
         bias[present] = offsets - weights[present] @ mean
     missing = np.setdiff1d(np.arange(config.classes), present)
     bias[missing] = bias[present].min() - 1
-    return {
-        "V": weights.reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1).copy(),
-        "b_y": bias,
-    }
+    return _arrays(config, weights, bias)
 
 
 PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
@@ -94,38 +89,27 @@ def fit_least_squares(
     -------
     V (sets, C, D) and b_y (C), float64.
     """
-    inputs = (
-        (features if config.sets > 1 else features.sum(axis=1)).reshape(len(features), -1).astype(np.float64)
-    )
-    mean = inputs.mean(axis=0)
-    inputs = inputs - mean
-    indicators = np.where(labels[:, None] == np.arange(config.classes), 1.0, 0.0)
-    share = indicators.mean(axis=0)
-    targets = indicators - share
-    if len(inputs) > inputs.shape[1]:  # many touches: in the space of the inputs
-        values, vectors = np.linalg.eigh(inputs.T @ inputs)
-        projected = inputs @ vectors
-        along = projected.T @ targets
-    else:
-        values, vectors = np.linalg.eigh(inputs @ inputs.T)
-        projected = vectors * np.maximum(values, 0.0)  # rows of the Gram matrix in its own axes
-        along = vectors.T @ targets
-    values = np.maximum(values, 0.0)
-    unit = max(values.sum() / len(inputs), 1e-12)
-    best, chosen = -1, PENALTIES[0]
-    for penalty in PENALTIES:
-        gain = 1.0 / (values + penalty * unit)
-        fitted = projected @ (gain[:, None] * along)
-        leverage = ((projected**2 if len(inputs) > inputs.shape[1] else vectors**2 * values) * gain).sum(
-            axis=1
-        ) + 1.0 / len(inputs)
-        left_out = targets - (targets - fitted) / np.maximum(1.0 - leverage, 1e-9)[:, None] + share
-        right = int((left_out.argmax(axis=1) == labels).sum())
-        if right > best:
-            best, chosen = right, penalty
-    solved = vectors @ (along / (values + chosen * unit)[:, None])
-    weights = (solved if len(inputs) > inputs.shape[1] else inputs.T @ solved).T
+    from sklearn.linear_model import RidgeCV
+
+    def right(_, left_out: np.ndarray, indicators: np.ndarray) -> int:
+        return int((left_out.argmax(axis=1) == indicators.argmax(axis=1)).sum())
+
+    inputs = _inputs(config, features)
+    unit = max(float(inputs.var(axis=0).sum()), 1e-12)
+    indicators = (labels[:, None] == np.arange(config.classes)).astype(float)
+    ridge = RidgeCV([penalty * unit for penalty in PENALTIES], scoring=right).fit(inputs, indicators)
+    return _arrays(config, ridge.coef_, ridge.intercept_)
+
+
+def _inputs(config: AcceleratorConfig, features: np.ndarray) -> np.ndarray:
+    """(touches, inputs): the features of all windows, or their sums where one set of weights serves all."""
+    inputs = features if config.sets > 1 else features.sum(axis=1)
+    return inputs.reshape(len(features), -1).astype(np.float64)
+
+
+def _arrays(config: AcceleratorConfig, weights: np.ndarray, bias: np.ndarray) -> dict[str, np.ndarray]:
+    """The cell's, of weights (classes, inputs)."""
     return {
         "V": weights.reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1).copy(),
-        "b_y": share - weights @ mean,
+        "b_y": bias,
     }

@@ -1,19 +1,18 @@
-"""Losses of networks, and their curves while they are trained."""
+"""Losses of networks, their descent, and their curves while they are trained."""
 
 from __future__ import annotations
 
-import copy
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import torch
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.training.batches import Batches, Pool
+from eskin.golden.training.batches import Batches, TouchPool
 from eskin.golden.training.datasets import Dataset
 from eskin.golden.training.network import RecurrentClassifier
-from eskin.golden.training.recipe import Recipe
+from eskin.golden.training.recipe import AS_RECORDED, Recipe
 
 CURVE_POINTS = 20
 """Points of a training curve at most."""
@@ -21,6 +20,37 @@ CURVE_POINTS = 20
 CURVE_TOUCHES = 64
 """Touches on which a point's loss of unseen recordings is taken: drawn once, so that points differ by the
 network alone."""
+
+Progress = Callable[[int, int], None]
+"""Called with (updates done, updates in all)."""
+
+
+def descend(
+    parameters: Iterable[torch.Tensor],
+    loss_of: Callable[[], torch.Tensor],
+    rate: float,
+    updates: int,
+    *,
+    one_cycle: bool = True,
+    after: Callable[[int, torch.Tensor], None] = lambda done, loss: None,
+) -> None:
+    """Minimise the sum of ``loss_of()``, drawn anew for each of the ``updates``: networks that share nothing
+    are each trained by their own loss.
+
+    rate: the largest of the schedule, or constant. after: called with (updates done, the loss) after each.
+    """
+    optimiser = torch.optim.Adam(parameters, lr=rate, foreach=True)
+    schedule = (
+        torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=updates) if one_cycle else None
+    )
+    for done in range(1, updates + 1):
+        loss = loss_of()
+        optimiser.zero_grad()
+        loss.sum().backward()
+        optimiser.step()
+        if schedule:
+            schedule.step()
+        after(done, loss.detach())
 
 
 def class_loss(
@@ -65,29 +95,22 @@ class LossCurves:
             torch.randint(max(len(rows), 1), (CURVE_TOUCHES,), generator=generator).numpy() for rows in tests
         ]
         self._rows = [rows[drawn] if len(rows) else drawn for rows, drawn in zip(tests, draws, strict=True)]
+        self._share, self._shares = slice(None), list[list[np.ndarray]]()
         self._touches: tuple[torch.Tensor, torch.Tensor, torch.Tensor] | None = None
         self._trained: list[torch.Tensor] = []
         self.updates: list[int] = []
-        self.losses = np.zeros((0, len(tests), 2))
 
-    def of(self, share: slice) -> LossCurves:
-        """Empty curves of some of the networks, on the same touches."""
-        copied = copy.copy(self)
-        copied._unseen, copied._rows, copied._trained, copied.updates = (
-            self._unseen[share],
-            self._rows[share],
-            [],
-            [],
-        )
-        copied.losses = np.zeros((0, len(copied._rows), 2))
-        return copied
+    def begin(self, share: slice) -> None:
+        """From now on ``note`` is told of these networks alone."""
+        self._share, self._touches, self._trained, self.updates = share, None, [], []
+        self._shares.append([])
 
-    def join(self, shares: Sequence[LossCurves]) -> None:
-        """Take over what was noted of all networks, share by share."""
-        self.updates, self.losses = (
-            shares[0].updates,
-            np.concatenate([share.losses for share in shares], axis=1),
-        )
+    @property
+    def losses(self) -> np.ndarray:
+        """(points, networks, 2), as the class says."""
+        if not self.updates:
+            return np.zeros((0, len(self._rows), 2))
+        return np.concatenate([np.array(points) for points in self._shares], axis=1)
 
     def note(
         self,
@@ -103,27 +126,17 @@ class LossCurves:
         if done * CURVE_POINTS // total == (done - 1) * CURVE_POINTS // total:
             return
         if self._touches is None:
-            plain = dataclasses.replace(
-                self._recipe,
-                noise=0.0,
-                warp=1.0,
-                gain=1.0,
-                taxel_gain=1.0,
-                taxel_offset=0.0,
-                channel_dropout=0.0,
-                taxel_failure=0.0,
-            )
-            generator = torch.Generator()
-            pool = Pool(self._rows, generator)
+            plain = dataclasses.replace(self._recipe, **AS_RECORDED)
+            generator, rows = torch.Generator(), self._rows[self._share]
+            pool = TouchPool(rows, generator)
             self._touches = Batches(
-                self._data, self._config, plain, self._rows, generator, scales=scales, pool=pool
+                self._data, self._config, plain, rows, generator, scales=scales, pool=pool
             ).recorded()
         features, labels, counts = self._touches
         with torch.no_grad():
-            unseen = class_loss(self._recipe, network(features), labels, counts).where(
-                self._unseen, torch.nan
-            )
+            unseen = class_loss(self._recipe, network(features), labels, counts)
+            unseen = unseen.where(self._unseen[self._share], torch.nan)
         point = torch.stack([torch.stack(self._trained).mean(0), unseen], dim=-1).double().numpy()
         self.updates.append(done)
-        self.losses = np.concatenate([self.losses, point[None]])
+        self._shares[-1].append(point)
         self._trained = []

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,19 +34,25 @@ from sklearn.kernel_ridge import KernelRidge
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
 from eskin.golden.training.choice_table import front_end_words, network_name
 from eskin.golden.training.choose_front_end import (
     Field,
     Judged,
     choose,
+    first_or_best,
     inner_folds,
-    is_level,
     rivals_of,
     row_of,
 )
-from eskin.golden.training.crossval import Decided, Piece, Progress, judge_pieces
-from eskin.golden.training.datasets import Datasets
+from eskin.golden.training.crossval import (
+    FoldDecisions,
+    Piece,
+    Terms,
+    fold_records,
+    judge_pieces,
+    over_folds,
+    share_right,
+)
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.recipe import Recipe, choose_recipe
 from eskin.golden.training.splits import held_out, split_folds
@@ -66,19 +72,13 @@ Network = Callable[[AcceleratorConfig], tuple[AcceleratorConfig, Recipe]]
 class Nested:
     """How the choice is made again.
 
-    groups: what the choice leaves out. networks: candidates, the simplest first; a linear one among several
-    is judged by the ridge regression that judges the front ends.
+    terms: with the groups that the choice leaves out. networks: candidates, the simplest first; a linear one
+    among several is judged by the ridge regression that judges the front ends.
     """
 
-    recordings: Recordings
+    terms: Terms
     field: Field
-    groups: Sequence[str]
     networks: Sequence[Network]
-    folds: int
-    seeds: Sequence[int]
-    widths: dict[str, Any]
-    datasets: Datasets
-    progress: Progress | None = None
 
     def record(self, split: Sequence[str]) -> dict[str, Any]:
         """The figure of one split, and how it came about.
@@ -89,114 +89,100 @@ class Nested:
         per_fold: [{held_out, recordings, the three shares, front_end, network}], shuffled (None: many
         recordings; ``_shuffled``), wall_s}.
         """
-        begin = time.perf_counter()
-        tests = split_folds(self.recordings, list(split), self.folds, None)
-        everything = np.arange(len(self.recordings))
-        parts = [np.setdiff1d(everything, test) for test in tests]
-        known = [np.flatnonzero(~np.isin(self.field.numbers, test)) for test in tests]
+        begin, recordings, seeds = (
+            time.perf_counter(),
+            self.terms.recordings,
+            list(map(int, self.terms.seeds)),
+        )
+        tests = split_folds(recordings, list(split), self.terms.folds, None)
+        parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
+        seen = [np.flatnonzero(~np.isin(self.field.numbers, test)) for test in tests]
         shuffled = shuffles(
-            self.recordings.labels,
-            [self.recordings.labels if n == "label" else self.recordings.groups[n] for n in split],
+            recordings.labels,
+            [recordings.labels if name == "label" else recordings.groups[name] for name in split],
         )
-        labels = (
-            shuffled[:, self.field.numbers]
-            if len(self.recordings) <= FEW
-            else self.recordings.labels[None, self.field.numbers]
-        )
+        labels = shuffled[: None if len(recordings) <= FEW else 1, self.field.numbers]
         with one_thread():
-            judged = [self.field.judged(rows, self.groups, labels) for rows in known]
+            judged = [self.field.judged(rows, self.terms.groups, labels) for rows in seen]
         chosen = self._chosen(parts, [of_part[0] for of_part in judged])
-        copies = range(len(self.seeds))
+        folds = range(len(tests))
         pieces = [
-            Piece(*chosen[fold], parts[fold], test, copy)
-            for copy in copies
-            for fold, test in enumerate(tests)
+            Piece(*chosen[fold], parts[fold], tests[fold], copy)
+            for copy in range(len(seeds))
+            for fold in folds
         ]
         runs = self._decided(pieces)
-        shares = [
-            [self._shares(test, runs[copy * len(tests) + fold]) for copy in copies]
-            for fold, test in enumerate(tests)
-        ]
-        correct = np.zeros(len(everything))
-        for piece, run in zip(pieces, runs, strict=True):
-            correct[piece.test] += (run.integer_global == self.recordings.labels[piece.test]) / len(
-                self.seeds
-            )
-        weights = [len(test) for test in tests]
-        names = ("float_accuracy", "integer_accuracy", "agreement")
-        means = np.array(shares).mean(axis=1)
+        correct = share_right(recordings.labels, [piece.test for piece in pieces], runs)
+        names = [held_out(recordings, split, test) for test in tests]
+        per_fold = fold_records(names, tests, [runs[fold :: len(tests)] for fold in folds], recordings.labels)
+        for fold, (config, recipe) in zip(per_fold, chosen, strict=True):
+            del fold["by_seed"]
+            fold |= {
+                "front_end": front_end_words(row_of(config)),
+                "network": network_name(_row(config, recipe)),
+            }
         return {
             "groups": list(split),
             "folds": len(tests),
-            "seeds": list(map(int, self.seeds)),
-            **dict(zip(names, np.average(means, axis=0, weights=weights).tolist(), strict=True)),
+            "seeds": seeds,
+            **over_folds(per_fold),
             "standard_error": float(correct.std(ddof=1) / np.sqrt(len(correct))),
-            "per_fold": [
-                {
-                    "held_out": held_out(self.recordings, split, test),
-                    "recordings": len(test),
-                    **dict(zip(names, row.tolist(), strict=True)),
-                }
-                | {
-                    "front_end": front_end_words(row_of(config)),
-                    "network": network_name(_row(config, recipe)),
-                }
-                for test, row, (config, recipe) in zip(tests, means, chosen, strict=True)
-            ],
-            "shuffled": self._shuffled(tests, known, judged, labels) if len(labels) > 1 else None,
+            "per_fold": per_fold,
+            "shuffled": self._shuffled(tests, seen, judged, labels) if len(labels) > 1 else None,
             "wall_s": time.perf_counter() - begin,
         }
 
-    def _decided(self, pieces: Sequence[Piece]) -> list[Decided]:
-        return judge_pieces(self.datasets, pieces, int(self.seeds[0]), self.widths, self.progress)
+    def _decided(self, pieces: Sequence[Piece]) -> list[FoldDecisions]:
+        terms = self.terms
+        return judge_pieces(terms.datasets, pieces, int(terms.seeds[0]), terms.widths, terms.progress)
 
-    def _shares(self, test: np.ndarray, run: Decided) -> tuple[float, float, float]:
-        labels = self.recordings.labels[test]
-        right = (
-            run.float_global == labels,
-            run.integer_global == labels,
-            run.float_global == run.integer_global,
-        )
-        real, exact, same = (float(np.mean(each)) for each in right)
-        return real, exact, same
+    def _right(
+        self,
+        networks: Sequence[tuple[AcceleratorConfig, Recipe]],
+        inner: Sequence[tuple[np.ndarray, np.ndarray]],
+    ) -> Iterator[np.ndarray]:
+        """Of each network on its inner fold which recordings it decides rightly; half the updates."""
+        pieces = [Piece(*halved(network), *pair) for network, pair in zip(networks, inner, strict=True)]
+        for piece, run in zip(pieces, self._decided(pieces), strict=True):
+            yield run.integer_global == self.terms.recordings.labels[piece.test]
 
     def _chosen(
         self, parts: Sequence[np.ndarray], judged: Sequence[list[Judged]]
     ) -> list[tuple[AcceleratorConfig, Recipe]]:
         """Configuration and recipe of each training part."""
         first, *others = self.networks
-        judged = [[one for one in of_part if fits(first, one.config)] for of_part in judged]
+        judged = [[candidate for candidate in of_part if fits(first, candidate.config)] for of_part in judged]
         if not all(judged):
             raise InputError("the network asked for fits none of the front ends; name another")
         best = [choose(of_part) for of_part in judged]
-        if not others and not first(best[0].config)[0].recurrent:
-            return [first(one.config) for one in best]
-        if not others:
-            begin = self._recurrent_front_ends(parts, judged, best, first)
-            return [first(config or one.config) for config, one in zip(begin, best, strict=True)]
-        begin = [
-            one.config if fits(others[-1], one.config) and 1 - one.accuracy > one.standard_error else None
-            for one in best
+        if others:
+            return self._linear_or_recurrent(parts, best, first, others[-1])
+        configs = [candidate.config for candidate in best]
+        if first(configs[0])[0].recurrent:
+            configs = self._recurrent_front_ends(parts, judged, best, first)
+        return [first(config) for config in configs]
+
+    def _linear_or_recurrent(
+        self, parts: Sequence[np.ndarray], best: Sequence[Judged], linear: Network, recurrent: Network
+    ) -> list[tuple[AcceleratorConfig, Recipe]]:
+        """The recurrent network where it is better on the inner folds by more than a standard error; it is
+        not tried where it cannot be."""
+        inner = [
+            self._inner(part)
+            if fits(recurrent, candidate.config) and 1 - candidate.accuracy > candidate.standard_error
+            else []
+            for part, candidate in zip(parts, best, strict=True)
         ]
-        inner = [self._inner(part) if config else [] for part, config in zip(parts, begin, strict=True)]
-        pieces = [
-            Piece(*halved(others[-1](config)), *pair)
-            for config, pairs in zip(begin, inner, strict=True)
-            if config
-            for pair in pairs
+        tried = [
+            recurrent(candidate.config) for candidate, pairs in zip(best, inner, strict=True) for _ in pairs
         ]
-        right = iter(
-            [
-                run.integer_global == self.recordings.labels[p.test]
-                for p, run in zip(pieces, self._decided(pieces), strict=True)
-            ]
-        )
+        right = self._right(tried, [pair for pairs in inner for pair in pairs])
         chosen = []
-        for config, one, pairs in zip(begin, best, inner, strict=True):
-            recurrent = np.concatenate([next(right) for _ in pairs]) if pairs else np.zeros(1)
-            error = max(float(correct.std() / np.sqrt(len(correct))) for correct in (recurrent, one.correct))
-            better = recurrent.mean() - one.correct.mean() > error
-            chosen.append(others[-1](config) if config and better else first(one.config))
+        for candidate, pairs in zip(best, inner, strict=True):
+            outcome = np.concatenate([next(right) for _ in pairs]) if pairs else np.zeros(1)
+            error = max(float(part.std() / np.sqrt(len(part))) for part in (outcome, candidate.correct))
+            better = outcome.mean() - candidate.correct.mean() > error
+            chosen.append((recurrent if pairs and better else linear)(candidate.config))
         return chosen
 
     def _recurrent_front_ends(
@@ -205,68 +191,63 @@ class Nested:
         judged: Sequence[list[Judged]],
         best: Sequence[Judged],
         network: Network,
-    ) -> list[AcceleratorConfig | None]:
+    ) -> list[AcceleratorConfig]:
         """For each part the front end of a recurrent network: the linear choice, or the rival that does best
-        on the first inner fold; None where the network fits none of them."""
+        on the first inner fold."""
         tried = [
-            [config for config in (one.config, *rivals_of(of_part, one)) if fits(network, config)]
-            for of_part, one in zip(judged, best, strict=True)
+            [config for config in (candidate.config, *rivals_of(of_part, candidate)) if fits(network, config)]
+            for of_part, candidate in zip(judged, best, strict=True)
         ]
-        several = [configs if len(configs) > 1 else [] for configs in tried]
         inner = [self._inner(part)[0] for part in parts]
-        pieces = [
-            Piece(*halved(network(config)), *inner[fold])
-            for fold, configs in enumerate(several)
+        several = [
+            (config, pair)
+            for configs, pair in zip(tried, inner, strict=True)
             for config in configs
+            if len(configs) > 1
         ]
-        right = iter(
-            [
-                run.integer_global == self.recordings.labels[p.test]
-                for p, run in zip(pieces, self._decided(pieces), strict=True)
-            ]
-        )
-        found: list[AcceleratorConfig | None] = []
-        for configs, compared in zip(tried, several, strict=True):
-            if not compared:
-                found.append(configs[0] if configs else None)
-                continue
-            runs = [Judged(config, next(right), 0) for config in compared]
-            top = max(runs, key=lambda one: one.accuracy)
-            found.append(runs[0].config if is_level(top, runs[0]) else top.config)
-        return found
+        right = self._right([network(config) for config, _ in several], [pair for _, pair in several])
+        return [
+            first_or_best([Judged(config, next(right), 0) for config in configs]).config
+            if len(configs) > 1
+            else configs[0]
+            for configs in tried
+        ]
 
     def _inner(self, part: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """(training part, test) of each inner fold, recordings of the archive."""
         return [
             (np.setdiff1d(part, part[fold]), part[fold])
-            for fold in inner_folds(self.recordings.subset(part), self.groups)
+            for fold in inner_folds(self.terms.recordings.subset(part), self.terms.groups)
         ]
 
     def _shuffled(
         self,
         tests: Sequence[np.ndarray],
-        known: Sequence[np.ndarray],
+        seen: Sequence[np.ndarray],
         judged: Sequence[list[list[Judged]]],
         labels: np.ndarray,
     ) -> dict[str, Any]:
         """{count, mean, largest (accuracy of the ridge regression on shuffled labels), right (on the right
         ones), as_good (share of labellings, the right one among them, that do as well as the right one)}."""
-        classes, right = len(self.recordings.class_names), np.zeros(labels.shape, dtype=bool)
+        classes, right = len(self.terms.recordings.class_names), np.zeros(labels.shape, dtype=bool)
         of_config = {config: (rows, gram) for config, rows, gram in self.field.seen}
-        for test, rows, of_part in zip(tests, known, judged, strict=True):
+        for test, rows, of_part in zip(tests, seen, judged, strict=True):
             asked = np.flatnonzero(np.isin(self.field.numbers, test))
             for number, of_labelling in enumerate(of_part):
-                seen, gram = of_config[choose(of_labelling).config]
-                train, unseen = np.flatnonzero(np.isin(seen, rows)), np.flatnonzero(np.isin(seen, asked))
+                touched, gram = of_config[choose(of_labelling).config]
+                train, unseen = (
+                    np.flatnonzero(np.isin(touched, rows)),
+                    np.flatnonzero(np.isin(touched, asked)),
+                )
                 if not len(train) or not len(unseen):
                     continue
-                targets = np.eye(classes)[labels[number, seen[train]]]
+                targets = np.eye(classes)[labels[number, touched[train]]]
                 alpha = RIDGE_PENALTY * float(np.trace(gram)) / len(gram)
                 ridge = KernelRidge(alpha=alpha, kernel="precomputed").fit(
                     gram[np.ix_(train, train)], targets
                 )
                 decided = ridge.predict(gram[np.ix_(unseen, train)]).argmax(axis=1)
-                right[number, seen[unseen]] = decided == labels[number, seen[unseen]]
+                right[number, touched[unseen]] = decided == labels[number, touched[unseen]]
         own, *others = right.mean(axis=1).tolist()
         as_good = (1 + sum(share >= own for share in others)) / (1 + len(others))
         return {

@@ -201,7 +201,50 @@ def _closest_ranges(model: FloatModel, bits: int) -> dict[str, Range]:
     }
 
 
-class IntegerNetwork(torch.nn.Module):
+class Masters(torch.nn.Module):
+    """Real weights of several integer networks of one cell and size, each held within its own formats."""
+
+    def __init__(
+        self,
+        models: Sequence[FloatModel],
+        integers: Sequence[IntegerModel],
+        dtype: torch.dtype,
+        trained: Sequence[str] | None = None,
+    ) -> None:
+        super().__init__()
+        self.config = integers[0].config
+        merged = [merged_parameters(model) for model in models]
+        formats = [network_formats(integer.config) for integer in integers]
+        self.weights, self._units, self._limits = torch.nn.ParameterDict(), {}, {}
+        for name in formats[0]:
+            weight, own = (
+                torch.tensor(np.stack([arrays[name] for arrays in merged])),
+                [fmt[name] for fmt in formats],
+            )
+            self.weights[name] = torch.nn.Parameter(weight.to(dtype), trained is None or name in trained)
+            self._units[name] = _of_each([2.0**fmt.frac_bits for fmt in own], weight).to(dtype)
+            self._limits[name] = limits_of(own, weight.to(dtype))
+        self.hold()
+
+    @torch.no_grad()
+    def hold(self) -> None:
+        """Bring the weights back into their formats."""
+        for name, weight in self.weights.items():
+            weight.clamp_(*self._limits[name])
+
+
+def _of_each(values: Sequence[float], like: torch.Tensor) -> torch.Tensor:
+    """A value of each network, beside a tensor (networks, ...)."""
+    return torch.tensor(values, dtype=like.dtype).view(-1, *[1] * (like.dim() - 1))
+
+
+def limits_of(formats: Sequence[QFormat], like: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """Smallest and largest value of a format of each network, beside a tensor (networks, ...)."""
+    ends = ([float(fmt.to_real(code)) for code in (fmt.min_code, fmt.max_code)] for fmt in formats)
+    return tuple(_of_each(values, like) for values in zip(*ends, strict=True))
+
+
+class IntegerNetwork(Masters):
     """Integer networks of the same formats as a torch module: real master weights, forward in codes,
     straight-through gradients.
 
@@ -217,17 +260,8 @@ class IntegerNetwork(torch.nn.Module):
     """
 
     def __init__(self, models: Sequence[FloatModel], starts: Sequence[IntegerModel]) -> None:
-        super().__init__()
-        self.config = starts[0].config
+        super().__init__(models, starts, torch.float64)
         self._constants = [{name: start.arrays[name] for name in ("mean", "scale")} for start in starts]
-        self._formats = network_formats(self.config)
-        merged = [merged_parameters(model) for model in models]
-        self.weights = torch.nn.ParameterDict(
-            {
-                name: torch.nn.Parameter(torch.tensor(np.stack([arrays[name] for arrays in merged])))
-                for name in self._formats
-            }
-        )
         names = network_shapes(self.config, real=True)
         self._teacher = {
             name: torch.tensor(np.stack([model.arrays[name] for model in models])).float() for name in names
@@ -239,16 +273,15 @@ class IntegerNetwork(torch.nn.Module):
             for name in ("mu", "sigma")
         ]
         self._arithmetic = Fixed(self.config)
-        self.hold()
 
     def codes(self) -> dict[str, torch.Tensor]:
         """Codes (N, ...) of the master weights: rounded half to even, as an exported constant is, and
         saturated."""
         codes = {}
         for name, weight in self.weights.items():
-            scaled = weight * 2.0 ** self._formats[name].frac_bits
+            scaled, unit = weight * self._units[name], self._units[name]
             rounded = straight_through(scaled.detach().round(), scaled)
-            codes[name] = rounded.clamp(self._formats[name].min_code, self._formats[name].max_code)
+            codes[name] = rounded.clamp(*(limit * unit for limit in self._limits[name]))
         return codes
 
     def feature_codes(self, features: torch.Tensor) -> torch.Tensor:
@@ -286,13 +319,6 @@ class IntegerNetwork(torch.nn.Module):
     def teach(self, features: torch.Tensor) -> torch.Tensor:
         """Logits (N, touches, K, C) of the float networks it started from, of real features."""
         return run_cell(Float(self.config), self.config, self._teacher, features)[1]
-
-    @torch.no_grad()
-    def hold(self) -> None:
-        """Bring master weights back into their formats, where gradients reach them."""
-        for name, weight in self.weights.items():
-            fmt = self._formats[name]
-            weight.clamp_(float(fmt.to_real(fmt.min_code)), float(fmt.to_real(fmt.max_code)))
 
     def export(self) -> list[IntegerModel]:
         """The N integer models."""
@@ -540,6 +566,16 @@ def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> lis
     ]
 
 
+def load_trained(model_dir: str | Path) -> tuple[FloatModel, dict[str, Any]]:
+    """The float model and its training record: widths start from the configuration of the training, not from
+    an earlier quantisation."""
+    model, record = FloatModel.load(model_dir), load_training(model_dir)
+    if "config" in record:
+        config = AcceleratorConfig.from_dict(record["config"], f"{model_dir}/{TRAINING_FILE}, field config")
+        model = FloatModel(config, model.arrays, model.source)
+    return model, record
+
+
 def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widths: Any) -> IntegerModel:
     """Quantise the float model in a model folder and write config.json and weights.npz into it; the ranges go
     into training.json.
@@ -559,11 +595,7 @@ def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widt
     """
     if load_config(model_dir).is_image:
         return quantise_image_model(model_dir, recordings, **widths)
-    model, record = FloatModel.load(model_dir), load_training(model_dir)
-    # widths start from the configuration of the training, not from an earlier quantisation
-    if "config" in record:
-        config = AcceleratorConfig.from_dict(record["config"], f"{model_dir}/{TRAINING_FILE}, field config")
-        model = FloatModel(config, model.arrays, model.source)
+    model, record = load_trained(model_dir)
     if recordings is not None:
         ranges = profile(model, find_touches(model.config, recordings))
     else:

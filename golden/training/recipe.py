@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
@@ -64,16 +64,22 @@ class Recipe:
     @property
     def augments(self) -> bool:
         """True where touches are trained on that differ from the recorded ones."""
-        return bool(
-            self.noise
-            or self.warp > 1
-            or self.gain > 1
-            or self.taxel_gain > 1
-            or self.taxel_offset
-            or self.channel_dropout
-            or self.taxel_failure
+        return any(
+            getattr(self, name) != value for name, value in AS_RECORDED.items() if name != "speed_gain"
         )
 
+
+AS_RECORDED: dict[str, Any] = {
+    "noise": 0.0,
+    "warp": 1.0,
+    "gain": 1.0,
+    "speed_gain": 0.0,
+    "taxel_gain": 1.0,
+    "taxel_offset": 0.0,
+    "channel_dropout": 0.0,
+    "taxel_failure": 0.0,
+}
+"""Changes to a recipe that then trains on touches as they were recorded."""
 
 RECIPES = {
     "onset": Recipe(
@@ -114,38 +120,24 @@ def choose_recipe(config: AcceleratorConfig, protocol: str = "default") -> Recip
     """The recipe for a configuration: ``default`` is ``contact`` where the gate opens at once and ``onset``
     elsewhere, ``linear`` for a linear cell; ``robust`` adds channel dropout and twice the updates; or
     ``thesis``."""
-    if not config.recurrent:
-        return _linear_recipe(config, protocol)
-    if protocol == "robust" and config.opens_at_once:
-        contact = RECIPES["contact"]
-        return dataclasses.replace(
-            contact,
-            name="robust",
-            updates=2 * contact.updates,
-            channel_dropout=RECIPES["robust"].channel_dropout,
-            taxel_failure=RECIPES["robust"].taxel_failure,
+    linear, at_once = not config.recurrent, config.opens_at_once
+    if protocol not in ("default", "robust", "thesis") or (linear and protocol == "thesis"):
+        choices = (
+            " and the cell is linear; use default or robust" if linear else "; use default, robust or thesis"
         )
-    if protocol == "default":
-        return RECIPES["contact" if config.opens_at_once else "onset"]
-    if protocol in ("robust", "thesis"):
+        raise InputError(f"training, field protocol: is '{protocol}'{choices}")
+    if protocol == "thesis" or (protocol == "robust" and not linear and not at_once):
         return RECIPES[protocol]
-    raise InputError(f"training, field protocol: is '{protocol}'; use default, robust or thesis")
-
-
-def _linear_recipe(config: AcceleratorConfig, protocol: str) -> Recipe:
-    recipe, robust = RECIPES["linear"], RECIPES["robust"]
-    if config.opens_at_once:
-        recipe = dataclasses.replace(recipe, noise=0.0, warp=1.0, gain=1.0, speed_gain=0.0)
+    recipe = RECIPES["linear" if linear else "contact" if at_once else "onset"]
+    if linear and at_once:
+        recipe = dataclasses.replace(recipe, **AS_RECORDED)
     if protocol == "robust":
-        return dataclasses.replace(
+        robust = RECIPES["robust"]
+        recipe = dataclasses.replace(
             recipe,
-            name="robust linear",
+            name="robust linear" if linear else "robust",
             updates=2 * recipe.updates,
             channel_dropout=robust.channel_dropout,
             taxel_failure=robust.taxel_failure,
-        )
-    if protocol != "default":
-        raise InputError(
-            f"training, field protocol: is '{protocol}' and the cell is linear; use default or robust"
         )
     return recipe

@@ -24,7 +24,7 @@ from eskin.golden.model.image_network import (
     run_images,
 )
 from eskin.golden.model.model import FloatModel, IntegerModel
-from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.pipeline import run
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.stage_error import (
     SignalProfile,
@@ -47,7 +47,7 @@ class TouchTask:
     def __init__(self, real: FloatModel, integer: IntegerModel, recordings: Recordings) -> None:
         self._real, self._integer = real, integer
         self._touches = find_touches(integer.config, recordings)
-        self.ideal = float_run(real, recordings, touches=self._touches)
+        self.ideal = run(real, recordings, touches=self._touches)
         self.trace = run(integer, recordings, touches=self._touches)
 
     @property

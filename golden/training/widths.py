@@ -14,7 +14,7 @@ import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel, load_training
+from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import decide_touches, float_features
 from eskin.golden.model.preprocess import Touches, find_touches
 from eskin.golden.model.stage_error import StageError, logit_error, stage_errors
@@ -23,6 +23,7 @@ from eskin.golden.training.quantise import (
     COVERED_FEATURE,
     OPERAND_BITS,
     Range,
+    load_trained,
     profile,
     quantise_model,
     range_records,
@@ -41,7 +42,7 @@ FOLDS = 5
 
 
 @dataclass(frozen=True)
-class Case:
+class LeftOut:
     """A float network, the touches that its ranges are profiled on, and touches that it has not seen."""
 
     model: FloatModel
@@ -80,6 +81,12 @@ class Tried:
     refused: str = ""
 
     @property
+    def figures(self) -> dict[str, Any]:
+        """What training.json says of them."""
+        names = ("weight_bits", "table_entries", "mean", "max", "stage")
+        return {name: getattr(self, name) for name in names}
+
+    @property
     def widths(self) -> dict[str, int]:
         """By the names of ``choose_formats``. Features have the lanes' operand for themselves: bits that are
         there cost no cell."""
@@ -100,7 +107,7 @@ def fold_cases(
     folds: int = FOLDS,
     model: FloatModel | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-) -> list[Case]:
+) -> list[LeftOut]:
     """A case for each fold of each split: a network trained without the fold, and the fold.
 
     Parameters
@@ -123,7 +130,7 @@ def fold_cases(
         unseen = work.data.index[test]
         left_out = work.data.touches.take(unseen[unseen >= 0])
         if left_out.completed.any():
-            cases.append(Case(network, work.data.touches.take(rows), left_out))
+            cases.append(LeftOut(network, work.data.touches.take(rows), left_out))
     if not cases:
         raise InputError(
             f"recordings '{recordings.source}': no recording left out has a completed step; use recordings "
@@ -137,7 +144,7 @@ def _reach(model: FloatModel, touches: Touches) -> float:
     return float(np.abs(float_features(model, touches)[:, : model.config.windows.steps][done]).max())
 
 
-def feature_headroom(cases: Sequence[Case]) -> float:
+def feature_headroom(cases: Sequence[LeftOut]) -> float:
     """How many times larger than any feature seen the largest feature left out is: the worst case's, at least
     1."""
     return max(
@@ -152,12 +159,12 @@ def with_headroom(ranges: Mapping[str, Range], headroom: float) -> dict[str, Ran
     return dict(ranges) | {"feature": wide, COVERED_FEATURE: wide}
 
 
-def integers_of(case: Case, headroom: float, **widths: Any) -> IntegerModel:
+def integers_of(case: LeftOut, headroom: float, **widths: Any) -> IntegerModel:
     """The integer network of a case: formats from what was seen, with ``headroom`` for features."""
     return quantise_model(case.model, with_headroom(case.ranges, headroom), **widths)
 
 
-def measure(cases: Sequence[Case], headroom: float, weight_bits: int, table_entries: int) -> Tried:
+def measure(cases: Sequence[LeftOut], headroom: float, weight_bits: int, table_entries: int) -> Tried:
     """Widths on the recordings left out of every case."""
     tried = Tried(weight_bits, table_entries, math.inf, math.inf, None)
     try:
@@ -174,7 +181,10 @@ def measure(cases: Sequence[Case], headroom: float, weight_bits: int, table_entr
 
 
 def ladder(
-    cases: Sequence[Case], headroom: float, weights: Sequence[int] = WEIGHTS, tables: Sequence[int] = TABLES
+    cases: Sequence[LeftOut],
+    headroom: float,
+    weights: Sequence[int] = WEIGHTS,
+    tables: Sequence[int] = TABLES,
 ) -> Iterator[Tried]:
     """Widths after widths, the cheapest first."""
     recurrent = cases[0].model.config.recurrent
@@ -184,7 +194,7 @@ def ladder(
 
 
 def choose_widths(
-    cases: Sequence[Case],
+    cases: Sequence[LeftOut],
     limit: float,
     headroom: float | None = None,
     progress: Callable[[str, int, int], None] | None = None,
@@ -259,13 +269,7 @@ def quantise_by_error(
         raise InputError(
             f"quantisation, field logit_error: is {limit:g}; give the largest difference of a logit, 0.5 say"
         )
-    model, record = FloatModel.load(model_dir), load_training(model_dir)
-    if "config" in record:
-        model = FloatModel(
-            AcceleratorConfig.from_dict(record["config"], f"{model_dir}: training record"),
-            model.arrays,
-            model.source,
-        )
+    model, record = load_trained(model_dir)
     config = model.config
     splits = [split["groups"] for split in record.get("cross_validation", [])] or default_splits(
         recordings, config
@@ -290,18 +294,8 @@ def quantise_by_error(
         "splits": [list(names) for names in splits],
         "cases": len(cases),
         "headroom": headroom,
-        **{name: getattr(chosen, name) for name in ("weight_bits", "table_entries", "mean", "max", "stage")},
-        "tried": [
-            {
-                "weight_bits": rung.weight_bits,
-                "table_entries": rung.table_entries,
-                "mean": rung.mean,
-                "max": rung.max,
-                "stage": rung.stage,
-            }
-            for rung in tried
-            if not rung.refused
-        ],
+        **chosen.figures,
+        "tried": [rung.figures for rung in tried if not rung.refused],
     }
     record |= {
         "quantisation_aware": False,

@@ -15,25 +15,19 @@ RECEIVERS_MAX = 16
 
 def buffer_of(cells: Mapping[str, Cell]) -> Cell | None:
     """The buffer of about twice the smallest one's area; None where a process has none."""
-    found = [
-        cell for cell in cells.values() if cell.kind == "logic" and cell.usable and _through(cell) is not None
-    ]
-    if not found:
-        return None
-    least = min(cell.area for cell in found)
-    return min(found, key=lambda cell: (abs(cell.area - 2 * least), cell.name))
+    buffers = [cell for cell in cells.values() if cell.kind == "logic" and cell.usable and _through(cell)]
+    least = min((cell.area for cell in buffers), default=0.0)
+    return min(buffers, key=lambda cell: (abs(cell.area - 2 * least), cell.name), default=None)
 
 
 def _through(cell: Cell) -> tuple[str, str] | None:
     """(input, output) of a cell that hands on its only input."""
-    inputs = [name for name, pin in cell.pins.items() if pin.direction == "input"]
-    outputs = [name for name, pin in cell.pins.items() if pin.direction == "output"]
-    if (
-        len(inputs) == len(outputs) == 1
-        and cell.pins[outputs[0]].function.strip("() ") == inputs[0]
-        and "buf" in cell.name
-    ):
-        return inputs[0], outputs[0]
+    inputs, outputs = (
+        [name for name, pin in cell.pins.items() if pin.direction == way] for way in ("input", "output")
+    )
+    if len(inputs) == len(outputs) == 1 and "buf" in cell.name:
+        hands_on = cell.pins[outputs[0]].function.strip("() ") == inputs[0]
+        return (inputs[0], outputs[0]) if hands_on else None
     return None
 
 

@@ -18,7 +18,15 @@ from typing import Any
 
 from eskin.golden.core.errors import InputError
 
-TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}();:,]|[^\s{}();:,"\\]+|\n', re.DOTALL)
+STATEMENT = re.compile(
+    r"""(?P<close>\})|(?P<name>[^\s{}();:,"\\]+)
+    (?:\s*\((?P<arguments>(?:"(?:[^"\\]|\\.)*"|[^)"])*)\)\s*(?P<open>\{)?
+      |\s*:[ \t]*(?:"(?P<text>(?:[^"\\]|\\.)*)"|(?P<value>[^;\n}"]*)))?
+    |[^\s;,]""",
+    re.DOTALL | re.VERBOSE,
+)
+"""``name (arguments) {``, ``name (arguments)``, ``name : value``, ``}``, or what is none of them."""
+ARGUMENT = re.compile(r'"((?:[^"\\]|\\.)*)"|([^\s,"]+)', re.DOTALL)
 COMMENT = re.compile(r"/\*.*?\*/|\\\n", re.DOTALL)
 MOST_BYTES = 128 << 20
 """Of a file's text, unpacked: ten times the largest open one. A few kB can unpack to more than any memory."""
@@ -30,6 +38,15 @@ ROLES = {
     "gate": {"clock", "enable", "output"},
 }
 """What a cell of a kind must say of itself."""
+GATE_PINS = {
+    "clock": "clock_gate_clock_pin",
+    "enable": "clock_gate_enable_pin",
+    "test": "clock_gate_test_pin",
+    "output": "clock_gate_out_pin",
+}
+"""How the pins of a clock gate are marked, by role."""
+ACCESSES = {"read": {"A_MEN", "!A_WEN", "A_REN"}, "write": {"A_MEN", "A_WEN", "!A_REN"}}
+"""What is high and low at a macro's clock edge, by what it does."""
 
 
 @dataclass
@@ -173,57 +190,28 @@ def parse(text: str) -> Group:
     ValueError
         The text is no Liberty.
     """
-    tokens = TOKEN.findall(COMMENT.sub(" ", text))
-    stack: list[Group] = []
-    root, place = Group("", ()), 0
-    current = root
-    while place < len(tokens):
-        token = tokens[place]
-        place += 1
-        if token in ("\n", ";", ","):
-            continue
-        if token == "}":
-            if not stack:
+    root = Group("", ())
+    stack = [root]
+    for statement in STATEMENT.finditer(COMMENT.sub(" ", text)):
+        group, name = stack[-1], statement["name"]
+        if statement["close"]:
+            if len(stack) == 1:
                 raise ValueError("a bracket is closed that was not opened")
-            current = stack.pop()
-            continue
-        if place >= len(tokens):
-            break
-        if tokens[place] == ":":
-            value = []
-            place += 1
-            while place < len(tokens) and tokens[place] not in (";", "\n", "}"):
-                value.append(tokens[place])
-                place += 1
-                if value[-1][0] == '"':
-                    break
-            current.attributes[token] = " ".join(value).strip('"')
-        elif tokens[place] == "(":
-            arguments: list[str] = []
-            place += 1
-            while place < len(tokens) and tokens[place] != ")":
-                if tokens[place] not in (",", "\n"):
-                    arguments.append(
-                        tokens[place].strip('"')
-                        if tokens[place - 1] != ":"
-                        else arguments.pop() + tokens[place]
-                    )
-                place += 1
-            place += 1
-            while place < len(tokens) and tokens[place] == "\n":
-                place += 1
-            if place < len(tokens) and tokens[place] == "{":
-                group = Group(token, tuple(arguments))
-                current.groups.append(group)
-                stack.append(current)
-                current, place = group, place + 1
+            stack.pop()
+        elif statement["arguments"] is not None:
+            arguments = tuple(quoted or plain for quoted, plain in ARGUMENT.findall(statement["arguments"]))
+            if statement["open"]:
+                stack.append(Group(name, arguments))
+                group.groups.append(stack[-1])
             else:
-                current.attributes[token] = " ".join(arguments)
-                current.every.setdefault(token, []).append(current.attributes[token])
-        elif token == ":" or current is root:
-            raise ValueError(f"'{token[:20]}' is no group")
+                group.attributes[name] = " ".join(arguments)
+                group.every.setdefault(name, []).append(group.attributes[name])
+        elif statement["text"] is not None or statement["value"]:
+            group.attributes[name] = statement["text"] or " ".join((statement["value"] or "").split())
+        elif group is root:
+            raise ValueError(f"'{statement[0][:20]}' is no group")
     library = next(root.named("library"), None)
-    if library is None or stack:
+    if library is None or len(stack) > 1:
         raise ValueError("there is no whole group 'library'")
     return library
 
@@ -290,21 +278,23 @@ def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
     InputError
         No file has standard cells at the typical corner, or two have.
     """
-    found: dict[str, list[Library]] = {"typ": [], "slow": [], "fast": []}
+    held: dict[str, list[Library]] = {"typ": [], "slow": [], "fast": []}
     for library in libraries:
-        found["slow" if library.temperature > 70 else "fast" if library.temperature < 0 else "typ"].append(
+        held["slow" if library.temperature > 70 else "fast" if library.temperature < 0 else "typ"].append(
             library
         )
-    for corner, held in found.items():
-        logic = [library.path.name for library in held if library.holds_logic]
+    for corner, files in held.items():
+        logic = [library.path.name for library in files if library.holds_logic]
         if len(logic) > 1:
             raise InputError(
                 f"--liberty: {logic[0]} and {logic[1]} both hold cells of the {corner} corner; give one of "
                 "them"
             )
-    if not any(library.holds_logic for library in found["typ"]):
-        raise InputError("--liberty: no file holds standard cells of the typical corner (about 25 C); add it")
-    return found
+        if corner == "typ" and not logic:
+            raise InputError(
+                "--liberty: no file holds standard cells of the typical corner (about 25 C); add it"
+            )
+    return held
 
 
 def _wire_load(group: Group, farad: float) -> WireLoad:
@@ -316,10 +306,10 @@ def _wire_load(group: Group, farad: float) -> WireLoad:
 
 
 def _unit(text: str) -> float:
-    found = re.fullmatch(r"([\d.]+)([munpf]?)[a-zA-Z]", text.strip()) or re.fullmatch(
+    unit = re.fullmatch(r"([\d.]+)([munpf]?)[a-zA-Z]", text.strip()) or re.fullmatch(
         r"([\d.]+)(p|f)f", text.strip().lower()
     )
-    return _number(found[1]) * UNITS[found[2]] if found else 1e-12
+    return _number(unit[1]) * UNITS[unit[2]] if unit else 1e-12
 
 
 def _number(text: str) -> float:
@@ -361,13 +351,7 @@ def _cell(group: Group, farad: float, watt: float, joule: float, second: float) 
     pins: dict[str, Pin] = {}
     accesses: dict[str, float] = {}
     for pin in group.named("pin", "bus"):
-        roles = {
-            "clock": "clock_gate_clock_pin",
-            "enable": "clock_gate_enable_pin",
-            "test": "clock_gate_test_pin",
-            "output": "clock_gate_out_pin",
-        }
-        gate = next((role for role, name in roles.items() if pin.attributes.get(name) == "true"), "")
+        gate = next((role for role, name in GATE_PINS.items() if pin.attributes.get(name) == "true"), "")
         name = pin.arguments[0]
         pins[name] = Pin(
             direction=pin.attributes.get("direction", "input"),
@@ -382,12 +366,7 @@ def _cell(group: Group, farad: float, watt: float, joule: float, second: float) 
             for power in pin.named("internal_power"):
                 when = power.attributes.get("when", "").replace(" ", "")
                 value = max((_middle(table) for table in power.groups), default=0.0) * joule
-                for what, terms in (
-                    ("read", {"A_MEN", "!A_WEN", "A_REN"}),
-                    ("write", {"A_MEN", "A_WEN", "!A_REN"}),
-                ):
-                    if set(when.split("&")) == terms:
-                        accesses[what] = value
+                accesses |= {name: value for name, terms in ACCESSES.items() if set(when.split("&")) == terms}
     memory = next(group.named("memory"), None)
     state = next(group.named("ff", "latch", "ff_bank", "latch_bank"), None)
     gating = "clock_gating_integrated_cell" in group.attributes

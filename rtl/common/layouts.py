@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import signed, unsigned
+from amaranth.hdl import Const, Value, signed, unsigned
 from amaranth.lib import data
 from amaranth.utils import ceil_log2
 
@@ -44,15 +44,32 @@ def expands(config: AcceleratorConfig) -> bool:
     return config.features.feature_kinds != ("mean",)
 
 
+def window_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """One deviation of a frame that windows see, as complement, with the marks of its frame.
+
+    ``hop_last`` = the last frame of a hop, or of the touch; ``emit`` = a window of the touch ends with this
+    frame; ``end`` = it is the touch's last. ``window_mode`` free: the same as ``frame_layout``.
+    """
+    flags = ("hop_last", "emit", "end") + ("masked",) * bool(config.faults.fault_frames)
+    return data.StructLayout({"complement": signed(config.deviation_bits)} | dict.fromkeys(flags, 1))
+
+
 def beat_layout(config: AcceleratorConfig) -> data.StructLayout:
-    """What the windows take: ``touch_layout`` or ``frame_layout``, whose complement has the bits of any kind
-    of feature."""
-    layout = touch_layout(config) if config.windows.window_mode == "touch" else frame_layout(config)
-    if not expands(config):
-        return layout
-    return data.StructLayout(
-        {name: field.shape for name, field in layout} | {"complement": signed(config.beat_bits)}
-    )
+    """What the windows take: ``window_layout``, whose complement has the bits of any kind of feature.
+
+    Of each taxel come the kinds that say something in this frame, in order: the mean in every frame,
+    activity where a block ends (``block_last``), an integral with ``emit``. So they are the first of
+    ``feature_kinds``: a window consists of whole blocks.
+    """
+    members = {name: field.shape for name, field in window_layout(config)}
+    if expands(config):
+        members |= {"complement": signed(config.beat_bits), "block_last": 1}
+    return data.StructLayout(members)
+
+
+def comes(kind: str, marks) -> Value:
+    """Whether a beat of ``kind`` comes in a frame with these marks of `beat_layout`."""
+    return {"mean": Const(1, 1), "activity": marks.block_last, "integral": marks.emit}[kind]
 
 
 def sum_layout(config: AcceleratorConfig) -> data.StructLayout:

@@ -80,12 +80,12 @@ def signal_blocks(rtlil: str, names: dict[str, Any], top: str) -> dict[str, str]
         ]
         if outside:
             driver[bit] = max(outside, key=lambda path: (_depth(path), path))
-    found = {}
-    for name, net in nets.items():
-        for index, bit in enumerate(net["bits"]):
-            if bit in driver:
-                found[name if len(net["bits"]) == 1 else f"{name}[{index}]"] = block_of(driver[bit])
-    return found
+    return {
+        name if len(net["bits"]) == 1 else f"{name}[{index}]": block_of(driver[bit])
+        for name, net in nets.items()
+        for index, bit in enumerate(net["bits"])
+        if bit in driver
+    }
 
 
 def _depth(path: str) -> int:
@@ -148,31 +148,31 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
         writer |= dict.fromkeys(drives[name], name)
         for bit in reads[name]:
             readers[bit].append(name)
-    found: dict[str, str] = {}
+    owner: dict[str, str] = {}
     for name, outputs in drives.items():
         if module["cells"][name]["type"] in NAMED_CELLS or "$RAMW_" in name:
-            found[name] = block_of(name)
+            owner[name] = block_of(name)
             continue
         if border and not name.startswith((f"{border}.", "$nextpnr", "$PACKER")):
-            found[name] = TOP
+            owner[name] = TOP
             continue
         votes = Counter(block_of_bit[bit] for bit in outputs if bit in block_of_bit)
         if border:
             del votes[TOP]  # not the harness' own, though the harness may read it
         if votes:
-            found[name] = _most(votes)
+            owner[name] = _most(votes)
     # Backwards from what is known, a level of logic at a time; what nobody reads then goes with what it
     # reads.
     for neighbours in (readers, {bit: [name] for bit, name in writer.items()}):
         towards = drives if neighbours is readers else reads
         while True:
             settled = {}
-            for name in drives.keys() - found.keys():
+            for name in drives.keys() - owner.keys():
                 votes = Counter(
-                    found[other]
+                    owner[other]
                     for bit in towards[name]
                     for other in neighbours.get(bit, ())
-                    if other in found
+                    if other in owner
                 )
                 if border:
                     del votes[TOP]
@@ -180,9 +180,9 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
                     settled[name] = _most(votes)
             if not settled:
                 break
-            found |= settled
-    others = drives.keys() - found.keys()  # a pin, a constant, what the border's own ports are made of
-    return found | {name: WIRING if border and name.startswith(f"{border}.") else TOP for name in others}
+            owner |= settled
+    others = drives.keys() - owner.keys()  # a pin, a constant, what the border's own ports are made of
+    return owner | {name: WIRING if border and name.startswith(f"{border}.") else TOP for name in others}
 
 
 def _most(votes: Counter[str]) -> str:

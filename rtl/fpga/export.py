@@ -15,12 +15,15 @@ from eskin.rtl.common.collisions import without_contents
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.board_top import BoardTop
+from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.sensing import Sensing
 
 TOP = "accelerator"
 BOARD_TOP = "board_top"
 SENSING = "sensing"
+BUS_TOP = "eskin"
+"""Begins the name of the module for a user's system; behind it the bus, or ``axis``."""
 
 
 def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
@@ -50,6 +53,19 @@ def export_board(
     """SystemVerilog text of the accelerator behind its serial link, module ``board_top``; as `export`
     otherwise."""
     return _verilog(BoardTop(config, _rom(config, arrays), clock_hz=clock_hz, baud=baud), BOARD_TOP)
+
+
+def export_bus(
+    config: AcceleratorConfig,
+    arrays: Mapping[str, np.ndarray] | None = None,
+    *,
+    bus: Bus | None,
+    axis: bool = False,
+    depth: int = 2,
+) -> tuple[str, str]:
+    """Name and SystemVerilog text of the module for a user's system (`BusTop`); as `export` otherwise."""
+    name = f"{BUS_TOP}_{bus or 'axis'}"
+    return name, _verilog(BusTop(config, _rom(config, arrays), bus=bus, axis=axis, depth=depth), name)
 
 
 def _rom(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None) -> dict[int, list[int]] | None:

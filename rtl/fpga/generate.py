@@ -8,7 +8,9 @@ and load.hex.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,14 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing_folder
-from eskin.rtl.fpga.export import SENSING, export, export_sensing
+from eskin.rtl import host
+from eskin.rtl.fpga.export import SENSING, TOP, export, export_bus, export_sensing
 from eskin.rtl.program.memory_map import (
     ID_VALUE,
+    READABLE_VERSIONS,
     VERSION_VALUE,
     Control,
+    Event,
     Fault,
     ImageMemory,
     Measure,
@@ -34,7 +39,10 @@ from eskin.rtl.program.memory_map import (
     memory_name,
     words_per_entry,
 )
+from eskin.rtl.program.register_files import Entry, c_lines, entries, ip_xact, svd, system_rdl
+from eskin.rtl.top.bus_top import Bus
 
+DRIVER = sorted((Path(host.__file__).parent / "driver").glob("eskin.*"))
 TESTBENCH = Path(__file__).with_name("testbench.sv")
 MARK = "registers.json"
 """A folder with this file was generated and may be replaced."""
@@ -46,6 +54,9 @@ def generate(
     out: str | Path,
     *,
     vectors: str | Path | None = None,
+    bus: Bus | None = None,
+    axis: bool = False,
+    depth: int = 2,
 ) -> Path:
     """Write the generated folder, whole or not at all.
 
@@ -60,13 +71,17 @@ def generate(
     vectors:
         File of eskin.golden.model.vectors.write_vectors; its first recording becomes the self-checking
         testbench. None: no testbench.
+    bus, axis, depth:
+        With ``bus`` or ``axis`` the module of `eskin.rtl.top.bus_top.BusTop` too.
 
     The folder
     ----------
     accelerator.sv (module accelerator), with a converter sensing.sv (module sensing: the accelerator behind
     its pins), config.json, memories/*.hex (one word a line, as MEMORY_SELECT addresses them), load.hex (bus
-    writes that load the model: address and word), registers.json, registers.h; with vectors: testbench.sv and
-    vectors/*.hex.
+    writes that load the model: address and word), registers.json, registers.h, eskin.rdl, eskin.svd,
+    component.xml (`eskin.rtl.program.register_files`); with vectors: testbench.sv and vectors/*.hex; behind a bus
+    eskin_BUS.sv (module eskin_BUS), eskin.h and eskin.c (its driver), load.h (load.hex for it); with streams alone
+    eskin_axis.sv.
 
     Raises
     ------
@@ -81,14 +96,24 @@ def generate(
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; give a new folder with --out")
     with replacing_folder(out) as folder:
-        _write_all(config, arrays, folder, vectors)
+        _write_all(config, arrays, folder, vectors, bus, axis, depth)
     return out
 
 
 def _write_all(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], folder: Path, vectors: str | Path | None
+    config: AcceleratorConfig,
+    arrays: Mapping[str, np.ndarray],
+    folder: Path,
+    vectors: str | Path | None,
+    bus: Bus | None,
+    axis: bool,
+    depth: int,
 ) -> None:
-    (folder / "accelerator.sv").write_text(export(config, arrays))
+    top, verilog = TOP, export(config, arrays)
+    (folder / f"{TOP}.sv").write_text(verilog)
+    if bus or axis:
+        top, verilog = export_bus(config, arrays, bus=bus, axis=axis, depth=depth)
+        (folder / f"{top}.sv").write_text(verilog)
     if config.interface.converter != "none":
         (folder / f"{SENSING}.sv").write_text(export_sensing(config, arrays))
     (folder / "config.json").write_text(config.to_json())
@@ -100,7 +125,17 @@ def _write_all(
     writes = boot_writes(config, arrays)
     _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)
     (folder / MARK).write_text(json.dumps(register_map(config), indent=2) + "\n")
-    (folder / "registers.h").write_text(c_header(config))
+    registers = entries(config, bus is not None, config.interface.converter == "none" and not axis)
+    release = version("eskin")
+    (folder / "registers.h").write_text(c_header(config, registers))
+    (folder / "eskin.rdl").write_text(system_rdl(registers))
+    (folder / "eskin.svd").write_text(svd(registers, release))
+    component = ip_xact(registers, release, top=top, ports=ports_of(verilog, top), bus=bus)
+    (folder / "component.xml").write_text(component)
+    if bus:
+        for source in DRIVER:
+            (folder / source.name).write_text(source.read_text())
+        (folder / "load.h").write_text(load_header(writes))
     if vectors is not None:
         _write_testbench(config, folder, Path(vectors), len(writes))
 
@@ -121,6 +156,7 @@ def register_map(config: AcceleratorConfig) -> dict[str, Any]:
     return {
         "id": ID_VALUE,
         "version": VERSION_VALUE,
+        "versions": list(READABLE_VERSIONS),
         "registers": {register.name: int(register) for register in (*Register, *interface_registers(config))},
         "bits": {
             register: {bit.name: int(bit) for bit in bits}
@@ -136,10 +172,35 @@ def register_map(config: AcceleratorConfig) -> dict[str, Any]:
     }
 
 
-def c_header(config: AcceleratorConfig) -> str:
-    """The register map as a C header: word addresses, bits, what can be measured, memories."""
+def ports_of(verilog: str, top: str) -> dict[str, tuple[str, int]]:
+    """Direction (``in``, ``out``) and bits of the ports of module ``top``, by name."""
+    body = verilog.partition(f"module {top}(")[2].partition("endmodule")[0]
+    ports = re.findall(r"^ *(in|out)put (?:\[(\d+):0\] )?(\w+);", body, re.MULTILINE)
+    return {name: (way, int(high or 0) + 1) for way, high, name in ports}
+
+
+def load_header(writes: Iterable[tuple[int, int]]) -> str:
+    """Bus writes that load the model, as the driver takes them."""
+    words = [f"    0x{address << 16 | word:06X}u," for address, word in writes]
+    return "\n".join(
+        [
+            "/* The model: bus writes, address << 16 | word. Generated; do not edit. */",
+            "#include <stdint.h>",
+            "",
+            f"#define ESKIN_LOAD_WORDS {len(words)}u",
+            "static const uint32_t eskin_load[ESKIN_LOAD_WORDS] = {",
+            *words,
+            "};",
+            "",
+        ]
+    )
+
+
+def c_header(config: AcceleratorConfig, registers: Iterable[Entry] | None = None) -> str:
+    """The register map as a C header: ``registers`` (default: the accelerator's own) and fields, bits, what can be
+    measured, memories."""
     lines = [
-        "/* Register map of the eskin accelerator: 16-bit words, word addresses. Generated; do not edit. */",
+        "/* Register map of the eskin accelerator: word addresses. Generated; do not edit. */",
         "#ifndef ESKIN_REGISTERS_H",
         "#define ESKIN_REGISTERS_H",
         "",
@@ -147,12 +208,10 @@ def c_header(config: AcceleratorConfig) -> str:
         f"#define ESKIN_VERSION_VALUE {VERSION_VALUE}u",
         "",
     ]
-    lines += [
-        f"#define ESKIN_{register.name} 0x{int(register):02X}u"
-        for register in (*Register, *interface_registers(config))
-    ]
+    lines += c_lines(entries(config) if registers is None else registers)
+    lines += ["", f"#define ESKIN_FRAME_TAXELS {config.sensor.taxels}u"]
     lines += [f"#define ESKIN_MASK_WORDS {-(-config.sensor.taxels // 16)}u", ""]
-    for prefix, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULT", Fault)):
+    for prefix, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULT", Fault), ("EVENT", Event)):
         lines += [f"#define ESKIN_{prefix}_{bit.name} 0x{int(bit):04X}u" for bit in bits]
     lines += ["", *(f"#define ESKIN_MEASURE_{measure.name} {int(measure)}u" for measure in Measure)]
     first = "16 bits of the convolutions' words each" if config.is_image else "lanes - 1: weights of a lane"

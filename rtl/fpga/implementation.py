@@ -116,23 +116,10 @@ def place(
     family = netlist.family.name
     pack, text, ending = PACKERS[family]
     (folder / "netlist.json").write_bytes(netlist.json.read_bytes())
-    arguments = [
-        *target.place,
-        "--json",
-        "netlist.json",
-        "--report",
-        "report.json",
-        "--write",
-        "placed.json",
-        "--seed",
-        str(seed),
-        "--freq",
-        CLOCK_MHZ,
-        "--timing-allow-fail",
-        "-q",
-        "-l",
-        "nextpnr.log",
-    ]
+    words = (
+        "--json netlist.json --report report.json --write placed.json --timing-allow-fail -q -l nextpnr.log"
+    )
+    arguments = [*target.place, *words.split(), "--seed", str(seed), "--freq", CLOCK_MHZ]
     if family == "ice40":
         lines = (
             f"set_io {'-pullup yes ' * port.startswith(PULLED_UP)}{port} {site}\n"
@@ -154,7 +141,7 @@ def place(
         use = _use(folder / "nextpnr.log")
         if use and netlist.multipliers:
             use.setdefault("multipliers", (netlist.multipliers, 0))  # a part that has none does not list them
-        shortage = {what: count for what, count in use.items() if count[0] > count[1]}
+        shortage = {name: count for name, count in use.items() if count[0] > count[1]}
         if shortage:
             raise DoesNotFit(shortage) from None
         raise
@@ -180,10 +167,8 @@ def place(
 
 def _use(log: Path) -> dict[str, tuple[int, int]]:
     """(needed, available) of each resource by nextpnr's log."""
-    found = re.findall(r"(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", log.read_text() if log.exists() else "")
-    return {
-        RESOURCES[name]: (int(used), int(available)) for name, used, available in found if name in RESOURCES
-    }
+    lines = re.findall(r"(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", log.read_text() if log.exists() else "")
+    return {RESOURCES[name]: (int(used), int(room)) for name, used, room in lines if name in RESOURCES}
 
 
 def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str, int]]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -60,31 +58,32 @@ def _target(
     board has none of its own."""
     board: Any = getattr(import_module(f"amaranth_boards.{module}"), platform)()
     family, place = _PARTS[board.device, board.package]
-    pins = [board._conn_pins.get(pin, pin) for pin in connector]
     clock = board.lookup("clk12" if board.default_clk == "SB_HFOSC" else board.default_clk, 0)
-    if not uart:
-        of = {part.name: part.ios[0].names[0] for part in board.lookup("uart", 0).ios}
-        uart = (of["rx"], of["tx"])
+
+    def pins(resource: str, *names: str) -> tuple[str, ...]:
+        of = {part.name: part.ios[0].names[0] for part in board.lookup(resource, 0).ios}
+        return tuple(of[name] for name in names)
+
+    def sites(names: tuple[str, ...]) -> tuple[str, ...]:
+        return tuple(board._conn_pins.get(name, name) for name in names)
+
+    try:
+        flash = pins("spi_flash_1x", "cs", "clk", "copi", "cipo")
+    except ResourceError:
+        flash = ()
+    rx, tx = sites(uart) or pins("uart", "rx", "tx")
     return Target(
-        flash=_flash(board),
         name=name,
         device=board.device,
         family=family,
         place=place,
         clock_pin=clock.ios[0].names[0],
         clock_hz=clock.clock.frequency,
-        uart=tuple(board._conn_pins.get(pin, pin) for pin in uart),
-        pins=tuple(pins),
-        led=board._conn_pins[led] if led else board.lookup("led", 0).ios[0].names[0],
+        uart=(rx, tx),
+        led=sites((led,))[0] if led else board.lookup("led", 0).ios[0].names[0],
+        pins=sites(connector),
+        flash=flash,
     )
-
-
-def _flash(board: Any) -> tuple[str, ...]:
-    try:
-        of = {part.name: part.ios[0].names[0] for part in board.lookup("spi_flash_1x", 0).ios}
-    except ResourceError:
-        return ()
-    return tuple(of[name] for name in ("cs", "clk", "copi", "cipo"))
 
 
 def _pmod(number: int, *pins: int) -> tuple[str, ...]:
@@ -94,34 +93,30 @@ def _pmod(number: int, *pins: int) -> tuple[str, ...]:
 _PMOD_0, _PMOD_1 = (_pmod(number, 1, 2, 3, 4, 7, 8, 9, 10) for number in (0, 1))
 _J1 = tuple(f"j_1:{pin}" for pin in range(3, 11))
 
-_BOARDS: dict[str, Callable[[str], Target]] = {
-    "icebreaker": partial(
-        _target, module="icebreaker", platform="ICEBreakerPlatform", connector=_PMOD_0 + _PMOD_1
-    ),
+_BOARDS: dict[str, dict[str, Any]] = {
+    "icebreaker": dict(module="icebreaker", platform="ICEBreakerPlatform", connector=_PMOD_0 + _PMOD_1),
     # The USB side of this board is no UART of the FPGA: an adapter goes to the pins that are called 2 and 47
     # on it.
-    "upduino": partial(
-        _target,
+    "upduino": dict(
         module="upduino_v3",
         platform="UpduinoV3Platform",
         uart=("j_1:20", "j_1:18"),
         led="j_1:16",
         connector=tuple(f"j_0:{pin}" for pin in range(7, 21)),
     ),
-    "ulx3s": partial(
-        _target,
+    "ulx3s": dict(
         module="ulx3s",
         platform="ULX3S_25F_Platform",
         connector=tuple(f"gpio_0:{pin}{side}" for pin in range(14) for side in "+-"),
     ),
-    "icestick": partial(_target, module="icestick", platform="ICEStickPlatform", connector=_PMOD_0 + _J1),
-    "icesugar-nano": partial(
-        _target,
+    "icestick": dict(module="icestick", platform="ICEStickPlatform", connector=_PMOD_0 + _J1),
+    "icesugar-nano": dict(
         module="icesugar_nano",
         platform="ICESugarNanoPlatform",
         connector=(*_pmod(2, 1, 2, 3, 4, 7, 8, 9, 10), "pmod_0:1"),
     ),
 }
+"""What `_target` is given of each board."""
 
 TARGETS = tuple(_BOARDS)
 """Names of the boards: UP5K (2), ECP5-25F, HX1K, LP1K."""
@@ -137,4 +132,4 @@ def target(name: str) -> Target:
     """
     if name not in _BOARDS:
         raise InputError(f"--target {name}: is no known board; use one of {', '.join(TARGETS)}")
-    return _BOARDS[name](name)
+    return _target(name, **_BOARDS[name])

@@ -86,13 +86,13 @@ def _rewritten(text: str) -> tuple[str, list[Site]]:
     widths: dict[str, int] = {}
     depths: dict[str, int] = {}
     for line in lines:
-        if found := re.match(
+        if declared := re.match(
             r"  reg (?:signed )?(?:\[(\d+):0\] )?(\\\S+ |\w+)(?: ?\[(\d+):0\])?(?: = .*)?;$", line
         ):
-            name = found[2].strip()
-            widths[name] = int(found[1] or 0) + 1
-            if found[3] is not None:
-                depths[name] = int(found[3]) + 1
+            name = declared[2].strip()
+            widths[name] = int(declared[1] or 0) + 1
+            if declared[3] is not None:
+                depths[name] = int(declared[3]) + 1
     sites: list[Site] = []
     out: list[str] = []
     written: dict[str, int] = {}  # memory -> line of `out` behind which its upset goes
@@ -124,10 +124,10 @@ def _rewritten(text: str) -> tuple[str, list[Site]]:
     final = "\n".join(result)
     hung = "\\accelerator.watchdog.hung " if "\\accelerator.watchdog.hung " in final else "1'b0"
     final = final.replace("module accelerator(", f"module accelerator(hung, {', '.join(PORTS)}, ", 1)
-    declared = (
+    ports = (
         "".join(f"  input [15:0] {port};\n" for port in PORTS) + f"  output hung;\n  assign hung = {hung};\n"
     )
-    return final.replace(");\n", f");\n{declared}", 1), sites
+    return final.replace(");\n", f");\n{ports}", 1), sites
 
 
 def _plain(name: str) -> str:
@@ -140,28 +140,28 @@ def _process(
     """A clocked process with upsets."""
     out = []
     for line in block:
-        found = _REGISTER.match(line)
-        if "<=" in line and found is None:  # the write of a memory's word: its name comes before an index
+        assigned = _REGISTER.match(line)
+        if "<=" in line and assigned is None:  # the write of a memory's word: its name comes before an index
             name = re.findall(r"^(?:\\\S+|\w+)", line.strip())[0]
             if name not in depths:
                 raise RuntimeError(f"a clocked process of an unknown form: {line.strip()}")
             written[name] = at
-        if found is None:
+        if assigned is None:
             out.append(line)
             continue
-        name = found["name"].strip()
-        output = re.match(r"(\\\S+|\w+) +\[", found["value"]) if re.fullmatch(r"_\d+_", name) else None
+        name = assigned["name"].strip()
+        output = re.match(r"(\\\S+|\w+) +\[", assigned["value"]) if re.fullmatch(r"_\d+_", name) else None
         reads = output[1] if output and output[1] in depths else None
         number = 1 + sum(site.words == 0 for site in sites)
         label = f"{reads}.output" if reads else name
         sites.append(Site(number, _plain(label), widths[name], output=bool(reads)))
         flip = f"(upset_register == {number} ? {widths[name]}'d1 << upset_bit : {widths[name]}'d0)"
-        value = found["value"]
+        value = assigned["value"]
         # through a wire: the operator in one expression with it would make a signed value unsigned
         if not reads:
             out[:0] = [f"  wire [{widths[name] - 1}:0] upset_of_{number} = {value};"]
             value = f"upset_of_{number}"
-        out.append(f"{found['indent']}{found['name']} <= {value} ^ {flip};")
-        if reads and len(found["indent"]) == 6:  # under a read enable: what it holds can be upset too
-            out.append(f"    end else begin\n      {found['name']} <= {found['name']} ^ {flip};")
+        out.append(f"{assigned['indent']}{assigned['name']} <= {value} ^ {flip};")
+        if reads and len(assigned["indent"]) == 6:  # under a read enable: what it holds can be upset too
+            out.append(f"    end else begin\n      {assigned['name']} <= {assigned['name']} ^ {flip};")
     return out

@@ -13,29 +13,25 @@ from eskin.golden.core.formats import signed_bits
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import biased_magnitude, logarithm, wrapping_increment
-from eskin.rtl.common.layouts import beat_layout, expands, frame_layout, touch_layout
+from eskin.rtl.common.layouts import beat_layout, comes, expands, window_layout
 
 SLOTS = {"mean": 0, "activity": 1, "integral": 2}
 """Cycle, from the one in which a deviation is seen, in which the beat of each kind is made."""
 
 
-def expander_slots(config: AcceleratorConfig) -> int:
-    """Cycles that a deviation takes in the expander."""
-    return 1 + max(SLOTS[kind] for kind in config.features.feature_kinds)
-
-
 class FeatureExpander(wiring.Component):
-    """Each deviation as it comes becomes a beat for each of ``feature_kinds``, in their order; what follows
-    sees more taxels.
+    """Each deviation as it comes becomes a beat for each of ``feature_kinds`` that says something in its
+    frame, in their order; what follows sees more taxels.
 
-    - ``mean``: the deviation e itself.
-    - ``activity``: the block's activity with the last frame of each ``activity_block`` frames, 0 with the
-      others. A taxel's state is the sum s of its block so far and, with rule ``change``, r = s - (the last
-      block's s). r begins as e - s, so neither needs a third operand.
-    - ``integral``: the sum S of the deviations since the first frame of the touch's first window, companded.
-      In ``window_mode`` touch that is the first frame that arrives. In mode free, S falls back to the sum C
-      of the previous hop with every hop that begins outside a touch, so at an onset it covers what the first
-      window has seen. (A touch continues after a frame with ``emit`` but without ``end``.)
+    - ``mean``: the deviation e itself, in every frame.
+    - ``activity``: the block's activity, in the last frame of each ``activity_block`` frames. A taxel's state
+      is the sum s of its block so far and, with rule ``change``, r = s - (the last block's s). r begins as
+      e - s, so neither needs a third operand.
+    - ``integral``: the sum S of the deviations since the first frame of the touch's first window, companded,
+      in frames that end a window. In ``window_mode`` touch the sum begins with the first frame that arrives.
+      In mode free, S falls back to the sum C of the previous hop with every hop that begins outside a touch,
+      so at an onset it covers what the first window has seen. (A touch continues after a frame with ``emit``
+      but without ``end``.)
 
     State is written by the first beats of a recording or touch before it is used, whatever was in the memory.
     Bounds: |s| <= B times ``deviation_bound``; |r| <= ``block_bound``; |C| <= hop times ``deviation_bound``;
@@ -50,42 +46,44 @@ class FeatureExpander(wiring.Component):
 
     Ports
     -----
-    i : In(stream of ``touch_layout``, or in ``window_mode`` free of ``frame_layout``)
+    i : In(stream of ``window_layout``)
         The deviations, as complements.
     o : Out(stream of ``beat_layout``)
-        Complements; flags are those of the deviation, on each of its beats.
-    touch_last : Out(1), ``window_mode`` touch
-        The beat at ``i`` is the touch's last.
+        Complements; marks are those of the deviation, on each of its beats.
+    frame_last : Out(1)
+        The deviation at ``i`` is its frame's last.
 
     Timing
     ------
-    A deviation takes ``expander_slots`` cycles while ``o`` is taken: up to the slot (``SLOTS``) of its last
-    kind. The beat of each kind is offered in the cycle after its slot: the mean 1 cycle after the deviation
-    was seen, activity 2, the integral 3.
+    A deviation takes a cycle while ``o`` is taken, or as many as the slot (``SLOTS``) of the last kind that
+    comes asks for. The beat of each kind is offered in the cycle after its slot: the mean 1 cycle after the
+    deviation was seen, activity 2, the integral 3.
     """
 
     def __init__(self, config: AcceleratorConfig):
         if not expands(config):
             raise ValueError("the mean alone is the deviation: no expander is needed")
         self.config = config
-        touch = config.windows.window_mode == "touch"
-        ports = {
-            "i": In(stream.Signature(touch_layout(config) if touch else frame_layout(config))),
-            "o": Out(stream.Signature(beat_layout(config))),
-        }
-        super().__init__(ports | ({"touch_last": Out(1)} if touch else {}))
+        super().__init__(
+            {
+                "i": In(stream.Signature(window_layout(config))),
+                "o": Out(stream.Signature(beat_layout(config))),
+                "frame_last": Out(1),
+            }
+        )
 
     def elaborate(self, platform):
         config, m = self.config, Module()
-        kinds, slots = config.features.feature_kinds, expander_slots(config)
-        taxel, slot = Signal(range(config.sensor.taxels)), Signal(range(max(slots, 2)))
-        advance, step = Signal(), Signal()
-        at_last, last_slot = (
-            reaches(taxel, config.sensor.taxels - 1),
-            reaches(slot, slots - 1) if slots > 1 else Const(1, 1),
+        kinds = config.features.feature_kinds
+        taxel, slot = (
+            Signal(range(config.sensor.taxels)),
+            Signal(range(1 + max(1, *(SLOTS[kind] for kind in kinds)))),
         )
+        advance, step, last_slot = Signal(), Signal(), Signal()
+        at_last = reaches(taxel, config.sensor.taxels - 1)
         taken, frame_taken = Signal(), Signal()
         m.d.comb += [
+            self.frame_last.eq(at_last),
             advance.eq(~self.o.valid | self.o.ready),
             step.eq(advance & self.i.valid),
             self.i.ready.eq(advance & last_slot),
@@ -98,13 +96,8 @@ class FeatureExpander(wiring.Component):
             m.d.sync += taxel.eq(wrapping_increment(taxel, config.sensor.taxels))
 
         # --- what follows from the frame: the first of all (of the recording, or of the touch)
-        first, ends = Signal(init=1), Const(0, 1)
-        if config.windows.window_mode == "touch" and not config.opens_at_once:
-            frame = Signal(range(config.last_frame))
-            ends = reaches(frame, config.last_frame - 1)
-            with m.If(frame_taken):
-                m.d.sync += frame.eq(Mux(ends, 0, frame + 1))
-            m.d.comb += self.touch_last.eq(ends & at_last)
+        first = Signal(init=1)
+        ends = self.i.p.end if config.windows.window_mode == "touch" else Const(0, 1)
         with m.If(frame_taken):
             m.d.sync += first.eq(ends)
 
@@ -120,28 +113,29 @@ class FeatureExpander(wiring.Component):
             return present_state[name]
 
         block, bound = config.features.activity_block, config.deviation_bound
-        block_ends, amount = Const(1, 1), deviation
+        block_last, amount = Const(1, 1), deviation
+        compares = Const(1, 1)  # a block before this one is there, or none is needed
         if "activity" in kinds:
             block_first, lone = Const(1, 1), first  # first frame of a block; the first block of all
             if block > 1:
                 frame_in_block = Signal(range(block))
-                block_first, block_ends = frame_in_block == 0, reaches(frame_in_block, block - 1)
+                block_first, block_last = frame_in_block == 0, reaches(frame_in_block, block - 1)
                 with m.If(frame_taken):
-                    m.d.sync += frame_in_block.eq(Mux(block_ends, 0, frame_in_block + 1))
+                    m.d.sync += frame_in_block.eq(Mux(block_last, 0, frame_in_block + 1))
             if block > 1 or config.features.activity_rule == "change":
                 old = keep("block", signed_bits(block * bound))
                 next_state["block"] = Mux(block_first, 0, old) + deviation if block > 1 else deviation
             if config.features.activity_rule == "change":
                 if block > 1:
                     lone = Signal(init=1)
-                    with m.If(frame_taken & block_ends):
+                    with m.If(frame_taken & block_last):
                         m.d.sync += lone.eq(ends)
                     next_state["change"] = (
                         Mux(block_first, -old, keep("change", signed_bits(config.block_bound))) + deviation
                     )
                 else:
                     next_state["change"] = deviation - old
-                block_ends &= ~lone
+                compares = ~lone
         if "integral" in kinds:
             total = keep("total", config.integral_bits)
             begins_from = total
@@ -189,7 +183,7 @@ class FeatureExpander(wiring.Component):
             amount = fresh.get("change", fresh.get("block", deviation))
             negative = amount[-1]
             # ~|a| = ~a, or a - 1 where it is negative
-            complement["activity"] = Mux(block_ends, Mux(negative, amount, ~amount) - negative, -1)
+            complement["activity"] = Mux(compares, Mux(negative, amount, ~amount) - negative, -1)
         if "integral" in kinds:
             biased, below = Signal(config.integral_bits, reset_less=True), Signal()
             with m.If(step & (slot == 1)):
@@ -204,15 +198,17 @@ class FeatureExpander(wiring.Component):
             size = Signal(config.beat_bits - 1)
             logarithm(m, size, biased, config.features.integral_knee, config.features.integral_frac)
             complement["integral"] = Mux(below, size - 1, ~Cat(size, Const(0, 1)))
-        made_now = Const(0, 1)
+        # the last slot is that of the last kind that comes; a frame in which none does takes one
+        marks = [name for name, _ in window_layout(config) if name != "complement"]
+        beat = Signal(beat_layout(config))
+        m.d.comb += [beat.block_last.eq(block_last), *(beat[name].eq(self.i.p[name]) for name in marks)]
+        made_now, slots = Const(0, 1), Const(0, len(slot))
+        for kind in kinds:
+            made_now |= (slot == SLOTS[kind]) & comes(kind, beat)
+            slots = Mux(comes(kind, beat), SLOTS[kind], slots)
+            with m.If(slot == SLOTS[kind]):
+                m.d.comb += beat.complement.eq(complement[kind])
+        m.d.comb += last_slot.eq(slot == slots)
         with m.If(advance):
-            for kind in kinds:
-                made_now |= slot == SLOTS[kind]
-                with m.If(slot == SLOTS[kind]):
-                    m.d.sync += self.o.p.complement.eq(complement[kind])
-            flags = [name for name, _ in beat_layout(config) if name != "complement"]
-            m.d.sync += [
-                self.o.valid.eq(self.i.valid & made_now),
-                *(getattr(self.o.p, name).eq(getattr(self.i.p, name)) for name in flags),
-            ]
+            m.d.sync += [self.o.valid.eq(self.i.valid & made_now), self.o.p.eq(beat)]
         return m

@@ -1,5 +1,5 @@
-"""What follows from the number of a frame alone: settling, blocks of the onset rule, hops
-(docs/specification.md, section 2)."""
+"""What follows from the number of a frame alone, in a recording or in a touch: settling, blocks of the onset
+rule, hops, windows (docs/specification.md, section 2)."""
 
 from __future__ import annotations
 
@@ -67,4 +67,52 @@ class FrameMarks(wiring.Component):
                 self.boundary.eq(hop_last & ~hop_zero),
                 self.recording_first.eq((hop_frame == 0) & hop_zero),
             ]
+        return m
+
+
+class TouchMarks(wiring.Component):
+    """Counts the frames of a touch as they come; each output is of the frame that comes.
+
+    All are registers: they are compared a frame early, so that nothing in the windows waits for it.
+
+    Members
+    -------
+    taken : In(1)
+        The last beat of a frame goes in.
+    hop_last, emit, end : Out(1)
+        As of ``eskin.rtl.common.layouts.window_layout``.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
+        # of the first frame of a touch
+        alone = int(config.last_frame == 1)
+        self._first = {"hop_last": alone or int(config.windows.hop == 1), "emit": alone, "end": alone}
+        super().__init__(
+            {"taken": In(1), **{name: Out(1, init=first) for name, first in self._first.items()}}
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        hop_frames, frames = self._config.windows.hop, self._config.last_frame
+        odd = self._config.windows.window > 2 * hop_frames
+        hop, place = Signal(range(max(2, -(-frames // hop_frames)))), Signal(range(hop_frames))
+        turns = reaches(place, hop_frames - 1)
+        # of the next frame: it is its hop's last; a window ends with it, the last frame of two hops or the
+        # first after them; the touch ends
+        last_hop, last_place = divmod(max(frames - 2, 0), hop_frames)
+        hop_last = reaches(place, hop_frames - 2) & ~turns if hop_frames > 1 else Const(1, 1)
+        whole = (turns if odd else hop_last) & ((hop != 0) if odd or hop_frames > 1 else 1)
+        end = reaches(hop, last_hop) & reaches(place, last_place)
+        with m.If(self.taken):
+            m.d.sync += [
+                hop.eq(hop + turns),
+                place.eq(Mux(turns, 0, place + 1)),
+                self.hop_last.eq(hop_last | end),
+                self.emit.eq(whole | end),
+                self.end.eq(end),
+            ]
+            with m.If(self.end):
+                m.d.sync += [hop.eq(0), place.eq(0)]
+                m.d.sync += [getattr(self, name).eq(first) for name, first in self._first.items()]
         return m

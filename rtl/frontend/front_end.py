@@ -10,9 +10,10 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.rtl.common.layouts import centred_layout, expands, sample_layout
+from eskin.rtl.common.layouts import centred_layout, expands, sample_layout, touch_layout
 from eskin.rtl.frontend.compander import Compander
 from eskin.rtl.frontend.feature_expander import FeatureExpander
+from eskin.rtl.frontend.frame_marks import TouchMarks
 from eskin.rtl.frontend.normaliser import Normaliser
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
@@ -59,7 +60,7 @@ class FrontEnd(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, means: Sequence[int] | None = None):
-        self.detector = OnsetDetector(config)
+        self.config, self.detector = config, OnsetDetector(config)
         self.ring = PreTriggerRing(config) if config.windows.window_mode == "touch" else None
         self.expander = FeatureExpander(config) if expands(config) else None
         self.averager = WindowAverager(config)
@@ -91,8 +92,15 @@ class FrontEnd(wiring.Component):
         else:
             m.submodules.pretrigger_ring = self.ring
             connect(m, self.detector.o, self.ring.i)
-            connect(m, self.ring.o, windows.i)
-            m.d.comb += self.ring.touch_last.eq(windows.touch_last)
+            m.submodules.touch_marks = marks = TouchMarks(self.config)
+            m.d.comb += [
+                windows.i.valid.eq(self.ring.o.valid),
+                self.ring.o.ready.eq(windows.i.ready),
+                *(windows.i.p[name].eq(self.ring.o.p[name]) for name in touch_layout(self.config).members),
+                *(windows.i.p[name].eq(getattr(marks, name)) for name in ("hop_last", "emit", "end")),
+                marks.taken.eq(windows.i.valid & windows.i.ready & windows.frame_last),
+                self.ring.touch_last.eq(marks.end & windows.frame_last),
+            ]
         if self.compander is None:
             connect(m, self.averager.o, self.normaliser.i)
         else:

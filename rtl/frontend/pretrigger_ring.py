@@ -47,9 +47,8 @@ class PreTriggerRing(wiring.Component):
     ------
     The first beat of frame s is offered 3 cycles after the last beat of frame f was taken. Each frame still
     to be dropped adds 2 cycles, or 1 if its drop is under way (fewer than 6 taxels, a beat a cycle). From
-    then on a beat leaves every 2 cycles, the pace of the window averager, while one goes in every cycle. With
-    ``one_port`` none goes in while one is read, so one every 2 cycles. Onset ``immediate``: combinational, 0
-    cycles.
+    then on a beat leaves every cycle, while one goes in. With ``one_port`` none is read while one goes in, so
+    at full pace one goes in, and one leaves, every 2 cycles. Onset ``immediate``: combinational, 0 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -100,12 +99,13 @@ class PreTriggerRing(wiring.Component):
             surplus.eq(exceeds(held, (config.windows.pretrigger_frames + 1) * frame + frame // 2 - 1)),
             dropped.eq(drop),
             full.eq(exceeds(held, capacity - 1) | (starting & surplus)),
-            some.eq((held[1:].any() | (held[0] & ~counted)) & ~fetch),
+            some.eq(held[2:].any() | (held[:2] > counted + fetch)),
             counted.eq(fetch),
         ]
+        room = ~full & self.i.valid if config.hardware.one_port else Const(0, 1)
         m.d.comb += [
             drop.eq(surplus & ~dropped & ~touch),
-            fetch.eq(touch & some & (~fetched | (self.o.ready & ~self.touch_last))),
+            fetch.eq(touch & some & ~room & (~fetched | (self.o.ready & ~self.touch_last))),
         ]
         m.d.sync += [
             starting.eq((push & self.i.p.onset & ~touch) | (starting & surplus)),
@@ -114,7 +114,7 @@ class PreTriggerRing(wiring.Component):
 
         # the memory's output register is the output
         m.d.comb += [
-            self.i.ready.eq(~full & ~(fetch if config.hardware.one_port else 0)),
+            self.i.ready.eq(~full),
             push.eq(self.i.valid & self.i.ready),
             self.dropping.eq(drop | dropped),
             write.data.eq(
@@ -130,8 +130,10 @@ class PreTriggerRing(wiring.Component):
         m.d.sync += fetched.eq(fetch | (fetched & ~self.o.ready))
         with m.If(push):
             m.d.sync += write.addr.eq(write.addr + 1)
-        # (Never both: a beat is fetched in a touch, a frame dropped between touches.)
+        # (Never both: a beat is fetched in a touch, a frame dropped between touches. ``fetch`` comes late: it
+        # only says whether the address moves.)
+        with m.If(fetch | drop):
+            m.d.sync += read.addr.eq(read.addr + Mux(drop, frame, 1))
         less = Mux(drop, Const(-frame, address_bits), 0) | counted.replicate(address_bits)
-        m.d.sync += read.addr.eq(read.addr + (Mux(drop, frame, 0) | counted))
         m.d.sync += held.eq(held + less + push)
         return m

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import wiring
@@ -40,6 +40,10 @@ INPUTS = (
 """Status bits from the other blocks."""
 
 
+FedBy = Literal["cpu", "sensor"]
+"""Who sends frames to an accelerator behind a bus shell."""
+
+
 def bus_signature() -> wiring.Signature:
     """The host bus, seen from the host: write ``w_data`` to ``addr`` with ``w_stb``, read it with ``r_stb``;
     ``r_data`` one cycle later."""
@@ -51,8 +55,15 @@ def bus_signature() -> wiring.Signature:
 class HostControl(wiring.Component):
     """Registers of rtl/program/memory_map.py, and the life of a recording: arm, frames, finish.
 
+    Parameters
+    ----------
+    fed_by:
+        Of a design behind a bus shell. A CPU's pauses are no INPUT_STALLED.
+
     Members
     -------
+    any_fault : Out(1), only with ``fed_by``
+        A bit of FAULTS is set.
     bus : In
         One access a cycle.
     clear : Out(1)
@@ -97,8 +108,8 @@ class HostControl(wiring.Component):
     Parts: `RecordingState`, `MemoryLoader` and `CycleCounter` (register ``MEASURE`` names what it counts).
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
-        self._config = config
+    def __init__(self, config: AcceleratorConfig, fed_by: FedBy | None = None) -> None:
+        self._config, self._fed_by = config, fed_by
         super().__init__(
             {
                 "bus": In(bus_signature()),
@@ -111,6 +122,7 @@ class HostControl(wiring.Component):
                 "due": Out(1),
                 "awake": Out(1),
                 **{name: In(1) for name in INPUTS},
+                **({"any_fault": Out(1)} if fed_by else {}),
                 **(
                     {"flags": In(config.sensor.taxels), "raised": In(1)} if config.faults.fault_frames else {}
                 ),
@@ -188,10 +200,14 @@ class HostControl(wiring.Component):
             events |= {Fault.CHECKSUM: Cat(self.check_failed, *wrong).any(), Fault.WATCHDOG: self.hung}
         if config.faults.fault_frames:
             events[Fault.TAXEL] = self.raised
+        if self._fed_by == "cpu":
+            del events[Fault.INPUT_STALLED]
         sticky, faults = Signal(len(events)), Signal(len(Fault))
         bits = dict(zip(events, sticky, strict=True))
         m.d.sync += sticky.eq(sticky | Cat(*events.values()))
         m.d.comb += faults.eq(Cat(bits.get(fault, Const(0, 1)) for fault in Fault))
+        if self._fed_by:
+            m.d.comb += self.any_fault.eq(sticky.any())
         with m.If(bus.w_stb), m.Switch(bus.addr):
             with m.Case(Register.CONTROL):
                 m.d.comb += arm.eq((bus.w_data & Command.ARM).any())

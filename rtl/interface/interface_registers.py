@@ -60,7 +60,7 @@ class InterfaceRegisters(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        bus, inner, one = self.bus, self.inner, InterfaceRegister
+        bus, inner, number_of = self.bus, self.inner, InterfaceRegister
         mine, was_mine, r_data = Signal(), Signal(), Signal(16)
         with m.Switch(bus.addr), m.Case(*map(int, self._registers)):
             m.d.comb += mine.eq(1)
@@ -76,26 +76,26 @@ class InterfaceRegisters(wiring.Component):
         m.d.comb += arm.eq(command & (bus.w_data & Control.ARM).any())
         m.d.sync += self.armed.eq(self.armed | arm)
         readable: dict[InterfaceRegister, Value] = {}
-        if one.POSITION in self._registers:
+        if number_of.POSITION in self._registers:
             last, count = Signal(position_layout), Signal(COUNT_BITS)
             with m.If(self.position.valid):
                 m.d.sync += [last.eq(self.position.payload), count.eq(count + 1)]
             with m.If(arm):
                 m.d.sync += count.eq(0)
             readable |= {
-                one.POSITION: Cat(last.x, last.y),
-                one.POSITION_PEAK: Cat(last.peak, last.direction, last.ended),
+                number_of.POSITION: Cat(last.x, last.y),
+                number_of.POSITION_PEAK: Cat(last.peak, last.direction, last.ended),
             }
-            readable[one.POSITIONS] = count
-        if one.CONVERTER_FAULTS in self._registers:
+            readable[number_of.POSITIONS] = count
+        if number_of.CONVERTER_FAULTS in self._registers:
             faults = Signal(FAULT_BITS)
             m.d.sync += faults.eq(faults | self.fault)
             with m.If(command & (bus.w_data & Control.CLEAR_FAULTS).any()):
                 m.d.sync += faults.eq(self.fault)
-            readable[one.CONVERTER_FAULTS] = faults
-        if one.STIM_WIDTH in self._registers:
+            readable[number_of.CONVERTER_FAULTS] = faults
+        if number_of.STIM_WIDTH in self._registers:
             for name, bits in SETTINGS.items():
-                number, setting = one[f"STIM_{name.upper()}"], getattr(self.settings, name)
+                number, setting = number_of[f"STIM_{name.upper()}"], getattr(self.settings, name)
                 readable[number] = setting
                 with m.If(bus.w_stb & (bus.addr == int(number))):
                     m.d.sync += setting.eq(Mux(bus.w_data[bits:].any(), ~0, bus.w_data[:bits]))

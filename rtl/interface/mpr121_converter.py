@@ -99,7 +99,7 @@ class Mpr121Converter(wiring.Component):
         m.submodules.master = master = I2cMaster(plan.quarter)
         wiring.connect(m, master.pins, wiring.flipped(self.pins))
         setting_up, reading = start_up(plan), frame(plan)
-        program = [STEP.const(vars(one) | {"op": one.op.value}) for one in setting_up + reading]
+        program = [STEP.const(vars(word) | {"op": word.op.value}) for word in setting_up + reading]
         at = Signal(range(len(program)))
         step = data.View(STEP, Signal(STEP.size))
         m.d.comb += step.as_value().eq(

@@ -46,13 +46,15 @@ class Stimulation(wiring.Component):
     """
 
     def __init__(self, config: AcceleratorConfig, clock_hz: float) -> None:
-        one = config.interface
+        interface = config.interface
         self._config, self._divisor = config, uart_divisor(clock_hz, STIMULATOR_BAUD)
         self._hold, self._on = (
-            max(1, math.floor(seconds * clock_hz)) for seconds in (one.hold_s, one.on_limit_s)
+            max(1, math.floor(seconds * clock_hz)) for seconds in (interface.hold_s, interface.on_limit_s)
         )
         name, layout = (
-            ("decision", decision_layout) if one.stimulator == "decisions" else ("position", position_layout)
+            ("decision", decision_layout)
+            if interface.stimulator == "decisions"
+            else ("position", position_layout)
         )
         self._name = name
         super().__init__(

@@ -48,10 +48,10 @@ class Stimulus(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        config, one = self._config, self._config.interface
+        config, interface = self._config, self._config.interface
         told, wanted, electrode = Signal(), Signal(), Signal(range(24))
-        if one.stimulator == "decisions":
-            table = one.electrodes or tuple(range(1, config.classes + 1))
+        if interface.stimulator == "decisions":
+            table = interface.electrodes or tuple(range(1, config.classes + 1))
             label = self.decision.payload["class"]
             m.d.comb += [
                 told.eq(self.decision.valid),
@@ -70,7 +70,9 @@ class Stimulus(wiring.Component):
             m.d.comb += [
                 told.eq(self.position.valid),
                 wanted.eq(~p.ended),
-                electrode.eq(COLUMNS * part(p.y, ROWS, one.rows) + part(p.x, COLUMNS, one.columns)),
+                electrode.eq(
+                    COLUMNS * part(p.y, ROWS, interface.rows) + part(p.x, COLUMNS, interface.columns)
+                ),
             ]
         left = Signal(range(self._hold + 1))
         m.d.comb += self.request.eq(left != 0)

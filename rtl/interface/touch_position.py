@@ -55,21 +55,24 @@ class TouchPosition(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        one, cells = self._config.interface, self._config.sensor.taxels
+        interface, cells = self._config.interface, self._config.sensor.taxels
         sample = self.i.payload.sample
         above = Signal(signed(len(sample) + 2))
-        m.d.comb += above.eq(sample - Const(one.position_rest, signed(len(sample) + 1)))
+        m.d.comb += above.eq(sample - Const(interface.position_rest, signed(len(sample) + 1)))
         top = (1 << len(sample)) - 1
         height = Signal(range(top + 1))
-        m.d.comb += height.eq(Mux(above > one.position_threshold, above[: len(sample)], 0))
+        m.d.comb += height.eq(Mux(above > interface.position_threshold, above[: len(sample)], 0))
 
         # ---------------------------------------------------------------- one frame's sums; widths: all cells at the top
-        total, in_row = Signal(range(cells * top + 1)), Signal(range(one.columns * top + 1))
-        across, down = Signal(range(cells * one.columns * top + 1)), Signal(range(cells * one.rows * top + 1))
-        place, column = Signal(range(cells)), Signal(range(one.columns))
+        total, in_row = Signal(range(cells * top + 1)), Signal(range(interface.columns * top + 1))
+        across, down = (
+            Signal(range(cells * interface.columns * top + 1)),
+            Signal(range(cells * interface.rows * top + 1)),
+        )
+        place, column = Signal(range(cells)), Signal(range(interface.columns))
         largest, at = Signal.like(height), Signal(range(cells))
         row_now, total_now = in_row + height, total + height
-        end_of_row = column == one.columns - 1
+        end_of_row = column == interface.columns - 1
         across_now = across + row_now
         down_now = down + Mux(end_of_row, total_now, 0)
         is_larger = height > largest
@@ -93,10 +96,10 @@ class TouchPosition(wiring.Component):
                 at.eq(at_now),
             ]
         # ---------------------------------------------------------------- the divider: the quotient's bits, highest first
-        whole = (max(one.rows, one.columns) - 1).bit_length()  # bits in front of the point
+        whole = (max(interface.rows, interface.columns) - 1).bit_length()  # bits in front of the point
         bits = whole + FRACTION + 1  # one more, to round
-        rest = Signal(range(2 * max(one.rows, one.columns) * cells * top + 1))
-        other, divisor = Signal(range(one.rows * cells * top + 1)), Signal.like(total)
+        rest = Signal(range(2 * max(interface.rows, interface.columns) * cells * top + 1))
+        other, divisor = Signal(range(interface.rows * cells * top + 1)), Signal.like(total)
         quotient, left, second = Signal(bits), Signal(range(bits + 1)), Signal()
         scaled = divisor << whole
         doubled = rest << 1
@@ -126,8 +129,8 @@ class TouchPosition(wiring.Component):
             m.d.sync += touch.eq(total_now != 0)
             with m.If(total_now != 0):
                 m.d.sync += [
-                    rest.eq(one.columns * total_now - across_now),
-                    other.eq(one.rows * total_now - down_now),
+                    rest.eq(interface.columns * total_now - across_now),
+                    other.eq(interface.rows * total_now - down_now),
                     divisor.eq(total_now),
                     peak.eq(at_now),
                     left.eq(bits),
@@ -147,7 +150,7 @@ class TouchPosition(wiring.Component):
             ways.append((way[-1], Mux(way[-1], -way, way)[:8]))
         (is_left, wide), (is_up, high) = ways
         is_across = wide >= high
-        is_slide = Mux(is_across, wide, high) >= one.slide_least
+        is_slide = Mux(is_across, wide, high) >= interface.slide_least
         heading = Mux(is_across, Mux(is_left, 2, 1), Mux(is_up, 4, 3))
         m.d.comb += [
             self.o.valid.eq(known | over),

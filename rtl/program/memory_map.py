@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import IntEnum, IntFlag
+from types import MappingProxyType
+from typing import Self
 
 import numpy as np
 
@@ -21,46 +23,31 @@ from eskin.rtl.program.signature import check_words, parity
 from eskin.rtl.program.timing import is_compact
 
 ID_VALUE = 0xE5C1
-VERSION_VALUE = 4
+VERSION_VALUE = 5
+READABLE_VERSIONS = (4, 5)
+"""Of maps that a host of this version works with: from version 4 on addresses up to 0x3B stay."""
 
 
-class Register(IntEnum):
-    """Addresses of 16-bit registers. Another address reads 0, writes nothing and sets Fault.ADDRESS
-    (`mapped`)."""
+class Bits(IntFlag):
+    """Bits of a register, each with its ``text``."""
 
-    ID = 0x00  # ro: 0xE5C1
-    VERSION = 0x01  # ro: version of this map
-    CONTROL = 0x02  # wo: Control bits, each a command
-    STATUS = 0x03  # ro: Status bits
-    FAULTS = 0x04  # ro: Fault bits, sticky until Control.CLEAR_FAULTS
-    LONGEST = 0x05  # ro: the most of what MEASURE names, saturating
-    MEASURE = 0x06  # wo: a Measure; writing it begins anew
-    TOUCHES = 0x07  # ro: touches begun since arm, modulo 256
-    MEMORY_SELECT = 0x08  # wo: Memory to load from its first word on
-    MEMORY_DATA = 0x09  # wo: the next 16-bit word
-    MASK = 0x10  # wo: 16 taxels a register from here on, bit set = taxel out of use
-    TAXEL_FAULTS = 0x20  # ro, with a fault detector: 16 taxels a register from here on, bit set = flag raised; between frames
+    text: str
+
+    def __new__(cls, value: int, text: str = "") -> Self:
+        bit = int.__new__(cls, value)
+        bit._value_, bit.text = value, text
+        return bit
 
 
-class InterfaceRegister(IntEnum):
-    """Registers of what lies beside the accelerator, only where a design has it (`interface_registers`)."""
-
-    POSITION = 0x30  # ro: x in the low byte, y in the high one, sixteenths of a cell, of the latest position
-    POSITION_PEAK = 0x31  # ro: its largest cell; bits 10..8 direction; bit 11 ended
-    POSITIONS = 0x32  # ro: positions told since ARM, modulo 65536: the same before and after, the two above belong together
-    CONVERTER_FAULTS = 0x33  # ro: ConverterFault bits, sticky until Control.CLEAR_FAULTS
-    STIM_AMPLITUDE = 0x38  # rw, as are the next: what the stimulator is asked for; limits of the bitstream hold whatever is written
-    STIM_DELAY = 0x39
-    STIM_FREQUENCY = 0x3A
-    STIM_WIDTH = 0x3B
-
-
-class Control(IntFlag):
+class Control(Bits):
     """Commands."""
 
-    ARM = 1  # begin a recording: clear ring, rest levels, sums, state, a cycle after the write; frames from then on
-    FINISH = 2  # the recording has ended: decide an open touch as partial
-    CLEAR_FAULTS = 4  # clear FAULTS and LONGEST
+    ARM = (
+        1,
+        "Begin a recording: clear ring, rest levels, sums, state, a cycle after the write; frames from then on",
+    )
+    FINISH = 2, "The recording has ended: decide an open touch as partial"
+    CLEAR_FAULTS = 4, "Clear FAULTS and LONGEST"
 
 
 class Measure(IntEnum):
@@ -71,28 +58,176 @@ class Measure(IntEnum):
     WINDOWS = 2  # without a break, from a window's last taxel taken by the engine until no window waits and the last one's logits are out
 
 
-class Status(IntFlag):
+class Status(Bits):
     """Status bits."""
 
-    ARMED = 1  # waiting for an onset
-    TOUCH = 2  # a touch is open (onset found, its last decision not yet given)
-    BUSY = 4  # a frame, sum, step, decision or command is in flight
-    NO_TOUCH = 8  # no onset since arm
-    FAULT = 16  # CHECKSUM or WATCHDOG is set in FAULTS
+    ARMED = 1, "Waiting for an onset"
+    TOUCH = 2, "A touch is open (onset found, its last decision not yet given)"
+    BUSY = 4, "A frame, sum, step, decision or command is in flight"
+    NO_TOUCH = 8, "No onset since arm"
+    FAULT = 16, "CHECKSUM or WATCHDOG is set in FAULTS"
 
 
-class Fault(IntFlag):
+class Fault(Bits):
     """Sticky faults."""
 
-    WRITE_REFUSED = 1  # a memory write was dropped: it came during a touch, or (``checksum``) behind the memory's last word
-    INPUT_STALLED = 2  # a frame was offered while not ready: at the sensor's pace, an overrun
-    FRAMING = 4  # first/last did not agree with the number of taxels
-    OVERRUN = 8  # a window was complete while both feature slots were waiting
-    CHECKSUM = 16  # a word of a memory or a configuration register is wrong (``checksum``)
-    WATCHDOG = 32  # the chain hung and was put back to idle (``watchdog``)
-    TAXEL = 64  # the fault detector raised a taxel's flag: TAXEL_FAULTS
+    WRITE_REFUSED = (
+        1,
+        "A memory write was dropped: during a touch, or (checksum) behind the memory's last word",
+    )
+    INPUT_STALLED = (
+        2,
+        "A frame was offered while not ready: at the sensor's pace, an overrun (not where a CPU feeds)",
+    )
+    FRAMING = 4, "first and last did not agree with the number of taxels"
+    OVERRUN = 8, "A window was complete while both feature slots were waiting"
+    CHECKSUM = 16, "A word of a memory or a configuration register is wrong (checksum)"
+    WATCHDOG = 32, "The chain hung and was put back to idle (watchdog)"
+    TAXEL = 64, "The fault detector raised a taxel's flag: TAXEL_FAULTS"
     ADDRESS = (
-        128  # a register was read or written that this design does not have: it read 0, nothing was written
+        128,
+        "A register was read or written that this design does not have: it read 0, nothing was written",
+    )
+
+
+class Event(Bits):
+    """What a CPU behind a bus waits for."""
+
+    DECISION = 1, "A decision waits"
+    GLOBAL = 2, "A global decision waits"
+    SPACE = 4, "A sample would be taken at once (never where a converter or a stream feeds)"
+    FAULT = 8, "A bit of FAULTS is set"
+
+
+Fields = Mapping[str, tuple[int, int]]
+"""Names of fields, each with its lowest and highest bit."""
+WHOLE: Fields = MappingProxyType({})
+"""One value in all bits."""
+DECISION_FIELDS: Fields = {
+    "CLASS": (0, 6),
+    "STEP": (7, 14),
+    "MARGIN": (15, 28),
+    "GLOBAL": (29, 29),
+    "PARTIAL": (30, 30),
+    "UNSURE": (31, 31),
+}
+"""The decision word behind a bus (docs/specification.md, section 17)."""
+NO_DECISION = 0xFFFF_FFFF
+"""What DECISION reads while none waits."""
+
+
+class Described(IntEnum):
+    """A register: its address, and what the files of a design say of it (`eskin.rtl.program.register_files`).
+
+    access: ``ro``, ``wo``, ``rw``. text: what it holds. fields: bits, or names with places; what has none is one
+    value. reset: None where it depends on the design. effect: of a read or a write, beside its own.
+    """
+
+    access: str
+    text: str
+    fields: type[Bits] | Fields
+    reset: int | None
+    effect: str
+
+    def __new__(
+        cls,
+        address: int,
+        access: str = "ro",
+        text: str = "",
+        fields: type[Bits] | Fields = WHOLE,
+        reset: int | None = 0,
+        effect: str = "",
+    ) -> Self:
+        register = int.__new__(cls, address)
+        register._value_, register.access, register.text = address, access, text
+        register.fields, register.reset, register.effect = fields, reset, effect
+        return register
+
+
+class Register(Described):
+    """Registers of 16 bits. Another address reads 0, writes nothing and sets Fault.ADDRESS (`mapped`)."""
+
+    ID = 0x00, "ro", "Always 0xE5C1", WHOLE, ID_VALUE
+    VERSION = 0x01, "ro", "Version of this map", WHOLE, VERSION_VALUE
+    CONTROL = 0x02, "wo", "Each bit written as 1 is a command", Control
+    STATUS = 0x03, "ro", "What the chain is at", Status, None
+    FAULTS = 0x04, "ro", "Sticky until CLEAR_FAULTS", Fault
+    LONGEST = 0x05, "ro", "The most cycles of what MEASURE names, saturating"
+    MEASURE = (
+        0x06,
+        "wo",
+        "0 a frame, 1 a step, 2 windows without a break",
+        {"KIND": (0, 1)},
+        0,
+        "LONGEST begins anew",
+    )
+    TOUCHES = 0x07, "ro", "Touches begun since ARM, modulo 256", {"COUNT": (0, 7)}
+    MEMORY_SELECT = 0x08, "wo", "Memory to load", WHOLE, None, "Loading begins at its first word"
+    MEMORY_DATA = 0x09, "wo", "A word of the memory", WHOLE, None, "The next word goes to the next place"
+    MASK = 0x10, "wo", "16 taxels a register from here on, bit set: taxel out of use", WHOLE, None
+    TAXEL_FAULTS = 0x20, "ro", "16 taxels a register from here on, bit set: flag raised; between frames"
+
+
+class InterfaceRegister(Described):
+    """Registers of what lies beside the accelerator, only where a design has it (`interface_registers`)."""
+
+    POSITION = 0x30, "ro", "Of the latest position, in sixteenths of a cell", {"X": (0, 7), "Y": (8, 15)}
+    POSITION_PEAK = (
+        0x31,
+        "ro",
+        "Of the latest position; direction 0 none, 1 right, 2 left, 3 down, 4 up",
+        {"CELL": (0, 7), "DIRECTION": (8, 10), "ENDED": (11, 11)},
+    )
+    # the same before and after: the two above belong together
+    POSITIONS = 0x32, "ro", "Positions told since ARM, modulo 65536"
+    CONVERTER_FAULTS = 0x33, "ro", "Flags of the converter's faults, sticky until CLEAR_FAULTS"
+    # limits of the bitstream hold whatever is written
+    STIM_AMPLITUDE = 0x38, "rw", "The stimulator's amplitude; above 255: 255", WHOLE, None
+    STIM_DELAY = 0x39, "rw", "The stimulator's delay", WHOLE, None
+    STIM_FREQUENCY = 0x3A, "rw", "The stimulator's frequency", WHOLE, None
+    STIM_WIDTH = 0x3B, "rw", "The stimulator's pulse width", WHOLE, None
+
+
+class ShellRegister(Described):
+    """Registers of 32 bits that only a CPU behind a bus sees (`eskin.rtl.host.bus_shell`)."""
+
+    SAMPLE = (
+        0x40,
+        "wo",
+        "The next taxel; taxel 0 after ARM",
+        {"TAXEL": (0, 15)},
+        None,
+        "NEXT_TAXEL goes on by 1",
+    )
+    SAMPLE_PAIR = (
+        0x41,
+        "wo",
+        "The next two taxels; behind the last taxel the high half is ignored",
+        {"FIRST": (0, 15), "SECOND": (16, 31)},
+        None,
+        "NEXT_TAXEL goes on by 2",
+    )
+    NEXT_TAXEL = (
+        0x42,
+        "ro",
+        "The taxel expected next; REFUSED: samples are refused until DECISION is read, so neither that taxel "
+        "nor one after it is in",
+        {"TAXEL": (0, 15), "REFUSED": (31, 31)},
+    )
+    DECISION = (
+        0x44,
+        "ro",
+        "The oldest decision that waits; all ones: none",
+        DECISION_FIELDS,
+        NO_DECISION,
+        "Takes it",
+    )
+    EVENTS = 0x45, "ro", "What there is to do", Event, None
+    ENABLE = (
+        0x46,
+        "rw",
+        "Events that raise the interrupt; GLOBAL_ONLY: local decisions are dropped",
+        {bit.name or "": (bit.bit_length() - 1,) * 2 for bit in Event} | {"GLOBAL_ONLY": (8, 8)},
     )
 
 

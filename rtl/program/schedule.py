@@ -10,7 +10,7 @@ from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.compact_program import compact_schedule
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.scheduler import Scheduler, groups_of
-from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, is_compact, logit_to_decision
+from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, FRAME_WAY_CYCLES, is_compact, logit_to_decision
 
 IMAGE_START_CYCLES = 2
 """From the last pixel of an image until the engine is started."""
@@ -47,27 +47,40 @@ def decision_cycles(config: AcceleratorConfig) -> int:
     return step_cycles(config) + IMAGE_START_CYCLES if config.is_image else schedule(config).decision_cycles
 
 
-def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True) -> int:
+def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_block: bool = True) -> int:
     """The most cycles that a frame of a touch takes.
 
     A frame that ends a window takes three cycles an input, four for windows of 2 hop + 1, and one more if
-    means differ from input to input. Any other frame takes two. The verdict on the onset adds
-    FRAME_EXTRA_CYCLES, companding one, features beyond the mean three. Integrals alone take three cycles a
-    taxel; a row of an image takes one a pixel.
+    means differ from input to input. Any other takes one a taxel, two where a block of activity ends with it,
+    or where a ring of one port takes a beat and gives one. The verdict on the onset adds FRAME_EXTRA_CYCLES,
+    companding one, features beyond the mean three. A row of an image takes one a pixel.
     """
     if config.is_image:
         return config.sensor.taxels
-    per_input = 2 + ends_window * (
-        1 + config.windows.window - 2 * config.windows.hop + (config.constants > 1)
-    )
-    beyond = config.features.feature_kinds != ("mean",)
-    per_taxel = max(per_input * config.kinds, 3 * (config.features.feature_kinds == ("integral",)))
-    return (
-        per_taxel * config.sensor.taxels
-        + FRAME_EXTRA_CYCLES
-        + (config.features.compand != "none")
-        + 3 * beyond
-    )
+    features, windows = config.features, config.windows
+    if ends_window:
+        per_taxel = config.kinds * (3 + windows.window - 2 * windows.hop + (config.constants > 1))
+    else:
+        one_port = config.hardware.one_port and windows.window_mode == "touch" and not config.opens_at_once
+        per_taxel = 1 + (one_port or (ends_block and "activity" in features.feature_kinds))
+    beyond = features.feature_kinds != ("mean",)
+    return per_taxel * config.sensor.taxels + FRAME_EXTRA_CYCLES + (features.compand != "none") + 3 * beyond
+
+
+def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
+    """Cycles that a frame takes on average: one of a touch, and one without a touch.
+
+    Where hops run on, frames without a touch end blocks, but no window. Elsewhere nothing passes the ring:
+    they take a cycle a taxel and the way to it.
+    """
+    if config.is_image:
+        return frame_cycles(config), frame_cycles(config)
+    plain, of_block = (frame_cycles(config, ends_window=False, ends_block=ends) for ends in (False, True))
+    blocks = (of_block - plain) / config.features.activity_block
+    windows = len({end for _, end in config.window_spans}) / config.last_frame
+    touch = plain + blocks + windows * (frame_cycles(config) - of_block)
+    waits = config.windows.window_mode == "touch" and not config.opens_at_once
+    return touch, config.sensor.taxels + FRAME_WAY_CYCLES if waits else plain + blocks
 
 
 def lowest_clock_hz(config: AcceleratorConfig) -> float:

@@ -12,7 +12,10 @@ from eskin.golden.core.config import AcceleratorConfig
 ELEMENT_OPERAND_BITS = 16
 
 
-FRAME_EXTRA_CYCLES = 7  # beyond those of its taxels: the way to the windows 3, the verdict on an onset 3, the read of the mean 1
+FRAME_WAY_CYCLES = 3
+"""Of a frame, beyond those of its taxels: the way to the windows."""
+FRAME_EXTRA_CYCLES = FRAME_WAY_CYCLES + 4
+"""That, the verdict on an onset 3, the read of the mean 1."""
 
 
 def logit_to_decision(config: AcceleratorConfig) -> int:

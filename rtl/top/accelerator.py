@@ -18,7 +18,7 @@ from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.compact_engine import make_engine
 from eskin.rtl.engine.engine import probe
 from eskin.rtl.frontend.front_end import FrontEnd
-from eskin.rtl.host.control import HostControl, bus_signature
+from eskin.rtl.host.control import FedBy, HostControl, bus_signature
 from eskin.rtl.program.memory_map import Memory
 from eskin.rtl.top.clock_gate import gated
 from eskin.rtl.top.watchdog import Watchdog
@@ -33,6 +33,8 @@ class Accelerator(wiring.Component):
     images:
         Memory contents (`eskin.rtl.program.memory_map.memory_images`) for a ROM design (``loadable`` false);
         otherwise None: the host loads them.
+    fed_by:
+        Behind a bus shell, as of `HostControl`; there is ``any_fault`` then.
 
     Members
     -------
@@ -53,10 +55,16 @@ class Accelerator(wiring.Component):
     `Schedule.decision_cycles`.
     """
 
-    def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> None:
+    def __init__(
+        self,
+        config: AcceleratorConfig,
+        images: Mapping[int, list[int]] | None = None,
+        fed_by: FedBy | None = None,
+    ) -> None:
         if not config.hardware.loadable and images is None:
             raise ValueError("a ROM design (loadable false) needs its memory images")
         self._config, self._images = config, None if config.hardware.loadable else images
+        self._fed_by = fed_by
         self.watching = Watchdog(config) if config.hardware.watchdog else None
         probes = {name: Out(probe()) for name in ("sum", "fault", "feature", "state", "logit", "step")}
         super().__init__(
@@ -67,6 +75,7 @@ class Accelerator(wiring.Component):
                 "busy": Out(1),
                 "probe": Out(wiring.Signature(probes)),
             }
+            | ({"any_fault": Out(1)} if fed_by else {})
         )
 
     def elaborate(self, platform):
@@ -81,9 +90,11 @@ class Accelerator(wiring.Component):
         engine, classifier, control = (
             make_engine(config, self._images),
             Classifier(config),
-            HostControl(config),
+            HostControl(config, self._fed_by),
         )
         m.submodules.control = control
+        if self._fed_by:
+            m.d.comb += self.any_fault.eq(control.any_fault)
         begin_anew = Signal()  # engine and classifier go back to where a touch begins
         m.submodules.front_end = ResetInserter(control.clear)(front_end)
         m.submodules.engine = ResetInserter(control.restart | begin_anew)(engine)

@@ -14,7 +14,7 @@ from eskin.golden.core.errors import InputError
 from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.engine import probe
-from eskin.rtl.host.control import HostControl, bus_signature
+from eskin.rtl.host.control import FedBy, HostControl, bus_signature
 from eskin.rtl.image.image_engine import ImageEngine
 from eskin.rtl.image.image_receiver import ImageReceiver
 from eskin.rtl.program.image_passes import plan_of
@@ -72,8 +72,13 @@ class ImageAccelerator(wiring.Component):
     Latency from the last pixel to the decision: `eskin.rtl.program.schedule.decision_cycles`.
     """
 
-    def __init__(self, config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None) -> None:
-        self._config = config
+    def __init__(
+        self,
+        config: AcceleratorConfig,
+        images: Mapping[int, list[int]] | None = None,
+        fed_by: FedBy | None = None,
+    ) -> None:
+        self._config, self._fed_by = config, fed_by
         self.watching = Watchdog(config) if config.hardware.watchdog else None
         super().__init__(
             {
@@ -83,6 +88,7 @@ class ImageAccelerator(wiring.Component):
                 "busy": Out(1),
                 "probe": Out(wiring.Signature({name: Out(probe()) for name in ("map", "logit", "step")})),
             }
+            | ({"any_fault": Out(1)} if fed_by else {})
         )
 
     def elaborate(self, platform):
@@ -94,8 +100,10 @@ class ImageAccelerator(wiring.Component):
         m = Module()
         config = self._config
         engine = ImageEngine(plan_of(config), config.hardware.lane_type)
-        receiver, classifier, control = ImageReceiver(config), Classifier(config), HostControl(config)
-        m.submodules.control = control
+        receiver, classifier = ImageReceiver(config), Classifier(config)
+        m.submodules.control = control = HostControl(config, self._fed_by)
+        if self._fed_by:
+            m.d.comb += self.any_fault.eq(control.any_fault)
         m.submodules.receiver = ResetInserter(control.clear)(receiver)
         m.submodules.engine = ResetInserter(control.clear)(engine)
         m.submodules.classifier = ResetInserter(control.clear)(classifier)
@@ -167,9 +175,9 @@ class ImageAccelerator(wiring.Component):
 
 
 def make_accelerator(
-    config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None
+    config: AcceleratorConfig, images: Mapping[int, list[int]] | None = None, fed_by: FedBy | None = None
 ) -> Accelerator | ImageAccelerator:
-    """The chain that the configuration asks for.
+    """The chain that the configuration asks for; parameters as of `Accelerator`.
 
     Raises
     ------
@@ -178,4 +186,4 @@ def make_accelerator(
     """
     if config.is_image:
         refuse_hardware(config)
-    return (ImageAccelerator if config.is_image else Accelerator)(config, images)
+    return (ImageAccelerator if config.is_image else Accelerator)(config, images, fed_by)

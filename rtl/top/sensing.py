@@ -11,7 +11,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
-from eskin.rtl.host.control import bus_signature
+from eskin.rtl.host.control import FedBy, bus_signature
 from eskin.rtl.interface.acquisition import Acquisition
 from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.program.memory_map import Control, Register
@@ -26,7 +26,7 @@ class Sensing(wiring.Component):
 
     Parameters
     ----------
-    images, clock_hz:
+    images, clock_hz, fed_by:
         As for `Accelerator` and `Acquisition`.
 
     Members
@@ -54,8 +54,10 @@ class Sensing(wiring.Component):
         images: Mapping[int, list[int]] | None = None,
         *,
         clock_hz: float | None = None,
+        fed_by: FedBy | None = None,
     ) -> None:
-        self.acquisition, self.accelerator = Acquisition(config, clock_hz), Accelerator(config, images)
+        self.acquisition = Acquisition(config, clock_hz)
+        self.accelerator = Accelerator(config, images, fed_by)
         frame = data.StructLayout({"valid": 1, "ready": 1, "payload": sample_layout(config)})
         super().__init__(
             {

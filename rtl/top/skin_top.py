@@ -11,6 +11,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins
 from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.host.uart_link import UartLink
@@ -38,11 +39,12 @@ def refuse_standalone(config: AcceleratorConfig) -> None:
 
 
 class SkinTop(wiring.Component):
-    """`Sensing`, with what its configuration asks for of `TouchPosition` and `Stimulation`, and one of three
+    """`Sensing`, with what its configuration asks for of `TouchPosition` and `Stimulation`, and one of four
     ways to get its model.
 
     - In the bitstream (``loadable`` false): frames are read from reset on.
     - Out of the board's flash (`FlashLoader`): frames are read from its ``done`` on; if it fails, never.
+    - By a CPU behind a bus shell, as by the host of the next line.
     - By a host over `UartLink`: frames are read from its first ARM on. Decisions go onto the link, registers
       of position, faults and stimulator are accessed over it (`InterfaceRegisters`), and frames from the host
       are dropped.
@@ -57,6 +59,8 @@ class SkinTop(wiring.Component):
         Of the link; None: there is none.
     flash:
         The model comes out of the board's flash. Not together with a link.
+    shell:
+        A bus shell stands in place of link and flash.
 
     Members
     -------
@@ -68,6 +72,7 @@ class SkinTop(wiring.Component):
     flash : Out(flash_pins), only with a flash
     stim_tx : Out(1), only with a stimulator
         Its line, 115200 baud.
+    bus : In, o : Out(stream of decision_layout), any_fault : Out(1), only with a shell
     led : Out(1)
         A frame was broken, the chain's watchdog acted, or the flash held no model, since reset.
 
@@ -81,10 +86,11 @@ class SkinTop(wiring.Component):
         clock_hz: float,
         baud: float | None = None,
         flash: bool = False,
+        shell: bool = False,
     ) -> None:
-        self._config, self._clock_hz, self._flash = config, clock_hz, flash
+        self._config, self._clock_hz, self._flash, self._shell = config, clock_hz, flash, shell
         self._divisor = uart_divisor(clock_hz, baud) if baud else None
-        self.sensing = Sensing(config, images, clock_hz=clock_hz)
+        self.sensing = Sensing(config, images, clock_hz=clock_hz, fed_by="sensor" if shell else None)
         super().__init__(
             {
                 "pins": Out(self.sensing.pins.signature),
@@ -96,6 +102,11 @@ class SkinTop(wiring.Component):
             | ({"stim_tx": Out(1, init=1)} if config.interface.stimulator != "none" else {})
             | ({"rx": In(1, init=1), "tx": Out(1, init=1)} if baud else {})
             | ({"flash": Out(flash_pins)} if flash else {})
+            | (
+                {"bus": In(bus_signature()), "o": Out(self.sensing.o.signature), "any_fault": Out(1)}
+                if shell
+                else {}
+            )
         )
 
     def elaborate(self, platform):
@@ -108,19 +119,19 @@ class SkinTop(wiring.Component):
         unloaded: Value = Const(0, 1)
         wrong, taken = Signal(), sensing.o.valid & sensing.o.ready
         registers = None
-        if self._divisor:
-            m.submodules.link = link = UartLink(config, self._divisor)
+        if self._divisor or self._shell:
             m.submodules.registers = registers = InterfaceRegisters(config)
-            wiring.connect(m, link.bus, registers.bus)
             wiring.connect(m, registers.inner, sensing.bus)
-            wiring.connect(m, sensing.o, link.decision)
-            m.d.comb += [
-                link.rx.eq(self.rx),
-                self.tx.eq(link.tx),
-                link.frame.ready.eq(1),
-                registers.fault.eq(sensing.fault),
-                sensing.run.eq(registers.armed),
-            ]
+            m.d.comb += [registers.fault.eq(sensing.fault), sensing.run.eq(registers.armed)]
+            if self._divisor:
+                m.submodules.link = link = UartLink(config, self._divisor)
+                wiring.connect(m, link.bus, registers.bus)
+                wiring.connect(m, sensing.o, link.decision)
+                m.d.comb += [link.rx.eq(self.rx), self.tx.eq(link.tx), link.frame.ready.eq(1)]
+            else:
+                wiring.connect(m, wiring.flipped(self.bus), registers.bus)
+                wiring.connect(m, sensing.o, wiring.flipped(self.o))
+                m.d.comb += self.any_fault.eq(sensing.accelerator.any_fault)
         elif self._flash:
             cycles = max(1, round(WAKE_S * self._clock_hz))
             loader = FlashLoader(design_number(config), write_count(config), wake_cycles=cycles)

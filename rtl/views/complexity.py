@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -21,15 +21,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.image_accelerator import make_accelerator
-from eskin.rtl.views.schedule_view import (
-    PALETTE,
-    cell_name,
-    lanes_name,
-    resized,
-    save_figure,
-    summary,
-    write_csv,
-)
+from eskin.rtl.views.schedule_view import cell_name, lanes_name, resized, save_figure, summary, write_csv
 
 TAXELS = (4, 8, 16, 32, 48, 64, 96, 128, 160)
 CLASSES = (2, 3, 4, 6, 8, 12, 16, 24, 32)
@@ -101,16 +93,7 @@ def cost(config: AcceleratorConfig) -> dict[str, Any]:
     of idle lanes) and ``memory_bits``."""
     plan = schedule(config)
     figures = summary(plan)
-    kept = (
-        "taxels",
-        "hidden",
-        "classes",
-        "lanes",
-        "step_cycles",
-        "decision_cycles",
-        "ideal_cycles",
-        "multiplies",
-    )
+    kept = ("taxels", "hidden", "classes", "lanes", *list(SHOWN.values())[2:6])
     bits = memory_bits(config)
     return {
         **{key: figures[key] for key in kept},
@@ -141,31 +124,23 @@ def complexity(
     return {name: [costs[point] for point in sweep] for name, sweep in sweeps.items()}
 
 
-COLUMNS = (
-    "taxels",
-    "classes",
-    "cycles a step",
-    "features to decision",
-    "ideal",
-    "multiplies",
-    "weight bits",
-    "memory bits",
-)
+SHOWN = {
+    "taxels": "taxels",
+    "classes": "classes",
+    "cycles a step": "step_cycles",
+    "features to decision": "decision_cycles",
+    "ideal": "ideal_cycles",
+    "multiplies": "multiplies",
+    "weight bits": "weight_bits",
+    "memory bits": "memory_bits_total",
+}
+"""Heading of each column, and its figure of a `cost`."""
+COLUMNS = tuple(SHOWN)
 
 
 def cells(point: dict[str, Any]) -> tuple[str, ...]:
     """A `cost` as words, by ``COLUMNS``."""
-    keys = (
-        "taxels",
-        "classes",
-        "step_cycles",
-        "decision_cycles",
-        "ideal_cycles",
-        "multiplies",
-        "weight_bits",
-        "memory_bits_total",
-    )
-    return tuple(str(point[key]) for key in keys)
+    return tuple(str(point[key]) for key in SHOWN.values())
 
 
 def flat_rows(sweeps: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
@@ -179,65 +154,47 @@ def flat_rows(sweeps: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
     ]
 
 
+CURVES = {
+    "cycles": {"step_cycles": "step", "decision_cycles": "features to decision", "ideal_cycles": "ideal"},
+    "multiplies and weight bits": {"weight_bits": "weight bits", "multiplies": "multiplies a step"},
+}
+"""Figures of a `cost` in each of the first two charts of a row."""
+
+
 def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
     """A matplotlib Figure: a row a sweep; cycles, multiplies with weight bits, memory bits by memory."""
+    from matplotlib import colormaps
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
 
     figure = Figure(figsize=(14, 7.6), layout="constrained")
     middle = f" {config.network.hidden} hidden," if config.recurrent else ""
-    figure.suptitle(
-        f"{cell_name(config.network.cell, config.network.reset)},{middle} {lanes_name(config)}", fontsize=12
-    )
+    cell = cell_name(config.network.cell, config.network.reset)
+    figure.suptitle(f"{cell},{middle} {lanes_name(config)}", fontsize=12)
     panels = figure.subplots(2, 3)
-    for (name, sweep), (left, middle, right) in zip(sweeps.items(), panels, strict=True):
-        fixed = "classes" if name == "taxels" else "taxels"
+    for (name, sweep), (*curves, bars) in zip(sweeps.items(), panels, strict=True):
         sizes = [point[name] for point in sweep]
-        _curves(
-            left,
-            sizes,
-            sweep,
-            (("step_cycles", "step"), ("decision_cycles", "features to decision"), ("ideal_cycles", "ideal")),
-        )
-        left.set_title(f"cycles against {name} ({sweep[0][fixed]} {fixed})", fontsize=10)
-        _curves(middle, sizes, sweep, (("weight_bits", "weight bits"), ("multiplies", "multiplies a step")))
-        middle.set_title(f"multiplies and weight bits against {name}", fontsize=10)
+        fixed = "classes" if name == "taxels" else "taxels"
+        for axes, (title, keys) in zip(curves, CURVES.items(), strict=True):
+            for key, label in keys.items():
+                axes.plot(sizes, [point[key] for point in sweep], ".--"[key == "ideal_cycles" :], label=label)
+            axes.set_ylim(bottom=0)
+            axes.set_title(f"{title} against {name} ({sweep[0][fixed]} {fixed})", fontsize=10)
+        bars.set_prop_cycle(color=colormaps["tab20"](range(20)))
         base = [0.0] * len(sweep)
-        names = [
-            memory
-            for memory in sweep[0]["memory_bits"]
-            if any(point["memory_bits"][memory] for point in sweep)
-        ]
-        for k, memory in enumerate(names):
+        for memory in sweep[0]["memory_bits"]:
             kilobits = [point["memory_bits"][memory] / 1000 for point in sweep]
-            right.bar(range(len(sweep)), kilobits, bottom=base, color=PALETTE[k % len(PALETTE)], label=memory)
-            base = [low + high for low, high in zip(base, kilobits, strict=True)]
-        right.set_xticks(range(len(sweep)), sizes)
-        right.set_title(f"memory against {name}, thousand bits", fontsize=10)
-        handles, labels = right.get_legend_handles_labels()
-        right.legend(
-            handles[::-1],
-            labels[::-1],
-            fontsize=8,
-            frameon=False,
-            loc="center left",
-            bbox_to_anchor=(1.0, 0.5),
-        )
-        for axes in (left, middle, right):
+            if any(kilobits):
+                bars.bar(range(len(sweep)), kilobits, bottom=base, label=memory)
+                base = [low + high for low, high in zip(base, kilobits, strict=True)]
+        bars.set_xticks(range(len(sweep)), sizes)
+        bars.set_title(f"memory against {name}, thousand bits", fontsize=10)
+        for axes in (*curves, bars):
             axes.set_xlabel(name)
             axes.spines[["top", "right"]].set_visible(False)
+        for axes in curves:
+            axes.legend(fontsize=8, frameon=False, loc="upper left")
+        bars.legend(fontsize=8, frameon=False, reverse=True, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
-
-
-def _curves(axes, sizes: Iterable[int], sweep: list[dict[str, Any]], keys: Iterable[tuple[str, str]]) -> None:
-    for key, label in keys:
-        style = (
-            {"linestyle": "--", "color": "#777777"}
-            if key == "ideal_cycles"
-            else {"marker": "o", "markersize": 3}
-        )
-        axes.plot(sizes, [point[key] for point in sweep], linewidth=1.2, label=label, **style)
-    axes.set_ylim(bottom=0)
-    axes.legend(fontsize=8, frameon=False, loc="upper left")
 
 
 def files(

@@ -6,6 +6,7 @@ Everything is read off `eskin.rtl.program.image_passes`, whose cycles are the ha
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -45,15 +46,10 @@ def rows(plan: ImagePlan) -> list[dict[str, Any]]:
 
 def cells(plan: ImagePlan) -> list[tuple[str, ...]]:
     """`rows` as text, in the order of `COLUMNS`."""
-    return [
-        (
-            row["layer"],
-            *(" x ".join(map(str, row[key])) for key in ("before", "behind")),
-            *(str(row[key]) for key in ("multiplies", "taps", "cycles")),
-            f"{row['ratio']:.3f}",
-        )
-        for row in rows(plan)
-    ]
+    table = (
+        row | {key: " x ".join(map(str, row[key])) for key in ("before", "behind")} for row in rows(plan)
+    )
+    return [tuple(f"{v:.3f}" if isinstance(v, float) else str(v) for v in row.values()) for row in table]
 
 
 def title(plan: ImagePlan) -> str:
@@ -75,21 +71,14 @@ def drawing(plan: ImagePlan):
         axes[0].text(begin + cycles / 2, 0, name(layer), ha="center", va="center", fontsize=7)
         begin += cycles
     axes[0].set(yticks=[], xlim=(0, begin), xlabel="cycles since the image is whole", title=title(plan))
-    for number, layer in enumerate(passes):
-        shown = [(slot, slot.place) for slot in layer.slots(plan.lanes) if slot.place][:SHOWN_SLOTS]
-        for slot, (row, column, _, _) in shown:
-            axes[1 + number].barh(0, slot.taps, left=slot.begin + 1, color=f"C{number}", edgecolor="white")
-            axes[1 + number].text(
-                slot.begin + 1 + slot.taps / 2,
-                0,
-                f"({row}, {column})\n{slot.taps} taps",
-                ha="center",
-                va="center",
-                fontsize=6,
-            )
-        axes[1 + number].set(
-            yticks=[], xlabel=f"{name(layer)}: cycles since its words are fetched; place of each sum"
-        )
+    for number, layer in enumerate(passes, 1):
+        begins = (slot for slot in layer.slots(plan.lanes) if slot.place)
+        for slot in itertools.islice(begins, SHOWN_SLOTS):
+            place, words = slot.begin + 1, f"{(slot.place or ())[:2]}\n{slot.taps} taps"
+            axes[number].barh(0, slot.taps, left=place, color=f"C{number - 1}", edgecolor="white")
+            axes[number].text(place + slot.taps / 2, 0, words, ha="center", va="center", fontsize=6)
+        label = f"{name(layer)}: cycles since its words are fetched; place of each sum"
+        axes[number].set(yticks=[], xlabel=label)
     return figure
 
 

@@ -30,6 +30,8 @@ from eskin.rtl.program.timing import product_cycles
 UNITS = ("lanes", "element-wise lane", "row chain", "activation table", "state write", "classifier")
 LANES, ELEMENTS, CHAIN, TABLE, STATE, CLASSIFIER = UNITS
 """The units of a drawing, from top to bottom."""
+WORK = ("unit", "block", "before", "rows", "what")
+"""Fields in which spans that follow one another are alike when they are one."""
 
 TABLE_CELLS = (("gru", "before"), ("gru", "after"), ("lstm", "before"))
 TABLE_SIZES = ((16, 12, 3), (8, 8, 5), (64, 32, 32))  # taxels, hidden, classes
@@ -78,58 +80,48 @@ class Span:
 def spans(plan: Schedule | CompactSchedule) -> tuple[Span, ...]:
     """Everything every unit does in one step, each operation once: in the order of ``UNITS``, by time within
     a unit."""
-    found: list[Span] = []
+    joined: list[Span] = []
     single = _compact(plan) if isinstance(plan, CompactSchedule) else _single(plan)
     for span in sorted(single, key=lambda span: (UNITS.index(span.unit), span.slot)):
-        previous = found[-1] if found else span
-        alike = (previous.unit, previous.block, previous.before, previous.rows, previous.what) == (
-            span.unit,
-            span.block,
-            span.before,
-            span.rows,
-            span.what,
-        )
+        last = joined[-1] if joined else None
         # an operation of two terms stays at its index for both
         if (
-            found
-            and alike
-            and previous.slot + previous.slots == span.slot
-            and span.first - previous.last in (0, 1)
+            last
+            and last.slot + last.slots == span.slot
+            and span == replace(span, **{name: getattr(last, name) for name in WORK})
+            and span.first - last.last in (0, 1)
         ):
-            found[-1] = replace(previous, slots=previous.slots + span.slots, last=span.last)
+            joined[-1] = replace(last, slots=last.slots + span.slots, last=span.last)
         else:
-            found.append(span)
-    return tuple(found)
+            joined.append(span)
+    return tuple(joined)
 
 
 def _compact(plan: CompactSchedule) -> Iterator[Span]:
     """One span a row or element-wise operation, and one for each thing that it stores."""
     unit_at = {address: unit for unit in plan.compact.units for address in range(unit.first, unit.end)}
-    inside = (one for one in plan.compact.step if one.address in unit_at)
-    for (address, index), group in itertools.groupby(
-        inside, key=lambda one: (unit_at[one.address].first, one.index)
+    inside = (entry for entry in plan.compact.step if entry.address in unit_at)
+    for (first, index), group in itertools.groupby(
+        inside, key=lambda entry: (unit_at[entry.address].first, entry.index)
     ):
-        unit, done = unit_at[address], list(group)
-        rows, name, work, begin = isinstance(unit.work, RowBlock), unit.name, unit.work, done[0].cycle
-        what = (
-            " + ".join(f"{matrix} {region}" for matrix, region in work.terms)
-            if isinstance(work, RowBlock)
-            else _formula(work)
-        )
+        work, name, done = unit_at[first].work, unit_at[first].name, list(group)
+        rows, begin = isinstance(work, RowBlock), done[0].cycle
+        what = " + ".join(map(" ".join, work.terms)) if isinstance(work, RowBlock) else _formula(work)
         length = done[-1].cycle + done[-1].cycles - begin
         yield Span(LANES if rows else ELEMENTS, name, False, begin, length, 1, what, index, index)
-        for one in done:
-            instruction, where = one.instruction, (name, False, one.cycle, 1, 1)
+        for entry in done:
+            instruction = entry.instruction
             if instruction.op != Op.STORE:
                 continue
             if instruction.kind == Kind.INDEX:
-                yield Span(
-                    TABLE, *where, f"{'tanh' if instruction.tanh else 'sigmoid'} of {name}", index, index
-                )
+                unit, what = TABLE, f"{'tanh' if instruction.tanh else 'sigmoid'} of {name}"
             elif instruction.kind == Kind.LOGIT:
-                yield Span(CLASSIFIER, *where, "logit", index, index)
-            elif not (instruction.table or isinstance(work, RowBlock)) and work.state:
-                yield Span(STATE, *where, work.state, index, index)
+                unit, what = CLASSIFIER, "logit"
+            elif isinstance(work, ElementOp) and work.state and not instruction.table:
+                unit, what = STATE, work.state
+            else:
+                continue
+            yield Span(unit, name, False, entry.cycle, 1, 1, what, index, index)
 
 
 def _single(plan: Schedule) -> Iterator[Span]:
@@ -139,76 +131,45 @@ def _single(plan: Schedule) -> Iterator[Span]:
     for ops, base, before in ((plan.mac_before, 0, True), (plan.mac_after, plan.slots_before, False)):
         for op in ops:
             group = plan.groups[op.group]
-            block, name = group.block, _gate(group.block)
+            block, name, slot = group.block, _gate(group.block), base + op.cycle
             rows = f"rows {group.first_row}..{group.first_row + group.rows - 1}"
             what = f"{block.terms[op.term][0]} {op.region}, {rows}"
-            yield Span(LANES, name, before, base + op.cycle, 1, group.rows, what, op.index, op.index)
-            for row in range(group.rows if op.last else 0):
-                number, slot = group.first_row + row, base + op.cycle + row
-
-                def one(
-                    unit: str, what: str, slot=slot + timing.row, name=name, number=number, before=before
-                ) -> Span:
-                    return Span(unit, name, before, slot, 1, 1, what, number, number)
-
-                yield one(CHAIN, f"{block.name}: sum to {_target(block)}")
-                if block.dest in ("sigmoid", "tanh"):
-                    yield one(TABLE, f"{block.dest} of {block.name}")
-                if block.dest == "logit":
-                    yield one(CLASSIFIER, "logit")
+            yield Span(LANES, name, before, slot, 1, group.rows, what, op.index, op.index)
+            ends = [(CHAIN, f"{block.name}: sum to {TARGETS[block.dest]}")]
+            ends += [(TABLE, f"{block.dest} of {block.name}")] * (block.dest in ("sigmoid", "tanh"))
+            ends += [(CLASSIFIER, "logit")] * (block.dest == "logit")
+            for row, (unit, what) in itertools.product(range(group.rows if op.last else 0), ends):
+                number = group.first_row + row
+                yield Span(unit, name, before, slot + timing.row + row, 1, 1, what, number, number)
     for issue in plan.elements:
         work, slot, index = issue.op, plan.slots_before + issue.cycle, issue.index
-        yield Span(ELEMENTS, work.name, False, slot, 1, 1, _formula(work), index, index)
+        uses = [(ELEMENTS, 0, _formula(work))]
         if issue.term == len(work.terms) - 1:
-            if work.activated:
-                yield Span(
-                    TABLE,
-                    work.name,
-                    False,
-                    slot + timing.element_to_table,
-                    1,
-                    1,
-                    f"tanh of {work.name}",
-                    index,
-                    index,
-                )
-            if work.state:
-                yield Span(
-                    STATE,
-                    work.name,
-                    False,
-                    slot + timing.element_to_state - 1,
-                    1,
-                    1,
-                    work.state,
-                    index,
-                    index,
-                )
+            uses += [(TABLE, timing.element_to_table, f"tanh of {work.name}")] * bool(work.activated)
+            uses += [(STATE, timing.element_to_state - 1, work.state)] * bool(work.state)
+        for unit, later, what in uses:
+            yield Span(unit, work.name, False, slot + later, 1, 1, what, index, index)
+
+
+TARGETS = {
+    "partial": "the partial sums",
+    "sigmoid": "a gate",
+    "tanh": "T memory",
+    "value": "T memory",
+    "logit": "the classifier",
+}
 
 
 def _gate(block: RowBlock) -> str:
     return block.region if block.dest == "partial" else block.name
 
 
-def _target(block: RowBlock) -> str:
-    targets = {
-        "partial": "the partial sums",
-        "sigmoid": "a gate",
-        "tanh": "T memory",
-        "value": "T memory",
-        "logit": "the classifier",
-    }
-    return targets[block.dest]
-
-
 def _formula(op: ElementOp) -> str:
     operands = [(a.replace("S.", "").replace("T.", ""), b) for a, b in op.terms]
-    terms = " + ".join(f"{f'({a})' if '-' in a else a} {b}" for a, b in operands) + f" + {op.add}" * bool(
-        op.add
-    )
-    return " and ".join(
-        [f"{op.state} = {terms}"] * bool(op.state) + [f"{op.activated} = tanh({terms})"] * bool(op.activated)
-    )
+    terms = " + ".join(f"{f'({a})' if '-' in a else a} {b}" for a, b in operands)
+    terms += f" + {op.add}" * bool(op.add)
+    results = [f"{op.state} = {terms}"] * bool(op.state)
+    return " and ".join(results + [f"{op.activated} = tanh({terms})"] * bool(op.activated))
 
 
 # ---------------------------------------------------------------------- figures
@@ -325,147 +286,73 @@ def _range(span: Span) -> str:
 LINE_SLOTS = 200  # slots a line of the picture holds well; more where lines would be too many
 MOST_LINES = 12
 TRACKS_MOST = 12  # height of the lane array, in tracks: more lanes get thinner ones
-PALETTE = (
-    "#4477aa",
-    "#ee6677",
-    "#228833",
-    "#aa3377",
-    "#66ccee",
-    "#ccbb44",
-    "#ee8866",
-    "#77aadd",
-    "#bbcc33",
-    "#999933",
-    "#882255",
-    "#44bb99",
-)
+PITCH = 1.25  # from one of the other units to the next, in tracks
+PHASE_A = 0.4  # opacity of what needs only the old state
 
 
 def timeline(plan: Schedule):
-    """The picture, a matplotlib Figure: one row a unit (one a lane for the lanes), coloured by block, pale
-    where only the old state is needed; long steps go on in further lines of the same scale."""
+    """The picture, a matplotlib Figure: a row a unit, that of the lanes as high as there are lanes at work;
+    coloured by block, pale where only the old state is needed; long steps go on in further lines of the same
+    scale."""
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
     from matplotlib.patches import Patch
 
-    found, end = spans(plan), plan.step_cycles + 1
+    end = plan.step_cycles + 1
     lines = min(MOST_LINES, -(-end // LINE_SLOTS))
     length = -(-end // lines)
-    names = dict.fromkeys(
-        [*map(_gate, (*plan.program.before, *plan.program.after)), *(op.name for op in plan.program.elements)]
-    )
-    colours = {name: PALETTE[k % len(PALETTE)] for k, name in enumerate(names)}
-
-    tracks = min(plan.config.hardware.lanes, TRACKS_MOST)
-    rows = tracks + 0.4 + 1.25 * (len(UNITS) - 1)
-    height = lines * (0.21 * rows + 0.75) + 1.35
-    figure = Figure(figsize=(15, height), layout="constrained")
+    blocks = map(_gate, (*plan.program.before, *plan.program.after))
+    names = dict.fromkeys([*blocks, *(op.name for op in plan.program.elements)])
+    colours = {name: f"C{k}" for k, name in enumerate(names)}
+    rows = min(plan.config.hardware.lanes, TRACKS_MOST) + PITCH * len(UNITS)
+    figure = Figure(figsize=(15, lines * (0.21 * rows + 0.75) + 1.35), layout="constrained")
     figure.suptitle(title(plan), fontsize=12)
     panels = figure.subplots(lines, 1, squeeze=False)[:, 0]
     for line, axes in enumerate(panels):
-        _draw_line(axes, plan, found, colours, line * length, length)
+        _draw_line(axes, plan, colours, line * length, length)
     panels[-1].set_xlabel("cycle, from the start of phase A")
     patches = [Patch(color=colour, label=name) for name, colour in colours.items()]
-    patches.append(Patch(facecolor=_pale("#777777"), edgecolor="#777777", label="pale: phase A"))
-    figure.legend(
-        handles=patches,
-        loc="outside lower center",
-        ncols=len(patches),
-        fontsize=9,
-        frameon=False,
-        handlelength=1.2,
-    )
+    patches.append(Patch(color="#777777", alpha=PHASE_A, label="pale: phase A"))
+    figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), fontsize=9, frameon=False)
     return figure
 
 
-def _pale(colour: str) -> tuple[float, float, float]:
-    from matplotlib.colors import to_rgb
-
-    red, green, blue = (1 - 0.55 * (1 - part) for part in to_rgb(colour))
-    return red, green, blue
-
-
-def _luminance(colour: Any) -> float:
-    from matplotlib.colors import to_rgb
-
-    return sum(part * weight for part, weight in zip(to_rgb(colour), (0.3, 0.59, 0.11), strict=True))
-
-
-def _draw_line(
-    axes, plan: Schedule, found: Iterable[Span], colours: dict[str, str], begin: int, length: int
-) -> None:
-    """One line of the picture: slots ``begin`` to ``begin + length``."""
-    config = plan.config
-    lanes = config.hardware.lanes
+def _draw_line(axes, plan: Schedule, colours: dict[str, str], left: int, length: int) -> None:
+    """One line of the picture: slots ``left`` to ``left + length``."""
+    lanes, right = plan.config.hardware.lanes, left + length
     track = min(1.0, TRACKS_MOST / lanes)
-    array = lanes * track
-    tops = {unit: array + 0.4 + 1.25 * k for k, unit in enumerate(UNITS[1:])}
-    bottom = array + 0.4 + 1.25 * (len(UNITS) - 1)
-    switch, decision = plan.slots_before, plan.step_cycles
-    left, right = begin, begin + length
-
-    bars: dict[tuple[float, float, Any], list[tuple[float, float]]] = {}
-    letters = 13 / (right - left) / 0.075  # of a label that fit into a cycle, about
-    for span in found:
-        first, wide = max(span.slot, left), min(span.last_slot + 1, right) - max(span.slot, left)
+    tops = {unit: lanes * track * (k > 0) + PITCH * k for k, unit in enumerate(UNITS)}
+    bars: dict[tuple[str, int, str, bool], list[tuple[int, int]]] = {}
+    for span in spans(plan):
+        first = max(span.slot, left)
+        wide = min(span.last_slot + 1, right) - first
         if wide <= 0:
             continue
-        y, tall = (0.0, span.rows * track) if span.unit == LANES else (tops[span.unit], 1.0)
-        colour = _pale(colours[span.block]) if span.before else colours[span.block]
-        bars.setdefault((y, tall, colour), []).append((first, wide))
-        label = next(
-            (words for words in (span.what.partition(",")[0], span.block) if len(words) + 1 < wide * letters),
-            "",
+        bars.setdefault((span.unit, span.rows, span.block, span.before), []).append((first, wide))
+        tall = span.rows * track if span.unit == LANES else 1.0
+        fits = (span.what.partition(",")[0], span.block, "")
+        label = next(text for text in fits if len(text) < wide * 170 / length or not text)
+        place = first + wide / 2, tops[span.unit] + tall / 2
+        axes.text(*place, label, ha="center", va="center", fontsize=7)
+    for (unit, rows, block, before), places in bars.items():
+        tall = rows * track if unit == LANES else 1.0
+        alpha = PHASE_A if before else 1.0
+        axes.broken_barh(
+            places, (tops[unit], tall), facecolors=colours[block], alpha=alpha, edgecolors="white"
         )
-        # within a lane, not on a line between two
-        middle = y + (span.rows // 2 + 0.5) * track if span.unit == LANES else y + 0.5
-        ink = "white" if _luminance(colour) < 0.45 else "black"
-        axes.text(first + wide / 2, middle, label, ha="center", va="center", fontsize=7, color=ink)
-    for (y, tall, colour), places in bars.items():
-        axes.broken_barh(places, (y, tall), facecolors=[colour], edgecolors="white", linewidths=0.3)
-    for lane in range(1, lanes if track == 1 else 0):
-        axes.axhline(lane, color="white", linewidth=0.5)
-
-    axes.axvspan(left, min(max(left, switch), right), color="#f1f1f1", zorder=-2, linewidth=0)
-    room = right - left
-    for mark, until, letter, words in (
-        (0, switch, "A", "the old state is enough"),
-        (switch, decision, "B", "the features are there"),
-    ):
-        taken = 0.28 * room if letter == "B" and left <= decision < right else 0.0  # by the decision's words
-        free = min(until, right) - max(mark, left) - taken
-        if free > 0.02 * room:
-            label = f" {letter}: {words}" if free > 0.14 * room else f" {letter}"
-            axes.text(max(mark, left), -0.25, label, fontsize=8, va="bottom", color="#444444")
-    for mark, style in ((switch, "--"), (decision, "-")):
-        if left <= mark < right:
-            axes.axvline(mark, color="black", linewidth=1.0, linestyle=style)
-    if left <= decision < right:
-        late = decision > left + 0.75 * room
-        words = f"decision in cycle {decision}, {plan.decision_cycles} after the features"
-        axes.text(
-            decision,
-            -0.25,
-            f" {words} ",
-            fontsize=8,
-            va="bottom",
-            ha="right" if late else "left",
-            weight="bold",
-        )
-
-    axes.set_xlim(left, right)
-    axes.set_ylim(bottom, -0.15)
-    ticks = (
-        [(lane + 0.5, f"lane {lane}") for lane in range(lanes)]
-        if track == 1
-        else [(array / 2, f"lanes 0..{lanes - 1}")]
-    )
+    ends = {plan.slots_before: ("--", "B: the features are there"), plan.step_cycles: ("-", "decision")}
+    for slot, (style, words) in ends.items():
+        if left <= slot < right:
+            axes.axvline(slot, color="black", linewidth=1.0, linestyle=style)
+            side = "left" if slot < left + length / 2 else "right"
+            axes.text(slot, -0.25, f" {words}, cycle {slot} ", fontsize=8, va="bottom", ha=side)
+    axes.set(xlim=(left, right), ylim=(lanes * track + PITCH * len(UNITS), -0.15))
     shared = {ELEMENTS: "element-wise, on lane 0"} if plan.shared else {}
-    ticks += [(top + 0.5, shared.get(unit, unit)) for unit, top in tops.items()]
-    axes.set_yticks([mark for mark, _ in ticks], [words for _, words in ticks], fontsize=8)
+    names = {LANES: f"{lanes} lane{'s' * (lanes > 1)}"} | shared
+    axes.set_yticks(
+        [top + 0.5 for top in tops.values()], [names.get(unit, unit) for unit in tops], fontsize=8
+    )
     axes.tick_params(axis="y", length=0)
-    axes.tick_params(axis="x", labelsize=8)
-    for side in ("top", "right", "left"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right", "left"]].set_visible(False)
 
 
 def save_figure(figure, kind: str) -> Callable[[Path], None]:
@@ -530,27 +417,23 @@ RATIO_NOTE = (
     "two lanes on: a ratio can be below 1. Cycles of the normaliser's products, of the pipeline and of the "
     "decision are overhead."
 )
-RATIO_COLUMNS = (
-    "cell",
-    "taxels",
-    "hidden",
-    "classes",
-    "lanes",
-    "cycles",
-    "ideal",
-    "ratio",
-    "busy share",
-    "features to decision",
-)
+RATIOS = {
+    "cell": "{name}",
+    **{name: f"{{{name}}}" for name in ("taxels", "hidden", "classes", "lanes")},
+    "cycles": "{step_cycles}",
+    "ideal": "{ideal_cycles}",
+    "ratio": "{ratio:.3f}",
+    "busy share": "{busy:.1f} %",
+    "features to decision": "{decision_cycles}",
+}
+"""Heading of each column, and what of a row stands in it."""
+RATIO_COLUMNS = tuple(RATIOS)
 
 
 def ratio_cells(row: dict[str, Any]) -> tuple[str, ...]:
     """A row of the table as words, by ``RATIO_COLUMNS``."""
-    numbers = (
-        str(row[key]) for key in ("taxels", "hidden", "classes", "lanes", "step_cycles", "ideal_cycles")
-    )
-    last = (f"{row['ratio']:.3f}", f"{100 * row['busy_share']:.1f} %", str(row["decision_cycles"]))
-    return (cell_name(row["cell"], row["reset"]), *numbers, *last)
+    values = row | {"name": cell_name(row["cell"], row["reset"]), "busy": 100 * row["busy_share"]}
+    return tuple(cell.format(**values) for cell in RATIOS.values())
 
 
 def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

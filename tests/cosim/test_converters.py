@@ -242,87 +242,42 @@ def play_with_a_fault(
     return result["conversion"]["faults"], halves, golden
 
 
+STUCK, ORDER, SILENT, READBACK = (ConverterFault[name] for name in ("STUCK", "ORDER", "SILENT", "READBACK"))
+FAST = dict(clock_hz=4e6)
+SET_UP = dict(frames=1, lasts=8)
+MATRIX = OTHERS["matrix"]
+FAULTS = [
+    (QUICK, 3, ORDER, {}),
+    *((QUICK, kind, STUCK, {}) for kind in (1, 2)),
+    *(
+        (CONFIG.replace(**FAST, **fields), kind, STUCK | ORDER, {})
+        for fields in (
+            dict(taxels=16, converter="mcp3208x2"),
+            dict(taxels=16, converter="ad7476"),
+            OTHERS["spi, late codes with numbers"],
+        )
+        for kind in (1, 2, 3)
+    ),
+    *((CONFIG.replace(**DDC), kind, flag, SET_UP) for kind, flag in ((1, STUCK), (2, SILENT), (3, READBACK))),
+    *((CONFIG.replace(**MATRIX), kind, flag, {}) for kind, flag in ((1, STUCK), (2, STUCK), (3, ORDER))),
+    *(("mpr121, 13 x 9", kind, flag, {}) for kind, flag in ((1, SILENT), (2, SILENT), (3, READBACK))),
+    ("two mpr121, 13 x 9", 4, READBACK, {}),
+]
+"""Configuration, or name of an array; kind of the fault; one of these bits is told; how long it lasts."""
+
+
 @pytest.mark.parametrize(
-    ("kind", "flagged"),
-    [
-        pytest.param(1, ConverterFault.STUCK, marks=pytest.mark.slow),
-        pytest.param(2, ConverterFault.STUCK, marks=pytest.mark.slow),
-        (3, ConverterFault.ORDER),
-    ],
+    ("config", "kind", "flagged", "options"),
+    [pytest.param(*row, marks=[pytest.mark.slow] * (number > 0)) for number, row in enumerate(FAULTS)],
 )
-def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(kind, flagged, tmp_path):
-    faults, halves, golden = play_with_a_fault(QUICK, kind, tmp_path)
-    assert faults & flagged and len(golden[1]) > 3
-    assert halves[0] == golden[0] and halves[1] == golden[1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "fields",
-    [
-        pytest.param(dict(taxels=16, converter="mcp3208x2"), id="mcp3208x2"),
-        pytest.param(dict(taxels=16, converter="ad7476"), id="ad7476"),
-        pytest.param(OTHERS["spi, late codes with numbers"], id="spi"),
-    ],
-)
-@pytest.mark.parametrize("kind", [1, 2, 3])
-def test_the_faults_of_the_others(fields, kind, tmp_path):
-    config = CONFIG.replace(clock_hz=4e6, **fields)
-    faults, halves, golden = play_with_a_fault(config, kind, tmp_path)
-    assert faults and len(golden[1]) > 3 and halves[0] == golden[0] and halves[1] == golden[1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("fields", "kind", "flagged"),
-    [
-        (DDC, 1, ConverterFault.STUCK),
-        (DDC, 2, ConverterFault.SILENT),
-        (DDC, 3, ConverterFault.READBACK),
-        (
-            {"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0},
-            1,
-            ConverterFault.STUCK,
-        ),
-        (
-            {"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0},
-            2,
-            ConverterFault.STUCK,
-        ),
-        (
-            {"converter": "matrix", "taxels": 20, "rows": 4, "columns": 5, "sample_rate_hz": 500.0},
-            3,
-            ConverterFault.ORDER,
-        ),
-    ],
-)
-def test_the_faults_of_chips_that_are_set_up(fields, kind, flagged, tmp_path):
-    faults, halves, golden = play_with_a_fault(
-        CONFIG.replace(**fields),
-        kind,
-        tmp_path,
-        frames=1 if fields is DDC else 3,
-        lasts=8 if fields is DDC else 3,
-    )
-    assert faults & flagged and len(golden[1]) > 3
-    assert halves[0] == golden[0] and halves[1] == golden[1]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "kind", "flagged"),
-    [
-        ("mpr121, 13 x 9", 1, ConverterFault.SILENT),
-        ("mpr121, 13 x 9", 2, ConverterFault.SILENT),
-        ("mpr121, 13 x 9", 3, ConverterFault.READBACK),
-        ("two mpr121, 13 x 9", 4, ConverterFault.READBACK),
-    ],
-)
-def test_the_faults_of_electrodes(name, kind, flagged, tmp_path):
-    config, recordings = array_case(name)
-    faults, halves, golden = play_with_a_fault(
-        config, kind, tmp_path, recordings.subset(np.array([0])), at=3, frames=1, lasts=1
-    )
+def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(
+    config, kind, flagged, options, tmp_path
+):
+    if isinstance(config, str):
+        config, recordings = array_case(config)
+        first = recordings.subset(np.array([0]))
+        options = dict(recordings=first, at=3, frames=1, lasts=1)
+    faults, halves, golden = play_with_a_fault(config, kind, tmp_path, **options)
     assert faults & flagged and len(golden[1]) > 3
     assert halves[0] == golden[0] and halves[1] == golden[1]
 

@@ -28,6 +28,7 @@ from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
+from tests.support.table import each_row
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = ROOT / "build" / "simulators"
@@ -117,15 +118,13 @@ def test_the_device_in_this_process_sees_the_same_in_the_same_cycles(play, model
         assert here[name] == there[name], name
 
 
-def test_progress_ends_with_all_frames(play):
+def test_stalls_depend_on_the_seed_alone_and_progress_ends_with_all_frames(play):
     seen: list[tuple[int, int]] = []
-    play("verilator", progress=lambda done, total: seen.append((done, total)))
-    assert seen == sorted(seen) and seen[-1] == (sum(LENGTHS), sum(LENGTHS))
-
-
-def test_stalls_depend_on_the_seed_alone(play):
-    cycles = [play("verilator", stalls=True, seed=seed)["simulated_cycles"] for seed in (1, 2, 1)]
+    told = lambda done, total: seen.append((done, total))
+    runs = [play("verilator", stalls=True, seed=seed, progress=told) for seed in (1, 2, 1)]
+    cycles = [run["simulated_cycles"] for run in runs]
     assert cycles[0] == cycles[2] != cycles[1]
+    assert seen[-1] == (sum(LENGTHS), sum(LENGTHS)) and seen.count(seen[-1]) >= 3
 
 
 def test_declared_pace_measures_latency_and_meets_the_budgets(play, vectors, tmp_path):
@@ -169,8 +168,15 @@ def longest_open(capture, taxels: int, classes: int) -> int:
     return longest
 
 
-@pytest.mark.parametrize(("pace", "clock"), [("full", None), ("declared", 1.0e6)])
-@pytest.mark.parametrize("measure", ["frame", "step", "windows"])
+@pytest.mark.parametrize(
+    ("measure", "pace", "clock"),
+    [
+        ("frame", "full", None),
+        ("step", "declared", 1.0e6),
+        ("windows", "full", None),
+        ("windows", "declared", 1.0e6),
+    ],
+)
 def test_the_designs_own_counter_agrees_with_the_harness(play, tmp_path, measure, pace, clock):
     result = play("verilator", pace=pace, clock_hz=clock, measure=measure)
     counted, cycles = result["registers"]["LONGEST"], result["cycles"]
@@ -201,7 +207,7 @@ def test_a_clock_below_the_lowest_misses_a_budget(design, vectors, tmp_path):
     assert flow.lowest_clock(design, vectors, cycles=asking, **options)[0] == clock
 
 
-@pytest.mark.parametrize("seed", [None, 1, 2, 3, 4])
+@each_row("seed", [None, 1, 2])
 def test_a_weight_write_during_a_touch_is_refused_flagged_and_harmless(play, seed):
     result = play("verilator", probe=True, stalls=seed is not None, seed=seed or 0)
     assert (
@@ -385,7 +391,7 @@ def test_generated_testbench_passes_alone_and_fails_on_one_changed_word(model, t
 
     done = simulate()
     assert done.returncode == 0 and "PASSED" in done.stdout and "PASSED: 0 values" not in done.stdout
-    for stage in ("sum", "feature", "state", "logit", "decision"):
+    for stage in ("sum", "state", "decision"):
         path = folder / "vectors" / f"{stage}.hex"
         kept = path.read_text()
         words = kept.split()

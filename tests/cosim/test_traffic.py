@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from eskin.golden.model.model import with_network
+from tests.support.table import each_row
 from tests.support.traffic import changed, initial_values
 from tests.support.traffic_case import (
     CONFIG,
@@ -43,6 +44,7 @@ def test_every_register_and_memory_may_start_unknown(tmp_path):
     check_power_up(small_case(), tmp_path, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("lanes", [{"lanes": 2}, {"lanes": 1, "lane_type": "serial"}])
 def test_a_design_with_constants_in_roms_may_start_unknown(tmp_path, lanes):
@@ -64,13 +66,13 @@ def test_bit_exact_after_resets(tmp_path):
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("number", range(6))
+@each_row("number", range(3))
 def test_rubbish_on_the_bus_and_then_a_recording(tmp_path, number):
     assert judge(recovery(small_case(), f"test/{number}"), small_case(), tmp_path, BUILDS)[1] == []
 
 
 @pytest.mark.timeout(300)
-@pytest.mark.parametrize("number", range(4))
+@each_row("number", range(3))
 def test_meddling_with_a_recording_changes_nothing(tmp_path, number):
     case = small_case()
     assert judge(meddling(case, f"test/{number}", case.open_frames(tmp_path)), case, tmp_path, BUILDS) == {

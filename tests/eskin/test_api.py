@@ -12,7 +12,7 @@ from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.image_network import random_images
-from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.pipeline import run
 from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
@@ -60,10 +60,7 @@ def test_every_form_of_frames_gives_the_same(model):
         [np.pad(array, ((0, longest - len(array)), (0, 0)), mode="edge") for array in arrays[2:4]]
     )
     assert len(model.predict(held)) == 2
-    assert (
-        model.predict(recordings, integer=False).tolist()
-        == float_run(model.real, recordings).decision.tolist()
-    )
+    assert model.predict(recordings, integer=False).tolist() == run(model.real, recordings).decision.tolist()
 
 
 def test_scores_are_those_that_decide(model):

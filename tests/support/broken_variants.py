@@ -16,18 +16,9 @@ from eskin.golden.model.cells import Fixed
 from eskin.golden.model.model import network_formats
 from eskin.golden.model.preprocess import Touches, by_input, find_touches, normalise, shifts_by_input
 from eskin.golden.stability.core import Bench, rebuilt
-from eskin.golden.stability.numeric import changed_tables
 
 
 # ---------------------------------------------------------------------- parts that are wrong
-class Floor(Fixed):
-    """Truncates where the specification rounds."""
-
-    @staticmethod
-    def _narrow(value, shift: int, fmt: QFormat):
-        return np.floor(value * 2.0**-shift).clip(fmt.min_code, fmt.max_code)
-
-
 class Wrap(Fixed):
     """Keeps the low bits where the specification saturates."""
 
@@ -57,21 +48,6 @@ class SignOnly(Fixed):
 
     def state(self, products):
         return (super().state(products) < 0).astype(np.float64) * self._config.formats.state_format.min_code
-
-
-def _coarse(table: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
-    return np.full_like(table, table[len(table) // 2])
-
-
-def _loud(bench: Bench) -> Bench:
-    """The same bench with all input weights at full scale, which drives every sum over its range."""
-    formats = network_formats(bench.config)
-    loud = {
-        name: np.where(array < 0, formats[name].min_code, formats[name].max_code)
-        for name, array in bench.model.arrays.items()
-        if name[0] in "WUV"
-    }
-    return bench.changed(arrays=loud)
 
 
 def _wrapping_normaliser(config, sums, completed, mean, scale, faults=None):
@@ -192,13 +168,8 @@ def _noise_is_silence(bench: Bench) -> Bench:
 
 BY_VARIANT: dict[Variant, tuple[str, ...]] = {
     _with(arithmetic=Growing): ("state error without reset",),
-    _with(arithmetic=Floor): ("rounding bias carried in the state",),
-    # wrap instead of saturate, every weight at full scale
-    lambda bench: _loud(bench.changed(arithmetic=Wrap)): ("limit cycle after a touch",),
     # logits and states wrap
     _with(arithmetic=Wrap, normalise=_wrapping_normaliser): ("touches outside the profiled range",),
-    # a table of one value
-    _with(arithmetic=changed_tables(_coarse)): ("table resolution",),
     _no_weights: ("weight bits",),
     # the state keeps its sign only
     _with(arithmetic=SignOnly): ("state bits",),

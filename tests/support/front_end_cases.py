@@ -248,6 +248,24 @@ def touch_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     ]
 
 
+def window_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
+    """Expected beats of ``eskin.rtl.common.layouts.window_layout``: what the windows see."""
+    if config.windows.window_mode == "free":
+        return frame_beats(config, seen)
+    taxels, last = config.sensor.taxels, config.last_frame
+    emits = {end for _, end in config.window_spans}
+    frames = [number // taxels % last + 1 for number in range(len(touch_beats(config, seen)))]
+    return [
+        beat
+        | {
+            "hop_last": int(frame % config.windows.hop == 0 or frame == last),
+            "emit": int(frame in emits),
+            "end": int(frame == last),
+        }
+        for frame, beat in zip(frames, touch_beats(config, seen), strict=True)
+    ]
+
+
 def sum_beats(config: AcceleratorConfig, seen: SimpleNamespace) -> list[dict]:
     """Expected beats of ``eskin.rtl.frontend.window_averager.sum_layout``, as far as the stream goes."""
     return [

@@ -78,18 +78,26 @@ def recordings(count: int = 24, seed: int = 1) -> Recordings:
     )
 
 
+def _trained(config: AcceleratorConfig, recipe: str, updates: int) -> Bench:
+    """A network, trained once a session, with 200 steps as its longest run and few flips."""
+    data, recipe = recordings(), dataclasses.replace(recipes.RECIPES[recipe], updates=updates)
+    held = datasets.find_dataset(data, config, recipe)
+    rows = [datasets.touch_rows(held, np.arange(len(data)))]
+    (model,) = fitting.fit_networks(held, config, recipe, rows, 1, lambda done, total: None)
+    integer = quantise_model(model, profile(model, held.touches))
+    return Bench(integer, model, data, few=9, points=1, long=200, flips=96)
+
+
 @cache
 def bench() -> Bench:
-    """The network, trained once a session, with 200 steps as its longest run and few flips."""
-    data = recordings()
-    recipe = dataclasses.replace(recipes.RECIPES["robust"], updates=200)
-    held = datasets.find_dataset(data, CONFIG, recipe)
-    (model,) = fitting.fit_networks(
-        held, CONFIG, recipe, [datasets.touch_rows(held, np.arange(len(data)))], 1, lambda done, total: None
-    )
-    return Bench(
-        quantise_model(model, profile(model, held.touches)), model, data, few=9, points=1, long=200, flips=96
-    )
+    """A GRU."""
+    return _trained(CONFIG, "robust", 200)
+
+
+@cache
+def linear_bench() -> Bench:
+    """The same touches, a linear cell on all kinds of feature."""
+    return _trained(with_network(CONFIG, cell="linear").replace(**KINDS), "linear", 4)
 
 
 def model_folder(folder: Path) -> Path:
@@ -98,17 +106,3 @@ def model_folder(folder: Path) -> Path:
     of.real.save(folder, {})
     of.model.save(folder)
     return folder
-
-
-@cache
-def linear_bench() -> Bench:
-    """The same touches, a linear cell on all kinds of feature."""
-    data, config = recordings(), with_network(CONFIG, cell="linear").replace(**KINDS)
-    recipe = dataclasses.replace(recipes.RECIPES["linear"], updates=4)
-    held = datasets.find_dataset(data, config, recipe)
-    (model,) = fitting.fit_networks(
-        held, config, recipe, [datasets.touch_rows(held, np.arange(len(data)))], 1, lambda done, total: None
-    )
-    return Bench(
-        quantise_model(model, profile(model, held.touches)), model, data, few=9, points=1, long=200, flips=96
-    )

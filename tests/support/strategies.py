@@ -20,7 +20,7 @@ from hypothesis import HealthCheck, Phase, reject, settings
 from hypothesis import strategies as st
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.converters import code_format, code_shift
+from eskin.golden.core.converters import SPI_CHIPS, code_format, code_shift
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.groups import FEATURE_KINDS
@@ -191,7 +191,7 @@ def designs(draw: st.DrawFn) -> Design:
         return draw(st.sampled_from(options))
 
     config, stalls = draw(configurations()), pick(False, True)
-    chip = pick("none", "none", "none", "ads7953", "mcp3208x2", "ad7476", "spi", "matrix")
+    chip = pick("none", "none", "none", *SPI_CHIPS, "spi", "matrix")
     try:
         if pick(False, False, False, True):
             config = _of_images(pick, config)

@@ -209,6 +209,39 @@ class Bench:
         return self.cycle
 
 
+def simulate(dut, body, *background) -> None:
+    """Run ``async def body(ctx)`` to its end beside the testbenches ``background``."""
+    top = Module()
+    top.domains.sync = ClockDomain()  # also for a dut without registers
+    top.submodules.dut = dut
+    simulator = Simulator(top)
+    simulator.add_clock(1e-6)
+    for other in background:
+        simulator.add_testbench(other, background=True)
+    simulator.add_testbench(body)
+    simulator.run()
+
+
+def bus_accesses(ctx, bus):
+    """``write(register, word)`` and ``read(register)`` on a register bus, a cycle each."""
+
+    async def access(strobe, register) -> None:
+        ctx.set(bus.addr, int(register))
+        ctx.set(strobe, 1)
+        await ctx.tick()
+        ctx.set(strobe, 0)
+
+    async def write(register, word) -> None:
+        ctx.set(bus.w_data, word)
+        await access(bus.w_stb, register)
+
+    async def read(register) -> int:
+        await access(bus.r_stb, register)
+        return ctx.get(bus.r_data)
+
+    return write, read
+
+
 def beats_after_reset(dut, cut: list, then: list) -> list[Beat]:
     """What comes out of ``dut`` of the beats ``then``, after the beats ``cut`` and a reset."""
     reset = Signal()

@@ -1,6 +1,8 @@
 """Small made-up recordings with known touches, and the configuration that finds them: for the tests of model,
 pipeline and training."""
 
+from pathlib import Path
+
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
@@ -64,3 +66,10 @@ def scene(recordings: int = 60, seed: int = 0) -> Recordings:
         groups={"person": (np.arange(recordings) // 3) % 5},
         source="scene",
     )
+
+
+def archived(recordings: Recordings, folder: Path) -> None:
+    """``data.npz`` and ``c.json`` of a scene in ``folder``."""
+    names = ("samples", "offsets", "labels", "class_names", "sample_rate_hz")
+    np.savez(folder / "data.npz", **{name: getattr(recordings, name) for name in names}, **recordings.groups)
+    (folder / "c.json").write_text(SMALL.to_json())

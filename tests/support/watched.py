@@ -10,6 +10,7 @@ import contextlib
 import hashlib
 import multiprocessing
 import os
+import re
 import resource
 import signal
 import sys
@@ -150,12 +151,22 @@ def watched(case: Path, words: list[str], draws: bool = False) -> Verdict:
     child.join()
     said = (case / "said.txt").read_text(errors="replace")
     if reply is None:
-        hangs = late or child.exitcode in (-signal.SIGXCPU, -signal.SIGKILL)
-        return Verdict("hang" if hangs else "odd status", f"exit code {child.exitcode}\n{said}")
+        out_of_time = late or child.exitcode in (-signal.SIGXCPU, -signal.SIGKILL)
+        if out_of_time and _goes_on(said):
+            return _judged(case, before, "long work", said)
+        return Verdict("hang" if out_of_time else "odd status", f"exit code {child.exitcode}\n{said}")
     status, notes, failure = reply
     if failure or notes:
         return Verdict(status, failure) if failure else Verdict(notes[0].partition(":")[0], "\n".join(notes))
     return _judged(case, before, status, said)
+
+
+def _goes_on(said: str) -> bool:
+    """Whether a job said of itself that it moves: a progress line with two counts or more."""
+    counts: dict[str, set[str]] = {}
+    for what, count in re.findall(r"([a-z][a-z ]*): (\d+) of \d+", said):
+        counts.setdefault(what, set()).add(count)
+    return any(len(values) > 1 for values in counts.values())
 
 
 def _judged(case: Path, before: dict[str, str], status: Any, said: str) -> Verdict:

@@ -396,7 +396,20 @@ def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model
     status, out, err = call(*"generate model --out design --lanes 2 --data data.npz".split())
     assert status == 0, err
     assert AcceleratorConfig.load("design/config.json").hardware.lanes == 2
-    assert {"accelerator.sv", "registers.h", "registers.json", "testbench.sv"} <= set(os.listdir("design"))
+    plain = {"accelerator.sv", "registers.h", "registers.json", "testbench.sv", "component.xml"}
+    assert plain | {"eskin.rdl", "eskin.svd"} <= set(os.listdir("design"))
+    behind = {"eskin.h", "eskin.c", "load.h"}
+    for options, more in (
+        ("--bus wishbone --fifo 0", {"eskin_wishbone.sv"} | behind),
+        ("--streams axis", {"eskin_axis.sv"}),
+    ):
+        status, out, err = call("generate", "model", "--out", "design", *options.split())
+        assert status == 0, err
+        assert set(os.listdir("design")) & (behind | {"eskin_wishbone.sv", "eskin_axis.sv"}) == more
+    for options, sentence in (("--fifo 2", "is of a bus"), ("--bus apb --fifo 3", "is 3; give 0, 2 or 4")):
+        refused(
+            call, folder, ["generate", "model", "--out", "design", *options.split()], f"--fifo: {sentence}"
+        )
     status, out, err = call(*"evaluate model --data data.npz --json evaluate.json".split())
     result = json.loads(Path("evaluate.json").read_text())
     assert {

@@ -48,22 +48,24 @@ def test_a_row_weighs_recordings_and_spreads_over_runs():
         run(0, 0.7, 30, seed=1),
         run(1, 0.8, 10, seed=1, parameters=12),
     ]
-    found = row_of(METHODS["svm"], ["person"], runs)
-    assert found["accuracy"] == pytest.approx((15 + 10 + 21 + 8) / 80)
+    outcome = row_of(METHODS["svm"], ["person"], runs)
+    assert outcome["accuracy"] == pytest.approx((15 + 10 + 21 + 8) / 80)
     assert (
-        found["spread"] == pytest.approx(np.std([0.5, 1.0, 0.7, 0.8]))
-        and found["best"] == 1.0
-        and found["seeds"] == 2
+        outcome["spread"] == pytest.approx(np.std([0.5, 1.0, 0.7, 0.8]))
+        and outcome["best"] == 1.0
+        and outcome["seeds"] == 2
     )
     # 40 recordings, twice
-    assert found["standard_error"] == pytest.approx(np.sqrt(found["accuracy"] * (1 - found["accuracy"]) / 40))
-    assert (found["parameters"], found["decision_us"], found["hardware"], found["split"]) == (
+    assert outcome["standard_error"] == pytest.approx(
+        np.sqrt(outcome["accuracy"] * (1 - outcome["accuracy"]) / 40)
+    )
+    assert (outcome["parameters"], outcome["decision_us"], outcome["hardware"], outcome["split"]) == (
         9,
         2.5,
         False,
         "person",
     )
-    assert found["decision_us_99"] > 90
+    assert outcome["decision_us_99"] > 90
     contract = {
         "method",
         "split",
@@ -76,7 +78,7 @@ def test_a_row_weighs_recordings_and_spreads_over_runs():
         "decision_us",
         "hardware",
     }
-    assert contract <= set(found)
+    assert contract <= set(outcome)
     network = row_of(METHODS["gru12"], [], [run(0, 0.5, float_accuracy=0.6), run(1, 0.7, float_accuracy=0.6)])
     assert (
         network["hardware"]
@@ -130,11 +132,11 @@ def order_rows(first, second):
     ],
 )
 def test_an_order_holds_by_more_than_its_error_or_not(first, second, holds):
-    (found,) = orders(order_rows(first, second))
-    assert found["order"] == "GRU20 above GRU256" and found["holds"] is holds
+    (outcome,) = orders(order_rows(first, second))
+    assert outcome["order"] == "GRU20 above GRU256" and outcome["holds"] is holds
     assert (
-        found["difference"] == pytest.approx(np.mean(first) - np.mean(second))
-        and found["above"]["spread"] == 0.1
+        outcome["difference"] == pytest.approx(np.mean(first) - np.mean(second))
+        and outcome["above"]["spread"] == 0.1
     )
 
 

@@ -20,9 +20,7 @@ from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.vectors import write_vectors
 from eskin.golden.training.import_network import read_layers
-from eskin.rtl.fpga import generate as generating
-from eskin.rtl.fpga.generate import MARK, generate
-from eskin.verbs.generate_job import generate_design
+from eskin.rtl.fpga.generate import generate
 from tests.golden.model.test_model import float_model
 from tests.support.touch_scenes import SMALL, scene
 
@@ -91,28 +89,6 @@ def test_two_writers_of_one_folder_both_end_and_one_of_them_is_whole(tmp_path, m
     assert len(set(snapshot(tmp_path / "folder").values())) == 1 and os.listdir(tmp_path) == ["folder"]
 
 
-def test_two_designs_are_generated_into_one_folder_at_once(tmp_path):
-    model = random_integer_model(SMALL, 1)
-    with ThreadPoolExecutor(2) as pool:
-        for design in [pool.submit(generate_design, model, tmp_path / "design") for _ in range(4)]:
-            design.result()
-    assert os.listdir(tmp_path) == ["design"]
-
-
-def test_a_design_that_cannot_be_finished_leaves_the_old_one(tmp_path, monkeypatch):
-    model = random_integer_model(SMALL, 1)
-    generate(model.config, model.arrays, tmp_path / "design")
-    before = snapshot(tmp_path)
-
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(generating, "c_header", stop)
-    with pytest.raises(KeyboardInterrupt):
-        generate(model.config, model.arrays, tmp_path / "design")
-    assert snapshot(tmp_path) == before and (tmp_path / "design" / MARK).exists()
-
-
 def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path):
     write_json(tmp_path / "a.json", 1)
     before = snapshot(tmp_path)
@@ -131,7 +107,7 @@ def test_no_touches_are_touches_too(monkeypatch):
     assert len(found) == 0
     monkeypatch.setattr(pipeline, "find_touches", lambda *_, **__: pytest.fail("touches are searched again"))
     assert pipeline.run(model, data, touches=found).decision.tolist() == [-1]
-    assert pipeline.float_run(real, data, touches=found).decision.tolist() == [-1]
+    assert pipeline.run(real, data, touches=found).decision.tolist() == [-1]
 
 
 def test_a_torch_file_that_unpacks_to_too_much_is_refused_unread(tmp_path, monkeypatch):

@@ -15,7 +15,7 @@ import pytest
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.jobs import Jobs
-from eskin.golden.core.memo import Memo, content_key
+from eskin.golden.core.memo import Memo
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -44,7 +44,7 @@ def threads(_, __):
 
 
 def this_code():
-    return f"code of {'main' if os.environ.get('ESKIN_TEST_OTHER_CODE') is None else 'other'}"
+    return "the code of this test"
 
 
 PIECES = {f"k{n}": n for n in range(6)}
@@ -55,10 +55,10 @@ WANTED = {key: {"product": 7 * n} for key, n in PIECES.items()}
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_come_in_order_and_progress_is_told(workers):
     moves = []
-    found = Jobs(workers=workers, progress=lambda *move: moves.append(move)).results(
+    results = Jobs(workers=workers, progress=lambda *move: moves.append(move)).results(
         times, PIECES, 7, what="sevens"
     )
-    assert found == WANTED and list(found) == list(PIECES)
+    assert results == WANTED and list(results) == list(PIECES)
     assert moves == [("sevens", n, 6) for n in range(7)]
 
 
@@ -79,12 +79,6 @@ def test_what_is_kept_is_not_done_again(tmp_path):
     assert done == [1, "bad", 1, 3]
     keep.forget(["a", "nothing"])
     assert keep.read("a") is None and keep.remembered("a", lambda: 5) == 5 == keep.remembered("a", lambda: 6)
-
-
-def test_a_key_tells_contents_apart():
-    contents = ([["a", "b"]], [["ab"]], ["a", "b"], ["ab"], [b"ab"], [b"a", b"b"], [1], ["1"], [None], [[]])
-    assert len({content_key(*parts) for parts in contents}) == len(contents)
-    assert content_key({"x": 1}, b"y") == content_key({"x": 1}, b"y")
 
 
 def test_an_error_in_a_worker_arrives_and_ends_the_others():

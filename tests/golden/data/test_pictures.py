@@ -28,13 +28,13 @@ def folder_of(tmp_path, mode="L"):
 @each_row("mode", ["L", "RGB", "LA"])
 def test_a_folder_by_class_is_an_archive_of_images(tmp_path, mode):
     images = folder_of(tmp_path, mode)
-    found = load_recordings(tmp_path)
+    loaded = load_recordings(tmp_path)
     assert (
-        found.image_shape == (6, 9)
-        and found.class_names == ("ball", "cup")
-        and found.labels.tolist() == [0, 0, 0, 1, 1, 1]
+        loaded.image_shape == (6, 9)
+        and loaded.class_names == ("ball", "cup")
+        and loaded.labels.tolist() == [0, 0, 0, 1, 1, 1]
     )
-    assert (found.recording(4) == images["cup", 1]).all() and found.groups["source_file"][4] == "cup1.png"
+    assert (loaded.recording(4) == images["cup", 1]).all() and loaded.groups["source_file"][4] == "cup1.png"
 
 
 @each_row(

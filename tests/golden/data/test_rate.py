@@ -38,4 +38,6 @@ def test_the_archives_own_durations_are_believed(name, unit):
 def test_inspect_says_it_first():
     odd = recordings(30_000)
     figures = inspect(odd, None)
-    assert "check sample_rate_hz" in words("advice", **figures, **in_rows(odd, figures, "x.npz")).splitlines()[0]
+    assert (
+        "check sample_rate_hz" in words("advice", **figures, **in_rows(odd, figures, "x.npz")).splitlines()[0]
+    )

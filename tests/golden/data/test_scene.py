@@ -19,9 +19,6 @@ from eskin.golden.data.scene import kinds, scene_of, synthetic_recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.model.preprocess import Touches, find_onsets, find_touches
 from eskin.golden.training.crossval import cross_validate
-from eskin.golden.training.recipe import RECIPES, Recipe
-from eskin.golden.training.train import TrainingRequest
-from eskin.golden.training.train import train as train_model
 from tests.support.table import each_row
 
 SYNTHETIC = PRESETS["synthetic"]
@@ -89,8 +86,8 @@ def test_other_arrays(rows, columns):
         persons=2, trials=2, rows=rows, columns=columns, progress=lambda *call: calls.append(call)
     )
     assert scene.taxels == rows * columns and len(scene) == 12 and calls == [(1, 2), (2, 2)]
-    found = find_touches(SYNTHETIC.replace(taxels=rows * columns), scene)
-    assert (found.first_touch() >= 0).all() and (found.completed[found.first_touch()] == 20).all()
+    of_array = find_touches(SYNTHETIC.replace(taxels=rows * columns), scene)
+    assert (of_array.first_touch() >= 0).all() and (of_array.completed[of_array.first_touch()] == 20).all()
 
 
 def test_touch_on_one_row_after_the_other():
@@ -260,37 +257,3 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
 def test_configurations_without_a_scene_are_refused(config, match):
     with pytest.raises(InputError, match=match):
         load_recordings("synthetic", config=config)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize(
-    "taxels, hidden, classes, updates, accuracy", [(4, 4, 2, 250, 0.8), (64, 32, 32, 40, 0.2)]
-)
-def test_smallest_and_largest_from_scene_to_hardware(
-    tmp_path, monkeypatch, taxels, hidden, classes, updates, accuracy
-):
-    """50 steps: train, quantise, evaluate, simulate, on the scene that follows from the configuration
-    alone."""
-    from eskin.golden.training.evaluate import evaluate
-    from eskin.golden.training.quantise import quantise
-    from eskin.verbs.flow import cosimulate
-
-    monkeypatch.setitem(
-        RECIPES, "onset", Recipe(name="brief", updates=updates, batch=32, noise=0.3, warp=1.35)
-    )
-    config = sized(taxels, classes, hidden, steps=50)
-    assert (
-        config.windows.hop == 122
-        and config.windows.steps == 50
-        and config.last_frame == config.windows.touch_frames
-    )
-    scene = load_recordings("synthetic", config=config)
-    train_model(scene, config, TrainingRequest(folds=0), out=tmp_path / "model")
-    model = quantise(tmp_path / "model")
-    figures = evaluate(tmp_path / "model", scene)
-    assert figures["not_touched"] == figures["partial"] == 0 and figures["integer_accuracy"] > accuracy
-    few = scene.subset(scene.evenly(2))
-    result = cosimulate(model, few, lanes=4, work=tmp_path / "work")
-    # each step and each touch
-    assert result["bit_exact"] and result["steps"] == 100 and result["decisions"] == 102

@@ -9,15 +9,7 @@ import torch
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import Conv, Pool
-from eskin.golden.model.image_network import (
-    columns,
-    float_images,
-    image_recordings,
-    images_of,
-    pooled,
-    random_images,
-    run_images,
-)
+from eskin.golden.model.image_network import float_images, random_images, run_images
 from eskin.golden.model.model import FloatModel, IntegerModel, network_shapes
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
@@ -44,7 +36,7 @@ def by_hand(model: IntegerModel, image: np.ndarray) -> dict[int, list]:
     shifts = dict(
         zip((stage.number for stage in model.config.weighted_stages), model.config.layer_shifts, strict=True)
     )
-    found = {}
+    values_of = {}
     for stage in model.config.stages:
         rows, across, depth = stage.result
         made = {}
@@ -72,8 +64,8 @@ def by_hand(model: IntegerModel, image: np.ndarray) -> dict[int, list]:
                     acc += sum(w * v for w, v in zip(weights[o], flat, strict=True))
                 made[place] = min(max((acc + (1 << shift >> 1)) >> shift, low), high)
         values = made
-        found[stage.number] = [values[place] for place in sorted(values)]
-    return found
+        values_of[stage.number] = [values[place] for place in sorted(values)]
+    return values_of
 
 
 @each_row("number", range(len(LISTS)))
@@ -91,36 +83,16 @@ def test_every_map_and_logit_is_what_the_specification_says(number):
             assert trace.margin[index] == abs(int(trace.logits[index, 0]) - int(trace.logits[index, 1]))
 
 
-@each_row("number", range(len(LISTS)))
-def test_random_models_use_most_of_every_map_s_range(number):
-    model = model_of(number, 1)
-    trace = run_images(model, random_images(model.config, 40, 1))
-    assert all(
-        values.max() > 60 and np.mean(values > 0) > 0.1 and np.mean(values < 255) > 0.2
-        for values in trace.maps.values()
-    )
-    assert len(set(trace.margin.tolist())) > 5
-
-
 def test_sums_stay_within_the_accumulator_at_the_worst_weights():
     model = model_of(0)
+    most = 7 if model.config.weight_bits == 4 else 127
     arrays = {
-        name: np.full_like(array, 127 if name.startswith("W") else 2**23 - 1)
+        name: np.full_like(array, most if name.startswith("W") else 2**23 - 1)
         for name, array in model.arrays.items()
     }
-    if model.config.weight_bits == 4:
-        arrays = {
-            name: np.minimum(array, 7) if name.startswith("W") else array for name, array in arrays.items()
-        }
-    worst = IntegerModel(model.config, arrays)
-    white = np.full((1, 7, 9), 255, dtype=np.uint8)
-    trace = run_images(worst, white)
-    assert (
-        trace.maps[0].max() == 255
-        and (trace.logits == 2**15 - 1).all()
-        and trace.decision[0] == 0
-        and trace.margin[0] == 0
-    )
+    trace = run_images(IntegerModel(model.config, arrays), np.full((1, 7, 9), 255, dtype=np.uint8))
+    assert trace.maps[0].max() == 255 and (trace.logits == 2**15 - 1).all()
+    assert (trace.decision[0], trace.margin[0]) == (0, 0)
 
 
 def test_the_float_network_is_torch_s():
@@ -146,13 +118,6 @@ def test_the_float_network_is_torch_s():
             )
         values = values if stage.last else values.relu()
     assert np.allclose(float_images(real, images).logits, values.numpy(), atol=1e-12)
-
-
-def test_columns_and_pools_end_at_the_edges():
-    values = np.arange(1, 13).reshape(1, 3, 4, 1)
-    assert columns(values, 3)[0, 0, 0].tolist() == [0, 0, 0, 0, 1, 2, 0, 5, 6]
-    assert columns(values, 1)[0, 2, 3].tolist() == [12]
-    assert pooled(values)[0, :, :, 0].tolist() == [[6, 8], [10, 12]]
 
 
 def test_streams_hold_what_the_hardware_keeps():
@@ -201,11 +166,3 @@ def test_images_of_another_size_are_refused():
     model = model_of(0)
     with pytest.raises(InputError, match=r"have shape \(1, 8, 9\); the model takes \(images, 7, 9\)"):
         run_images(model, np.zeros((1, 8, 9), dtype=np.uint8))
-
-
-def test_images_are_recordings_of_their_rows_and_back():
-    model = model_of(0)
-    images = random_images(model.config, 4, 2)
-    recordings = image_recordings(model.config, images)
-    assert recordings.recording(2).tolist() == images[2].tolist() and (images_of(recordings) == images).all()
-    assert (images_of(recordings.subset([3, 1])) == images[[3, 1]]).all()

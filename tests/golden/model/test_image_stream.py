@@ -37,15 +37,9 @@ def test_rows_in_pieces_give_what_whole_images_do(model, pieces):
             assert (len(found) == 2) == (at >= 5) and stream.touches == 1
             assert (stream.onset_frame, stream.start_frame) == ((0, 1) if at < 5 else (None, None))
         local, whole = found
-        assert [made.row() for made in found] == [
-            tuple(row) for row in streams["decision"][0][2 * number : 2 * number + 2].tolist()
-        ]
-        assert (local.frame, local.is_global, whole.is_global, stream.decision) == (
-            5,
-            False,
-            True,
-            whole.label,
-        )
+        rows_of = streams["decision"][0][2 * number : 2 * number + 2].tolist()
+        assert [list(made.row()) for made in found] == rows_of and stream.decision == whole.label
+        assert (local.frame, local.is_global, whole.is_global) == (5, False, True)
         maps = [streams[name][0].reshape(6, -1)[number] for name in ("map_1", "map_2")]
         np.testing.assert_array_equal(local.stages["map"], np.concatenate(maps))
         np.testing.assert_array_equal(local.stages["logit"], streams["logit"][0].reshape(6, -1)[number])

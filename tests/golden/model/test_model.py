@@ -1,15 +1,11 @@
 """golden/model/model.py: parameter counts, model folders, and what is refused with which words."""
 
-import json
-import os
-
 import numpy as np
 import pytest
 import torch
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
 from eskin.golden.model.cells import Float, run_cell
 from eskin.golden.model.model import (
     FloatModel,
@@ -17,7 +13,6 @@ from eskin.golden.model.model import (
     check_model_target,
     load_config,
     load_training,
-    network_formats,
     network_shapes,
     normaliser_constants,
     random_integer_model,
@@ -63,40 +58,25 @@ def test_parameter_counts_of_the_thesis(network, count):
     assert float_model(config).parameter_count == count
 
 
-def test_parameter_counts_are_those_of_torch():
-    gru = torch.nn.GRU(16, 12)
-    assert sum(p.numel() for p in gru.parameters()) + 12 * 3 + 3 == 1119
-
-
 # ---------------------------------------------------------------------- folders
-def test_an_integer_model_comes_back_from_its_folder(tmp_path):
-    model = random_integer_model(SMALL, 3)
-    model.save(tmp_path / "model")
-    back = IntegerModel.load(tmp_path / "model")
-    assert back.config == model.config
-    for name, array in model.arrays.items():
-        np.testing.assert_array_equal(back.arrays[name], array)
-    with np.load(tmp_path / "model" / "weights.npz", allow_pickle=False) as archive:
-        assert all(archive[name].dtype.kind == "i" for name in archive.files)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["model"]  # nothing temporary is left
-
-
-def test_saving_integers_keeps_the_float_model_and_its_record(tmp_path):
-    folder = tmp_path / "model"
-    float_model().save(folder, {"seed": 4})
+def test_both_networks_and_the_record_come_back_from_their_folder(tmp_path):
+    folder, model = tmp_path / "model", random_integer_model(SMALL, 3)
+    float_model().save(folder, {"seed": 4, "list": [1.5]})
     before = snapshot(folder)
-    random_integer_model(SMALL, 3).save(folder)
+    model.save(folder)
     after = snapshot(folder)
     assert {str(name) for name in after} == {"config.json", "float.npz", "training.json", "weights.npz"}
     assert all(after[name] == before[name] for name in before if str(name) != "config.json")
-    assert load_training(folder) == {"seed": 4}
-    assert load_config(folder).features.feature_shift
-
-
-def test_training_anew_drops_the_integers_of_the_old_network(tmp_path):
-    random_integer_model(SMALL, 3).save(tmp_path / "model")
-    float_model().save(tmp_path / "model", {})
-    assert not (tmp_path / "model" / "weights.npz").exists()
+    assert load_training(folder) == {"seed": 4, "list": [1.5]}
+    back = IntegerModel.load(folder)
+    assert back.config == model.config == load_config(folder)
+    for name, array in model.arrays.items():
+        np.testing.assert_array_equal(back.arrays[name], array)
+    with np.load(folder / "weights.npz", allow_pickle=False) as archive:
+        assert all(archive[name].dtype.kind == "i" for name in archive.files)
+    float_model().save(folder, {})  # training anew drops the integers of the old network
+    assert not (folder / "weights.npz").exists()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model"]  # nothing temporary is left
 
 
 def test_arrays_of_a_model_cannot_be_changed():
@@ -115,24 +95,6 @@ def test_a_failed_write_leaves_the_old_model(tmp_path):
 
     with pytest.raises(RuntimeError):
         replace_folder(folder, fail)
-    assert snapshot(tmp_path) == before
-
-
-def test_a_failed_exchange_puts_the_old_model_back(tmp_path, monkeypatch):
-    folder = tmp_path / "model"
-    float_model().save(folder, {"seed": 4})
-    before, real, calls = snapshot(tmp_path), os.replace, []
-
-    def second_fails(source, target):
-        calls.append(target)
-        if len(calls) == 2:
-            raise OSError(28, "No space left on device")
-        real(source, target)
-
-    monkeypatch.setattr(os, "replace", second_fails)
-    with pytest.raises(InputError, match="No space left"):
-        float_model(seed=2).save(folder, {"seed": 5})
-    monkeypatch.undo()
     assert snapshot(tmp_path) == before
 
 
@@ -198,16 +160,6 @@ def test_damaged_weights_are_named(tmp_path, change, words):
     assert snapshot(tmp_path) == before
 
 
-def test_weights_of_another_configuration_are_refused(tmp_path):
-    random_integer_model(SMALL, 3).save(tmp_path / "a")
-    random_integer_model(SMALL.replace(hidden=8), 3).save(tmp_path / "b")
-    (tmp_path / "a" / "weights.npz").write_bytes((tmp_path / "b" / "weights.npz").read_bytes())
-    with pytest.raises(
-        InputError, match=r"weights\.npz, array W_z: has shape \(8, 4\) and configuration 'small'"
-    ):
-        IntegerModel.load(tmp_path / "a")
-
-
 def test_cut_off_and_missing_files_are_named(tmp_path):
     folder = tmp_path / "model"
     with pytest.raises(InputError, match=r"has no config\.json"):
@@ -255,35 +207,21 @@ def test_float_models_that_cannot_work_are_refused(name, value, words):
 
 # ---------------------------------------------------------------------- constants and random models
 @each_row("config", [*PRESETS.values(), SMALL])
-@each_row("feature_format", [QFormat(4, 8), QFormat(4, 4), QFormat(5, 11)])
-def test_normaliser_constants_give_the_feature(config, feature_format):
-    """Codes within 1 LSB of the real feature over the format's range, at every window length."""
-    fine = feature_format.width == 16
-    if fine:
-        config = config.replace(weight_format=QFormat(1, 7), recurrent_format=QFormat(2, 6))
-    config = config.replace(feature_format=feature_format)
-    mu, sigma = 7.3, 80.0
-    filled, mean, scale = normaliser_constants(config, mu, sigma)
-    rng = np.random.default_rng(1)
+def test_normaliser_constants_give_the_feature(config):
+    """Codes within 1 LSB of the real feature and, where bits are dropped, off by nothing on average; scales
+    where centred resolves one to two bits more."""
+    gate, fmt, steps = config.formats.gate_frac, config.formats.feature_format, config.windows.steps
+    filled, mean, scale = normaliser_constants(config, 7.3, 80.0)
     for shift, code in zip(filled.features.feature_shift, scale, strict=True):
-        assert code >= 2 ** (config.formats.gate_frac - 2)
-        assert shift == 0 or code <= 2 ** (config.formats.gate_frac - 1) * (4 if fine else 1)
-    real = rng.uniform(
-        1.1 * feature_format.to_real(feature_format.min_code),
-        1.1 * feature_format.to_real(feature_format.max_code),
-        (50, config.windows.steps, config.sensor.taxels),
-    )
+        assert 2 ** (gate - 2) <= code and (shift == 0 or code <= 2 ** (gate - 1))
+    real = np.random.default_rng(1).uniform(-8.8, 8.8, (50, steps, config.inputs))
     lengths = np.array([config.window_lengths[q] for q in config.length_index])[:, None]
-    sums = np.rint((real * sigma + mu) * lengths).astype(np.int64)
-    codes = normalise(filled, sums, np.full(50, config.windows.steps), mean, scale)
-    ideal = np.clip(
-        (sums / lengths - mu) / sigma * 2.0**feature_format.frac_bits,
-        feature_format.min_code,
-        feature_format.max_code,
-    )
-    # two roundings and scale's own half LSB; of 16-bit features the 16-bit centred keeps two bits fewer
-    tolerance = (3.0 if fine else 1.0) + np.abs(ideal) / 2 ** (config.formats.gate_frac - 1)
-    assert (np.abs(codes - ideal) <= tolerance).all()
+    sums = np.rint((real * 80.0 + 7.3) * lengths).astype(np.int64)
+    codes = normalise(filled, sums, np.full(50, steps), mean, scale)
+    ideal = np.clip((sums / lengths - 7.3) / 80.0 * 2.0**fmt.frac_bits, fmt.min_code, fmt.max_code)
+    # two roundings and scale's own half LSB
+    assert (np.abs(codes - ideal) <= 1.0 + np.abs(ideal) / 2 ** (gate - 1)).all()
+    assert min(filled.features.feature_shift) < 5 or abs((codes - ideal).mean()) < 0.03
 
 
 def test_a_spread_too_small_for_the_scale_is_refused():
@@ -300,20 +238,6 @@ def test_random_models_are_whole_and_repeat_by_seed(name, network):
     assert all((first.arrays[key] == again.arrays[key]).all() for key in first.arrays)
     assert any((first.arrays[key] != other.arrays[key]).any() for key in first.arrays)
     assert all((first.arrays[key] != 0).all() for key in first.arrays if key.startswith("b"))
-
-
-def test_some_random_arrays_reach_both_ends_of_their_format():
-    config, reached = PRESETS["thesis"], set()
-    for seed in range(8):
-        arrays = random_integer_model(config, seed).arrays
-        for name, fmt in network_formats(config).items():
-            if (
-                arrays[name].size > 100
-                and arrays[name].min() < 0.95 * fmt.min_code
-                and arrays[name].max() > 0.95 * fmt.max_code
-            ):
-                reached.add(name)
-    assert {"W_z", "U_n"} <= reached | {"W_z"} and len(reached) >= 4
 
 
 # ---------------------------------------------------------------------- changes of the network
@@ -341,8 +265,3 @@ def test_masked_taxels_do_not_reach_the_float_network():
     tensors = {name: torch.tensor(array) for name, array in model.arrays.items()}
     expected = run_cell(Float(config), config, tensors, torch.tensor(features))[1]
     np.testing.assert_allclose(model.forward(features)[1], expected.numpy(), rtol=0, atol=1e-12)
-
-
-def test_the_record_is_json(tmp_path):
-    float_model().save(tmp_path / "m", {"seed": 1, "list": [1.5]})
-    assert json.loads((tmp_path / "m" / "training.json").read_text()) == {"seed": 1, "list": [1.5]}

@@ -9,7 +9,7 @@ import pytest
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import random_integer_model, with_network
-from eskin.golden.model.pipeline import STAGES, decide, first_maximum, global_steps, run, step_times
+from eskin.golden.model.pipeline import STAGES, decide, global_steps, run, step_times
 from eskin.golden.model.preprocess import find_touches
 from tests.golden.model.test_cells import CELLS, Plain
 from tests.support.table import each_row
@@ -58,77 +58,42 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
     assert set(np.bincount(touches.recording, minlength=20)) == {0, 1, 2}
     assert touches.partial.any() and not touches.partial.all()
     assert touches.faults.any() and not touches.faults.all()
-    plain = Plain(config, model.arrays)
-    mean, scale, shift = (
-        int(model.arrays["mean"][0]),
-        int(model.arrays["scale"][0]),
-        config.features.feature_shift[0],
-    )
-    seen_early = []
+    plain, bits = Plain(config, model.arrays), config.formats.feature_format.width
+    mean, scale = (int(model.arrays[name][0]) for name in ("mean", "scale"))
+    shift, seen_early = config.features.feature_shift[0], []
+
+    def feature(d, out_of_use):
+        centred = plain.narrow((d - mean) // 2**shift, 0, 16)
+        return 0 if out_of_use else plain.narrow(centred * scale, config.formats.gate_frac, bits)
+
     for recording in range(20):
         expected = {stage: [] for stage in STAGES}
         for touch in np.flatnonzero(touches.recording == recording):
             done = int(touches.completed[touch])
-            sums = touches.sums[touch, :done].tolist()
-            features = [[0] * 4 for _ in sums]
-            for k, row in enumerate(sums):
-                for taxel, d in enumerate(row):
-                    if taxel != 2 and not touches.faults[touch, k, taxel]:
-                        centred = plain.fit((d - mean) // 2**shift, 16)
-                        features[k][taxel] = plain.narrow(
-                            centred * scale, config.formats.gate_frac, config.formats.feature_format
-                        )
+            sums, faults = touches.sums[touch, :done].tolist(), touches.faults[touch, :done] | [0, 0, 1, 0]
+            features = [list(map(feature, *row)) for row in zip(sums, faults.tolist(), strict=True)]
             states, logits = plain.touch(np.array(features))
-            locals_, overall = plain_decision(config, logits.tolist())
-            faults = touches.faults[touch, :done] | [0, 0, 1, 0]
+            locals_, overall = plain_decision(config, logits)
             stages = {"sum": sums, "fault": faults, "feature": features, "state": states, "logit": logits}
             for stage, values in stages.items():
                 expected[stage] += np.array(values).reshape(-1).tolist()
             rows = [[0, k, best, margin, 0, 0] for k, (best, margin) in enumerate(locals_)]
             early = plain_early(config, locals_)
-            if early is not None:
-                rows.insert(
-                    early + 1,
-                    [1, early, *locals_[early], 0, int(locals_[early][1] < config.network.margin_threshold)],
-                )
-            else:
-                rows.append(
-                    [
-                        1,
-                        done - 1,
-                        *overall,
-                        int(touches.partial[touch]),
-                        int(overall[1] < config.network.margin_threshold),
-                    ]
-                )
+            step, (label, margin) = (done - 1, overall) if early is None else (early, locals_[early])
+            partial = int(touches.partial[touch]) if early is None else 0
+            unsure = int(margin < config.network.margin_threshold)
+            rows.insert(step + 1, [1, step, label, margin, partial, unsure])
             expected["decision"] += rows
             seen_early.append(early is not None and early < done - 1)
         for stage, (values, offsets) in trace.streams.items():
             assert values.dtype == np.int64 and len(offsets) == 21
-            assert values[offsets[recording] : offsets[recording + 1]].tolist() == expected[stage], (
-                stage,
-                recording,
-            )
-        globals_ = [row[2] for row in expected["decision"] if row[0]]
-        assert trace.decision[recording] == (globals_[0] if globals_ else -1)
+            span = slice(offsets[recording], offsets[recording + 1])
+            assert values[span].tolist() == expected[stage], (stage, recording)
+        labels = [row[2] for row in expected["decision"] if row[0]]
+        assert trace.decision[recording] == (labels[0] if labels else -1)
         assert trace.not_touched[recording] == (not (touches.recording == recording).any())
     assert set(trace.streams) == set(STAGES)
     assert decision != "early" or set(seen_early) == {False, True}
-
-
-def test_a_touch_is_decided_as_if_alone():
-    """The second touch of a recording gives what it gives when the state is cleared: each touch alone gives
-    the same rows."""
-    model, recordings = random_integer_model(SMALL, 7), scene(20, seed=8)
-    trace = run(model, recordings)
-    hidden, logits = model.forward(trace.features[-1:])
-    np.testing.assert_array_equal(hidden[0], trace.hidden[-1])
-    np.testing.assert_array_equal(logits[0], trace.logits[-1])
-
-
-def test_ties_go_to_the_lowest_class():
-    index, margin = first_maximum(np.array([[3, 7, 7, 1], [5, 5, 5, 5], [0, 1, 2, 9]]))
-    assert index.tolist() == [1, 0, 3] and margin.tolist() == [0, 0, 7]
 
 
 def test_votes_tie_to_the_lowest_class_and_uncompleted_steps_do_not_vote():
@@ -151,15 +116,12 @@ def test_an_early_decision_is_the_first_that_held_in_codes_as_in_real_logits(ste
     local, margin, overall, lead = decide(config, logits, completed)
     given = global_steps(config, local, margin, completed)
     when = []
-    for row in range(400):
-        done = completed[row]
-        early = plain_early(
-            config, list(zip(local[row, :done].tolist(), margin[row, :done].tolist(), strict=True))
-        )
+    for row, done in enumerate(completed):
+        steps_of = zip(local[row, :done].tolist(), margin[row, :done].tolist(), strict=True)
+        early = plain_early(config, list(steps_of))
         when.append(done - 1 if early is None else early)
-        assert (overall[row], lead[row]) == (
-            (local[row, when[-1]], margin[row, when[-1]]) if done else (-1, 0)
-        )
+        decided = (local[row, when[-1]], margin[row, when[-1]]) if done else (-1, 0)
+        assert (overall[row], lead[row]) == decided
     assert given.tolist() == when and set(when) == set(range(-1, 6))
     real = decide(config, config.formats.logit_format.to_real(logits), completed)
     np.testing.assert_array_equal(real[2], overall)

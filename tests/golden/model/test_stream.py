@@ -5,11 +5,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
-from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import FloatModel, network_shapes, random_integer_model
-from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.pipeline import run
 from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import completing_frames, random_recordings
 from tests.support.front_end_cases import CASES
@@ -21,20 +19,10 @@ from tests.support.touch_scenes import SMALL, scene
 def whole_recordings(config, seed):
     """Recordings of a configuration: some with several touches, one that ends inside one, one too short for
     any."""
-    whole = (
-        config.rest_level.rest_frames
-        + config.windows.pretrigger_frames
-        + config.last_frame
-        + 2 * config.windows.hop
-    )
-    lengths = (
-        2 * whole + config.onset_rule.rearm_frames + 20,
-        3 * whole,
-        whole + 10,
-        whole // 2 + 3,
-        config.rest_level.rest_frames + 3,
-    )
-    return random_recordings(config, lengths, seed)
+    rest, windows = config.rest_level.rest_frames, config.windows
+    whole = rest + windows.pretrigger_frames + config.last_frame + 2 * windows.hop
+    again = 2 * whole + config.onset_rule.rearm_frames + 20
+    return random_recordings(config, (again, 3 * whole, whole + 10, whole // 2 + 3, rest + 3), seed)
 
 
 def streamed(stream, samples, rng):
@@ -70,25 +58,10 @@ def check_same(stream, trace, recordings, seed, *, stages=True):
         compared += len(decisions)
         for stage in ("sum", "fault", "feature", "state", "logit") if stages else ():
             values, bounds = trace.streams[stage]
-            got = [
-                decision.stages[stage]
-                for decision in decisions
-                if not decision.is_global and stage in decision.stages
-            ]
-            assert (
-                np.concatenate([np.zeros(0), *got]).tolist()
-                == values[bounds[index] : bounds[index + 1]].tolist()
-            )
+            parts = [decision.stages[stage] for decision in decisions if stage in decision.stages]
+            expected = values[bounds[index] : bounds[index + 1]].tolist()
+            assert np.concatenate([np.zeros(0), *parts]).tolist() == expected
     return compared
-
-
-@each_row("name", CASES)
-def test_every_front_end(name):
-    config = CASES[name]
-    model = random_integer_model(config, 3)
-    recordings = whole_recordings(model.config, 4)
-    trace = run(model, recordings)
-    assert check_same(Stream(model), trace, recordings, 5) > 0
 
 
 def test_windows_of_replayed_frames_alone_come_with_the_onset():
@@ -123,7 +96,7 @@ def test_a_float_model_streams_its_own_decisions():
     arrays = {name: rng.normal(0, 0.7, shape) for name, shape in network_shapes(SMALL, real=True).items()}
     model = FloatModel(SMALL, arrays | {"mu": np.array(3.0), "sigma": np.array(40.0)})
     recordings = scene(16)
-    trace, stream = float_run(model, recordings), Stream(model)
+    trace, stream = run(model, recordings), Stream(model)
     for index in range(len(recordings)):
         decisions = streamed(stream, recordings.recording(index), rng)
         assert stream.decision == trace.decision[index]
@@ -132,13 +105,13 @@ def test_a_float_model_streams_its_own_decisions():
     assert set(trace.decision) > {-1}
 
 
-def test_what_is_kept_does_not_grow():
-    model = random_integer_model(CASES["pvdf"], 3)
-    stream = Stream(model)
+@each_row("name", ["pvdf", "thesis"])
+def test_what_is_kept_does_not_grow_and_is_enough(name):
+    config = CASES[name].replace(feature_kinds=("activity",), activity_rule="change")
+    model = random_integer_model(config, 3)
+    recordings, stream = random_recordings(model.config, (10_000,), 9), Stream(model)
     size = stream._kept.shape
-    piece = random_recordings(model.config, (2500,), 9).samples
-    for _ in range(4):
-        stream.push(piece)
+    assert check_same(stream, run(model, recordings), recordings, 5) > 20
     assert stream._kept.shape == size and stream.frame == 10_000 and stream.touches > 4
 
 
@@ -168,21 +141,3 @@ def test_what_is_no_frame_is_refused(frames, word):
     with pytest.raises(InputError, match=word):
         stream.push(frames)
     assert stream.frame == 0
-
-
-def test_pvdf_recordings_one_frame_at_a_time(shared_data):
-    """A sample of the real recordings, a random model over the preset's front end."""
-    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=PRESETS["pvdf"])
-    model = random_integer_model(PRESETS["pvdf"], 1)
-    some = recordings.subset(recordings.evenly(2))
-    trace, stream = run(model, some), Stream(model)
-    for index in range(len(some)):
-        stream.arm()
-        decisions = [
-            decision for frame in some.recording(index) for decision in stream.push(frame)
-        ] + stream.finish()
-        rows, offsets = trace.streams["decision"]
-        assert [d.row() for d in decisions] == [
-            tuple(row) for row in rows[offsets[index] : offsets[index + 1]].tolist()
-        ]
-    assert (trace.decision >= 0).all()

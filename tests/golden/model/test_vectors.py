@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import FLAT_STAGES, completing_frames, random_recordings, write_vectors
+from eskin.golden.model.pipeline import STAGES, run
+from eskin.golden.model.vectors import completing_frames, random_recordings, write_vectors
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
@@ -39,32 +38,24 @@ def one_touch(onset: int, frames: int, config: AcceleratorConfig = CONFIG) -> Re
     )
 
 
-def test_windows_of_replayed_frames_are_completed_by_the_frame_of_the_onset():
-    model = random_integer_model(CONFIG, 1)
-    frames = completing_frames(run(model, one_touch(50, 90)))
-    # start frame 30: windows end in 38, 42, 46, 50, 54, 58; the first three were over before the onset was
-    # seen
-    assert frames.tolist() == [50, 50, 50, 50, 54, 58, 58]
-
-
-def test_a_partial_touch_is_decided_at_the_end_by_no_frame():
-    model = random_integer_model(CONFIG, 1)
-    trace = run(model, one_touch(50, 55))
-    assert trace.partial.all() and completing_frames(trace).tolist() == [50, 50, 50, 50, 54, 0]
-
-
-def test_an_early_decision_has_the_frame_of_its_step_and_a_time():
-    model = random_integer_model(CONFIG.replace(decision="early", early_steps=5, early_margin=0), 1)
-    for frames in (90, 55):  # 55: partial, decided before its end
-        trace = run(model, one_touch(50, frames))
-        if len(set(trace.local[0, :5])) == 1:
-            assert (
-                completing_frames(trace).tolist() == [50, 50, 50, 50, 54, 54, 58][: 7 if frames == 90 else 6]
-            )
-            assert trace.streams["decision"][0][5].tolist()[:2] == [1, 4] and not trace.global_partial.any()
-            assert trace.decision_time_s().tolist() == [4 / 3000.0]
-        else:
-            pytest.fail("the model changes its mind: choose another seed")
+# start frame 30: windows end in 38, 42, 46, 50, 54, 58; the first three were over before the onset was seen
+@each_row(
+    "frames, early, expected",
+    [
+        (90, {}, [50, 50, 50, 50, 54, 58, 58]),
+        (55, {}, [50, 50, 50, 50, 54, 0]),
+        (90, dict(decision="early", early_steps=5), [50, 50, 50, 50, 54, 54, 58]),
+        (55, dict(decision="early", early_steps=5), [50, 50, 50, 50, 54, 54]),
+    ],
+)
+def test_the_frame_that_completes_each_decision(frames, early, expected):
+    """Of replayed frames the onset's; 0: the end of the recording brings it, unless it was given early."""
+    trace = run(random_integer_model(CONFIG.replace(**early), 1), one_touch(50, frames))
+    assert completing_frames(trace).tolist() == expected and trace.partial[0] == (frames == 55)
+    if early:
+        assert len(set(trace.local[0, :5])) == 1, "the model changes its mind: choose another seed"
+        assert trace.streams["decision"][0][5].tolist()[:2] == [1, 4] and not trace.global_partial.any()
+        assert trace.decision_time_s().tolist() == [4 / 3000.0]
 
 
 def test_the_file_holds_what_goes_in_and_what_must_come_out(tmp_path):
@@ -79,27 +70,9 @@ def test_the_file_holds_what_goes_in_and_what_must_come_out(tmp_path):
         assert archive["numbers"].tolist() == [7, 2, 9] and archive["offsets"].tolist() == [0, 80, 280, 283]
         assert archive["samples"].dtype == np.uint16
         assert np.array_equal(archive["samples"].view(np.int16), recordings.samples)
-        for stage in (*FLAT_STAGES, "decision"):
+        for stage in STAGES:
             assert np.array_equal(archive[stage], trace.streams[stage][0])
             assert np.array_equal(archive[f"{stage}_offsets"], trace.streams[stage][1])
         assert archive["touches"].sum() == len(trace.touches) and len(archive["decision_frame"]) == len(
             archive["decision"]
         )
-
-
-@each_row("name", PRESETS)
-def test_random_recordings_touch_and_repeat(name):
-    config = PRESETS[name].replace(taxels=4)
-    length = 3 * config.last_frame + config.rest_level.rest_frames
-    first, again, other = (random_recordings(config, [length, 50], seed) for seed in (1, 1, 2))
-    assert np.array_equal(first.samples, again.samples) and not np.array_equal(first.samples, other.samples)
-    assert (
-        first.samples.min() >= config.sample_format.min_code
-        and first.samples.max() <= config.sample_format.max_code
-    )
-    model = random_integer_model(config, 1)
-    decided = [
-        len(run(model, random_recordings(model.config, [length], seed)).streams["decision"][0])
-        for seed in range(4)
-    ]
-    assert sum(count > config.windows.steps for count in decided) >= 2

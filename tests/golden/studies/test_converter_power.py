@@ -6,7 +6,8 @@ from __future__ import annotations
 import pytest
 
 from eskin.golden.core.config import PRESETS
-from eskin.golden.studies.converter_power import STATED, converter_power, in_words
+from eskin.golden.core.converters import CONVERTERS
+from eskin.golden.studies.converter_power import converter_power, in_words
 from eskin.golden.studies.energy import estimate
 from tests.golden.studies.test_energy import ACTIVITY, PART
 from tests.support.table import each_row
@@ -17,7 +18,7 @@ THESIS = PRESETS["thesis"].replace(feature_shift=(10, 9))
 @each_row(("name", "count"), [("ads7953", 1), ("mcp3208x2", 2), ("ad7476", 16)])
 def test_chips_times_power_times_the_touch(name, count):
     power = converter_power(THESIS.replace(converter=name))
-    assert power["chips"] == count and power["power_w"] == pytest.approx(count * STATED[name].watt)
+    assert power["chips"] == count and power["power_w"] == pytest.approx(count * CONVERTERS[name].watt)
     assert power["per_touch_j"] == pytest.approx(
         power["power_w"] * 6144 / 3000
     ) and "not measured" in in_words(power)

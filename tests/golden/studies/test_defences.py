@@ -84,17 +84,12 @@ def test_the_margin_record_is_counted_over_the_confident():
     outcome = [(0, np.arange(4), np.array([0, 1, 1, -1]), np.array([9, 3, 6, 0]), np.array([4, 6, 8, 9]))]
     # a margin of the threshold itself is confident
     record = defences.margin_record(["trial"], labels, outcome, 0.75)
-    assert (
-        record["threshold"] == 6
-        and record["coverage"] == 0.5
-        and record["accuracy"] == 0.5
-        and record["without"] == 0.5
-    )
+    figures = [record[key] for key in ("threshold", "coverage", "accuracy", "without")]
+    assert figures == [6, 0.5, 0.5, 0.5]
     outcome = [(0, np.arange(4), np.array([0, 1, 1, -1]), np.array([9, 3, 5, 0]), np.array([0, 0, 0, 5]))]
     record = defences.margin_record(["trial"], labels, outcome, 1.0)
-    assert (
-        record["threshold"] == 0 and record["coverage"] == 0.75 and record["accuracy"] == pytest.approx(2 / 3)
-    )
+    assert (record["threshold"], record["coverage"]) == (0, 0.75)
+    assert record["accuracy"] == pytest.approx(2 / 3)
 
 
 def test_the_comparison_counts_what_unseen_recordings_get():
@@ -102,36 +97,21 @@ def test_the_comparison_counts_what_unseen_recordings_get():
     recipe = dataclasses.replace(recipes.RECIPES["onset"], updates=60)
     variant = defences.Variant("one", CONFIG, recipe)
     front_ends: dict = {}
-    calls = []
-    (record,) = defences.compare_defences(
-        data,
-        [variant],
-        [["trial"]],
-        [0],
-        folds=2,
-        front_ends=front_ends,
-        progress=lambda *line: calls.append(line),
-    )
+    calls, names = [], ("dead", "stuck", "stuck, masked")
+
+    def compared(front_ends):
+        options = dict(folds=2, front_ends=front_ends, progress=lambda *line: calls.append(line))
+        return defences.compare_defences(data, [variant], [["trial"]], [0], **options)[0]
+
+    record = compared(front_ends)
     (reference,) = crossval.cross_validate(data, CONFIG, [["trial"]], [0], folds=2, recipe=recipe)
-    assert record["clean"][0]["accuracy"] == pytest.approx(reference["integer_accuracy"]) and calls == [
-        ("defences", 1, 1)
-    ]
-    assert set(next(iter(front_ends.values()))) == {"clean"} | {
-        f"{name} {taxel}"
-        for name in ("dead", "stuck", "stuck, masked")
-        for taxel in range(CONFIG.sensor.taxels)
-    }
-    for name in ("dead", "stuck", "stuck, masked"):
-        assert 0 <= record[name]["worst"] <= record[name]["mean"] <= 1
-    spoiled = {
-        key: (config, np.full_like(rows, -1), touches) if key == "dead 3" else (config, rows, touches)
-        for key, (config, rows, touches) in next(iter(front_ends.values())).items()
-    }
-    (again,) = defences.compare_defences(
-        data, [variant], [["trial"]], [0], folds=2, front_ends={next(iter(front_ends)): spoiled}
-    )
-    assert (
-        again["dead"]["worst"] == 0.0
-        and again["dead"]["worst_taxel"] == 3
-        and again["stuck"] == record["stuck"]
-    )
+    assert record["clean"][0]["accuracy"] == pytest.approx(reference["integer_accuracy"])
+    ((key, front_end),) = front_ends.items()
+    taxels = range(CONFIG.sensor.taxels)
+    assert calls == [("defences", 1, 1)]
+    assert set(front_end) == {"clean"} | {f"{name} {taxel}" for name in names for taxel in taxels}
+    assert all(0 <= record[name]["worst"] <= record[name]["mean"] <= 1 for name in names)
+    config, rows, touches = front_end["dead 3"]
+    again = compared({key: front_end | {"dead 3": (config, np.full_like(rows, -1), touches)}})
+    assert (again["dead"]["worst"], again["dead"]["worst_taxel"]) == (0.0, 3)
+    assert again["stuck"] == record["stuck"]

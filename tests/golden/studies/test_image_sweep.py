@@ -12,7 +12,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.jobs import Jobs
 from eskin.golden.core.memo import Memo
 from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values
-from eskin.golden.studies.sweep import Bounds, flat_rows, smallest_at, sweep
+from eskin.golden.studies.sweep import flat_rows, smallest_at, sweep
 from eskin.golden.training.train_images import ImageRecipe
 from eskin.pages.sweep_charts import accuracy_chart
 from eskin.rtl.program.image_passes import plan_of
@@ -72,21 +72,14 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
     scene, asked = shapes(6, 0, (8, 10)), []
 
     def counted(shared, piece):
-        asked.append(
-            (
-                piece.config.image.layers,
-                piece.config.image.width,
-                piece.tuned_bits,
-                piece.seed,
-                piece.left_out,
-            )
-        )
+        image = piece.config.image
+        asked.append((image.layers, image.width, piece.tuned_bits, piece.seed, piece.left_out))
         return judged(shared, piece)
 
     result = swept(scene, tmp_path, counted, seeds=(0, 1))
     # three networks, three folds, two seeds; not four points
     assert len(asked) == len(set(asked)) == 3 * 3 * 2
-    assert [one[:2] for one in asked[:3]] != [
+    assert [entry[:2] for entry in asked[:3]] != [
         asked[0][:2]
     ] * 3  # a fold of every network before the next fold
     eight, four, *others = result["points"]
@@ -94,7 +87,7 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
         "float_accuracy"
     ] == 1
     assert {point["config"]["size"] for point in others} == {"6x8"} and result["judged_images"] == 18
-    assert [one["point"] for one in result["smallest"]] == [None] * 4 and smallest_at(
+    assert [entry["point"] for entry in result["smallest"]] == [None] * 4 and smallest_at(
         result["points"], 0.6
     ) == 3
     assert result["recommended"] == 3 and result["recommendation"]["met"]
@@ -109,11 +102,6 @@ def test_some_folds_are_enough_when_that_is_asked_for(tmp_path):
     scene = shapes(6, 0, (8, 10))
     result = swept(scene, tmp_path, parts=1)
     assert result["parts"] == 1 and result["folds"] == 3 and result["judged_images"] == 6
-
-
-def test_a_floor_is_met_by_the_smallest_that_reaches_it(tmp_path):
-    result = swept(shapes(6, 0, (8, 10)), tmp_path, bounds=Bounds(accuracy_floor=0.5))
-    assert result["recommended"] == 3 and "accuracy floor" in result["recommendation"]["sentence"]
 
 
 @each_row(

@@ -17,7 +17,7 @@ from eskin.golden.model.preprocess import find_onsets, find_touches
 from eskin.golden.studies.leak_check import leak_check, quiet_enough, without_touches
 from eskin.golden.training import recipe as recipes
 from tests.support.table import each_row
-from tests.support.touch_scenes import SMALL, scene
+from tests.support.touch_scenes import SMALL, archived, scene
 
 RECIPE = dataclasses.replace(recipes.RECIPES["onset"], updates=80, batch=32)
 
@@ -129,31 +129,10 @@ def test_the_verb_says_so_and_its_status_too(tmp_path, monkeypatch, words, statu
     from eskin.cli.main import app
 
     monkeypatch.setattr(recipes, "RECIPES", {"onset": RECIPE})
-    recordings = scene(60, seed=1)
-    np.savez(
-        tmp_path / "data.npz",
-        samples=recordings.samples,
-        offsets=recordings.offsets,
-        labels=recordings.labels,
-        class_names=np.array(recordings.class_names),
-        sample_rate_hz=recordings.sample_rate_hz,
-        person=recordings.groups["person"],
-    )
-    (tmp_path / "c.json").write_text(SMALL.to_json())
+    archived(scene(60, seed=1), tmp_path)
     monkeypatch.chdir(tmp_path)
-    options = [
-        "--data",
-        "data.npz",
-        "--config",
-        "c.json",
-        "--group",
-        "person",
-        "--seeds",
-        "1",
-        "--json",
-        "leak.json",
-    ]
-    done = CliRunner().invoke(app, ["leak-check", *options, *words])
+    line = "leak-check --data data.npz --config c.json --group person --seeds 1 --json leak.json"
+    done = CliRunner().invoke(app, [*line.split(), *words])
     assert done.exit_code == status, done.output
     assert ("LEAK" in done.output) == bool(status)
     (row,) = json.loads((tmp_path / "leak.json").read_text())

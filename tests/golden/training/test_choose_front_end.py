@@ -114,8 +114,8 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
     for fold in folds:
         elsewhere = np.setdiff1d(np.arange(60), fold)
         expected[fold] = decided[np.argmax((decided == labels)[:, elsewhere].sum(axis=1)), fold]
-    found = blocked_ridge(x, labels, folds, 3)
-    assert (found == expected).all() and 0.35 < (found == labels).mean() < 1
+    decisions = blocked_ridge(x, labels, folds, 3)
+    assert (decisions == expected).all() and 0.35 < (decisions == labels).mean() < 1
 
 
 @each_row(
@@ -144,15 +144,15 @@ def test_blocked_ridge_is_the_ridge_fitted_again_for_every_fold(width):
 )
 def test_windows_cut_from_touches_found_once_are_those_of_the_whole_search(changes):
     recordings, config = touched_at_random(12), BASE.replace(**changes)
-    found = find_touches(config, recordings)
-    first = found.first_touch()
+    decisions = find_touches(config, recordings)
+    first = decisions.first_touch()
     rows = first[first >= 0]
     again = cut_windows(config, Judge(recordings, []).touches(config))
     assert len(rows) >= 10
     for name in ("recording", "onset_frame", "start_frame", "completed", "sums"):
-        assert np.array_equal(getattr(found, name)[rows], getattr(again, name)), name
+        assert np.array_equal(getattr(decisions, name)[rows], getattr(again, name)), name
     own = cut_windows(config, first_touches(config, recordings))
-    assert np.array_equal(own.partial, found.partial[rows])
+    assert np.array_equal(own.partial, decisions.partial[rows])
 
 
 def test_missed_touches_count_as_wrong():

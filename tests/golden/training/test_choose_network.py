@@ -26,6 +26,8 @@ from eskin.golden.training.choose_network import (
     splits_to_report,
     train_chosen,
 )
+from eskin.golden.training.crossval import Terms
+from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.quantise import quantise
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.table import each_row
@@ -60,17 +62,8 @@ def gripped() -> Recordings:
     return gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
 
 
-@pytest.fixture
-def quick(monkeypatch):
-    """Recipes of few updates: what is taken does not matter here."""
-    monkeypatch.setattr(
-        recipes,
-        "RECIPES",
-        {
-            name: dataclasses.replace(recipe, updates=min(recipe.updates, 6))
-            for name, recipe in recipes.RECIPES.items()
-        },
-    )
+def terms_of(recordings: Recordings) -> Terms:
+    return Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings))
 
 
 # ---------------------------------------------------------------------- the rule
@@ -167,49 +160,35 @@ def test_what_cannot_be_taken_is_judged_with_one_seed(gripped, monkeypatch):
     """Far behind, or larger than one that no other can beat by a standard error."""
 
     def seeds_of(right: dict[tuple[str, int], int]) -> dict[tuple[str, int], int]:
-        def judged(recordings, config, recipe, groups, seeds, *rest, goes_on, **named):
+        def judged(terms, config, recipe, goes_on):
             at = (config.network.cell, config.network.hidden if config.recurrent else 0)
-            one = candidate(at[0], at[1] or None, right[at], 400)
-            goes = goes_on(one)
-            return dataclasses.replace(one, record=one.record | {"seeds": list(seeds) if goes else [0]})
+            first = candidate(at[0], at[1] or None, right[at], 400)
+            seeds = terms.seeds if goes_on(first) else [0]
+            return dataclasses.replace(first, record=first.record | {"seeds": list(seeds)})
 
         monkeypatch.setattr(choosing, "cross_validate_network", judged)
-        rows = choosing.choose_network(gripped, CONFIG, ["person"])[1]
+        rows = choosing.choose_network(terms_of(gripped), CONFIG)[1]
         return {(row["cell"], row["hidden"]): row["seeds"] for row in rows}
 
     linear, four, eight, twelve, sixteen = ("linear", 0), ("gru", 4), ("gru", 8), ("gru", 12), ("gru", 16)
-    assert seeds_of({linear: 400, four: 399, eight: 400, twelve: 400}) == {
-        linear: 3,
-        four: 1,
-        eight: 1,
-        twelve: 1,
-    }
-    assert seeds_of({linear: 380, four: 200, eight: 370, twelve: 388, sixteen: 388}) == {
-        linear: 3,
-        four: 1,
-        eight: 3,
-        twelve: 3,
-        sixteen: 3,
-    }
-    assert seeds_of({linear: 380, four: 200, eight: 250, twelve: 300, sixteen: 320}) == {
-        linear: 3,
-        four: 1,
-        eight: 1,
-        twelve: 1,
-        sixteen: 1,
-    }
+    for right, seeds in (
+        ({linear: 400, four: 399, eight: 400, twelve: 400}, [3, 1, 1, 1]),
+        ({linear: 380, four: 200, eight: 370, twelve: 388, sixteen: 388}, [3, 1, 3, 3, 3]),
+        ({linear: 380, four: 200, eight: 250, twelve: 300, sixteen: 320}, [3, 1, 1, 1, 1]),
+    ):
+        assert seeds_of(right) == dict(zip(right, seeds, strict=True))
 
 
 def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_augments(gripped, monkeypatch):
     recipes = []
 
-    def judged(recordings, config, recipe, *rest, **named):
+    def judged(terms, config, recipe, goes_on):
         recipes.append(recipe)
         return dataclasses.replace(candidate("linear", None, 98), recipe=recipe)
 
     monkeypatch.setattr(choosing, "cross_validate_network", judged)
     monkeypatch.setattr(choosing, "GRU_UNITS", ())
-    choosing.choose_network(gripped, CONFIG, ["person"])
+    choosing.choose_network(terms_of(gripped), CONFIG)
     assert [recipe.name for recipe in recipes] == ["linear", "weak penalty", "least squares"] and not any(
         recipe.augments for recipe in recipes
     )
@@ -222,7 +201,7 @@ def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_aug
         onset_check_frames=2,
         rearm_frames=32,
     )
-    choosing.choose_network(gripped, touched, ["person"])
+    choosing.choose_network(terms_of(gripped), touched)
     assert [(recipe.squares, recipe.augments) for recipe in recipes] == [
         (False, True),
         (False, False),
@@ -269,6 +248,11 @@ def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, qui
     assert any("try --cell auto" in sentence for sentence in record["warnings"])  # 6 updates teach it nothing
 
 
+def test_steps_change_the_front_end_that_was_chosen(gripped, quick, tmp_path):
+    record = train_chosen(gripped, None, out=tmp_path / "m", hidden=4, steps=3, folds=2, seeds=1)
+    assert record["config"]["windows"]["steps"] == 3 != record["front_end"]["chosen"]["steps"]
+
+
 def test_one_set_of_weights_for_all_windows_on_request(gripped, quick, tmp_path):
     record = train_chosen(
         gripped, CONFIG, out=tmp_path / "m", cell="linear", weight_sets="one", folds=2, seeds=1
@@ -294,10 +278,10 @@ def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     config = CONFIG.replace(hidden=4)
     record = train_chosen(gripped, config, out=tmp_path / "a", folds=2, seeds=1)
     plain = train.train(gripped, config, train.TrainingRequest(folds=2, seeds=1), out=tmp_path / "b")
-    one, other = (FloatModel.load(tmp_path / name) for name in "ab")
+    alone, other = (FloatModel.load(tmp_path / name) for name in "ab")
     assert (
-        all((one.arrays[name] == other.arrays[name]).all() for name in one.arrays)
-        and one.config == other.config
+        all((alone.arrays[name] == other.arrays[name]).all() for name in alone.arrays)
+        and alone.config == other.config
     )
     assert (
         record["cross_validation"] == plain["cross_validation"]
@@ -322,14 +306,17 @@ def test_a_recurrent_network_may_stand_on_another_front_end(gripped, monkeypatch
     other = CONFIG.replace(rest="initial", rest_frames=13)
     right = {CONFIG: 60, other: 90}
 
-    def judged(recordings, config, recipe, *rest, **named):
-        return dataclasses.replace(candidate("gru", 12, right[config]), config=config)
+    def judged(terms, config, recipe):
+        judged = candidate("gru", 12, right[config])
+        return dataclasses.replace(
+            judged, config=config, correct=np.roll(judged.correct, 5 * (config == other))
+        )
 
     monkeypatch.setattr(choosing, "cross_validate_network", judged)
-    taken, rows = choosing.recurrent_front_end(gripped, [CONFIG, other], ["person"])
+    taken, rows = choosing.recurrent_front_end(terms_of(gripped), [CONFIG, other])
     assert taken == other and [row["chosen"] for row in rows] == [False, True]
-    right[CONFIG] = 90
-    assert choosing.recurrent_front_end(gripped, [CONFIG, other], ["person"])[0] == CONFIG
+    right |= {CONFIG: 90, other: 91}  # 5 recordings are lost and 6 won
+    assert choosing.recurrent_front_end(terms_of(gripped), [CONFIG, other])[0] == CONFIG
 
 
 def test_rivals_are_of_other_gates_and_the_record_follows_the_choice(gripped):

@@ -38,8 +38,8 @@ def folder(tmp_path_factory):
 def test_every_layer_and_every_signal_is_judged(folder):
     out, scene = folder
     result = compare_stages(out / "model", scene)
-    assert [one["stage"] for one in result["stages"]] == ["0 conv 3 4", "2 conv 3 6", "3 dense 3"]
-    names = [one["signal"] for one in result["signals"]]
+    assert [entry["stage"] for entry in result["stages"]] == ["0 conv 3 4", "2 conv 3 6", "3 dense 3"]
+    names = [entry["signal"] for entry in result["signals"]]
     assert (
         len(names) == 9
         and names[-1] == "logits"
@@ -54,8 +54,8 @@ def test_every_layer_and_every_signal_is_judged(folder):
         np.abs(fmt.to_real(trace.maps[2]) - ideal.maps[2]).max()
     )
     # biases are rounded to a step of their own layer's sums, not to that of weights
-    for one in result["signals"]:
-        assert one["error_max"] <= (one["step"] / 2 + 1e-12 if "biases" in one["signal"] else 1.0)
+    for entry in result["signals"]:
+        assert entry["error_max"] <= (entry["step"] / 2 + 1e-12 if "biases" in entry["signal"] else 1.0)
 
 
 def test_a_spoiled_weight_shows_in_its_layer_alone(folder):

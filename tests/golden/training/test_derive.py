@@ -96,8 +96,8 @@ def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
         recordings.sample_bits,
         recordings.sample_rate_hz,
     )
-    found, full = touched(config, recordings)
-    assert found >= 0.9 and full >= 0.75, reasons
+    touching, full = touched(config, recordings)
+    assert touching >= 0.9 and full >= 0.75, reasons
     # The axis touches down 0.4 s to 2.8 s into the recording: an onset in the lead-in would be noise.
     onsets = find_touches(config, recordings, steps=0)
     early = (
@@ -173,8 +173,8 @@ def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
         and config.sensor.masked_taxels == (4,)
     )
     assert any("taxel 4 never changes and is masked" in reason for reason in reasons)
-    found, full = touched(config, recordings)
-    assert found == full == 0.8  # taxel 4 of every fifth recording shows nothing
+    touching, full = touched(config, recordings)
+    assert touching == full == 0.8  # taxel 4 of every fifth recording shows nothing
     onsets = find_touches(config, recordings, steps=0).onset_frame
     assert (onsets > 500).all() and (onsets <= 500 + config.onset_rule.onset_mean_frames).all()
 

@@ -43,12 +43,12 @@ def network(*, norm: bool = True, bias: bool = True, pool_up: bool = True, seed:
     with torch.no_grad():
         for _ in range(3):
             made(torch.rand(8, 1, 9, 11))
-        for one in made.modules():
-            if isinstance(one, nn.BatchNorm2d):
-                one.weight.uniform_(0.3, 1.5)
-                one.bias.uniform_(-0.5, 0.5)
-            elif isinstance(one, nn.Linear):
-                one.weight *= 5  # first weights give nearly the same logits whatever the image
+        for layer in made.modules():
+            if isinstance(layer, nn.BatchNorm2d):
+                layer.weight.uniform_(0.3, 1.5)
+                layer.bias.uniform_(-0.5, 0.5)
+            elif isinstance(layer, nn.Linear):
+                layer.weight *= 5  # first weights give nearly the same logits whatever the image
     return made.eval()
 
 
@@ -66,15 +66,15 @@ def test_it_computes_what_torch_computes(tmp_path, norm, bias):
     model = FloatModel.load(tmp_path / "m", images=True)
     images = random_images(config(), 12, 1)
     with torch.no_grad():
-        wanted = theirs.double()(torch.from_numpy(images / 255.0)[:, None]).numpy()
+        expected = theirs.double()(torch.from_numpy(images / 255.0)[:, None]).numpy()
     assert (
-        np.ptp(wanted, axis=0).max() > 0.05
-        and np.abs(float_images(model, images).logits - wanted).max() < 1e-6
+        np.ptp(expected, axis=0).max() > 0.05
+        and np.abs(float_images(model, images).logits - expected).max() < 1e-6
     )
     assert list(record["imported"]["arrays"]) == ["0 conv 5 4", "2 conv 3 6", "4 dense 5", "5 dense 3"]
     integer = quantised(model, images)
-    found = integer.config.formats.logit_format.to_real(run_images(integer, images).logits)
-    assert np.abs(found - wanted).max() < 0.1 * np.abs(wanted).max()
+    rounded = integer.config.formats.logit_format.to_real(run_images(integer, images).logits)
+    assert np.abs(rounded - expected).max() < 0.1 * np.abs(expected).max()
 
 
 def test_the_command_line_takes_it_on_to_integers(tmp_path):
@@ -83,7 +83,7 @@ def test_the_command_line_takes_it_on_to_integers(tmp_path):
     (tmp_path / "c.json").write_text(config().to_json())
     file = saved(tmp_path / "n.pt", network().state_dict())
     run, out = CliRunner(), str(tmp_path / "m")
-    told = run.invoke(
+    outcome = run.invoke(
         app,
         [
             "import",
@@ -98,7 +98,7 @@ def test_the_command_line_takes_it_on_to_integers(tmp_path):
             "255",
         ],
     )
-    assert told.exit_code == 0 and "0 conv 5 4 of 0" in told.output, told.output
+    assert outcome.exit_code == 0 and "0 conv 5 4 of 0" in outcome.output, outcome.output
     assert run.invoke(app, ["quantise", out, "--data", str(tmp_path / "images.npz")]).exit_code == 0
     assert run_images(IntegerModel.load(out, images=True), images_of(scene)).decision.shape == (15,)
 

@@ -25,13 +25,13 @@ def test_inputs_of_noise_alone_do_not_take_the_bits_of_the_weights():
     labels = np.arange(60) % 2
     features = rng.normal(0, 1e-3, (60, 6, 4))  # before the touch nothing but noise
     features[:, 3:] += rng.normal(0, 1, (60, 3, 4)) + 2 * labels[:, None, None]
-    found = fit_linear(CONFIG, features, labels, 1.0)
-    noise, signal = np.abs(found["V"][:3]).max(), np.abs(found["V"][3:]).max()
+    arrays = fit_linear(CONFIG, features, labels, 1.0)
+    noise, signal = np.abs(arrays["V"][:3]).max(), np.abs(arrays["V"][3:]).max()
     assert noise < signal / QUIETEST
-    logits = np.einsum("nkd,kcd->nc", features, found["V"]) + found["b_y"]
+    logits = np.einsum("nkd,kcd->nc", features, arrays["V"]) + arrays["b_y"]
     assert (logits.argmax(axis=1) == labels).all()
-    step = np.abs(found["V"]).max() / 127  # as weights of 8 bits
-    coarse = np.einsum("nkd,kcd->nc", features, np.rint(found["V"] / step) * step) + found["b_y"]
+    step = np.abs(arrays["V"]).max() / 127  # as weights of 8 bits
+    coarse = np.einsum("nkd,kcd->nc", features, np.rint(arrays["V"] / step) * step) + arrays["b_y"]
     assert (coarse.argmax(axis=1) == labels).mean() > 0.95
 
 
@@ -40,5 +40,5 @@ def test_an_input_that_never_changes_is_no_trouble():
     labels = np.arange(40) % 2
     features = rng.normal(0, 1, (40, 6, 4)) + labels[:, None, None]
     features[:, 0] = 7.0
-    found = fit_linear(CONFIG, features, labels, 1.0)
-    assert not found["V"][0].any() and np.isfinite(found["b_y"]).all()
+    arrays = fit_linear(CONFIG, features, labels, 1.0)
+    assert not arrays["V"][0].any() and np.isfinite(arrays["b_y"]).all()

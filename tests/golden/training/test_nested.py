@@ -12,24 +12,14 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.training import nested as nesting
-from eskin.golden.training import recipe as recipes
 from eskin.golden.training.choice_table import unseen
 from eskin.golden.training.choose_front_end import Field, configure, field_of
 from eskin.golden.training.choose_network import train_chosen
+from eskin.golden.training.crossval import Terms
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.nested import SHUFFLES, Nested, fixed_network, shuffles
 from eskin.golden.training.splits import split_folds
 from tests.support.gripped_scene import gripped_recordings
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    """Recipes of few updates."""
-    few = {
-        name: dataclasses.replace(recipe, updates=min(recipe.updates, 6))
-        for name, recipe in recipes.RECIPES.items()
-    }
-    monkeypatch.setattr(recipes, "RECIPES", few)
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +30,8 @@ def gripped() -> tuple[Recordings, Field]:
 
 def nested_of(recordings: Recordings, field: Field, *cells: str) -> Nested:
     networks = [fixed_network(lambda on, cell=cell: with_network(on, cell=cell), "default") for cell in cells]
-    return Nested(recordings, field, ["person"], networks, 5, [0], {}, Datasets(recordings))
+    terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
+    return Nested(terms, field, networks)
 
 
 @pytest.mark.parametrize(

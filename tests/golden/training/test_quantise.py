@@ -11,15 +11,8 @@ from hypothesis import strategies as st
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import (
-    FloatModel,
-    IntegerModel,
-    load_config,
-    load_training,
-    network_formats,
-    with_network,
-)
-from eskin.golden.model.pipeline import float_run, run
+from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
+from eskin.golden.model.pipeline import run
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.training.evaluate import compare, evaluate, held
 from eskin.golden.training.network import RecurrentClassifier
@@ -139,7 +132,7 @@ def test_integers_follow_the_float_network(cell, reset, changes):
     integer = quantise_model(
         model, profile(model, touches), weight_bits=10, state_bits=16, table_entries=1024
     )
-    ideal, exact = float_run(model, recordings, touches=touches), run(integer, recordings, touches=touches)
+    ideal, exact = run(model, recordings, touches=touches), run(integer, recordings, touches=touches)
     logits = integer.config.formats.logit_format.to_real(exact.logits)
     assert np.abs(logits - ideal.logits).max() < 0.03 * np.ptp(ideal.logits)
     features = integer.config.formats.feature_format.to_real(exact.features)
@@ -179,7 +172,7 @@ def test_profiled_ranges_are_the_extremes_of_the_run():
     model, recordings = float_model(), scene(20, seed=5)
     touches = find_touches(SMALL, recordings)
     ranges = profile(model, touches)
-    trace = float_run(model, recordings, touches=touches)
+    trace = run(model, recordings, touches=touches)
     done = np.arange(SMALL.windows.steps) < touches.completed[:, None]
     assert ranges["feature"] == pytest.approx((trace.features[done].min(), trace.features[done].max()))
     assert ranges["logit"][0] <= trace.logits[done].min() and ranges["logit"][1] >= trace.logits[done].max()
@@ -261,18 +254,6 @@ def test_quantising_without_touches_or_ranges_is_refused(tmp_path):
         quantise(tmp_path / "nothing")
 
 
-def test_formats_for_fine_recurrent_weights_keep_the_operand_within_16_bits():
-    ranges = {s: (-1.0, 1.0) for s in ("weight", "recurrent", "dense", "bias", "dense bias", "logit")}
-    ranges |= {
-        "weight": (-7.0, 7.0),
-        "recurrent": (-0.4, 0.4),
-        "feature": (-12.0, 12.0),
-        COVERED_FEATURE: (-12.0, 12.0),
-    }
-    chosen = choose_formats(PRESETS["pvdf"], ranges)
-    assert chosen.operand_bits == 16 and str(chosen.formats.feature_format).startswith("SQ(5,")
-
-
 def test_the_rarest_features_get_bits_on_top_and_the_state_makes_room_for_recurrent_weights():
     ranges = {s: (-1.0, 1.0) for s in ("weight", "recurrent", "dense", "bias", "dense bias", "logit")} | {
         COVERED_FEATURE: (-7.0, 7.0)
@@ -337,7 +318,7 @@ def test_evaluate_counts_what_it_says(tmp_path):
     recordings = saved(folder)
     quantise(folder)
     result = evaluate(folder, recordings)
-    trace, ideal = run(IntegerModel.load(folder), recordings), float_run(FloatModel.load(folder), recordings)
+    trace, ideal = run(IntegerModel.load(folder), recordings), run(FloatModel.load(folder), recordings)
     assert result["recordings"] == 20 and result["not_touched"] == 1 and result["partial"] == 1
     right = sum(int(d == label) for d, label in zip(trace.decision, recordings.labels, strict=True))
     assert result["integer_accuracy"] == pytest.approx(right / 20)
@@ -355,14 +336,6 @@ def test_evaluate_counts_what_it_says(tmp_path):
     last = trace.local[trace.first[trace.first >= 0], 5] == recordings.labels[trace.first >= 0]
     # no touch, or cut short: wrong
     assert result["per_step"][5]["integer_accuracy"] == pytest.approx(last.sum() / 20)
-
-
-def test_a_recording_without_a_touch_is_wrong_and_agreed_upon():
-    model, recordings = float_model(), scene(20, seed=1).subset([0, 2])
-    integer = quantise_model(model, profile(model, find_touches(SMALL, recordings)))
-    trace = run(integer, recordings)
-    result = compare(float_run(model, recordings), trace, np.full(2, trace.decision[1]))
-    assert result["integer_accuracy"] == 0.5 and result["agreement"] == 1.0 and result["not_touched"] == 1
 
 
 def test_float_and_integer_decisions_are_not_mixed_up():
@@ -392,15 +365,6 @@ def test_recordings_of_another_task_are_refused(tmp_path):
 
     with pytest.raises(InputError, match="class_names"):
         evaluate(tmp_path / "model", dataclasses.replace(recordings, class_names=("a", "b", "c")))
-
-
-def test_names_and_formats_of_the_integer_network():
-    assert set(network_formats(with_network(SMALL, reset="after"))) == {
-        *(f"{k}_{g}" for k in ("W", "U", "b") for g in "zrn"),
-        "bh_n",
-        "V",
-        "b_y",
-    }
 
 
 @each_row(("cell", "reset"), CELLS)

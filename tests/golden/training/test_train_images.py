@@ -86,7 +86,7 @@ def test_batch_norm_is_folded_into_what_hardware_computes():
 
 
 def test_it_has_the_parameters_that_are_counted():
-    assert sum(one.numel() for one in ImageNetwork(config(), 0.0).parameters()) == config().parameter_count
+    assert sum(each.numel() for each in ImageNetwork(config(), 0.0).parameters()) == config().parameter_count
 
 
 def test_shapes_are_learned_and_the_integers_agree(trained):
@@ -119,7 +119,7 @@ def test_training_with_four_bits_loses_little(trained):
     rounded = integers_of(trained, choose_image_formats(trained, profile_images(trained, images), 4))
     _, tuned = tune_network(trained, images, scene.labels, weight_bits=4, recipe=QUICK, seed=0)
     assert tuned.config.weight_bits == 4 and all(np.abs(tuned.arrays[f"W_{n}"]).max() <= 8 for n in (0, 2, 4))
-    right = [run_images(one, images_of(test)).accuracy(test.labels) for one in (tuned, rounded)]
+    right = [run_images(each, images_of(test)).accuracy(test.labels) for each in (tuned, rounded)]
     assert right[0] >= 0.9 and right[0] >= right[1] - 0.02
 
 
@@ -133,7 +133,7 @@ def test_an_image_is_moved_only_as_far_as_the_recipe_says():
     spot = torch.zeros(64, 1, 20, 40)
     spot[:, 0, 10, 20] = 1
     moved = augmented(spot, dataclasses.replace(still, shift=0.15), generator)
-    places = [divmod(int(one.argmax()), 40) for one in moved]
+    places = [divmod(int(each.argmax()), 40) for each in moved]
     rows, across = zip(*places, strict=True)
     assert max(abs(row - 10) for row in rows) in (2, 3, 4) and max(abs(column - 20) for column in across) in (
         5,
@@ -151,8 +151,8 @@ def test_a_turned_bar_keeps_its_length():
         ImageRecipe(), turn=30.0, mirror=False, shift=0.0, zoom=0.0, intensity=0.0, noise=0.0
     )
     lengths = []
-    for one in augmented(bar, still, generator)[:, 0]:
-        row, column = torch.nonzero(one > 0.3, as_tuple=True)
+    for each in augmented(bar, still, generator)[:, 0]:
+        row, column = torch.nonzero(each > 0.3, as_tuple=True)
         lengths.append(
             float(torch.hypot((row.max() - row.min()).float(), (column.max() - column.min()).float()))
         )
@@ -288,7 +288,7 @@ def test_auto_takes_the_smallest_that_is_level():
         rows = _candidate_rows(
             candidates, [{"float_accuracy": share, "agreement": 1.0} for share in shares], correct, 1
         )
-        assert [one["cell"] for one in rows if one["chosen"]] == [taken]
+        assert [each["cell"] for each in rows if each["chosen"]] == [taken]
 
 
 @each_row(

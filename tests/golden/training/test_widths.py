@@ -8,7 +8,6 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import FloatModel, IntegerModel, load_training, with_network
 from eskin.golden.model.pipeline import decide_touches
@@ -60,9 +59,12 @@ def test_the_first_widths_that_keep_the_limit_are_chosen_and_narrower_ones_break
     headroom = feature_headroom(cases)
     chosen, tried = choose_widths(cases, E)
     assert (
-        tried[-1] is chosen and chosen.max <= E and all(one.max > E for one in tried[:-1]) and len(tried) > 1
+        tried[-1] is chosen
+        and chosen.max <= E
+        and all(rung.max > E for rung in tried[:-1])
+        and len(tried) > 1
     )
-    assert [(one.weight_bits, one.table_entries) for one in tried] == [
+    assert [(rung.weight_bits, rung.table_entries) for rung in tried] == [
         (w, t) for w in WEIGHTS for t in TABLES
     ][: len(tried)]
     errors = [
@@ -121,13 +123,18 @@ def trained(tmp_path_factory):
 
 def test_the_folders_integers_keep_the_error_on_recordings_that_nobody_saw(trained):
     folder, recordings, fresh = trained
-    _, said = quantise_by_error(folder, recordings, RESERVE * E, group=["person"])
-    assert said["max"] <= RESERVE * E and said["cases"] == 5 and load_training(folder)["logit_error"] == said
+    _, summary = quantise_by_error(folder, recordings, RESERVE * E, group=["person"])
+    assert (
+        summary["max"] <= RESERVE * E
+        and summary["cases"] == 5
+        and load_training(folder)["logit_error"] == summary
+    )
     judged = evaluate(folder, fresh)
     assert 0 < judged["logit_error"]["mean"] < judged["logit_error"]["max"] <= E
     rough, _ = quantise_by_error(folder, recordings, 40 * E, group=["person"])
     assert (
-        rough.config.weight_bits < said["weight_bits"] and evaluate(folder, fresh)["logit_error"]["max"] > E
+        rough.config.weight_bits < summary["weight_bits"]
+        and evaluate(folder, fresh)["logit_error"]["max"] > E
     )
 
 
@@ -135,30 +142,30 @@ def test_a_network_trained_elsewhere_stands_for_itself(trained, tmp_path):
     folder, recordings, _ = trained
     model = FloatModel.load(folder)
     model.save(tmp_path / "model", {"config": model.config.to_dict(), "imported": {}})
-    integer, said = quantise_by_error(tmp_path / "model", recordings, 1.0)
-    assert said["max"] <= 1.0 and IntegerModel.load(tmp_path / "model").config == integer.config
-    found = stage_errors(model, integer, find_touches(SMALL, recordings))
-    assert logit_error(found)["max"] <= 1.5
+    integer, summary = quantise_by_error(tmp_path / "model", recordings, 1.0)
+    assert summary["max"] <= 1.0 and IntegerModel.load(tmp_path / "model").config == integer.config
+    errors_of = stage_errors(model, integer, find_touches(SMALL, recordings))
+    assert logit_error(errors_of)["max"] <= 1.5
 
 
 def test_a_linear_cell_has_neither_gates_nor_states_and_its_widths_are_chosen_too():
     config = with_network(SMALL, cell="linear")
     cases = fold_cases(scene(30, seed=3), config, [["person"]])
     chosen, tried = choose_widths(cases, E)
-    assert chosen.max <= E and {one.table_entries for one in tried} == {TABLES[0]}
-    assert [one.stage for one in chosen.stages] == ["features", "accumulators", "logits"]
+    assert chosen.max <= E and {rung.table_entries for rung in tried} == {TABLES[0]}
+    assert [rung.stage for rung in chosen.stages] == ["features", "accumulators", "logits"]
     for case in cases:
         integer = integers_of(case, feature_headroom(cases), **chosen.widths)
         done = np.arange(SMALL.windows.steps) < case.left_out.completed[:, None]
         ideal, exact = decide_touches(case.model, case.left_out), decide_touches(integer, case.left_out)
         error = np.abs(integer.config.formats.logit_format.to_real(exact.logits) - ideal.logits)[done]
-        found = {one.stage: one for one in stage_errors(case.model, integer, case.left_out)}
-        assert found["logits"].mean == pytest.approx(error.mean()) and found["logits"].max == pytest.approx(
-            error.max()
-        )
+        errors_of = {rung.stage: rung for rung in stage_errors(case.model, integer, case.left_out)}
+        assert errors_of["logits"].mean == pytest.approx(error.mean()) and errors_of[
+            "logits"
+        ].max == pytest.approx(error.max())
         assert (
-            0 < found["accumulators"].max < found["logits"].max + 1 / 512
-            and 0 < found["accumulators"].used < 1
+            0 < errors_of["accumulators"].max < errors_of["logits"].max + 1 / 512
+            and 0 < errors_of["accumulators"].used < 1
         )
 
 
@@ -166,11 +173,3 @@ def test_a_linear_cell_has_neither_gates_nor_states_and_its_widths_are_chosen_to
 def test_a_limit_that_is_none_is_refused(tmp_path, limit):
     with pytest.raises(InputError, match="field logit_error: is .*; give the largest difference"):
         quantise_by_error(tmp_path, scene(10), limit)
-
-
-def test_a_scene_without_touches_is_refused():
-    quiet = AcceleratorConfig.of(
-        **{**{k: v for k, v in SMALL.fields().items() if k != "name"}, "onset_threshold": 5000}
-    )
-    with pytest.raises(InputError, match="no touch"):
-        fold_cases(scene(10), quiet, [[]], recipe=QUICK, folds=2)

@@ -7,7 +7,7 @@ import random
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
-from eskin.rtl.frontend.frame_marks import FrameMarks, marks_of
+from eskin.rtl.frontend.frame_marks import FrameMarks, TouchMarks, marks_of
 from tests.support.table import each_row
 
 
@@ -42,3 +42,40 @@ def test_marks_are_those_of_the_frames_number(preset, names):
         sim.add_clock(1e-6)
         sim.add_testbench(bench)
         sim.run()
+
+
+@each_row(
+    ("hop", "odd", "steps", "frames"),
+    [
+        (1, 0, 1, 2),
+        (1, 1, 3, 9),
+        (2, 0, 3, 9),
+        (2, 1, 4, 7),
+        (5, 1, 4, 20),
+        (5, 1, 5, 21),
+        (5, 0, 5, 21),
+        (9, 1, 1, 10),
+    ],
+)
+def test_marks_of_a_touch_are_those_of_its_windows(hop, odd, steps, frames):
+    config = PRESETS["thesis"].replace(
+        hop=hop, window=2 * hop + odd, steps=steps, touch_frames=frames, pretrigger_frames=0
+    )
+    dut, rng, last = TouchMarks(config), random.Random(1), config.last_frame
+    emits = {end for _, end in config.window_spans}
+
+    async def bench(ctx):
+        number = 0
+        while number < 3 * last:
+            frame = number % last + 1
+            expected = (frame % hop == 0 or frame == last, frame in emits, frame == last)
+            assert (ctx.get(dut.hop_last), ctx.get(dut.emit), ctx.get(dut.end)) == expected, number
+            taken = rng.random() < 0.6
+            ctx.set(dut.taken, taken)
+            await ctx.tick()
+            number += taken
+
+    sim = Simulator(dut)
+    sim.add_clock(1e-6)
+    sim.add_testbench(bench)
+    sim.run()

@@ -16,16 +16,12 @@ from tests.support.front_end_cases import (
     CASES,
     TOUCH,
     detect,
-    frame_beats,
     make_stream,
     sum_beats,
-    touch_beats,
+    window_beats,
 )
 from tests.support.stream_bench import Bench, beats_after_reset, values
-
-
-def beats_in(config, seen):
-    return touch_beats(config, seen) if config.windows.window_mode == "touch" else frame_beats(config, seen)
+from tests.support.table import each_row
 
 
 def run(config, beats, *, stalls=(0.0, 0.0), seed=0):
@@ -58,7 +54,7 @@ def test_sums_of_every_window(name):
     seen = detect(config, make_stream(config, 250, seed=11))
     expected = sum_beats(config, seen)
     assert len(expected) >= config.sensor.taxels * config.windows.steps
-    out, _ = run(config, beats_in(config, seen), stalls=(0.3, 0.5), seed=3)
+    out, _ = run(config, window_beats(config, seen), stalls=(0.3, 0.5), seed=3)
     assert values(out) == expected
 
 
@@ -85,7 +81,7 @@ def test_any_number_of_windows(steps, touch_frames):
     config = thesis_of(steps, touch_frames)
     rng = np.random.default_rng(steps)
     seen = one_touch(config, rng.integers(-4095, 4096, (config.last_frame, 4)))
-    out, _ = run(config, beats_in(config, seen), stalls=(0.0, 0.2))
+    out, _ = run(config, window_beats(config, seen), stalls=(0.0, 0.2))
     assert values(out) == sum_beats(config, seen) and len(out) == 4 * steps
 
 
@@ -113,7 +109,7 @@ def test_any_touch_window(hop, odd, steps, extra, seed):
     seen = SimpleNamespace(
         values=rng.integers(-4095, 4096, (2 * last, 4)), touches=[(0, 1, last), (0, last + 1, 2 * last)]
     )
-    out, _ = run(config, beats_in(config, seen), stalls=(0.2, 0.2), seed=seed)
+    out, _ = run(config, window_beats(config, seen), stalls=(0.2, 0.2), seed=seed)
     assert values(out) == sum_beats(config, seen)
 
 
@@ -121,44 +117,30 @@ def test_extreme_sums_do_not_overflow():
     for sign in (-1, 1):
         config = thesis_of(6, 60)
         seen = one_touch(config, np.full((config.last_frame, 4), sign * config.deviation_bound))
-        out, _ = run(config, beats_in(config, seen))
+        out, _ = run(config, window_beats(config, seen))
         assert values(out) == sum_beats(config, seen)
 
 
-@pytest.mark.parametrize("name", ["two end together", "even windows together"])
+@each_row("name", ["two end together", "three end together", "even windows together", "short first window"])
 def test_latency_and_full_rate(name):
-    """Two operations a beat, three in a frame that ends a window of 2 hop + 1; one a taxel for each further
-    window that ends together."""
+    """A cycle a beat and one for each hop that a window is made of besides the last; the passes of further
+    windows that end together take the same."""
     config = CASES[name]
-    rng = np.random.default_rng(1)
-    last, taxels, odd = (
-        config.last_frame,
-        config.sensor.taxels,
-        config.windows.window - 2 * config.windows.hop,
-    )
+    last, taxels, hop = config.last_frame, config.sensor.taxels, config.windows.hop
     seen = SimpleNamespace(
-        values=rng.integers(-9, 9, (2 * last, taxels)), touches=[(0, 1, last), (0, last + 1, 2 * last)]
+        values=np.random.default_rng(1).integers(-9, 9, (2 * last, taxels)),
+        touches=[(0, 1, last), (0, last + 1, 2 * last)],
     )
-    out, taken = run(config, beats_in(config, seen))
+    out, taken = run(config, window_beats(config, seen))
     assert values(out) == sum_beats(config, seen)
     cycle, beats, sums = 0, [], []
-    ends = {
-        end: [k for k, (_, window_end) in enumerate(config.window_spans) if window_end == end]
-        for _, end in config.window_spans
-    }
-    for _ in range(2):
-        for frame in range(1, last + 1):
-            hop, place = divmod(frame - 1, config.windows.hop)
-            third = bool(odd and place == 0 and hop >= 2)
+    for frame in list(range(1, last + 1)) * 2:
+        costs = [1 + (frame - 1) // hop - k for k, (_, end) in enumerate(config.window_spans) if end == frame]
+        for number, cost in enumerate(costs or [1]):
             for _ in range(taxels):
-                if frame in ends:
-                    k = ends[frame][0]
-                    sums.append(cycle + {2: 1, 1: 0, 0: 1 + third}[hop - k] + 1)
-                cycle += 2 + third
-                beats.append(cycle - 1)
-        for _ in ends[last][1:]:
-            sums += range(cycle + 1, cycle + taxels + 1)
-            cycle += taxels
+                cycle += cost
+                beats += [cycle - 1] * (number == 0)
+                sums += [cycle] * bool(costs)
     assert taken == beats
     assert [beat.cycle for beat in out] == sums
 
@@ -167,10 +149,10 @@ def test_latency_and_full_rate(name):
 def test_a_reset_begins_anew(name, cut):
     config = CASES[name]
     first, second = (detect(config, make_stream(config, 200, seed=seed)) for seed in (11, 12))
-    whole = beats_in(config, first)
+    whole = window_beats(config, first)
     cut_beats = whole[: min(cut * config.sensor.taxels, len(whole)) - 2]
     assert values(
-        beats_after_reset(WindowAverager(config), cut_beats, beats_in(config, second))
+        beats_after_reset(WindowAverager(config), cut_beats, window_beats(config, second))
     ) == sum_beats(config, second)
 
 
@@ -189,7 +171,7 @@ def test_thesis_impulses(steps):
     for number, frame in enumerate(IMPULSES):
         frames[frame - 1] = [1 << number, 3 << number, -(1 << number), 26400]
     seen = one_touch(config, frames)
-    out, _ = run(config, beats_in(config, seen))
+    out, _ = run(config, window_beats(config, seen))
     assert values(out) == sum_beats(config, seen) and len(out) == 4 * steps
     if steps == 20:
         sums = [~out[4 * k].value["complement"] for k in range(20)]

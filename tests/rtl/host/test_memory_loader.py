@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.host.memory_loader import MemoryLoader
 from eskin.rtl.program.memory_map import load_words, memory_words, words_per_entry
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 
@@ -20,37 +19,34 @@ from tests.support.table import each_row
 def test_every_word_of_a_random_memory_goes_to_its_place(hardware):
     config = PRESETS["thesis"].replace(**hardware)
     dut, rng, lines = MemoryLoader(config), random.Random(1), load_lines(config)
-    words, counts = load_words(config), {"taken": 0, "refused": 0}
+    load, counts = dut.load, {"taken": 0, "refused": 0}
 
     async def bench(ctx):
-        assert ctx.get(dut.load.select) == 1  # after reset the first memory is chosen
+        assert ctx.get(load.select) == 1  # after reset the first memory is chosen
         for _ in range(12):
-            number = rng.choice(list(lines))
+            number, address = rng.choice(list(lines)), 0
+            end = memory_words(config).get(number, 0) * words_per_entry(config, number)
             ctx.set(dut.data, number)
             ctx.set(dut.chosen, 1)
             await ctx.tick()
             ctx.set(dut.chosen, 0)
-            address = 0
-            for _ in range(min(words, 30)):
+            for _ in range(min(load_words(config), 30)):
                 word, locked = rng.randrange(1 << 16), rng.random() < 0.2
                 ctx.set(dut.data, word)
                 ctx.set(dut.locked, locked)
                 ctx.set(dut.written, 1)
-                taken = ctx.get(dut.load.enable)
-                if config.hardware.checksum and address == memory_words(config)[number] * words_per_entry(
-                    config, number
-                ):
-                    locked = True
-                assert taken == (not locked and config.hardware.loadable) and ctx.get(dut.refused) == locked
-                assert ctx.get(dut.load.select) == 1 << lines[number]
-                assert ctx.get(dut.load.address) == address and ctx.get(dut.load.data) == word
+                refused = locked or (config.hardware.checksum and address == end)
+                taken = not refused and config.hardware.loadable
+                assert (ctx.get(load.enable), ctx.get(dut.refused)) == (taken, refused)
+                assert [ctx.get(signal) for signal in (load.select, load.address, load.data)] == [
+                    1 << lines[number],
+                    address,
+                    word,
+                ]
                 counts["taken" if taken else "refused"] += 1
                 address += taken
                 await ctx.tick()
                 ctx.set(dut.written, 0)
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert counts["refused"] > 10 and (counts["taken"] > 100 or not config.hardware.loadable)

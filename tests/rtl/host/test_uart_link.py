@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import pytest
 from amaranth.lib.crc.catalog import CRC16_IBM_SDLC
-from amaranth.sim import Simulator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,7 +17,7 @@ from eskin.golden.core.errors import InputError
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
-from tests.support.stream_bench import pack
+from tests.support.stream_bench import pack, simulate
 from tests.support.table import each_row
 
 CONFIG = PRESETS["thesis"].replace(taxels=4)
@@ -106,17 +105,12 @@ def play(line, *, divisor=4, config=CONFIG, decisions=(), ready=None, quiet=40, 
             await ctx.tick().until(dut.decision.ready)
             ctx.set(dut.decision.valid, 0)
 
-    async def init(ctx):
+    async def init_and_talk(ctx):
         ctx.set(dut.rx, 1)
         ctx.set(dut.frame.ready, 1)
+        await talk(ctx)
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(init)
-    sim.add_testbench(talk)
-    for body in (hear, sink, stall, decide):
-        sim.add_testbench(body, background=True)
-    sim.run()
+    simulate(dut, init_and_talk, hear, sink, stall, decide)
     unpacker = link.Unpacker()
     seen.bodies = unpacker.feed(bytes(seen.sent))
     seen.damaged = unpacker.damaged
@@ -157,12 +151,7 @@ def test_a_question_during_an_answer_does_not_change_it():
     )
 
 
-def test_the_first_packet_after_a_reset_needs_no_flag_in_front():
-    packet = frame(0, [1, 2, 3, 4])
-    assert packet[0] == packet[-1] == link.FLAG and play(packet[1:]).frames == [[1, 2, 3, 4]]
-
-
-@pytest.mark.parametrize("divisor", [4, 5, 13])
+@each_row("divisor", [4, 5, 13])
 def test_divisors_and_decisions(divisor):
     decisions = [
         {"class": 3, "margin": 0x7E7D, "step": 0x7D, "is_global": 0, "partial": 1},
@@ -223,22 +212,6 @@ def test_packets_survive_the_line_in_any_pieces(bodies, cut):
     assert unpacker.feed(stream[:cut]) + unpacker.feed(stream[cut:]) == bodies and unpacker.damaged == 0
 
 
-@settings(max_examples=300, deadline=None, derandomize=True)
-@given(
-    samples=st.lists(st.integers(0, 0xFFFF), min_size=4, max_size=4),
-    kind=st.sampled_from(["flip", "drop", "double"]),
-    place=st.integers(0, 40),
-    bit=st.integers(0, 7),
-)
-def test_one_changed_byte_of_a_frame_never_passes(samples, kind, place, bit):
-    packet = bytearray(frame(5, samples))
-    place %= len(packet)
-    changed = {"flip": [packet[place] ^ 1 << bit], "drop": [], "double": [packet[place]] * 2}[kind]
-    packet[place : place + 1] = bytes(changed)
-    right_length = [body for body in link.Unpacker().feed(bytes(packet) + b"\x7e") if len(body) == 2 * 4 + 2]
-    assert right_length in ([], [bytes([5, link.FRAME]) + b"".join(s.to_bytes(2, "little") for s in samples)])
-
-
 SAMPLES = [[0x7E00 + k, 0x7D7D - k, k << 12, 0x1234 * k & 0xFFFF] for k in range(5)]
 PACKETS = [
     frame(0, SAMPLES[0]),
@@ -249,7 +222,7 @@ PACKETS = [
 ]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@each_row("seed", range(2))
 def test_damage_anywhere_then_everything_again_acts_exactly_once(seed):
     rng = random.Random(seed)
     line = [*b"".join(PACKETS)]
@@ -273,75 +246,86 @@ def test_damage_anywhere_then_everything_again_acts_exactly_once(seed):
     assert (last.address, last.expected) == (0, 5) and not seen.damaged
 
 
-@pytest.mark.parametrize("packet", [PACKETS[0], write(0, 2, 5)])
-def test_a_flipped_bit_in_any_byte_makes_a_packet_nothing(packet):
+def flipped(packet: bytes) -> bytes:
+    """The packet with a bit flipped, once in each of its bytes."""
     rng = random.Random(6)
-    flipped = [
+    return b"".join(
         packet[:at] + bytes([packet[at] ^ 1 << rng.randrange(8)]) + packet[at + 1 :]
         for at in range(1, len(packet) - 1)
-    ]
-    seen = play(b"".join(flipped) + frame(0, SAMPLES[1]), quiet=5)
-    assert seen.frames == SAMPLES[1:2] and seen.writes == [] and seen.expected == 1
-
-
-def test_a_number_that_is_not_due_does_nothing():
-    seen = play(PACKETS[1] + PACKETS[2] + frame(255, SAMPLES[0]) + PACKETS[0] + PACKETS[0] + PACKETS[2])
-    assert seen.frames == SAMPLES[:1] and seen.writes == [] and seen.expected == 1
-
-
-def test_lengths_are_exact():
-    short, long = (link.ordered_packet(0, link.FRAME, SAMPLES[0][:n] + [0] * (n - 4)) for n in (3, 5))
-    odd = link.pack(bytes([0, link.FRAME]) + bytes(9))
-    two_words, none = link.ordered_packet(0, 2, [1, 2]), link.pack(bytes([0, 2]))
-    # As long as the count of words could go round by, with a frame's beginning wherever it does.
-    endless = link.ordered_packet(
-        0, 0, [link.FRAME << 8 if (word + 1) % 8 == 0 else 9 for word in range(4 + 4 * 8)]
     )
-    seen = play(
-        short + long + odd + two_words + none + endless + link.pack(b"") + b"\x7e\x7e" + PACKETS[0], quiet=5
-    )
-    assert seen.frames == SAMPLES[:1] and seen.writes == [] and seen.expected == 1
 
 
-def test_an_escape_before_a_flag_breaks_a_packet_off():
-    seen = play(PACKETS[0][:-1] + b"\x7d\x7e" + frame(0, SAMPLES[1]), quiet=5)
-    assert seen.frames == SAMPLES[1:2] and seen.expected == 1
+WORDS = {n: link.ordered_packet(0, link.FRAME, SAMPLES[0][:n] + [0] * (n - 4)) for n in (3, 5)}
+# As long as the count of words could go round by, with a frame's beginning wherever it does.
+ENDLESS = link.ordered_packet(0, 0, [link.FRAME << 8 if word % 8 == 7 else 9 for word in range(36)])
+LENGTHS = [
+    *WORDS.values(),
+    link.pack(bytes([0, link.FRAME]) + bytes(9)),
+    link.ordered_packet(0, 2, [1, 2]),
+    link.pack(bytes([0, 2])),
+    ENDLESS,
+    link.pack(b"") + b"\x7e\x7e",
+]
+# Its last six bytes look like a write that is due, and the check sequence is that of the whole.
+EARLY = frame(1, [7, 7, 0x0201, 0x1111])
+LINES = {
+    "the first packet after a reset needs no flag in front": (PACKETS[0][1:], 0, SAMPLES[:1], [], 1),
+    "a flipped bit makes a frame nothing": (
+        flipped(PACKETS[0]) + frame(0, SAMPLES[1]),
+        0,
+        SAMPLES[1:2],
+        [],
+        1,
+    ),
+    "and a write": (flipped(write(0, 2, 5)) + frame(0, SAMPLES[1]), 0, SAMPLES[1:2], [], 1),
+    "a number that is not due does nothing": (
+        PACKETS[1] + PACKETS[2] + frame(255, SAMPLES[0]) + PACKETS[0] + PACKETS[0] + PACKETS[2],
+        0,
+        SAMPLES[:1],
+        [],
+        1,
+    ),
+    "lengths are exact": (b"".join(LENGTHS) + PACKETS[0], 0, SAMPLES[:1], [], 1),
+    "an escape before a flag breaks a packet off": (
+        PACKETS[0][:-1] + b"\x7d\x7e" + frame(0, SAMPLES[1]),
+        0,
+        SAMPLES[1:2],
+        [],
+        1,
+    ),
+    "what comes while a frame waits is dropped, and taken when sent again": (
+        [*b"".join(PACKETS[:3]), *[None] * 20, *PACKETS[1], *PACKETS[2]],
+        10 * 4 * sum(map(len, PACKETS[:3])),
+        SAMPLES[:2],
+        [(2, 0x7E7D)],
+        3,
+    ),
+    "the rest of a packet that came too early is not taken for one": (
+        [*PACKETS[0], *EARLY, *[None] * 2],
+        10 * 4 * (len(PACKETS[0]) + 7) + 15,
+        SAMPLES[:1],
+        [],
+        1,
+    ),
+}
+"""Of each: the line, cycles until the accelerator is ready, frames, writes and the count that they make."""
 
 
-def test_what_comes_while_a_frame_waits_is_dropped_and_taken_when_sent_again():
-    # The accelerator is not ready until the first three packets have gone by.
-    until = 10 * 4 * sum(map(len, PACKETS[:3]))
-    seen = play(
-        [*PACKETS[0], *PACKETS[1], *PACKETS[2], *[None] * 20, *PACKETS[1], *PACKETS[2]],
-        ready=lambda cycle: cycle > until,
-    )
-    assert seen.frames == SAMPLES[:2] and seen.writes == [(2, 0x7E7D)] and seen.expected == 3
-
-
-def test_the_rest_of_a_packet_that_came_too_early_is_not_taken_for_one():
-    # Its last six bytes look like a write that is due, and the check sequence is that of the whole.
-    early = frame(1, [7, 7, 0x0201, 0x1111])
-    assert len(early) == 14
-    until = 10 * 4 * (len(PACKETS[0]) + 7) + 15
-    seen = play([*PACKETS[0], *early, *[None] * 2], ready=lambda cycle: cycle > until, quiet=5)
-    assert seen.frames == SAMPLES[:1] and seen.writes == [] and seen.expected == 1
-
-
-def test_frames_pass_stalls_unchanged():
-    rng = random.Random(9)
-    seen = play([*PACKETS[0], *[None] * 4, *PACKETS[1], *PACKETS[2]], ready=lambda cycle: rng.random() < 0.3)
-    assert seen.frames == SAMPLES[:2] and seen.expected == 3
+@each_row("name", LINES)
+def test_what_becomes_of_a_line(name):
+    line, until, frames, writes, expected = LINES[name]
+    seen = play(line, ready=lambda cycle: cycle >= until, quiet=5)
+    assert (seen.frames, seen.writes, seen.expected) == (frames, writes, expected)
 
 
 def test_many_taxels_back_to_back_at_the_fastest_rate():
-    config = PRESETS["thesis"].replace(taxels=100)
     rng = random.Random(2)
     samples = [[rng.randrange(1 << 16) for _ in range(100)] for _ in range(2)]
-    seen = play(frame(0, samples[0]) + frame(1, samples[1]), config=config, quiet=10)
+    seen = play(frame(0, samples[0]) + frame(1, samples[1]), config=CONFIG.replace(taxels=100), quiet=10)
     assert seen.frames == samples and seen.expected == 2
 
 
-@pytest.mark.parametrize("after", [1, 150, 270, 305, 340])
+@each_row("after", [1, 270, 305])
 def test_a_decision_withdrawn_on_its_way_does_not_count(after):
     """Broken off it is no packet; when its last byte was under way it is one, and the next decision has the
     same number."""
@@ -371,60 +355,46 @@ def test_rates():
         uart_divisor(12e6, 6e6)
 
 
-@pytest.mark.parametrize(("divisor", "high"), [(4, 0.3), (6, 1), (4, 7)])
+def received(divisor: int, line) -> list[int]:
+    """The bytes in ``line``, levels with the bits that they last; edges fall between clocks too."""
+    dut, data = UartReceiver(divisor), []
+
+    async def talk(ctx):
+        for level, bits in line:
+            ctx.set(dut.rx, level)
+            await ctx.delay(bits * divisor * 1e-6)
+        await ctx.delay(divisor * 4e-6)
+
+    async def hear(ctx):
+        async for _, _, byte, valid in ctx.tick().sample(dut.data, dut.valid):
+            if valid:
+                data.append(byte)
+
+    simulate(dut, talk, hear)
+    return data
+
+
+def bits_of(byte: int) -> list[int]:
+    """With its start bit."""
+    return [0, *(byte >> k & 1 for k in range(8))]
+
+
+@each_row(("divisor", "high"), [(4, 0.3), (6, 1)])
 def test_after_a_break_of_any_length_bytes_back_to_back_are_received(divisor, high):
     """The receiver began anew in the break, then met each byte in its middle: five bytes back to back became
     four wrong ones."""
-    dut, got, sent = UartReceiver(divisor), [], [0x7E, 0x55, 0x00, 0xFF, 0x31]
+    sent = [0x7E, 0x55, 0x00, 0xFF, 0x31]
     # in bits: it ends at every phase of a byte that the receiver could take it for
-    breaks = [9.8 + 0.3 * k for k in range(70)]
-    line = [(level, 1) for byte in sent for level in [0, *(byte >> k & 1 for k in range(8)), 1]]
-
-    async def talk(ctx):
-        for length in breaks:
-            for level, bits in ((0, length), (1, high), *line):
-                ctx.set(dut.rx, level)
-                await ctx.delay(bits * divisor * 1e-6)
-            await ctx.delay(2 * divisor * 1e-6)
-        await ctx.delay(divisor * 2e-6)
-
-    async def hear(ctx):
-        async for _, _, data, valid in ctx.tick().sample(dut.data, dut.valid):
-            if valid:
-                got.append(data)
-
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(talk)
-    sim.add_testbench(hear, background=True)
-    sim.run()
-    assert got == sent * len(breaks)
+    breaks = [9.8 + 0.6 * k for k in range(35)]
+    back_to_back = [(level, 1) for byte in sent for level in [*bits_of(byte), 1]]
+    line = [part for length in breaks for part in [(0, length), (1, high), *back_to_back, (1, 2)]]
+    assert received(divisor, line) == sent * len(breaks)
 
 
 @each_row(("divisor", "error"), [(4, -0.02), (6, 0.02), (25, -0.02), (25, 0.02)])
 def test_bytes_of_a_sender_two_percent_off(divisor, error):
-    dut = UartReceiver(divisor)
-    got = []
-    wanted = [0x00, 0xFF, 0x55, 0xAA, 0x01, 0x80] * 2
-
-    async def talk(ctx):
-        for index, byte in enumerate(wanted):
-            for bit in [0, *(byte >> k & 1 for k in range(8)), 1]:
-                ctx.set(dut.rx, bit)
-                await ctx.delay(divisor * 1e-6 * (1 + error))
-            ctx.set(dut.rx, 1)
-            await ctx.delay(1.3e-7 * index)  # so that edges fall everywhere between clocks
-        await ctx.delay(divisor * 2e-6)
-
-    async def hear(ctx):
-        while True:
-            data, valid = (await ctx.tick().sample(dut.data, dut.valid))[2:]
-            if valid:
-                got.append(data)
-
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(talk)
-    sim.add_testbench(hear, background=True)
-    sim.run()
-    assert got == wanted
+    sent = [0x00, 0xFF, 0x55, 0xAA, 0x01, 0x80] * 2
+    line = []
+    for index, byte in enumerate(sent):
+        line += [(bit, 1 + error) for bit in bits_of(byte)] + [(1, 1 + error + 0.13 * index / divisor)]
+    assert received(divisor, line) == sent

@@ -6,7 +6,6 @@ from __future__ import annotations
 import random
 
 import pytest
-from amaranth.sim import Simulator
 
 from eskin.rtl.common.load_port import image_lines
 from eskin.rtl.engine.lanes import LANE_TYPES
@@ -15,6 +14,7 @@ from eskin.rtl.program.image_passes import PASS_WORDS
 from eskin.rtl.program.image_signature import with_parity
 from eskin.rtl.program.memory_map import ImageMemory, image_memories
 from tests.support.image_case import LOGIT, ImageCase, make_case, random_case
+from tests.support.stream_bench import simulate
 
 
 def run(case: ImageCase, lane_type: str, images: int = 2, wrong: tuple[int, int, int] | None = None) -> int:
@@ -71,10 +71,7 @@ def run(case: ImageCase, lane_type: str, images: int = 2, wrong: tuple[int, int,
             assert not ctx.get(dut.busy)
             computed += 1
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert computed == (0 if wrong else images) and (wrong or not found)
     return found
 

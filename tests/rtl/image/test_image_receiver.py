@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.image.image_receiver import ImageReceiver
+from tests.support.stream_bench import simulate
 
 CONFIG = AcceleratorConfig.of_image(4, 5, ["dense 2"], ("a", "b"))
 
@@ -51,10 +50,7 @@ def run(frames: list[list[int]], seed: int) -> tuple[list[tuple[int, int]], list
             await ctx.tick()
         assert not left, "a beat was not taken"
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     return pixels, waits, *told
 
 
@@ -70,35 +66,8 @@ def test_one_image_and_what_comes_behind_it_does_nothing():
     assert min(waits) == 1
 
 
-def test_too_few_rows_start_nothing():
-    pixels, waits, _, begun = run([[1, 2, 3, 4, 5]] * 3, seed=1)
-    assert (len(pixels), waits, begun) == (15, [], 1)
-
-
 def test_a_short_row_is_filled_up_with_its_last_pixel_and_told():
-    pixels, waits, faults, _ = run(
-        [[1, 2, 3, 4, 5], [6, 7], [8, 9, 10, 11, 12], [13, 14, 15, 16, 17]], seed=4
-    )
-    assert [value for _, value in pixels] == [
-        1,
-        2,
-        3,
-        4,
-        5,
-        6,
-        7,
-        7,
-        7,
-        7,
-        8,
-        9,
-        10,
-        11,
-        12,
-        13,
-        14,
-        15,
-        16,
-        17,
-    ]
+    rows = [[1, 2, 3, 4, 5], [6, 7], [8, 9, 10, 11, 12], [13, 14, 15, 16, 17]]
+    pixels, waits, faults, _ = run(rows, seed=4)
+    assert [value for _, value in pixels] == [*range(1, 8), 7, 7, 7, *range(8, 18)]
     assert faults > 0 and len(waits) == 1

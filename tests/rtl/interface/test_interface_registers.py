@@ -5,55 +5,35 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.converters import ConverterFault
 from eskin.rtl.interface.interface_registers import InterfaceRegisters
 from eskin.rtl.program.memory_map import Control, InterfaceRegister, Register, interface_registers, mapped
+from tests.support.stream_bench import bus_accesses, simulate
 
 ALL = PRESETS["thesis"].replace(converter="ads7953", position=True, stimulator="decisions")
+CLEAR, ARM = ((int(Register.CONTROL), int(command)) for command in (Control.CLEAR_FAULTS, Control.ARM))
 
 
-def play(body, config=ALL):
+def play(body):
     """Run ``async body(ctx, dut, write, read)``; the accelerator's side answers a read with the address times
-    257."""
-    dut = InterfaceRegisters(config)
-    through: list[tuple[str, int, int]] = []
+    257. What reached it: (address, word), (address, None) of a read."""
+    dut, through = InterfaceRegisters(ALL), []
+    inner = dut.inner
 
     async def accelerator(ctx):
-        while True:
-            _, _, w_stb, r_stb, addr, w_data = await ctx.tick().sample(
-                dut.inner.w_stb, dut.inner.r_stb, dut.inner.addr, dut.inner.w_data
-            )
-            if w_stb:
-                through.append(("write", addr, w_data))
-            if r_stb:
-                through.append(("read", addr, 0))
-                ctx.set(dut.inner.r_data, 257 * addr)
+        async for _, _, writes, reads, address, word in ctx.tick().sample(
+            inner.w_stb, inner.r_stb, inner.addr, inner.w_data
+        ):
+            if writes or reads:
+                through.append((address, word if writes else None))
+            if reads:
+                ctx.set(inner.r_data, 257 * address)
 
     async def bench(ctx):
-        async def write(register, word):
-            ctx.set(dut.bus.addr, int(register))
-            ctx.set(dut.bus.w_data, word)
-            ctx.set(dut.bus.w_stb, 1)
-            await ctx.tick()
-            ctx.set(dut.bus.w_stb, 0)
+        await body(ctx, dut, *bus_accesses(ctx, dut.bus))
 
-        async def read(register):
-            ctx.set(dut.bus.addr, int(register))
-            ctx.set(dut.bus.r_stb, 1)
-            await ctx.tick()
-            ctx.set(dut.bus.r_stb, 0)
-            return ctx.get(dut.bus.r_data)
-
-        await body(ctx, dut, write, read)
-
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(accelerator, background=True)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench, accelerator)
     return through
 
 
@@ -62,17 +42,15 @@ def test_settings_start_as_configured_and_hold_what_was_written():
     registers = [InterfaceRegister[f"STIM_{name.upper()}"] for name in names]
 
     async def body(ctx, dut, write, read):
-        assert [await read(register) for register in registers] == [
-            getattr(ALL.interface, f"stim_{name}") for name in names
-        ]
+        expected = [getattr(ALL.interface, f"stim_{name}") for name in names]
         rng = random.Random(3)
         for _ in range(20):
+            assert [await read(register) for register in registers] == expected
+            assert [ctx.get(dut.settings[name]) for name in names] == expected
             words = [rng.getrandbits(16) for _ in names]
             for register, word in zip(registers, words, strict=True):
                 await write(register, word)
             expected = [min(words[0], 255), *words[1:]]
-            assert [await read(register) for register in registers] == expected
-            assert [ctx.get(dut.settings[name]) for name in names] == expected
 
     assert play(body) == []  # none of it reached the accelerator, whose register ADDRESS would tell
 
@@ -81,34 +59,22 @@ def test_the_latest_position_and_how_many():
     async def body(ctx, dut, write, read):
         rng = random.Random(4)
         for count in range(1, 12):
-            told = {
-                "x": rng.randrange(256),
-                "y": rng.randrange(256),
-                "peak": rng.randrange(160),
-                "ended": count % 2,
-                "direction": count % 5,
-            }
-            ctx.set(dut.position.payload, told)
-            ctx.set(dut.position.valid, 1)
+            x, y, peak, ended, direction = (rng.randrange(top) for top in (256, 256, 160, 2, 5))
+            told = {"x": x, "y": y, "peak": peak, "ended": ended, "direction": direction}
+            ctx.set(dut.position, {"payload": told, "valid": 1})
             await ctx.tick()
-            ctx.set(dut.position.valid, 0)
-            ctx.set(dut.position.payload, {"x": 1, "y": 2, "peak": 3, "ended": 0, "direction": 0})
-            assert await read(InterfaceRegister.POSITION) == told["x"] | told["y"] << 8
-            assert (
-                await read(InterfaceRegister.POSITION_PEAK)
-                == told["peak"] | told["direction"] << 8 | told["ended"] << 11
-            )
-            assert await read(InterfaceRegister.POSITIONS) == count
+            ctx.set(dut.position, {"payload": {"x": 1, "y": 2, "peak": 3}, "valid": 0})
+            assert [await read(register) for register in interface_registers(ALL)[:3]] == [
+                x | y << 8,
+                peak | direction << 8 | ended << 11,
+                count,
+            ]
+        await write(*CLEAR)
         assert not ctx.get(dut.armed)
-        await write(Register.CONTROL, Control.CLEAR_FAULTS)
-        assert not ctx.get(dut.armed)
-        await write(Register.CONTROL, Control.ARM)
+        await write(*ARM)
         assert await read(InterfaceRegister.POSITIONS) == 0 and ctx.get(dut.armed)
 
-    assert play(body) == [
-        ("write", int(Register.CONTROL), int(Control.CLEAR_FAULTS)),
-        ("write", int(Register.CONTROL), int(Control.ARM)),
-    ]
+    assert play(body) == [CLEAR, ARM]
 
 
 def test_faults_stay_until_they_are_cleared():
@@ -118,7 +84,7 @@ def test_faults_stay_until_they_are_cleared():
             await ctx.tick()
             ctx.set(dut.fault, 0)
         assert await read(InterfaceRegister.CONVERTER_FAULTS) == ConverterFault.STUCK | ConverterFault.LATE
-        await write(Register.CONTROL, Control.CLEAR_FAULTS)
+        await write(*CLEAR)
         assert await read(InterfaceRegister.CONVERTER_FAULTS) == 0
 
     play(body)
@@ -132,8 +98,6 @@ def test_every_other_access_goes_through_in_its_cycle():
             assert await read(number) == 257 * number
             await write(number, 0x1234)
 
-    assert play(body) == [
-        event for number in others for event in (("read", number, 0), ("write", number, 0x1234))
-    ]
+    assert play(body) == [event for number in others for event in ((number, None), (number, 0x1234))]
     assert not set(mapped(ALL)) & set(map(int, interface_registers(ALL)))
     assert interface_registers(PRESETS["thesis"]) == []

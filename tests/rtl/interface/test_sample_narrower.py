@@ -4,12 +4,12 @@ ones."""
 from __future__ import annotations
 
 import numpy as np
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.converters import code_bits
 from eskin.golden.model.conversion import codes_of, samples_of
 from eskin.rtl.interface.sample_narrower import SampleNarrower
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 FORMS = {
@@ -47,9 +47,7 @@ def test_it_equals_the_golden_conversion(name):
             ctx.set(dut.code, int(code))
             got.append(ctx.get(dut.sample))
 
-    sim = Simulator(dut)
-    sim.add_testbench(play)
-    sim.run()
+    simulate(dut, play)
     assert got == samples_of(codes, config).tolist()
 
 

@@ -1,5 +1,9 @@
 """rtl/interface/stimulator_frames.py: every byte against the protocol's table, limits, and OFF as the last
-word whatever happens."""
+word whatever happens.
+
+That settings are held to their limits, and that OFF follows another electrode, a fault and the time limit, is proved in
+formal/interface/stimulator_frames.py.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +11,17 @@ import random
 
 import pytest
 from amaranth.hdl import ResetInserter, Signal
-from amaranth.sim import Simulator
 
 from eskin.golden.core.groups import Interface
 from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames
 from tests.support.stimulator import PLACES, StimulatorModel, table_frames
+from tests.support.stream_bench import simulate
 
 LIMITS = (30, 5000, 50, 256)
 ON_CYCLES = 400
 
 
-def simulate(body) -> None:
+def play(body) -> None:
     """Run ``body(ctx, dut, reset, run)``; ``run(cycles)`` lets time pass and returns the bytes that were
     taken."""
     dut, reset = StimulatorFrames(Interface(), ON_CYCLES), Signal()
@@ -34,10 +38,7 @@ def simulate(body) -> None:
         ctx.set(dut.byte.ready, 1)
         await body(ctx, dut, reset, run)
 
-    sim = Simulator(ResetInserter(reset)(dut))
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(ResetInserter(reset)(dut), bench)
 
 
 def test_every_byte_for_every_electrode_is_that_of_the_table():
@@ -58,51 +59,7 @@ def test_every_byte_for_every_electrode_is_that_of_the_table():
             model.feed(taken)
         assert not model.is_on and model.frames.count("ON") == 24
 
-    simulate(body)
-
-
-def test_settings_are_held_to_their_limits_and_taken_all_at_once():
-    async def body(ctx, dut, reset, run):
-        await run(120)
-        ctx.set(dut.settings, {"amplitude": 255, "delay": 0xFFFF, "frequency": 51, "width": 0x0100})
-        ctx.set(dut.request, 1)
-        taken = await run(7)
-        ctx.set(dut.settings, {"amplitude": 1, "delay": 2, "frequency": 3, "width": 0x00FF})
-        taken += await run(150)
-        assert taken == b"".join(table_frames(11, *LIMITS))
-
-    simulate(body)
-
-
-def test_another_electrode_goes_through_off():
-    async def body(ctx, dut, reset, run):
-        await run(120)
-        ctx.set(dut.request, 1)
-        await run(160)
-        ctx.set(dut.electrode, 5)
-        taken = await run(200)
-        assert taken.startswith(b">OFF<>OFF<>SD;") and taken.endswith(b">ON<")
-
-    simulate(body)
-
-
-def test_after_a_fault_or_the_time_limit_a_new_touch_is_needed():
-    async def body(ctx, dut, reset, run):
-        await run(120)
-        for at_fault in (True, False):
-            ctx.set(dut.request, 1)
-            taken = await run(200)
-            assert taken.endswith(b">ON<") and ctx.get(dut.on)
-            if at_fault:
-                ctx.set(dut.fault, 1)
-                await ctx.tick()
-                ctx.set(dut.fault, 0)
-            taken = await run(2 * ON_CYCLES)
-            assert taken == b">OFF<" * 2 and ctx.get(dut.resting)
-            ctx.set(dut.request, 0)
-            assert await run(3) == b""
-
-    simulate(body)
+    play(body)
 
 
 @pytest.mark.parametrize("count", [60, pytest.param(1000, marks=pytest.mark.slow)])
@@ -154,7 +111,7 @@ def test_random_faults_end_with_off(count):
             await ctx.tick().repeat(2)
         assert clean == count and model.frames.count("ON") > count // 20
 
-    simulate(body)
+    play(body)
     assert {"fault", "long fault", "end", "other", "reset", "time"} == set(kinds)
 
 

@@ -1,15 +1,13 @@
-"""rtl/interface/stimulus.py: electrodes of classes and of positions, how long a request lasts, and the serial
-line behind it."""
+"""rtl/interface/stimulus.py: electrodes of classes and of positions, how long a request lasts."""
 
 from __future__ import annotations
 
 import pytest
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.rtl.interface.stimulus import Stimulus
-from eskin.rtl.interface.uart_transmitter import UartTransmitter
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 
@@ -29,10 +27,7 @@ def run_events(config, events, hold=5):
             ctx.set(port.valid, 0)
             seen.append((ctx.get(dut.request), ctx.get(dut.electrode)))
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     return seen
 
 
@@ -63,36 +58,6 @@ def test_positions_by_the_arrays_size(rows, columns):
     wanted = [4 * (6 * (2 * y + 16) // (32 * rows)) + 4 * (2 * x + 16) // (32 * columns) for x, y in places]
     assert seen[:-1] == [(1, electrode) for electrode in wanted] and not seen[-1][0]
     assert set(wanted) >= {0, 3, 20, 23}
-
-
-def test_bytes_on_the_line():
-    dut, heard = UartTransmitter(5), []
-
-    async def send(ctx):
-        for byte in b"\x00\xffU>":
-            ctx.set(dut.i.payload, byte)
-            ctx.set(dut.i.valid, 1)
-            await ctx.tick().until(dut.i.ready)
-        ctx.set(dut.i.valid, 0)
-        await ctx.tick().repeat(60)
-
-    async def hear(ctx):
-        while True:
-            if ctx.get(dut.tx):
-                await ctx.negedge(dut.tx)
-            bits = []
-            for wait in (7, *[5] * 8):
-                await ctx.tick().repeat(wait)
-                bits.append(ctx.get(dut.tx))
-            assert bits.pop() == 1
-            heard.append(sum(bit << k for k, bit in enumerate(bits)))
-
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(send)
-    sim.add_testbench(hear, background=True)
-    sim.run()
-    assert bytes(heard) == b"\x00\xffU>"
 
 
 def test_what_does_not_fit_is_refused():

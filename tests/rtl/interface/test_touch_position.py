@@ -81,7 +81,7 @@ def as_told(golden: list[Position]) -> list[tuple]:
 def test_bit_exact_on_generated_touches(size):
     rows, columns = SIZES[size]
     config = config_of(rows, columns)
-    samples, _, _ = touches(rows, columns, count=4, seed=rows, frames=6)
+    samples, _, _ = touches(rows, columns, count=3, seed=rows, frames=6)
     golden = positions(samples, config)
     assert len(golden) > 20 and {p.direction for p in golden} - {0}
     assert hardware(samples, config) == as_told(golden)
@@ -100,23 +100,14 @@ def test_bit_exact_on_random_frames_of_other_samples(fields):
     assert hardware(samples, config) == as_told(positions(samples, config))
 
 
-def test_clear_forgets_the_touch():
+@each_row(("beat", "behind"), [(None, 5), (0, 6), (6, 6), (15, 6)])
+def test_a_clear_forgets_the_touch_and_the_frame_that_it_comes_in(beat, behind):
     config = config_of(4, 4)
     samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
-    golden = as_told(positions(samples[:5], config)) + [
-        (f + 5, *rest) for f, *rest in as_told(positions(samples[5:], config))
-    ]
-    assert hardware(samples, config, clear_after=4) == golden and not any(row[4] for row in golden[:5])
-
-
-@each_row("beat", [0, 6, 15])
-def test_of_a_frame_with_a_clear_in_it_nothing_is_told(beat):
-    config = config_of(4, 4)
-    samples, _, _ = touches(4, 4, count=1, seed=3, frames=8)
-    golden = as_told(positions(samples[:5], config)) + [
-        (f + 6, *rest) for f, *rest in as_told(positions(samples[6:], config))
-    ]
+    before = as_told(positions(samples[:5], config))
+    golden = before + [(f + behind, *rest) for f, *rest in as_told(positions(samples[behind:], config))]
     assert hardware(samples, config, clear_after=4, clear_at=beat) == golden
+    assert not any(row[4] for row in before)
 
 
 @each_row(("size", "inner_error"), [("13x9", 0.2), ("16x10", 0.2), ("4x4", 0.35)])

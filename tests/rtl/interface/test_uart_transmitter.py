@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.rtl.interface.uart_transmitter import UartTransmitter
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 
@@ -33,11 +32,7 @@ def test_the_line_is_that_of_the_bytes_and_high_between_them(divisor):
             if valid and ready:
                 taken.append(len(line))  # the start bit is on the line from the next cycle on
 
-    simulator = Simulator(dut)
-    simulator.add_clock(1e-6)
-    simulator.add_testbench(send)
-    simulator.add_testbench(watch, background=True)
-    simulator.run()
+    simulate(dut, send, watch)
     wanted = [1] * len(line)
     for begin, word in zip(taken, words, strict=True):
         for place, bit in enumerate([0, *((word >> k) & 1 for k in range(8)), 1]):

@@ -30,7 +30,6 @@ from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import residue, unseen
-from eskin.rtl.views.schedule_view import figures, spans, text
 from eskin.verbs.build_job import misfit_sentence
 from eskin.verbs.flow import cosimulate
 from tests.rtl.engine.test_engine import check_exact_and_cycles, expected, run, small, windows
@@ -138,15 +137,7 @@ def bound(config: AcceleratorConfig) -> int:
 
 @pytest.mark.parametrize(
     ("inputs", "classes", "lanes", "lane_type"),
-    [
-        (8, 5, 1, "plain"),
-        (8, 5, 4, "dsp"),
-        (8, 5, 6, "plain"),
-        (5, 3, 4, "plain"),
-        (5, 3, 1, "dsp"),
-        (9, 11, 6, "dsp"),
-        (9, 11, 4, "plain"),
-    ],
+    [(8, 5, 1, "plain"), (8, 5, 4, "dsp"), (8, 5, 6, "plain"), (5, 3, 1, "dsp"), (9, 11, 4, "plain")],
 )
 def test_bit_exact_in_the_cycles_of_the_formula(inputs, classes, lanes, lane_type):
     """Groups of rows that fill 4 and 6 lanes and do not, and one group alone."""
@@ -159,17 +150,6 @@ def test_bit_exact_in_the_cycles_of_the_formula(inputs, classes, lanes, lane_typ
     )
     assert schedule(config).step_cycles <= bound(config)
     check_exact_and_cycles(config, touches=2)
-
-
-@each_row("lane_type", ["plain", "dsp"])
-@each_row("lanes", [1, 4, 6])
-def test_the_formula_holds_for_every_size_of_the_data_sets(lanes, lane_type):
-    """pvdf, fabric, the thesis' array, biotac_slide (19 electrodes, 20 materials), twice its inputs."""
-    for inputs, classes in ((8, 5), (16, 7), (16, 3), (19, 20), (38, 20), (160, 32)):
-        config = linear(lanes, classes=classes, taxels=inputs, lane_type=lane_type, clock_hz=2e7)
-        assert schedule(config).step_cycles <= bound(config), (inputs, classes)
-    biotac = schedule(linear(4, classes=20, taxels=19))
-    assert biotac.step_cycles <= 1.2 * biotac.config.step_ideal == 1.2 * 95
 
 
 @each_row(("lanes", "lane_type"), [(1, "plain"), (4, "plain"), (1, "serial")])
@@ -188,16 +168,15 @@ def test_more_kinds_of_feature_are_more_inputs(lanes, lane_type):
 
 
 FORMATS = [
-    (QFormat(3, 5), QFormat(4, 8), QFormat(6, 10)),
-    (QFormat(1, 7), QFormat(4, 6), QFormat(3, 5)),
-    (QFormat(2, 2), QFormat(2, 3), QFormat(5, 3)),
-    (QFormat(1, 15), QFormat(2, 6), QFormat(6, 10)),
+    (QFormat(3, 5), QFormat(4, 8), QFormat(6, 10), "window"),
+    (QFormat(1, 7), QFormat(4, 6), QFormat(3, 5), "one"),
+    (QFormat(2, 2), QFormat(2, 3), QFormat(5, 3), "window"),
+    (QFormat(1, 15), QFormat(2, 6), QFormat(6, 10), "one"),
 ]
 """Weights, features, logits: the low one of the two words a sum is kept in has 7, 8, 2 and 14 bits."""
 
 
-@each_row("sets", ["window", "one"])
-@each_row(("dense", "feature", "logit"), FORMATS)
+@each_row(("dense", "feature", "logit", "sets"), FORMATS)
 def test_one_serial_lane_keeps_every_bit(dense, feature, logit, sets):
     config = linear(
         lane_type="serial",
@@ -207,12 +186,11 @@ def test_one_serial_lane_keeps_every_bit(dense, feature, logit, sets):
         weight_sets=sets,
         dense_bias_format=QFormat(8, 3),
     )
-    check_exact_and_cycles(config, touches=3)
+    check_exact_and_cycles(config, touches=2)
 
 
 @pytest.mark.parametrize(
-    ("decision", "lanes", "lane_type"),
-    [("vote", 3, "plain"), ("last", 1, "plain"), ("vote", 6, "dsp"), ("last", 1, "serial")],
+    ("decision", "lanes", "lane_type"), [("vote", 3, "plain"), ("vote", 6, "dsp"), ("last", 1, "serial")]
 )
 def test_bit_exact_with_stalls(decision, lanes, lane_type):
     config = linear(lanes, classes=5, taxels=8, lane_type=lane_type, decision=decision)
@@ -266,27 +244,6 @@ def test_every_constant_of_every_window_is_under_the_checksum(lanes, sets):
     assert len(code.layout.checks) == (config.windows.steps if sets == "window" else 1)
     weights[0][-1] ^= 1
     assert residue(code, weights, addends, constants, len(code.layout.checks) - 1) != 0
-
-
-def test_weights_lie_window_by_window():
-    config = linear(2, classes=3, taxels=5)
-    model = random_integer_model(config, seed=8)
-    plan, image = schedule(model.config), memory_images(model.config, model.arrays)
-    step = len(plan.weight_words)
-    assert len(image[1]) == plan.weight_depth == config.windows.steps * step
-    for number in range(config.windows.steps):
-        for offset, (group, matrix, column) in enumerate(plan.weight_words):
-            row = group.first_row + 1
-            want = model.arrays[matrix][number, row, column] if group.rows > 1 else 0
-            assert image[1][number * step + offset] == want
-
-
-@each_row(("lanes", "lane_type"), [(1, "plain"), (4, "dsp"), (1, "serial")])
-def test_the_schedule_is_drawn_and_told(lanes, lane_type):
-    plan = schedule(linear(lanes, classes=5, taxels=8, lane_type=lane_type))
-    assert {span.block for span in spans(plan)} == {"normalise", "dense"}
-    assert text(plan).startswith("linear: 8 taxels, 3 sets of weights, 5 classes")
-    assert dict(figures(plan))["prologue"].endswith("begins the sums with the biases")
 
 
 def test_what_of_the_weights_fits_a_part_is_said():

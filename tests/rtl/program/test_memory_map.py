@@ -22,8 +22,15 @@ from eskin.rtl.program.schedule import schedule
 from tests.support.table import each_row
 
 
-@pytest.mark.parametrize(("cell", "reset"), [("gru", "before"), ("gru", "after"), ("lstm", "before")])
-@pytest.mark.parametrize(("lanes", "lane_type"), [(1, "plain"), (4, "plain"), (5, "dsp"), (1, "dsp")])
+@pytest.mark.parametrize(
+    ("lanes", "lane_type", "cell", "reset"),
+    [
+        (1, "plain", "gru", "before"),
+        (4, "plain", "gru", "after"),
+        (5, "dsp", "lstm", "before"),
+        (1, "dsp", "lstm", "before"),
+    ],
+)
 def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
     config = PRESETS["thesis"].replace(
         cell=cell, reset=reset, lanes=lanes, lane_type=lane_type, state_format=QFormat(4, 12)

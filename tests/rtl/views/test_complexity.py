@@ -26,12 +26,10 @@ from eskin.rtl.views.schedule_view import resized
 from tests.support.table import each_row
 
 VARIANTS = [
-    ("thesis", {}),
+    ("thesis", {"lane_type": "dsp"}),
     ("synthetic", {"taxels": 6, "hidden": 5, "lanes": 3}),
     ("pvdf", {"reset": "after", "lanes": 12}),
     ("fabric", {"cell": "lstm", "lanes": 1}),
-    ("fabric", {"lane_type": "dsp"}),
-    ("fabric", {"lane_type": "dsp", "lanes": 1}),
 ]
 
 
@@ -39,30 +37,24 @@ def variant(preset: str, changes: dict) -> AcceleratorConfig:
     return PRESETS[preset].replace(**changes)
 
 
-@each_row(("preset", "changes"), VARIANTS[:3])
-def test_memories_are_those_of_the_generated_verilog(preset, changes):
-    config = variant(preset, changes)
-    text = export(config.replace(feature_shift=(0,) * len(config.window_lengths)))
-    declared = re.findall(r"^ *reg (?:\[(\d+):0\] )?\\?\w+ +\[(\d+):0\];$", text, re.MULTILINE)
-    assert sorted((int(high or 0) + 1, int(last) + 1) for high, last in declared) == sorted(
-        memories(config).values()
-    )
-
-
 @each_row(("preset", "changes"), VARIANTS)
-def test_every_memory_counts_once_under_a_name(preset, changes):
+def test_memories_are_those_of_the_verilog_and_each_counts_once_under_a_name(preset, changes):
     config = variant(preset, changes)
     bits, plan = memory_bits(config), schedule(config)
+    sizes = memories(config).values()
     assert list(bits) == [name for name, _ in MEMORIES]
-    assert sum(bits.values()) == sum(width * words for width, words in memories(config).values())
+    assert sum(bits.values()) == sum(width * words for width, words in sizes)
     assert bits["weights"] == config.hardware.lanes * len(plan.weight_words) * config.weight_bits
     assert bits["addends"] == plan.addend_words * config.accumulator_bits
     assert bits["program"] > 20 * len(Microcode(plan).words)
-    assert bits["pre-trigger ring"] >= config.ring_frames * config.sensor.taxels * config.deviation_bits * (
-        config.windows.window_mode == "touch"
-    )
-    assert (bits["pre-trigger ring"] == 0) == (config.windows.window_mode == "free")
+    ring = config.ring_frames * config.sensor.taxels * config.deviation_bits
+    free = config.windows.window_mode == "free"
+    assert bits["pre-trigger ring"] >= ring * (not free) and (bits["pre-trigger ring"] == 0) == free
     assert (bits["onset detector"] == 0) == (preset == "thesis")
+    if preset == "synthetic":
+        text = export(config.replace(feature_shift=(0,) * len(config.window_lengths)))
+        declared = re.findall(r"^ *reg (?:\[(\d+):0\] )?\\?\w+ +\[(\d+):0\];$", text, re.MULTILINE)
+        assert sorted((int(high or 0) + 1, int(last) + 1) for high, last in declared) == sorted(sizes)
 
 
 def test_a_memory_without_a_name_counts_under_its_path(monkeypatch):
@@ -74,15 +66,14 @@ def test_a_memory_without_a_name_counts_under_its_path(monkeypatch):
     assert bits["engine.weights_0"] == 8 * 264
 
 
-@each_row(("taxels", "classes"), [(4, 3), (160, 3), (16, 2), (16, 32)])
+@each_row(("taxels", "classes"), [(4, 32), (160, 3)])
 def test_cost_is_the_schedules_and_the_networks(taxels, classes):
     config = resized(PRESETS["thesis"], taxels=taxels, hidden=12, classes=classes)
     point, plan = cost(config), schedule(config)
     assert (point["taxels"], point["classes"]) == (taxels, classes)
     assert (point["step_cycles"], point["decision_cycles"]) == (plan.step_cycles, plan.decision_cycles)
     assert (point["ideal_cycles"], point["multiplies"]) == (config.step_ideal, config.multiplies)
-    biases = 3 * 12 + classes
-    assert point["weight_bits"] == (config.parameter_count - biases) * config.weight_bits
+    assert point["weight_bits"] == (config.parameter_count - 3 * 12 - classes) * config.weight_bits
     assert point["memory_bits_total"] == sum(point["memory_bits"].values())
 
 
@@ -119,26 +110,6 @@ def test_the_verb_writes_what_was_counted(monkeypatch, tmp_path, capsys):
     )
     shown = capsys.readouterr().out
     assert all(str(point["step_cycles"]) in shown for sweep in sweeps.values() for point in sweep)
-
-
-def test_the_chart_shows_every_memory_and_figure():
-    config = PRESETS["synthetic"]
-    sweep = [cost(resized(config, taxels=taxels, hidden=12, classes=3)) for taxels in (8, 64)]
-    figure = complexity.chart(config, {"taxels": sweep, "classes": sweep})
-    left, middle, right = figure.axes[:3]
-    assert [list(line.get_ydata()) for line in left.lines] == [
-        [point[key] for point in sweep] for key in ("step_cycles", "decision_cycles", "ideal_cycles")
-    ]
-    assert [list(line.get_ydata()) for line in middle.lines] == [
-        [point[key] for point in sweep] for key in ("weight_bits", "multiplies")
-    ]
-    bars = {bar.get_label(): [round(1000 * patch.get_height()) for patch in bar] for bar in right.containers}
-    bits = {name: [point["memory_bits"][name] for point in sweep] for name, _ in MEMORIES}
-    assert bars == {name: points for name, points in bits.items() if any(points)} and len(bars) > 8
-    assert (
-        round(1000 * max(patch.get_y() + patch.get_height() for patch in right.patches))
-        == sweep[1]["memory_bits_total"]
-    )
 
 
 def test_register_bits_are_those_of_registers_alone(monkeypatch):

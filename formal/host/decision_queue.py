@@ -1,0 +1,67 @@
+"""Decisions that wait: none is lost, doubled or overtaken."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.host.decision_queue import DecisionQueue, decision_word
+from formal.proof import Bug, free, opened_up, proof, prove
+
+CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(), margin_threshold=1)
+WORD_MASK = 0x0FFF_8F83 | 0xF000_0000
+"""Bits that a decision of 3 classes and 20 steps may have."""
+DEPTH = 4
+BUGS = (
+    Bug("a full queue takes one", "room.eq(~Array(full)[newest])", "room.eq(1)"),
+    Bug("one is read twice", "oldest.eq(oldest + takes)", "oldest.eq(oldest)"),
+    Bug("local ones are always dropped", "dropped = self.global_only & ~", "dropped = ~"),
+    Bug("ARM leaves one", "(oldest == k))) & ~self.clear)", "(oldest == k))))"),
+    Bug(
+        "a global one behind others is not told",
+        "Cat(waiting, offered & self.i.p.is_global).any()",
+        "waiting[0]",
+    ),
+    Bug(
+        "one that waits reads as none",
+        "shows, index = self.asked & self.waits",
+        "shows, index = self.asked & full[0]",
+    ),
+)
+
+
+@proof(
+    "what is taken from the classifier and not dropped is read once, in order, until ARM; the word is all ones "
+    "where none waits and 0 where it is not asked for",
+    depth=2,
+    reduced="a queue of 4, 3 classes, 20 steps",
+    bugs=BUGS,
+)
+def once_and_in_order(m: Module) -> None:
+    dut = DecisionQueue(CONFIG, DEPTH)
+    inside = opened_up(dut)
+    free(dut.i.valid, dut.i.payload, dut.global_only, dut.clear, dut.take, dut.asked)
+    count = Signal(range(DEPTH + 1), name="count")
+    kept = [Signal(32, name=f"kept_{k}") for k in range(DEPTH)]  # the oldest first
+    dropped = dut.global_only & ~dut.i.p.is_global
+    came, left = dut.i.valid & dut.i.ready & ~dropped, dut.take & (count != 0)
+    rest = Signal.like(count, name="rest")
+    m.d.comb += rest.eq(count - left)
+    m.d.sync += count.eq(Mux(dut.clear, 0, rest + came))
+    moved = [Mux(left, kept[k + 1], kept[k]) if k + 1 < DEPTH else kept[k] for k in range(DEPTH)]
+    for k, word in enumerate(kept):
+        m.d.sync += word.eq(Mux(came & (rest == k), decision_word(CONFIG, dut.i.p) & WORD_MASK, moved[k]))
+    prove(dut.i.ready == (dropped | (count != DEPTH)), "taken where there is room")
+    prove(dut.waits == (count != 0), "waits")
+    prove(dut.word == Mux(dut.asked, Mux(count == 0, 0xFFFF_FFFF, kept[0]), 0), "the oldest")
+    globals_ = [(count > k) & word[29] for k, word in enumerate(kept)]
+    offered = dut.i.valid & dut.i.p.is_global
+    prove(dut.global_waits == (sum(globals_) + offered != 0), "a global one")
+    # ---- for the induction: the ring holds them from its oldest on
+    prove((count <= DEPTH) & (inside.newest == (inside.oldest + count)[:2]), "count")
+    for place in range(DEPTH):
+        for k in range(DEPTH):
+            holds = inside.oldest == (place - k) % DEPTH
+            prove(~holds | (inside.full[place] == (count > k)), "full")
+            wide = sum(inside.entries[place][n] << bit for n, bit in enumerate(inside.places))
+            prove(~holds | (count <= k) | (wide == kept[k]), "kept")

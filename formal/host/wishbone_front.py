@@ -1,0 +1,63 @@
+"""Wishbone in front of the shell: one acknowledge a cycle that asks for it, nothing acts outside one."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib.wiring import connect
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.host.bus_shell import BusShell
+from eskin.rtl.host.wishbone_front import WishboneFront
+from formal.proof import Bug, before, free, opened_up, proof, prove
+
+CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=())
+
+
+@proof(
+    "whatever a master does, also one that gives up: an acknowledge comes to a cycle with CYC and STB, never two in a "
+    "row; registers are strobed only by one, a write with all bytes, at its address; a decision is taken only "
+    "with an acknowledge",
+    depth=2,
+    reduced="4 taxels, no queue",
+    bugs=(
+        Bug(
+            "STB without CYC acts",
+            "request.valid.eq(self.wb_cyc & self.wb_stb)",
+            "request.valid.eq(self.wb_stb)",
+        ),
+        Bug("a write of two bytes acts", "self.wb_sel.all()", "self.wb_sel.any()"),
+        Bug(
+            "an acknowledge to nobody",
+            "self.wb_ack.eq(request.valid & request.done)",
+            "self.wb_ack.eq(request.done)",
+        ),
+        Bug("byte addresses taken for words", "self.wb_adr[2:]", "self.wb_adr[:7]"),
+        Bug(
+            "a decision is lost to who gives up",
+            "request.valid & done & reads & decides",
+            "done & reads & decides",
+            file="rtl/host/bus_shell.py",
+        ),
+    ),
+)
+def one_acknowledge(m: Module) -> None:
+    dut, shell = WishboneFront(), BusShell(CONFIG, depth=0)
+    opened_up(dut)
+    opened_up(shell, "shell")
+    connect(m, dut.request, shell.request)
+    free(dut.wb_cyc, dut.wb_stb, dut.wb_we, dut.wb_adr, dut.wb_sel, dut.wb_dat_w)
+    free(shell.bus.r_data, shell.any_fault, shell.decision.valid, shell.decision.payload, shell.frame.ready)
+    asked, bus = dut.wb_cyc & dut.wb_stb, shell.bus
+    prove(~dut.wb_ack | asked & ~before(dut.wb_ack, "acknowledged"), "to who asks, once")
+    address = dut.wb_adr >> 2
+    inner = asked & (address < 0x40) & (bus.addr == address)
+    prove(~bus.w_stb | inner & dut.wb_we & (dut.wb_sel == 0xF) & (bus.w_data == dut.wb_dat_w[:16]), "a write")
+    prove(~bus.r_stb | inner & ~dut.wb_we, "a read")
+    prove(~(bus.w_stb & bus.r_stb), "one of them")
+    prove(
+        ~(shell.decision.ready & shell.decision.valid & ~shell.queue.global_only) | dut.wb_ack, "a decision"
+    )
+    prove(~shell.frame.valid | asked & dut.wb_we, "a sample")
+    begun = Signal(name="begun")
+    m.d.sync += begun.eq(Mux(dut.wb_ack, 0, asked & (address < 0x40)))
+    prove(~(begun & asked & before(asked & ~dut.wb_ack, "same")) | dut.wb_ack, "registers take two cycles")

@@ -1,0 +1,25 @@
+"""A decision as the word that a CPU reads (docs/specification.md, section 17)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from eskin.golden.core.config import AcceleratorConfig
+
+NO_DECISION = 2**32 - 1
+"""What is read while none waits."""
+
+
+def decision_word(config: AcceleratorConfig, row: Iterable[int]) -> int:
+    """The word of a row of the stream ``decision``: is_global, step, class, margin, partial, unsure."""
+    is_global, step, label, margin, partial, unsure = (int(value) for value in row)
+    in_votes = is_global and config.network.decision == "vote"
+    units = min(margin if in_votes else margin // 4, 2**14 - 1)
+    word = 0
+    for value, width in ((unsure, 1), (partial, 1), (is_global, 1), (units, 14), (step, 8), (label, 7)):
+        if not 0 <= value < 2**width:
+            raise ValueError(f"{value} has no place in {width} bits of a decision word")
+        word = word << width | value
+    if word == NO_DECISION:
+        raise ValueError("a decision of all ones would read as none")
+    return word

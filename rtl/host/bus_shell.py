@@ -1,0 +1,146 @@
+"""The accelerator as a CPU sees it: samples in, decisions out, events and an interrupt beside its registers
+(docs/specification.md, section 17)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Cat, Module, Mux, Signal, Value
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.layouts import decision_layout, sample_layout
+from eskin.rtl.host.control import bus_signature
+from eskin.rtl.host.decision_queue import DecisionQueue
+from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister
+
+ADDRESS_BITS = 9
+"""Of a byte address."""
+FIRST = min(ShellRegister)
+GLOBAL_ONLY, REFUSED = 8, 31
+"""Their bits of ENABLE and NEXT_TAXEL."""
+
+
+def request_signature() -> wiring.Signature:
+    """One access, seen from the bus: what is asked for holds from ``valid`` to ``done``; ``r_data`` is there
+    with ``done``. ``whole``: a write has all four bytes. ``address`` is a word's."""
+    asked = {"valid": 1, "write": 1, "whole": 1, "address": 7, "w_data": 32}
+    return wiring.Signature({**{k: Out(v) for k, v in asked.items()}, "done": In(1), "r_data": In(32)})
+
+
+class BusShell(wiring.Component):
+    """Registers of 32 bits for one access at a time.
+
+    Parameters
+    ----------
+    samples:
+        The CPU feeds; otherwise a converter or a stream does, and sample registers are not there.
+    depth:
+        As of `DecisionQueue`.
+
+    Members
+    -------
+    request : In(request_signature)
+        ``done`` comes in the cycle after the access has acted, so never in its first; a sample acts when it
+        is taken or refused.
+    bus : Out
+        The accelerator's registers.
+    frame : Out(stream of sample_layout), only with samples
+    decision : In(stream of decision_layout)
+    any_fault : In(1)
+        A bit of FAULTS is set.
+    irq : Out(1)
+        Level, a cycle after the event.
+    """
+
+    def __init__(self, config: AcceleratorConfig, *, samples: bool = True, depth: int = 2) -> None:
+        self._config, self._samples = config, samples
+        self.queue = DecisionQueue(config, depth)
+        super().__init__(
+            {
+                "request": In(request_signature()),
+                "bus": Out(bus_signature()),
+                "decision": In(stream.Signature(decision_layout)),
+                "any_fault": In(1),
+                "irq": Out(1),
+            }
+            | ({"frame": Out(stream.Signature(sample_layout(config)))} if samples else {})
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        request, bus = self.request, self.bus
+        m.submodules.queue = queue = self.queue
+        wiring.connect(m, wiring.flipped(self.decision), queue.i)
+        acts, done, arming = Signal(), Signal(), Signal()
+        inner = ~request.address[6]  # a register of the accelerator
+        own, place = request.address[3:] == FIRST >> 3, request.address[:3]
+        writes, reads = request.write & request.whole, ~request.write
+        ends: Value = ~done
+        space: Value | int = 0
+        local: dict[ShellRegister, Value] = {}
+        decides = own & (place == ShellRegister.DECISION - FIRST)
+        m.d.comb += [
+            acts.eq(request.valid & ~done),
+            bus.addr.eq(request.address),
+            bus.w_data.eq(request.w_data),
+            bus.w_stb.eq(acts & inner & writes),
+            bus.r_stb.eq(acts & inner & reads),
+            queue.clear.eq(arming),
+            queue.asked.eq(decides),
+            queue.take.eq(request.valid & done & reads & decides),
+        ]
+        # in the cycle after the write the accelerator begins anew
+        m.d.sync += arming.eq(bus.w_stb & (bus.addr == Register.CONTROL) & (bus.w_data & Control.ARM).any())
+
+        if self._samples:
+            frame, last = self.frame, self._config.sensor.taxels - 1
+            taxel, second, refusing, stuck, taken = (
+                Signal(range(last + 1)),
+                Signal(),
+                Signal(),
+                Signal(),
+                Signal(),
+            )
+            pair = request.address[0]
+            feeds = writes & own & (place[1:] == 0)
+            more = pair & ~second & (taxel != last)
+            m.d.comb += [
+                frame.valid.eq(acts & feeds & ~refusing),
+                frame.p.sample.eq(Mux(second, request.w_data[16:], request.w_data[:16])),
+                frame.p.first.eq(taxel == 0),
+                frame.p.last.eq(taxel == last),
+                taken.eq(frame.valid & frame.ready),
+                # only this CPU could end such a wait, and it cannot while it waits
+                stuck.eq(frame.valid & ~frame.ready & queue.i.valid & ~queue.i.ready),
+            ]
+            with m.If(taken):
+                m.d.sync += [taxel.eq(Mux(frame.p.last, 0, taxel + 1)), second.eq(more)]
+            with m.If(stuck):
+                m.d.sync += refusing.eq(1)
+            with m.If(stuck | ~request.valid):  # or given up
+                m.d.sync += second.eq(0)
+            with m.If(queue.take | arming):
+                m.d.sync += refusing.eq(0)
+            with m.If(arming):
+                m.d.sync += taxel.eq(0)
+            ends = ~feeds | refusing | stuck | (taken & ~more)
+            space = frame.ready & ~refusing
+            local[ShellRegister.NEXT_TAXEL] = taxel | refusing << REFUSED
+
+        enable, global_only = Signal(len(Event)), Signal()
+        with m.If(acts & writes & own & (place == ShellRegister.ENABLE - FIRST)):
+            m.d.sync += [enable.eq(request.w_data), global_only.eq(request.w_data[GLOBAL_ONLY])]
+        events = Cat(queue.waits, queue.global_waits, space, self.any_fault)
+        local[ShellRegister.EVENTS] = events
+        local[ShellRegister.ENABLE] = enable | global_only << GLOBAL_ONLY
+        m.d.comb += [queue.global_only.eq(global_only), request.done.eq(done)]
+        m.d.sync += [done.eq(acts & ends), self.irq.eq((events & enable).any())]
+        read = Signal(32)  # but for DECISION
+        with m.If(inner):
+            m.d.comb += read.eq(bus.r_data)
+        with m.Elif(own), m.Switch(place):
+            for register, value in local.items():
+                with m.Case(register - FIRST):
+                    m.d.comb += read.eq(value)
+        m.d.comb += request.r_data.eq(read | queue.word)
+        return m

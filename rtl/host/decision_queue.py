@@ -1,0 +1,138 @@
+"""Decisions as words that wait for a CPU (docs/specification.md, section 17)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.program.memory_map import DECISION_FIELDS
+
+DEPTHS = (0, 2, 4)
+"""Decisions that may wait beside the one that the classifier offers."""
+MARGIN_SHIFT = 2
+
+
+def _places(config: AcceleratorConfig) -> list[int]:
+    """Bits of the decision word that may be 1 in a decision of this design."""
+    widths = {
+        "CLASS": (config.classes - 1).bit_length(),
+        "STEP": (config.windows.steps - 1).bit_length(),
+        "UNSURE": int(config.network.margin_threshold > 0),
+    }
+    return [
+        bit
+        for name, (low, high) in DECISION_FIELDS.items()
+        for bit in range(low, low + min(widths.get(name, 32), high - low + 1))
+    ]
+
+
+def decision_word(config: AcceleratorConfig, decision: data.View) -> Value:
+    """The decision word of ``decision`` (of `decision_layout`).
+
+    No margin of 16 bits saturates in units of 4, and votes are few: above their bits a vote's margin is 0,
+    shifted or not.
+    """
+    margin, votes = decision.margin, 0
+    if config.network.decision == "vote":
+        votes = config.windows.steps.bit_length()
+    units = [
+        Mux(decision.is_global, margin[bit], margin[bit + MARGIN_SHIFT])
+        if bit < votes
+        else margin[bit + MARGIN_SHIFT]
+        for bit in range(len(margin) - MARGIN_SHIFT)
+    ]
+    fields = {
+        "CLASS": decision["class"],
+        "STEP": decision.step,
+        "MARGIN": Cat(units),
+        "GLOBAL": decision.is_global,
+        "PARTIAL": decision.partial,
+        "UNSURE": decision.unsure,
+    }
+    places = [(fields[name], high - low + 1) for name, (low, high) in DECISION_FIELDS.items()]
+    return Cat(Cat(value, *[0] * (width - len(value)))[:width] for value, width in places)
+
+
+class DecisionQueue(wiring.Component):
+    """The oldest decision that waits, as a word, and up to ``depth`` - 1 more.
+
+    Parameters
+    ----------
+    depth:
+        Of `DEPTHS`; 0: the classifier's offer itself is what waits, and taking the word takes the offer.
+
+    Members
+    -------
+    i : In(stream of decision_layout)
+    global_only : In(1)
+        Local decisions are taken and dropped.
+    clear : In(1)
+        What waits is dropped, and what is taken in this cycle.
+    word : Out(32), waits : Out(1)
+        The oldest, while it waits.
+    global_waits : Out(1)
+        One of those that wait is a global one.
+    take : In(1)
+        The word is taken, if one waits.
+
+    Latency: a cycle; with depth 0 none.
+    """
+
+    def __init__(self, config: AcceleratorConfig, depth: int) -> None:
+        self._config, self._depth = config, depth
+        super().__init__(
+            {
+                "i": In(stream.Signature(decision_layout)),
+                "global_only": In(1),
+                "clear": In(1),
+                "word": Out(32),
+                "waits": Out(1),
+                "global_waits": Out(1),
+                "asked": In(1),
+                "take": In(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        whole, places = decision_word(self._config, self.i.p), _places(self._config)
+        word = Cat(whole[place] for place in places)
+        dropped = self.global_only & ~self.i.p.is_global
+        offered, room = self.i.valid & ~dropped, Signal()
+        m.d.comb += self.i.ready.eq(dropped | room)
+        if not self._depth:
+            m.d.comb += [
+                room.eq(self.take),
+                self.waits.eq(offered),
+                self.global_waits.eq(offered & self.i.p.is_global),
+            ]
+            entries = [word]
+            oldest: Value = Const(0, 0)
+        else:
+            # A ring, as its entries take what comes without a choice in front of them.
+            entries = [Signal(len(places), name=f"entry_{k}") for k in range(self._depth)]
+            full = [Signal(name=f"full_{k}") for k in range(self._depth)]
+            newest, oldest = Signal(range(self._depth)), Signal(range(self._depth))
+            put, takes = offered & room, self.take & self.waits
+            m.d.comb += [self.waits.eq(Array(full)[oldest]), room.eq(~Array(full)[newest])]
+            m.d.sync += [newest.eq(newest + put), oldest.eq(oldest + takes)]
+            for k, entry in enumerate(entries):
+                here = put & (newest == k)
+                with m.If(here):
+                    m.d.sync += entry.eq(word)
+                m.d.sync += full[k].eq((here | full[k] & ~(takes & (oldest == k))) & ~self.clear)
+            with m.If(self.clear):
+                m.d.sync += [newest.eq(0), oldest.eq(0)]
+            flag = places.index(DECISION_FIELDS["GLOBAL"][0])
+            waiting = [here & entry[flag] for here, entry in zip(full, entries, strict=True)]
+            m.d.comb += self.global_waits.eq(Cat(waiting, offered & self.i.p.is_global).any())
+        # Of two entries one table of four inputs gives a bit: with `shows` low, `index` is it.
+        shows, index = self.asked & self.waits, Mux(self.asked & self.waits, oldest, self.asked)
+        none = index[0]
+        head = Value.cast(Array(entries)[index]) if self._depth else word
+        bits = dict(zip(places, Mux(shows, head, none.replicate(len(places))), strict=True))
+        m.d.comb += self.word.eq(Cat(bits.get(place, none & ~shows) for place in range(32)))
+        return m

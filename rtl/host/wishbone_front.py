@@ -1,0 +1,45 @@
+"""Wishbone B4, classic cycles, in front of the shell (docs/specification.md, section 17)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.rtl.host.bus_shell import ADDRESS_BITS, request_signature
+
+
+class WishboneFront(wiring.Component):
+    """Each classic cycle is one access. ``wb_adr`` is a byte address; ``wb_ack`` comes from a register.
+
+    Latency: an access takes two cycles, and as many more as the shell waits.
+    """
+
+    def __init__(self) -> None:
+        super().__init__(
+            {
+                "wb_cyc": In(1),
+                "wb_stb": In(1),
+                "wb_we": In(1),
+                "wb_adr": In(ADDRESS_BITS),
+                "wb_sel": In(4),
+                "wb_dat_w": In(32),
+                "wb_dat_r": Out(32),
+                "wb_ack": Out(1),
+                "request": Out(request_signature()),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        request = self.request
+        m.d.comb += [
+            request.valid.eq(self.wb_cyc & self.wb_stb),
+            request.write.eq(self.wb_we),
+            request.whole.eq(self.wb_sel.all()),
+            request.address.eq(self.wb_adr[2:]),
+            request.w_data.eq(self.wb_dat_w),
+            self.wb_dat_r.eq(request.r_data),
+            self.wb_ack.eq(request.valid & request.done),
+        ]
+        return m

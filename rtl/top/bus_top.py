@@ -1,0 +1,134 @@
+"""The accelerator for a user's system: behind a bus, or with its streams under AXI-Stream names
+(docs/specification.md, section 17). Wiring only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.rtl.host.apb_front import ApbFront
+from eskin.rtl.host.axi4lite_front import Axi4LiteFront
+from eskin.rtl.host.bus_shell import BusShell
+from eskin.rtl.host.decision_queue import decision_word
+from eskin.rtl.host.wishbone_front import WishboneFront
+from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.rtl.top.skin_top import SkinTop
+
+Bus = Literal["wishbone", "axi4lite", "apb"]
+"""Buses that there is a front for."""
+FRONTS: dict[str, Any] = {"wishbone": WishboneFront, "axi4lite": Axi4LiteFront, "apb": ApbFront}
+FRAMES = {
+    "s_axis_tdata": In(16),
+    "s_axis_tvalid": In(1),
+    "s_axis_tready": Out(1),
+    "s_axis_tlast": In(1),
+    "s_axis_tuser": In(1),
+}
+DECISIONS = {"m_axis_tdata": Out(32), "m_axis_tvalid": Out(1), "m_axis_tready": In(1), "m_axis_tlast": Out(1)}
+
+
+class BusTop(wiring.Component):
+    """Accelerator, `BusShell` and the front of ``bus``; with a converter `SkinTop` in place of the
+    accelerator.
+
+    Parameters
+    ----------
+    images:
+        As for `eskin.rtl.top.accelerator.Accelerator`.
+    bus:
+        None: decisions are an AXI-Stream, registers the accelerator's own bus.
+    axis:
+        Frames come as an AXI-Stream; always without ``bus``.
+    depth:
+        As of `DecisionQueue`.
+
+    Members
+    -------
+    The front's; irq : Out(1), with ``bus``
+    s_axis_... : In, with ``axis``; m_axis_... : Out and bus : In, without ``bus``
+    busy : Out(1), without a converter; the pins of `SkinTop` with one
+
+    Raises
+    ------
+    InputError
+        Streams and a converter.
+    """
+
+    def __init__(
+        self,
+        config: AcceleratorConfig,
+        images: Mapping[int, list[int]] | None = None,
+        *,
+        bus: Bus | None,
+        axis: bool = False,
+        depth: int = 2,
+    ) -> None:
+        converter = config.interface.converter
+        self._config, self._axis = config, axis or bus is None
+        if self._axis and converter != "none":
+            raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
+        self._front: Any = FRONTS[bus]() if bus else None
+        self._core: wiring.Component
+        if converter != "none":
+            self._core = SkinTop(config, images, clock_hz=config.hardware.clock_hz, shell=True)
+        else:
+            self._core = make_accelerator(config, images, "sensor" if self._axis else "cpu")
+        members = dict(self._core.signature.members.items())
+        own = {name for name in ("i", "o", "bus", "any_fault", "probe") if name in members}
+        self._passed = {name: member for name, member in members.items() if name not in own}
+        self._shell = BusShell(config, samples="i" in own and not self._axis, depth=depth) if bus else None
+        super().__init__(
+            self._passed
+            | (FRAMES if self._axis else {})
+            | ({"bus": members["bus"]} | DECISIONS if self._front is None else {"irq": Out(1)})
+            | {name: member for name, member in self._lines() if name != "request"}
+        )
+
+    def _lines(self) -> list[tuple[str, wiring.Member]]:
+        return [] if self._front is None else list(self._front.signature.members.items())
+
+    def _pass(self, m: Module, inner: wiring.Component, members: Mapping[str, wiring.Member]) -> None:
+        """``members`` of ``inner`` are this component's."""
+        for name, member in members.items():
+            mine, its = getattr(self, name), getattr(inner, name)
+            if member.is_signature:
+                wiring.connect(m, its, wiring.flipped(mine))
+            else:
+                m.d.comb += mine.eq(its) if member.flow == Out else its.eq(mine)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.accelerator = core = self._core
+        self._pass(m, core, self._passed)
+        if self._axis:
+            m.d.comb += [
+                core.i.p.sample.eq(self.s_axis_tdata),
+                core.i.p.first.eq(self.s_axis_tuser),
+                core.i.p.last.eq(self.s_axis_tlast),
+                core.i.valid.eq(self.s_axis_tvalid),
+                self.s_axis_tready.eq(core.i.ready),
+            ]
+        if self._shell is None:
+            wiring.connect(m, wiring.flipped(self.bus), core.bus)
+            m.d.comb += [
+                self.m_axis_tdata.eq(decision_word(self._config, core.o.p)),
+                self.m_axis_tlast.eq(core.o.p.is_global),
+                self.m_axis_tvalid.eq(core.o.valid),
+                core.o.ready.eq(self.m_axis_tready),
+            ]
+            return m
+        m.submodules.shell, m.submodules.front = shell, front = self._shell, self._front
+        self._pass(m, front, {name: member for name, member in self._lines() if name != "request"})
+        wiring.connect(m, front.request, shell.request)
+        wiring.connect(m, shell.bus, core.bus)
+        wiring.connect(m, core.o, shell.decision)
+        if not self._axis and hasattr(core, "i"):
+            wiring.connect(m, shell.frame, core.i)
+        m.d.comb += [shell.any_fault.eq(core.any_fault), self.irq.eq(shell.irq)]
+        return m

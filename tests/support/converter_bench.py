@@ -1,0 +1,60 @@
+"""A converter's controller and a model of its chips at the pins: what each frame that ended brought."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from eskin.golden.core.converters import ConverterFault
+from tests.support.stream_bench import Bench
+
+
+class Frame(NamedTuple):
+    """codes: by taxel. away: the converter was being set up. cycles: since it was asked for; end: the cycle
+    in which it ended."""
+
+    codes: dict[int, int]
+    fault: ConverterFault
+    away: bool
+    cycles: int
+    end: int
+
+
+def play_frames(
+    dut, chip, count: int, *, period: int | None = None, between: Callable[[int], None] = lambda ended: None
+) -> list[Frame]:
+    """``count`` frames of ``dut`` with the testbench ``chip`` at its pins.
+
+    Parameters
+    ----------
+    period:
+        Cycles from start to start; None: a frame is asked for whenever the controller is free.
+    between:
+        Called before the first frame and behind each, with the number of those that ended.
+    """
+    bench, ended, codes = Bench(dut, max_cycles=100_000, quiet=10), [], {}
+    bench._sim.add_testbench(chip.play, background=True)
+
+    async def drive(ctx):
+        begun, start, busy, away, put = 0, False, False, True, dut.put
+        tick = ctx.tick().sample(dut.busy, dut.away, put.valid, put.place, put.code, dut.finished, dut.fault)
+        between(0)
+        while len(ended) < count:
+            free = not (start or busy or away)
+            if start != (start := free if period is None else bench.cycle % period == 0):
+                ctx.set(dut.start, start)
+            begun = bench.cycle if start else begun
+            _, _, busy, away, valid, place, code, finished, fault = await tick
+            if valid:
+                assert place not in codes
+                codes[place] = code
+            if finished:
+                cycles = bench.cycle - begun
+                ended.append(Frame(dict(codes), ConverterFault(fault), bool(away), cycles, bench.cycle))
+                codes.clear()
+                between(len(ended))
+        ctx.set(dut.start, 0)
+
+    bench.process(drive)
+    bench.run()
+    return ended
