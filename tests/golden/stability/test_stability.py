@@ -19,6 +19,7 @@ from eskin.golden.stability.memory import Upset, flipped
 from eskin.golden.stability.suite import judge, run_modes
 from eskin.golden.stability.table import MODES
 from eskin.pages.stability_page import figure_in_words, write_page
+from eskin.pages.views import words
 from eskin.verbs import stability_job
 from tests.support import stability_case
 from tests.support.broken_designs import BROKEN_CAMPAIGNS, BROKEN_DESIGNS, broken_design
@@ -357,18 +358,15 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
     assert result["defences"][-1]["name"] == "the same, watchdog, checksum, unsure below a margin of 7"
 
 
-def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys):
-    from eskin.cli import studies
-
+def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path):
     record, (mode, _) = {"name": "none", **JUDGED}, judge(MODES["state bits"], stability_case.bench())
     wrong = HARDWARE_COST | {"logic_cells": None, "bit_exact": False}
     rows = [{**record, "hardware": cost} for cost in (HARDWARE_COST, wrong)]
     result = PAGE | {"modes": [mode], "weakest": ["state bits"], "defences": rows}
     page = write_page(tmp_path, result).read_text()
-    for words in ('<td class="n">1234</td>', "logic cells", "with 4 dsp lanes", "which DIFFERS"):
-        assert words in page
-    studies._show_stability(result)
-    said = capsys.readouterr().out
+    for phrase in ('<td class="n">1234</td>', "logic cells", "with 4 dsp lanes", "which DIFFERS"):
+        assert phrase in page
+    said = words("stability", **result, figure=figure_in_words, page="")
     assert "1234" in said and "253" in said
     result["defences"] = [{**record, "hardware": None}]  # without a co-simulation
     assert "1234" not in write_page(tmp_path, result).read_text()
