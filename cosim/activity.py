@@ -75,45 +75,31 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
         "// what the netlist does while recordings are played (harness.mode PLAY and FINISHING)",
         "wire counting = harness.mode == 4 || harness.mode == 5;",
         "integer activity_file;",
-        "reg [63:0] activity_cycles = 0;",
-        "always @(posedge clk) if (counting) activity_cycles <= activity_cycles + 1;",
     ]
-    written = ["cycles %0d\\n"]
-    values = ["activity_cycles"]
+    counters: dict[str, str] = {}
+
+    def count(label: str, name: str, amount: str) -> None:
+        lines.append(f"reg [63:0] {name} = 0;")
+        lines.append(f"always @(posedge clk) if (counting) {name} <= {name} + {amount};")
+        counters[label] = name
+
+    def held(name: str, width: int, value: str) -> None:
+        lines.append(f"wire [{width - 1}:0] {name} = {{{value}}};")
+        lines.append(f"reg [{width - 1}:0] before_{name}; always @(posedge clk) before_{name} <= {name};")
+
+    count("cycles", "activity_cycles", "1")
     for index, (block, nets) in enumerate(sorted(bits.items())):
-        lines += [
-            f"wire [{len(nets) - 1}:0] now_{index} = {{{', '.join(nets)}}};",
-            f"reg [{len(nets) - 1}:0] before_{index};",
-            f"reg [63:0] toggles_{index} = 0;",
-            f"always @(posedge clk) begin before_{index} <= now_{index}; if (counting) toggles_{index} <= "
-            f"toggles_{index} + "
-            f"64'($countones(now_{index} ^ before_{index})); end",
-        ]
-        written.append(f"toggles {block} %0d\\n")
-        values.append(f"toggles_{index}")
-    changed = []
+        held(f"now_{index}", len(nets), ", ".join(nets))
+        count(f"toggles {block}", f"toggles_{index}", f"64'($countones(now_{index} ^ before_now_{index}))")
     for index, pair in enumerate(operands):
-        lines += [
-            f"wire [{{WIDTH}}:0] operands_{index} = {{{pair}}};".replace("{WIDTH}", "35"),
-            f"reg [35:0] operands_before_{index};",
-            f"always @(posedge clk) operands_before_{index} <= operands_{index};",
-        ]
-        changed.append(f"64'(operands_{index} != operands_before_{index})")
-    counted = {"ram_reads": reads, "large_uses": uses}
-    for name, terms in (
-        ("multiplies", changed),
-        *((name, [f"64'({net})" for net in ones]) for name, ones in counted.items()),
-    ):
-        total = " + ".join(["64'd0", *terms])
-        lines += [
-            f"reg [63:0] {name} = 0;",
-            f"always @(posedge clk) if (counting) {name} <= {name} + {total};",
-        ]
-        written.append(f"{name} %0d\\n")
-        values.append(name)
+        held(f"operands_{index}", 36, pair)
+    changed = [f"operands_{index} != before_operands_{index}" for index in range(len(operands))]
+    for name, terms in (("multiplies", changed), ("ram_reads", reads), ("large_uses", uses)):
+        count(name, name, " + ".join(["64'd0", *(f"64'({term})" for term in terms)]))
+    written = "".join(f"{label} %0d\\n" for label in counters)
     lines += [
         f'final begin activity_file = $fopen("{FILE}", "w");',
-        f'$fwrite(activity_file, "{"".join(written)}", {", ".join(values)});',
+        f'$fwrite(activity_file, "{written}", {", ".join(counters.values())});',
         "$fclose(activity_file); end",
     ]
     head, end = verilog.rsplit("endmodule", 1)

@@ -17,6 +17,7 @@ import random
 import re
 import subprocess
 from collections.abc import Callable, Mapping
+from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
@@ -239,33 +240,21 @@ class Program:
 
     def _logic(self, rows: list[tuple[str, Any, dict]]) -> list[tuple[str, Any, dict, str]]:
         """Outputs of logic cells, each behind those that it reads."""
-        by_name = {name: (kind, connections) for name, kind, connections in rows}
         driver = {
             bits[0]: name
             for name, kind, connections in rows
             for pin, bits in connections.items()
             if bits and kind.pins[pin].direction == "output"
         }
-        order, visited = [], set()
-        for first in by_name:
-            stack = [(first, False)]
-            while stack:
-                name, ready = stack.pop()
-                if ready:
-                    order.append(name)
-                elif name not in visited:
-                    visited.add(name)
-                    stack.append((name, True))
-                    stack += [
-                        (driver[bit], False)
-                        for bits in by_name[name][1].values()
-                        for bit in bits
-                        if bit in driver
-                    ]
+        reads = {
+            name: {driver[bit] for bits in connections.values() for bit in bits if bit in driver} - {name}
+            for name, _, connections in rows
+        }
+        by_name = {row[0]: row for row in rows}
         return [
-            (name, kind, connections, pin)
-            for name in order
-            for kind, connections in [by_name[name]]
+            (*by_name[name], pin)
+            for name in TopologicalSorter(reads).static_order()
+            for _, kind, connections in [by_name[name]]
             for pin, port in kind.pins.items()
             if port.direction == "output" and port.function and connections.get(pin)
         ]

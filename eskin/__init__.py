@@ -5,7 +5,8 @@ In Python::
     import eskin
 
     model = eskin.Model.load("model")               # a folder that `eskin train` and `eskin quantise` wrote
-    classes = model.predict(frames)                 # frames: (frames, taxels) codes, a list of such, or Recordings
+    # frames: (frames, taxels) codes, a list of such, or Recordings
+    classes = model.predict(frames)
 
 What this module names is public (docs/python.md) and loaded when it is first asked for, so that ``import
 eskin`` is quick and needs no torch. ``eskin.golden`` (models), ``eskin.rtl`` (hardware) and ``eskin.cosim``
@@ -60,8 +61,8 @@ def __getattr__(name: str) -> Any:
     if name not in _PLACES:
         raise AttributeError(f"module 'eskin' has no attribute '{name}'")
     module, attribute = _PLACES[name]
-    globals()[name] = found = getattr(importlib.import_module(f"eskin.{module}"), attribute)
-    return found
+    globals()[name] = value = getattr(importlib.import_module(f"eskin.{module}"), attribute)
+    return value
 
 
 def __dir__() -> list[str]:

@@ -245,10 +245,12 @@ class Model:
             return "Model(not fitted)"
         config = self.config
         if config.is_image:
-            summary = f"images of {config.image.height} x {config.image.width} pixels, {config.name}, {config.classes} classes"
+            size = f"{config.image.height} x {config.image.width} pixels"
+            summary = f"images of {size}, {config.name}, {config.classes} classes"
             return f"Model({summary}{'' if self._integer is not None else ', not quantised'})"
         cell = f"{config.network.cell} {config.network.hidden}" if config.recurrent else "linear"
-        summary = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz, {cell}, {config.classes} classes"
+        array = f"{config.sensor.taxels} taxels at {config.sensor.sample_rate_hz:g} Hz"
+        summary = f"{array}, {cell}, {config.classes} classes"
         return f"Model({summary}{'' if self._integer is not None else ', not quantised'})"
 
     # ------------------------------------------------------------------ decisions

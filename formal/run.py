@@ -30,7 +30,7 @@ from rich.console import Console
 from eskin.golden.core.files import write_json
 from eskin.golden.core.jobs import Jobs
 from eskin.golden.core.memo import Memo, content_key
-from eskin.pages.tables import markdown, rows_of, terminal_table
+from eskin.pages.views import terminal_table
 from eskin.rtl.fpga.tools import run_tool
 from formal.proof import PROOFS, Bug, Proof
 
@@ -238,11 +238,11 @@ def _bugs(record: dict[str, Any]) -> str:
 
 
 COLUMNS = {
-    "proof": "{proof} ({verdict})",
-    "what it proves": "{claim}",
-    "method": "{method}, depth {depth}",
-    "configuration reduced to": "{reduced}",
-    "seconds": "{seconds}",
+    "proof": "{proof} ({verdict})".format_map,
+    "what it proves": "{claim}".format_map,
+    "method": "{method}, depth {depth}".format_map,
+    "configuration reduced to": "{reduced}".format_map,
+    "seconds": "{seconds}".format_map,
     "seeded bug: broken property, cycle": _bugs,
 }
 
@@ -275,7 +275,7 @@ def main(arguments: list[str] | None = None) -> int:
         ]
         fields = {name: getattr(proof, name) for name in ("claim", "method", "depth", "reduced")}
         records.append({"proof": proof.title} | fields | results[f"{proof.title} None"] | {"bugs": bugs})
-    cells = rows_of(records, COLUMNS)
+    cells = [[cell(record) for cell in COLUMNS.values()] for record in records]
     console.width = max(console.width, 140)  # where there is no terminal, too
     console.print(terminal_table("proofs", COLUMNS, cells))
     failed = sum(not result["good"] for result in results.values())
@@ -285,7 +285,8 @@ def main(arguments: list[str] | None = None) -> int:
     )
     if not options.words and not options.quick:
         write_json(BUILD / "proofs.json", records)
-        (BUILD / "proofs.md").write_text(markdown(COLUMNS, cells))
+        lines = (list(COLUMNS), ["---"] * len(COLUMNS), *cells)
+        (BUILD / "proofs.md").write_text("".join(f"| {' | '.join(line)} |\n" for line in lines))
         print(f"written: {BUILD / 'proofs.md'}, {BUILD / 'proofs.json'}")
     return 1 if failed else 0
 

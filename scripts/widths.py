@@ -15,7 +15,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.data.load import load_recordings
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.widths import (
-    Case,
+    LeftOut,
     Tried,
     feature_headroom,
     fold_cases,
@@ -95,7 +95,7 @@ def main() -> None:
         print()
 
 
-def _row(cases: list[Case], headroom: float, tried: Tried) -> str:
+def _row(cases: list[LeftOut], headroom: float, tried: Tried) -> str:
     if tried.refused:
         return f"| {tried.weight_bits} | {tried.table_entries} | - | - | - | {tried.refused} | - |"
     bits = {integers_of(case, headroom, **tried.widths).config.accumulator_bits for case in cases}
@@ -104,7 +104,7 @@ def _row(cases: list[Case], headroom: float, tried: Tried) -> str:
     return f"| {cells} | {100 * at_an_end:.2f} % |"
 
 
-def _nested(cases: list[Case]) -> Iterator[str]:
+def _nested(cases: list[LeftOut]) -> Iterator[str]:
     outer = []
     for number in range(len(cases)):
         inner = cases[:number] + cases[number + 1 :]

@@ -43,6 +43,7 @@ TORCH_MODULES = {
         "model.straight_through",
         "training.network",
         "training.batches",
+        "training.descent",
         "training.fit",
         "training.losses",
         "training.train",

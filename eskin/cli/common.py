@@ -33,8 +33,8 @@ again."""
 
 
 class Application(typer.Typer):
-    """Every verb refuses an output that would destroy one of its inputs, before it begins. What a verb returns is
-    its result: written to --json, and a check of it that did not hold (``passed``) is status 1."""
+    """Every verb refuses an output that would destroy one of its inputs, before it begins. What a verb
+    returns is its result: written to --json, and a check of it that did not hold (``passed``) is status 1."""
 
     def command(self, *names: Any, **options: Any) -> Callable[..., Any]:
         register = super().command(*names, **options)
@@ -121,7 +121,10 @@ if not console.is_terminal:  # a file or a pipe has no width: tables are not bro
 
 messages = Console(stderr=True)
 
-DATA = "An .npz archive, a folder of .csv, .lvm or .png files (one sub-folder a class), a long .csv table, a .mat file, or the word synthetic."
+DATA = (
+    "An .npz archive, a folder of .csv, .lvm or .png files (one sub-folder a class), a long .csv table, a "
+    ".mat file, or the word synthetic."
+)
 
 SEED_MAX = 2**31 - 1
 
@@ -261,8 +264,8 @@ CellChoice = Literal["gru", "lstm", "linear", "tactnet", "tactnet-half", "four",
 CellOption = Annotated[
     CellChoice | None,
     option(
-        "tactnet, tactnet-half, four, four-lean are for images. auto: the smallest of several that is enough. "
-        "Default: auto without --config and --hidden, else the configuration's."
+        "tactnet, tactnet-half, four, four-lean are for images. auto: the smallest of several that is "
+        "enough. Default: auto without --config and --hidden, else the configuration's."
     ),
 ]
 HiddenOption = Annotated[int | None, option("Hidden units.")]

@@ -11,7 +11,7 @@ import contextlib
 import dataclasses
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.position import Position, PositionStream
 from eskin.golden.model.stream import Decision, Stream
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
+
+if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without
+    from eskin.cosim.live import LiveSimulator
 
 STAGES = ("sum", "fault", "feature", "state", "map", "logit")
 """Stages of the simulated hardware with a number for each input, unit, value of a map or class."""
@@ -130,22 +133,12 @@ def _where(made: Position) -> Where:
     return Where(made.frame + 1, made.x, made.y, made.peak, made.ended, made.direction)
 
 
-class Simulator(Protocol):
-    """As eskin.cosim.live.LiveSimulator."""
-
-    def arm(self) -> None: ...
-    def take(self, samples: np.ndarray) -> list: ...
-    def finish(self): ...
-    def read(self, register: str) -> int: ...
-    def close(self) -> None: ...
-
-
 class SimulationSource(ModelSource):
     """The simulated RTL in lock step with the model: every value of every stage of each frame is compared."""
 
     kind = "simulation"
 
-    def __init__(self, model: IntegerModel, simulator: Simulator) -> None:
+    def __init__(self, model: IntegerModel, simulator: LiveSimulator) -> None:
         super().__init__(model)
         self._simulator = simulator
         self.cycles_max = 0
@@ -187,7 +180,8 @@ class SimulationSource(ModelSource):
             compared.append(_hardware(made, left.get("decision"), stages))
         return compared + [
             Differs(
-                f"at {where} the hardware gave {len(values)} values of stage {stage} that the model does not have"
+                f"at {where} the hardware gave {len(values)} values of stage {stage} that the model "
+                "does not have"
             )
             for stage, values in left.items()
             if values
@@ -260,7 +254,8 @@ class BoardSource(ModelSource):
         with on_port(self._port):
             position, peak = self._link.read("POSITION"), self._link.read("POSITION_PEAK")
         wrong = (position, peak) != (last.x | last.y << 8, last.peak | last.direction << 8 | last.ended << 11)
-        said = f"frame {last.frame}: the board says {position:#06x}, {peak:#06x}; the model x {last.x}, y {last.y}, peak {last.peak}"
+        board, model = f"{position:#06x}, {peak:#06x}", f"x {last.x}, y {last.y}, peak {last.peak}"
+        said = f"frame {last.frame}: the board says {board}; the model {model}"
         return [*told[:-1], dataclasses.replace(last, wrong=wrong), *[Differs(said)] * wrong]
 
     def finish(self) -> list[Event]:

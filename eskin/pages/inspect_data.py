@@ -177,8 +177,8 @@ def _state(span: int, held: float) -> str:
 
 
 def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
-    """What the terminal shows beside the figures: of_classes, of_recordings (number, class, onset, frames; few of
-    many), and for what to do next odd (state -> taxels), lost, few (classes), group."""
+    """What the terminal shows beside the figures: of_classes, of_recordings (number, class, onset, frames;
+    few of many), and for what to do next odd (state -> taxels), lost, few (classes), group."""
     onsets, names, labels = figures["onset_frames"], recordings.class_names, recordings.labels
     of_classes = []
     for label, (name, count) in enumerate(figures["classes"].items()):

@@ -8,7 +8,7 @@ run.json               the data, the configuration and why, the checks, the cloc
 evaluate.json          float against integer, the network that was exported, on all recordings
 cosim.json             co-simulation at full pace: every stage compared
 cosim_declared.json    at the sensor's pace: latency and budgets at the configured clock
-cosim_lowest.json      the same at the lowest clock that meets every budget; absent when none was found (run.json says so)
+cosim_lowest.json      the same at the lowest clock that meets every budget; absent when none was found
 model/config.json, model/training.json    configuration with every format; cross-validation, profiled ranges
 trace.npz              one recording with every stage (``write_trace``)
 """
@@ -400,7 +400,9 @@ def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figur
     if config.network.decision == "vote":
         how = f"{lead} votes ahead"
     ended = ", recording ended early" if trace["partial"] else ""
-    title = f"local decision of each step and its margin; global decision: {outcome} ({how}{ended}), true class: {names[int(trace['label'])]}"
+    truth = names[int(trace["label"])]
+    title = "local decision of each step and its margin; "
+    title += f"global decision: {outcome} ({how}{ended}), true class: {truth}"
     letters = min(LABEL_LETTERS, max(map(len, names)))
     # room for the names above the bars
     top = max(float(margins.max(initial=0.0)), 1e-9) / (0.93 - 0.055 * letters)
@@ -450,7 +452,8 @@ def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, ste
         axes.axvline(onset_s, color="black", linestyle="--", linewidth=1, label="onset found")
         axes.legend(loc="upper right")
     axes.set(
-        title=f"recording {int(trace['number'])}: raw taxels, a line each; grey: the windows, a tick at the end of each",
+        title=f"recording {int(trace['number'])}: raw taxels, a line each; grey: the windows, a tick at the "
+        "end of each",
         xlabel="time since arm (s)",
         ylabel="mV from rest" if volts else "codes from rest",
         xlim=shown,

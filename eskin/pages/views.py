@@ -1,8 +1,8 @@
 """Results in words: a template for each, in `templates`, rendered for a page or for a terminal.
 
-A page's template is HTML. That of a terminal is Markdown, ``NAME.txt.j2``: a heading and lines between bars are a
-table, which is left out where it has no row; any other line is a sentence, on standard error where it begins with
-``! ``. A bar or the end of a line in a value is no bar and no end. What is None is a dash.
+A page's template is HTML. That of a terminal is Markdown, ``NAME.txt.j2``: a heading and lines between bars
+are a table, which is left out where it has no row; any other line is a sentence, on standard error where it
+begins with ``! ``. A bar or the end of a line in a value is no bar and no end. What is None is a dash.
 """
 
 from __future__ import annotations
@@ -92,8 +92,8 @@ def article(thing: str) -> str:
 # ---------------------------------------------------------------------- templates
 @functools.cache
 def _environment(written: Callable[[Any], str] | None) -> jinja2.Environment:
-    """With the filters that all templates share, and the style of pages; ``written``: how a value is put into a
-    text (None: HTML)."""
+    """With the filters that all templates share, and the style of pages; ``written``: how a value is put into
+    a text (None: HTML)."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         autoescape=written is None,

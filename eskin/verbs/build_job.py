@@ -307,14 +307,14 @@ def only_build() -> Path:
     InputError
         There is none, or more than one.
     """
-    found = sorted(path.parent for path in BOARDS.glob(f"*/{MARK}"))
-    if len(found) != 1:
-        these = f"{BOARDS} has {', '.join(path.name for path in found) or 'none'}"
+    builds = sorted(path.parent for path in BOARDS.glob(f"*/{MARK}"))
+    if len(builds) != 1:
+        these = f"{BOARDS} has {', '.join(path.name for path in builds) or 'none'}"
         raise InputError(
             "--build: is missing; name the folder of 'eskin build' whose bitstream the board runs "
             f"({these}), or give --baud"
         )
-    return found[0]
+    return builds[0]
 
 
 def link_of(folder: Path) -> tuple[int, int, Any]:
@@ -327,7 +327,7 @@ def link_of(folder: Path) -> tuple[int, int, Any]:
     """
     try:
         result = json.loads((folder / MARK).read_text())
-        with_link, wanted = result["link"], (result["lanes"], result["lane_type"])
+        with_link, lanes = result["link"], (result["lanes"], result["lane_type"])
         rate = round(result["baud"]) if with_link else 0
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(
@@ -338,7 +338,7 @@ def link_of(folder: Path) -> tuple[int, int, Any]:
             f"--build {folder}: was built with --no-link, so no host can talk to it; build it anew without "
             "that option"
         )
-    return rate, *wanted
+    return rate, *lanes
 
 
 FLASH_IMAGE = "flash.bin"
@@ -421,7 +421,7 @@ def _result(
         "clock_met": best.fmax_hz >= wanted_hz,
         "critical_path": best.path,
         "seed": best.seed,
-        "seeds": {str(one.seed): one.fmax_hz for one in placements},
+        "seeds": {str(placement.seed): placement.fmax_hz for placement in placements},
         "cycles": {
             "step": step_cycles(config),
             "step_ideal": config.step_ideal,
@@ -481,8 +481,10 @@ def misfit_sentence(
         helps.append(
             "table_entries 256 in the model's config.json needs one less (eskin evaluate tells what it costs)"
         )
-    what = "with the link, does" if link else "without the link, does"
-    return f"{what} not fit the {target.device} of {target.name}: it needs {lacks}; {', '.join(helps)}"
+    design = "with the link" if link else "without the link"
+    return (
+        f"{design}, does not fit the {target.device} of {target.name}: it needs {lacks}; {', '.join(helps)}"
+    )
 
 
 def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, available: int) -> list[str]:
@@ -492,8 +494,8 @@ def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, avail
     shorter = {
         steps: config.replace(steps=steps, feature_shift=()) for steps in range(1, config.windows.steps)
     }
-    fits = [steps for steps, one in shorter.items() if others + _weight_blocks(one, target) <= available]
-    one = _weight_blocks(config.replace(weight_sets="one"), target)
+    fits = [steps for steps, less in shorter.items() if others + _weight_blocks(less, target) <= available]
+    one_set = _weight_blocks(config.replace(weight_sets="one"), target)
     if needed == others:
         return []  # they take no block memory
     says = [f"the weights of {config.sets} windows alone take {needed - others}"]
@@ -501,8 +503,8 @@ def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, avail
         says.append(f"on {LARGE_MEMORIES} lanes (--lanes {LARGE_MEMORIES}) they take none")
     if config.sets > 1 and fits:
         says.append(f"those of {max(fits)} (--steps {max(fits)}) would fit")
-    if config.sets > 1 and others + one <= available:
-        says.append(f"one set for all windows (weight_sets one in the configuration) takes {one}")
+    if config.sets > 1 and others + one_set <= available:
+        says.append(f"one set for all windows (weight_sets one in the configuration) takes {one_set}")
     return says
 
 
@@ -531,7 +533,8 @@ def clock_sentence(result: Record) -> str:
     else:
         helps = f"--clock {math.floor(result['fmax_hz'] / 1e5) * 1e5:.0f} is a clock it reaches"
     share = 100 * short / result["clock_hz"]
-    return f"misses its clock: {result['fmax_hz'] / 1e6:.1f} of {result['clock_hz'] / 1e6:g} MHz, {share:.1f} % too slow; {helps}"
+    clock = f"{result['fmax_hz'] / 1e6:.1f} of {result['clock_hz'] / 1e6:g} MHz"
+    return f"misses its clock: {clock}, {share:.1f} % too slow; {helps}"
 
 
 # ---------------------------------------------------------------------- kept work
@@ -558,10 +561,13 @@ def _placement(
 ) -> Implementation:
     def make(fresh: Path) -> None:
         work = fresh / "work"
-        one = place(netlist, target, pins, work, seed=seed, border=border)
-        one.bitstream.rename(fresh / one.bitstream.name)
+        placement = place(netlist, target, pins, work, seed=seed, border=border)
+        placement.bitstream.rename(fresh / placement.bitstream.name)
         shutil.rmtree(work)  # megabytes that nothing reads again
-        write_json(fresh / "implementation.json", dataclasses.asdict(one) | {"bitstream": one.bitstream.name})
+        write_json(
+            fresh / "implementation.json",
+            dataclasses.asdict(placement) | {"bitstream": placement.bitstream.name},
+        )
 
     folder = Memo(cache).folder(content_key(key, str(target.place), dict(pins), seed), make)
     values = json.loads((folder / "implementation.json").read_text())

@@ -42,7 +42,10 @@ NEAR = 3
 follow closely."""
 DRAIN_CYCLES = 48
 """Cycles of a slow frame beyond two a taxel: more than the clock runs on."""
-METHOD = "changes of nets from cycle to cycle at gate level, Liberty energy and capacitance, wire load; glitches apart; no clock tree, no layout"
+METHOD = (
+    "changes of nets from cycle to cycle at gate level, Liberty energy and capacitance, wire load; glitches "
+    "apart; no clock tree, no layout"
+)
 DELAYS = {
     "cells": "cells take their Liberty delay at a short edge and a small load, shorter pulses are "
     "swallowed, a glitch costs a full swing",
@@ -74,10 +77,10 @@ def with_touches(
             if end <= length or windows is not None:
                 ends[number] = min(end, length)
     if not ends:
-        what = "a whole touch and a hop after it; energy needs one"
+        whole = "a whole touch and a hop after it; energy needs one"
         raise InputError(
             f"recordings '{recordings.source}': none has "
-            + (what if windows is None else f"a touch with {needed} windows; ask for fewer")
+            + (whole if windows is None else f"a touch with {needed} windows; ask for fewer")
         )
     having = np.array(sorted(ends))
     numbers = having[recordings.subset(having).evenly(min(count, len(having)))]

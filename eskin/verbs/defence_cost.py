@@ -99,10 +99,10 @@ def main() -> None:
         )
         model = random_integer_model(config, 1)
         # With the link: without it nobody reads the faults, and what finds them is not there either.
-        found = placed(model.config, model.arrays, BOARD, build_job.CACHE, link=True)
+        cells = placed(model.config, model.arrays, BOARD, build_job.CACHE, link=True)
         cycles = schedule(model.config).step_cycles
         print(
-            f"| {name} | {found['logic_cells']} | {found.get('ff')} | {found['bram']} | {cycles} |",
+            f"| {name} | {cells['logic_cells']} | {cells.get('ff')} | {cells['bram']} | {cycles} |",
             flush=True,
         )
 

@@ -86,8 +86,8 @@ def measure(
     asked, config = config, config.replace(converter="none")  # frames as recorded: the chain alone is counted
     design = generate(config, model.arrays, work / "design")
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers)
-    one = expected_of(model, recordings.subset([0]), work / "one.npz", numbers[:1])
-    clock, lowest = flow.lowest_clock(design, one, work=work / "clock", builds=BUILD / "simulators")
+    first = expected_of(model, recordings.subset([0]), work / "one.npz", numbers[:1])
+    clock, lowest = flow.lowest_clock(design, first, work=work / "clock", builds=BUILD / "simulators")
     hardware, cells = netlist_of(config, model.arrays, target, probes=False)
     counted = work / "counted.v"
     counted.write_text(instrument(hardware.sources[0].read_text(), block_of))
@@ -193,13 +193,17 @@ def job(
     """
     beside = [chip_row(path) for path in chips]
     config = model.config
-    wanted = []
+    chosen_boards = []
     for target, lanes, kind in map(
         parse_configuration, configurations or (IMAGE_CONFIGURATIONS if config.is_image else CONFIGURATIONS)
     ):
         kind = kind or (suited_lane_type(config, find_target(target)) if config.is_image else "plain")
-        wanted.append((target, lanes, kind))
-    for target, lanes, kind in wanted:  # a configuration that cannot be is refused before any long work
+        chosen_boards.append((target, lanes, kind))
+    for (
+        target,
+        lanes,
+        kind,
+    ) in chosen_boards:  # a configuration that cannot be is refused before any long work
         made = config.with_lanes(lanes, kind)
         if config.is_image:
             refuse_hardware(made)
@@ -211,8 +215,8 @@ def job(
         _images(recordings, count) if config.is_image else with_touches(model, recordings, count)
     )
     rows = []
-    for done, (target, lanes, kind) in enumerate(wanted):
-        notify("configurations", done, len(wanted))
+    for done, (target, lanes, kind) in enumerate(chosen_boards):
+        notify("configurations", done, len(chosen_boards))
         rows.append(
             measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
         )

@@ -520,14 +520,16 @@ def _take_over(folder: Path, result: Path, name: str) -> Record | None:
 
 def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Record]:
     """What exit status 0 stands for: {name, held, detail} each."""
-    loss = f"integer {percent(evaluated['integer_accuracy'])}, float {percent(evaluated['float_accuracy'])} on the training data"
+    integer, real = (percent(evaluated[f"{kind}_accuracy"]) for kind in ("integer", "float"))
+    loss = f"integer {integer}, float {real} on the training data"
     agreement = (
         f"agreement {percent(evaluated['agreement'], 2)}, at least {percent(evaluate.MIN_AGREEMENT, 0)}"
     )
     detail = f"{loss}; at most {100 * evaluate.MAX_LOSS:g} point may be lost; {agreement}"
     error = evaluated["logit_error"]
     if error["max"] is not None:
-        detail += f"; logit error {error['mean']:.3f} on average, {error['max']:.2f} at most, most of all by {error['stage']}"
+        figures = f"{error['mean']:.3f} on average, {error['max']:.2f} at most"
+        detail += f"; logit error {figures}, most of all by {error['stage']}"
     checks: list[Record] = []
 
     def check(name: str, held: bool, detail: str) -> None:

@@ -112,7 +112,7 @@ def run(
     )
     keep = _Records(cache, content, Jobs(workers=workers, dask=dask, progress=progress, version=CODE))
     hardware = _Hardware(bench, keep, progress) if cosim else None
-    found = stability.run_modes(
+    judged = stability.run_modes(
         bench,
         names=names,
         judged=lambda modes: keep.results(judge_mode, {name: name for name in modes}, bench, "modes judged"),
@@ -120,13 +120,13 @@ def run(
         progress=progress,
     )
     if hardware:
-        hardware.confirm(found["modes"])
+        hardware.confirm(judged["modes"])
     compared: list[Record] = []
     if isinstance(bench, Bench):
         compared, chosen = _defences(bench, keep, hardware, seeds if compare else 0)
         write_json(out / RECOMMENDED, chosen.to_dict())
     passed = all(
-        record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in found["modes"]
+        record["passed"] and (not record["rtl"] or record["rtl"]["bit_exact"]) for record in judged["modes"]
     )
     passed &= all(record["hardware"] is None or record["hardware"]["bit_exact"] for record in compared)
     result = {
@@ -134,7 +134,7 @@ def run(
         "data": str(recordings.source),
         "recordings": len(recordings),
         "clean_accuracy": bench.clean_accuracy,
-        **found,
+        **judged,
         "defences": compared,
         "passed": passed,
         "wall_s": round(time.perf_counter() - begin, 3),
@@ -323,7 +323,8 @@ class _Hardware:
         if key == "reset":
             records = campaign_steps.leave_recordings(campaign, count // 4, seed, ways=ways, **options)
             value = sum(record["differs"] for record in records)
-            what = f"a reset or a new arm {len(records)} times in a recording with two touches, at every cycle around a decision too"
+            words = f"a reset or a new arm {len(records)} times in a recording with two touches, at every "
+            words += "cycle around a decision too"
             detail: Record = {"runs": len(records)}
         elif key == "flip-flops":
             detail = campaign_steps.summary(campaign_steps.upset_flip_flops(campaign, count, seed, **options))
@@ -335,17 +336,18 @@ class _Hardware:
             )
             dumb = sum(not (record["answers"] and record["decides"]) for record in of_link)
             value = detail["hangs"] + dumb
-            what = f"{campaign_steps.in_words(detail)}; of {len(of_link)} more in the serial link {dumb} leave it without an answer"
+            link = f"of {len(of_link)} more in the serial link {dumb} leave it without an answer"
+            words = f"{campaign_steps.in_words(detail)}; {link}"
             detail["link"] = {"flips": len(of_link), "hangs": dumb}
         else:
             detail = campaign_steps.flagged_by_kind(
                 campaign_steps.upset_constants(campaign, count, seed, **options)
             )
             value = sum(flips - flagged for flips, flagged in detail.values())
-            what = "; ".join(
+            words = "; ".join(
                 f"{kind}: {flagged} of {flips} flagged" for kind, (flips, flagged) in detail.items()
             )
-        return Outcome(value, what, detail=detail)
+        return Outcome(value, words, detail=detail)
 
     def play(self, key: str, **options: Any) -> Outcome:
         """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during
@@ -355,5 +357,5 @@ class _Hardware:
         rtl = play_case(self.bench, case, self.work, self.simulator, **{key: True}, **options)
         probe = rtl["probe"]
         taken = 0 if probe is None else int(not (probe["after"] & 1 == 1 and probe["cleared"] & 1 == 0))
-        what = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
-        return Outcome(rtl["mismatches"] + taken, what, rtl=rtl)
+        words = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
+        return Outcome(rtl["mismatches"] + taken, words, rtl=rtl)

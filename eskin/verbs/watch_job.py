@@ -154,8 +154,8 @@ def watch(
         What went wrong before or while it was shown; a record is whole all the same.
     """
     config = model.config
-    one = config.interface
-    known = (one.rows, one.columns) if one.position else None
+    grid = config.interface
+    shape_told = (grid.rows, grid.columns) if grid.position else None
     if config.is_image:
         for name, given, why in (
             ("shape", shape, "an image has its own"),
@@ -163,9 +163,11 @@ def watch(
         ):
             if given:
                 raise InputError(f"--{name} {given}: is for recordings; {why}: leave it out")
-        known = (config.image.height, config.image.width)
+        shape_told = (config.image.height, config.image.width)
     rows, columns = (
-        asked_shape(shape, config.sensor.taxels) if shape else known or guessed_shape(config.sensor.taxels)
+        asked_shape(shape, config.sensor.taxels)
+        if shape
+        else shape_told or guessed_shape(config.sensor.taxels)
     )
     recorder = Recorder(record, config) if record else None
     controls = Controls(speed=speed)
@@ -173,7 +175,7 @@ def watch(
     with contextlib.ExitStack() as signals:
         try:
             with opened_source(model, recordings, port=port, baud=baud, simulate=simulate) as source:
-                drawn = {"shape": [rows, columns], "guessed": shape is None and known is None}
+                drawn = {"shape": [rows, columns], "guessed": shape is None and shape_told is None}
                 told = hello(config, recordings, numbers, source=source.kind, **drawn)
                 hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image)
                 apart_s = IMAGE_S if config.is_image else 0.0

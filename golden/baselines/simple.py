@@ -22,7 +22,7 @@ import torch
 from eskin.golden.baselines.method import Fitted, Method
 from eskin.golden.baselines.scene import Scene
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.training.descent import descend
+from eskin.golden.training.losses import descend
 from eskin.golden.training.recipe import Recipe, choose_recipe
 from eskin.golden.training.yardsticks import fitted, rbf_svm
 

@@ -22,7 +22,7 @@ import torch
 
 from eskin.golden.baselines.method import Fitted, Method
 from eskin.golden.baselines.scene import Scene
-from eskin.golden.training.descent import descend
+from eskin.golden.training.losses import descend
 
 IMAGES, TILES = 12, 4
 """Images of a touch; tiles along each side of an image, a frame each."""

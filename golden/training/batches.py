@@ -34,7 +34,7 @@ class Batches:
         generator: torch.Generator,
         *,
         scales: list[tuple[float, float]] | None = None,
-        pool: Pool | None = None,
+        pool: TouchPool | None = None,
     ) -> None:
         self._config, self._recipe, self._generator = config, recipe, generator
         taken = [data.touches.take(rows) for rows in parts]
@@ -58,7 +58,7 @@ class Batches:
         )
         self._labels = torch.tensor(data.labels[data.touches.recording])
         self._ends = torch.tensor(data.ends)
-        self._pool = pool or Pool(parts, generator)
+        self._pool = pool or TouchPool(parts, generator)
 
     def draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Real features (parts, batch, steps, inputs), labels (parts, batch), and which steps the recording
@@ -183,7 +183,7 @@ def _log_uniform(limit: float, shape: torch.Size, generator: torch.Generator) ->
     return limit ** (torch.rand(shape, generator=generator) * 2 - 1)
 
 
-class Pool:
+class TouchPool:
     """Draws training rows for every part: at random, or in shuffled passes over the part."""
 
     def __init__(self, parts: list[np.ndarray], generator: torch.Generator) -> None:

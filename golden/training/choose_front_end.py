@@ -302,20 +302,20 @@ class Judged:
         return float(self.correct.std(ddof=1) / np.sqrt(len(self.correct)))
 
 
-class Outcome(Protocol):
+class Judgement(Protocol):
     """Whether each recording was decided rightly, or how often."""
 
     @property
     def correct(self) -> np.ndarray: ...
 
 
-def behind(best: Outcome, rival: Outcome) -> tuple[float, float]:
+def behind(best: Judgement, rival: Judgement) -> tuple[float, float]:
     """(shortfall of ``rival``, standard error of the paired difference over recordings)."""
     difference = best.correct.astype(float) - rival.correct
     return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
 
 
-def is_level(best: Outcome, rival: Outcome) -> bool:
+def is_level(best: Judgement, rival: Judgement) -> bool:
     """The shortfall is none, or below TIE standard errors of the paired difference."""
     shortfall, error = behind(best, rival)
     return shortfall <= 0 or shortfall < TIE * error

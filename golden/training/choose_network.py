@@ -49,7 +49,7 @@ from eskin.golden.training.choose_front_end import (
     most_accurate,
     row_of,
 )
-from eskin.golden.training.crossval import Decided, Folds, Progress, Terms, share_right
+from eskin.golden.training.crossval import FoldDecisions, Folds, Progress, Terms, share_right
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_models import train_image_model
@@ -178,11 +178,11 @@ def cross_validate_network(
     def folds_of(seeds: Sequence[int]) -> Folds:
         return Folds(recordings, config, recipe, groups, seeds, terms.folds, terms.datasets)
 
-    def decided(work: Folds) -> list[Decided]:
+    def decided(work: Folds) -> list[FoldDecisions]:
         models = work.fit(terms.progress)
         return work.decided(models, work.quantise(models, terms.widths))
 
-    def candidate(work: Folds, runs: list[Decided]) -> Candidate:
+    def candidate(work: Folds, runs: list[FoldDecisions]) -> Candidate:
         (record,) = work.records_of(runs)
         correct = share_right(recordings.labels, work.tests, runs)
         return Candidate(config, recipe, correct, record, config)

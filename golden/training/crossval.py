@@ -160,7 +160,7 @@ class Folds:
         """A record for each split, as ``cross_validate`` returns them."""
         return self.records_of(self.decided(models, integers))
 
-    def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[Decided]:
+    def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[FoldDecisions]:
         """What each network decided on the recordings it has not seen (``tests``)."""
         runs = [
             _judge(model, integer, self.data, test)
@@ -174,9 +174,9 @@ class Folds:
             for m, run in enumerate(runs)
         ]
 
-    def records_of(self, runs: Sequence[Decided]) -> list[dict[str, Any]]:
+    def records_of(self, runs: Sequence[FoldDecisions]) -> list[dict[str, Any]]:
         """A record for each split from what each network ``decided``."""
-        decided: dict[tuple[int, int], list[Decided]] = {}
+        decided: dict[tuple[int, int], list[FoldDecisions]] = {}
         for m, run in enumerate(runs):
             decided.setdefault(self._jobs[m % len(self._jobs)][:2], []).append(run)
         times = step_times(self._config, self.data.touches)
@@ -240,10 +240,10 @@ def judge_pieces(
     seed: int,
     widths: dict[str, Any],
     progress: Progress | None = None,
-) -> list[Decided]:
+) -> list[FoldDecisions]:
     """What each decided on its test. All of one configuration and recipe train at once; of those that also
     share their training part and are judged on several tests, one is trained."""
-    outcomes: dict[int, Decided] = {}
+    outcomes: dict[int, FoldDecisions] = {}
     kinds: dict[tuple[AcceleratorConfig, Recipe], list[int]] = {}
     for number, piece in enumerate(pieces):
         kinds.setdefault((piece.config, piece.recipe), []).append(number)
@@ -266,7 +266,7 @@ def named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
 
 
 @dataclass(frozen=True)
-class Decided:
+class FoldDecisions:
     """Decisions of one network on its test part: global (r) and local (r, K), -1 none, float and integer; the
     step (r) after which the integer global one was given, -1 none; how far integer logits are from float ones
     (values of completed steps); its losses (points, 2) in training after so many updates (``LossCurves``),
@@ -282,14 +282,14 @@ class Decided:
     losses: np.ndarray | None = None
 
 
-def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.ndarray) -> Decided:
+def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.ndarray) -> FoldDecisions:
     rows = data.index[test]
     touches = data.touches.take(rows[rows >= 0])
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
     real = decide_touches(model, touches, config=integer.config)
     exact = decide_touches(integer, touches)
     done = np.arange(exact.logits.shape[1]) < touches.completed[:, None]
-    return Decided(
+    return FoldDecisions(
         by_recording(real.decision, placed),
         by_recording(real.local, placed),
         by_recording(exact.decision, placed),
@@ -323,7 +323,7 @@ def over_folds(per_fold: Sequence[dict[str, Any]]) -> dict[str, float]:
     return {key: float(np.average([fold[key] for fold in per_fold], weights=weights)) for key in SHARES}
 
 
-def share_right(labels: np.ndarray, tests: Sequence[np.ndarray], runs: Sequence[Decided]) -> np.ndarray:
+def share_right(labels: np.ndarray, tests: Sequence[np.ndarray], runs: Sequence[FoldDecisions]) -> np.ndarray:
     """(recordings) the share of the integer networks that decided each rightly, of those that had not seen
     it."""
     right, judged = np.zeros(len(labels)), np.zeros(len(labels))
@@ -390,7 +390,7 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
     }
 
 
-def _training_curve(runs: Sequence[Decided]) -> dict[str, Any] | None:
+def _training_curve(runs: Sequence[FoldDecisions]) -> dict[str, Any] | None:
     """{updates, training_loss, held_out_loss (None: nothing to judge)}, means over networks; None of a linear
     cell."""
     losses = [run.losses for run in runs if run.losses is not None]

@@ -40,12 +40,11 @@ from eskin.golden.model.model import (
 )
 from eskin.golden.model.pipeline import by_recording, decide_touches
 from eskin.golden.model.straight_through import straight_through
-from eskin.golden.training.batches import Batches, Pool
+from eskin.golden.training.batches import Batches, TouchPool
 from eskin.golden.training.choose_front_end import choose, field_of
 from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
-from eskin.golden.training.descent import Progress, descend
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
-from eskin.golden.training.losses import class_loss
+from eskin.golden.training.losses import Progress, class_loss, descend
 from eskin.golden.training.quantise import Masters, limits_of, merged_parameters, profile, range_records
 from eskin.golden.training.recipe import Recipe, choose_recipe
 
@@ -165,14 +164,14 @@ def load_pair(folder: str | Path) -> Pair:
     return Pair(real, integer)
 
 
-class _Mixed(Pool):
+class _Mixed(TouchPool):
     """Draws a fixed share of every batch from the new touches, the rest from the old ones."""
 
     def __init__(
         self, old: list[np.ndarray], new: list[np.ndarray], share: float, generator: torch.Generator
     ) -> None:
         super().__init__(old, generator)
-        self._new, self._share = Pool(new, generator), share
+        self._new, self._share = TouchPool(new, generator), share
 
     def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
         fresh = max(1, round(batch * self._share))
@@ -207,7 +206,7 @@ def fit(
         names = network_shapes(pairs[0].integer.config, real=False)
         network = _Held(pairs, DENSE if setting.layers == "dense" else list(names))
         pool = (
-            Pool(list(new), generator)
+            TouchPool(list(new), generator)
             if old is None
             else _Mixed(list(old), list(new), setting.share, generator)
         )

@@ -15,9 +15,8 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.training.batches import Batches
 from eskin.golden.training.datasets import Dataset
-from eskin.golden.training.descent import Progress, descend
 from eskin.golden.training.linear_fit import fit_least_squares, fit_linear
-from eskin.golden.training.losses import LossCurves, class_loss, teacher_loss
+from eskin.golden.training.losses import LossCurves, Progress, class_loss, descend, teacher_loss
 from eskin.golden.training.network import RecurrentClassifier
 from eskin.golden.training.quantise import IntegerNetwork, profile, quantise_model
 from eskin.golden.training.recipe import Recipe

@@ -26,14 +26,14 @@ from eskin.golden.core.memo import Memo, content_key
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.image_network import image_seconds, images_of
 from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target
-from eskin.golden.training.crossval import Decided, Progress, named, split_record
+from eskin.golden.training.crossval import FoldDecisions, Progress, named, split_record
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_formats import check_weight_bits, profile_images
 from eskin.golden.training.splits import split_folds
 from eskin.golden.training.train_images import (
     CODE,
+    ImageFold,
     ImageRecipe,
-    Piece,
     judge,
     size_of,
     train_network,
@@ -221,24 +221,24 @@ def pieces_of(
     seeds: Sequence[int],
     recipe: ImageRecipe,
     bits: int,
-) -> list[list[Piece]]:
+) -> list[list[ImageFold]]:
     """A list for each seed, a piece for each fold; ``bits``: also train on with weights of so many, 0:
     not."""
     pieces = []
     for seed in seeds:
         parts = split_folds(recordings, groups, folds, seed if not groups else None)
-        pieces.append([Piece(config, tuple(map(int, part)), seed, recipe, bits) for part in parts])
+        pieces.append([ImageFold(config, tuple(map(int, part)), seed, recipe, bits) for part in parts])
     return pieces
 
 
 def judged_pieces(
     images: Mapping[str, np.ndarray],
     labels: np.ndarray,
-    pieces: Sequence[list[list[Piece]]],
+    pieces: Sequence[list[list[ImageFold]]],
     jobs: Jobs,
     keep: Memo | None,
     what: str,
-    judging: Callable[[Any, Piece], dict[str, Any]],
+    judging: Callable[[Any, ImageFold], dict[str, Any]],
 ) -> list[list[list[dict[str, Any]]]]:
     """The result of each piece of several networks, of `eskin.golden.training.train_images.judge` or what
     stands in for it, in their order.
@@ -256,7 +256,7 @@ def judged_pieces(
     code = CODE()
     of_images = {size: content_key(pixels, labels, code) for size, pixels in images.items()}
 
-    def key(piece: Piece) -> str:
+    def key(piece: ImageFold) -> str:
         options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits]
         return content_key(of_images[size_of(piece.config)], piece.config.to_dict(), *options)
 
@@ -272,7 +272,7 @@ def split_of(
     recordings: Recordings,
     config: AcceleratorConfig,
     groups: list[str],
-    pieces: list[list[Piece]],
+    pieces: list[list[ImageFold]],
     results: list[list[dict[str, Any]]],
     seeds: list[int],
     integers: str,
@@ -287,7 +287,11 @@ def split_of(
             ideal, whole = np.array(result["float"]), np.array(result[integers])
             correct[test] += (whole == recordings.labels[test]) / len(seeds)
             decided.append(
-                [Decided(ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), np.array([]))]
+                [
+                    FoldDecisions(
+                        ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), np.array([])
+                    )
+                ]
             )
         names = [f"part {number + 1}" for number in range(len(tests))]
         records.append(
@@ -305,7 +309,7 @@ def split_of(
 
 
 def _by_weights(
-    labels: np.ndarray, pieces: list[list[Piece]], results: list[list[dict[str, Any]]]
+    labels: np.ndarray, pieces: list[list[ImageFold]], results: list[list[dict[str, Any]]]
 ) -> list[dict[str, Any]]:
     """{weights, accuracy, spread, agreement, by_seed} of the float network and of each kind of integers;
     accuracy and agreement (with float) are means over seeds, spread the standard deviation over them (0 of

@@ -1,14 +1,15 @@
-"""Losses of networks, and their curves while they are trained."""
+"""Losses of networks, their descent, and their curves while they are trained."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterable
 
 import numpy as np
 import torch
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.training.batches import Batches, Pool
+from eskin.golden.training.batches import Batches, TouchPool
 from eskin.golden.training.datasets import Dataset
 from eskin.golden.training.network import RecurrentClassifier
 from eskin.golden.training.recipe import AS_RECORDED, Recipe
@@ -19,6 +20,37 @@ CURVE_POINTS = 20
 CURVE_TOUCHES = 64
 """Touches on which a point's loss of unseen recordings is taken: drawn once, so that points differ by the
 network alone."""
+
+Progress = Callable[[int, int], None]
+"""Called with (updates done, updates in all)."""
+
+
+def descend(
+    parameters: Iterable[torch.Tensor],
+    loss_of: Callable[[], torch.Tensor],
+    rate: float,
+    updates: int,
+    *,
+    one_cycle: bool = True,
+    after: Callable[[int, torch.Tensor], None] = lambda done, loss: None,
+) -> None:
+    """Minimise the sum of ``loss_of()``, drawn anew for each of the ``updates``: networks that share nothing
+    are each trained by their own loss.
+
+    rate: the largest of the schedule, or constant. after: called with (updates done, the loss) after each.
+    """
+    optimiser = torch.optim.Adam(parameters, lr=rate, foreach=True)
+    schedule = (
+        torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=updates) if one_cycle else None
+    )
+    for done in range(1, updates + 1):
+        loss = loss_of()
+        optimiser.zero_grad()
+        loss.sum().backward()
+        optimiser.step()
+        if schedule:
+            schedule.step()
+        after(done, loss.detach())
 
 
 def class_loss(
@@ -96,7 +128,7 @@ class LossCurves:
         if self._touches is None:
             plain = dataclasses.replace(self._recipe, **AS_RECORDED)
             generator, rows = torch.Generator(), self._rows[self._share]
-            pool = Pool(rows, generator)
+            pool = TouchPool(rows, generator)
             self._touches = Batches(
                 self._data, self._config, plain, rows, generator, scales=scales, pool=pool
             ).recorded()

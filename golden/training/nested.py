@@ -45,7 +45,7 @@ from eskin.golden.training.choose_front_end import (
     row_of,
 )
 from eskin.golden.training.crossval import (
-    Decided,
+    FoldDecisions,
     Piece,
     Terms,
     fold_records,
@@ -132,7 +132,7 @@ class Nested:
             "wall_s": time.perf_counter() - begin,
         }
 
-    def _decided(self, pieces: Sequence[Piece]) -> list[Decided]:
+    def _decided(self, pieces: Sequence[Piece]) -> list[FoldDecisions]:
         terms = self.terms
         return judge_pieces(terms.datasets, pieces, int(terms.seeds[0]), terms.widths, terms.progress)
 

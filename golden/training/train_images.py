@@ -291,7 +291,7 @@ def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], va
 
 # ---------------------------------------------------------------------- pieces of work
 @dataclass(frozen=True)
-class Piece:
+class ImageFold:
     """One network of a cross-validation: trained without the images ``left_out`` and judged on them.
 
     tuned_bits: also train on with weights of so many bits; 0: not.
@@ -313,7 +313,7 @@ CODE = partial(
     "golden/training/image_formats.py",
     "golden/training/train_images.py",
 )
-"""What the result of a `Piece` depends on beside its data."""
+"""What the result of an `ImageFold` depends on beside its data."""
 
 
 def size_of(config: AcceleratorConfig) -> str:
@@ -321,7 +321,7 @@ def size_of(config: AcceleratorConfig) -> str:
     return f"{config.image.height}x{config.image.width}"
 
 
-def judge(shared: tuple[Mapping[str, np.ndarray], np.ndarray], piece: Piece) -> dict[str, Any]:
+def judge(shared: tuple[Mapping[str, np.ndarray], np.ndarray], piece: ImageFold) -> dict[str, Any]:
     """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned``
     (trained on with few bits), each a list of classes in the order of ``left_out``; ``wall_s``. shared:
     images by their size (`size_of`), and labels."""

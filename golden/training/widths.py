@@ -42,7 +42,7 @@ FOLDS = 5
 
 
 @dataclass(frozen=True)
-class Case:
+class LeftOut:
     """A float network, the touches that its ranges are profiled on, and touches that it has not seen."""
 
     model: FloatModel
@@ -107,7 +107,7 @@ def fold_cases(
     folds: int = FOLDS,
     model: FloatModel | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-) -> list[Case]:
+) -> list[LeftOut]:
     """A case for each fold of each split: a network trained without the fold, and the fold.
 
     Parameters
@@ -130,7 +130,7 @@ def fold_cases(
         unseen = work.data.index[test]
         left_out = work.data.touches.take(unseen[unseen >= 0])
         if left_out.completed.any():
-            cases.append(Case(network, work.data.touches.take(rows), left_out))
+            cases.append(LeftOut(network, work.data.touches.take(rows), left_out))
     if not cases:
         raise InputError(
             f"recordings '{recordings.source}': no recording left out has a completed step; use recordings "
@@ -144,7 +144,7 @@ def _reach(model: FloatModel, touches: Touches) -> float:
     return float(np.abs(float_features(model, touches)[:, : model.config.windows.steps][done]).max())
 
 
-def feature_headroom(cases: Sequence[Case]) -> float:
+def feature_headroom(cases: Sequence[LeftOut]) -> float:
     """How many times larger than any feature seen the largest feature left out is: the worst case's, at least
     1."""
     return max(
@@ -159,12 +159,12 @@ def with_headroom(ranges: Mapping[str, Range], headroom: float) -> dict[str, Ran
     return dict(ranges) | {"feature": wide, COVERED_FEATURE: wide}
 
 
-def integers_of(case: Case, headroom: float, **widths: Any) -> IntegerModel:
+def integers_of(case: LeftOut, headroom: float, **widths: Any) -> IntegerModel:
     """The integer network of a case: formats from what was seen, with ``headroom`` for features."""
     return quantise_model(case.model, with_headroom(case.ranges, headroom), **widths)
 
 
-def measure(cases: Sequence[Case], headroom: float, weight_bits: int, table_entries: int) -> Tried:
+def measure(cases: Sequence[LeftOut], headroom: float, weight_bits: int, table_entries: int) -> Tried:
     """Widths on the recordings left out of every case."""
     tried = Tried(weight_bits, table_entries, math.inf, math.inf, None)
     try:
@@ -181,7 +181,10 @@ def measure(cases: Sequence[Case], headroom: float, weight_bits: int, table_entr
 
 
 def ladder(
-    cases: Sequence[Case], headroom: float, weights: Sequence[int] = WEIGHTS, tables: Sequence[int] = TABLES
+    cases: Sequence[LeftOut],
+    headroom: float,
+    weights: Sequence[int] = WEIGHTS,
+    tables: Sequence[int] = TABLES,
 ) -> Iterator[Tried]:
     """Widths after widths, the cheapest first."""
     recurrent = cases[0].model.config.recurrent
@@ -191,7 +194,7 @@ def ladder(
 
 
 def choose_widths(
-    cases: Sequence[Case],
+    cases: Sequence[LeftOut],
     limit: float,
     headroom: float | None = None,
     progress: Callable[[str, int, int], None] | None = None,

@@ -228,8 +228,9 @@ def read(path: Path) -> Library:
     try:
         return _library(Path(path), parse(text))
     except ValueError as error:
+        fault = " ".join(str(error).split())  # a quote that nobody closes goes on over lines
         raise InputError(
-            f"--liberty {path}: is no Liberty file ({error}); give the process's .lib or .lib.gz"
+            f"--liberty {path}: is no Liberty file ({fault}); give the process's .lib or .lib.gz"
         ) from None
 
 

@@ -181,85 +181,74 @@ def synthesise(
     (folder / "cells.constr").write_text(
         f"set_driving_cell {process.flip_flop.name}\nset_load 10 [all_outputs]\n"
     )
-    begin = [
-        f"read_rtlil {top}.il",
-        f"hierarchy -top {top}",
-        "proc",
-        "flatten",
-        "setattr -unset init w:*",
-        "delete t:$scopeinfo",
-        "opt_expr",
-        "opt_clean",
-        "memory_collect",
-        "memory_dff",
-        "opt_clean",
-    ]
-    _run(
-        folder,
-        "begin",
-        [
-            *begin,
-            "memory_share",
-            "memory_collect",
-            "opt_clean",
-            "write_json memories_in.json",
-            "write_rtlil begun.il",
-        ],
-    )
+    begin = f"""read_rtlil {top}.il
+hierarchy -top {top}
+proc
+flatten
+setattr -unset init w:*
+delete t:$scopeinfo
+opt_expr
+opt_clean
+memory_collect
+memory_dff
+opt_clean
+memory_share
+memory_collect
+opt_clean
+write_json memories_in.json
+write_rtlil begun.il
+"""
+    _run(folder, "begin", begin)
     rows = _memories(folder, process, top, latches)
     (folder / "memories.json").write_text(json.dumps(rows))
-    script = ["read_rtlil begun.il"]
+    script = "read_rtlil begun.il\n"
     kinds = {row["kind"] for row in rows}
     maps = {"latches": MEMORIES.name}
     for macro in (macro for macro in process.macros if macro.name in kinds):
         maps[macro.name] = f"map_{macro.name}.v"
         (folder / f"{macro.name}.v").write_text(macro_verilog(macro))
         (folder / maps[macro.name]).write_text(macro_map(macro))
-        script.append(f"read_verilog -lib {macro.name}.v")
-    script.append(f"hierarchy -top {top}")
+        script += f"read_verilog -lib {macro.name}.v\n"
+    script += f"hierarchy -top {top}\n"
     for row in rows:
         if row["kind"] in maps:
-            script += [
-                f"select -set one {top}/c:{row['cell']}",
-                f"techmap -autoproc -map {maps[row['kind']]} @one",
-            ]
+            script += f"select -set one {top}/c:{row['cell']}\n"
+            script += f"techmap -autoproc -map {maps[row['kind']]} @one\n"
     (folder / "cells_map.v").write_text(cells_map(process))
     pins = process.gate.gate_pins
     gate = f"{process.gate.name} {pins['enable']}:{pins['clock']}:{pins['output']}"
     high, low = HINTS[process.pdk]["high"], HINTS[process.pdk]["low"]
-    script += [
-        "opt",
-        f"synth -run coarse:fine -top {top}",
-        f"techmap -map {RESETS.name}",
-        "memory_map",
-        "opt -undriven -fine",
-        "techmap",
-        "opt -fast",
-        "dfflegalize -cell $_DFF_P_ x -cell $_DFFE_PP_ x -cell $_DLATCH_P_ x",
-        f"clockgate -pos {gate} -min_net_size {BITS_OF_A_GATE}",
-        "opt -fast",
-        "techmap -map cells_map.v",
-        "dfflibmap -liberty cells.lib",
-        "opt_clean",
-        f"abc -liberty cells.lib -constr cells.constr -D {delay_ps}",
-        "setundef -zero",
-        f"hilomap -hicell {high[0]} {high[1]} -locell {low[0]} {low[1]}",
-        "opt_clean -purge",
-        "write_json mapped.json",
-    ]
+    script += f"""opt
+synth -run coarse:fine -top {top}
+techmap -map {RESETS.name}
+memory_map
+opt -undriven -fine
+techmap
+opt -fast
+dfflegalize -cell $_DFF_P_ x -cell $_DFFE_PP_ x -cell $_DLATCH_P_ x
+clockgate -pos {gate} -min_net_size {BITS_OF_A_GATE}
+opt -fast
+techmap -map cells_map.v
+dfflibmap -liberty cells.lib
+opt_clean
+abc -liberty cells.lib -constr cells.constr -D {delay_ps}
+setundef -zero
+hilomap -hicell {high[0]} {high[1]} -locell {low[0]} {low[1]}
+opt_clean -purge
+write_json mapped.json
+"""
     _run(folder, "synth", script)
     mapped = json.loads((folder / "mapped.json").read_text())
     insert(mapped["modules"][top], process.cells)
     (folder / "buffered.json").write_text(json.dumps(mapped))
-    written = [
-        "read_json buffered.json",
-        "write_verilog -noattr -noexpr simulated.v",
-        "splitnets -ports",
-        "opt_clean -purge",
-        "tee -q -o cells.json stat -json",
-        "write_json flat.json",
-        f"write_verilog -noattr -noexpr {top}.v",
-    ]
+    written = f"""read_json buffered.json
+write_verilog -noattr -noexpr simulated.v
+splitnets -ports
+opt_clean -purge
+tee -q -o cells.json stat -json
+write_json flat.json
+write_verilog -noattr -noexpr {top}.v
+"""
     _run(folder, "written", written)
     return Netlist.of(folder, top)
 
@@ -314,8 +303,8 @@ def cells_map(process: Process) -> str:
     return text
 
 
-def _run(folder: Path, name: str, script: list[str]) -> None:
-    (folder / f"{name}.ys").write_text("\n".join(script) + "\n")
+def _run(folder: Path, name: str, script: str) -> None:
+    (folder / f"{name}.ys").write_text(script)
     run_tool("yosys", ["-q", "-l", f"{name}.log", f"{name}.ys"], folder)
 
 

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 from eskin.rtl.asic.liberty import Library
@@ -56,19 +57,16 @@ def estimated(nets: Nets, foreign: Container[str] = ()) -> Slowest:
         for name, pin, _ in ends:
             if bit in nets.driver and not nets.cells[name].pins[pin].clock:
                 inputs[name].append(bit)
+    above = {
+        bit: inputs[name] if nets.cells[name].kind == "logic" else []
+        for bit, (name, _) in nets.driver.items()
+    }
     arrival: dict[int, tuple[float, str]] = {}
-    for first in nets.driver:
-        stack = [first]
-        while stack:
-            name, pin = nets.driver[stack[-1]]
-            cell = nets.cells[name]
-            above = inputs[name] if cell.kind == "logic" else []
-            missing = [bit for bit in above if bit not in arrival]
-            if stack[-1] not in arrival and not missing:
-                begun = max((arrival[bit] for bit in above), default=(0.0, name))
-                slower = MACRO_DERATING if cell.name in foreign else 1.0
-                arrival[stack[-1]] = begun[0] + slower * cell.pins[pin].delay_s, begun[1]
-            stack = stack[:-1] if stack[-1] in arrival else stack + missing
+    for bit in TopologicalSorter(above).static_order():
+        name, pin = nets.driver[bit]
+        time, start = max((arrival[before] for before in above[bit]), default=(0.0, name))
+        slower = MACRO_DERATING if nets.cells[name].name in foreign else 1.0
+        arrival[bit] = time + slower * nets.cells[name].pins[pin].delay_s, start
     ends_at = (
         name for name, cell in nets.cells.items() if cell.kind in ("flip-flop", "latch", "memory", "gate")
     )
@@ -106,22 +104,19 @@ def slowest(
     ToolError
     """
     macros = [cell for library in foreign for cell in library.cells]
-    script = [
-        *(f"read_liberty {library.path.resolve()}" for library in (*libraries, *foreign)),
-        f"read_verilog {verilog.name}",
-        f"link_design {top}",
-        "set sta_crpr_enabled 0",  # its clock is ideal: there is no pessimism to take back
-        f"create_clock -name clk -period {PERIOD_NS} [get_ports clk]",
-        *([f"set_wire_load_model -name {wire_load}"] if wire_load else []),
-        *(
-            f"set_timing_derate -late -cell_delay {MACRO_DERATING} [get_lib_cells */{macro}]"
-            for macro in macros
-        ),
-        "report_checks -path_delay max -from [all_registers -clock_pins] -to [all_registers -edge_triggered "
-        "-data_pins] -digits 4",
-        "exit",
-    ]
-    (folder / "timing.tcl").write_text("\n".join(script) + "\n")
+    files = "".join(f"read_liberty {library.path.resolve()}\n" for library in (*libraries, *foreign))
+    load = f"set_wire_load_model -name {wire_load}\n" if wire_load else ""
+    derating = f"set_timing_derate -late -cell_delay {MACRO_DERATING}"
+    slower = "".join(f"{derating} [get_lib_cells */{macro}]\n" for macro in macros)
+    # its clock is ideal: there is no pessimism to take back (crpr)
+    script = f"""{files}read_verilog {verilog.name}
+link_design {top}
+set sta_crpr_enabled 0
+create_clock -name clk -period {PERIOD_NS} [get_ports clk]
+{load}{slower}report_checks -path_delay max -from [all_registers -clock_pins] -to [all_registers -edge_triggered -data_pins] -digits 4
+exit
+"""
+    (folder / "timing.tcl").write_text(script)
     done = subprocess.run(
         ["sta", "-exit", "timing.tcl"],
         cwd=folder,

@@ -116,23 +116,10 @@ def place(
     family = netlist.family.name
     pack, text, ending = PACKERS[family]
     (folder / "netlist.json").write_bytes(netlist.json.read_bytes())
-    arguments = [
-        *target.place,
-        "--json",
-        "netlist.json",
-        "--report",
-        "report.json",
-        "--write",
-        "placed.json",
-        "--seed",
-        str(seed),
-        "--freq",
-        CLOCK_MHZ,
-        "--timing-allow-fail",
-        "-q",
-        "-l",
-        "nextpnr.log",
-    ]
+    words = (
+        "--json netlist.json --report report.json --write placed.json --timing-allow-fail -q -l nextpnr.log"
+    )
+    arguments = [*target.place, *words.split(), "--seed", str(seed), "--freq", CLOCK_MHZ]
     if family == "ice40":
         lines = (
             f"set_io {'-pullup yes ' * port.startswith(PULLED_UP)}{port} {site}\n"

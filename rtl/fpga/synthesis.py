@@ -230,47 +230,40 @@ def synthesise(
     folder.mkdir(parents=True, exist_ok=True)
     text = rtlil.convert(design, name=top, platform=family.name, emit_src=False)
     (folder / f"{top}.il").write_text(without_contents(open_collisions(text)))
-    hide, show, kept = [], [], family.dsp
+    hide, show, kept = "", "", family.dsp
     if family.dsp == "SB_MAC16":
         kept = "KEPT_MAC16"
-        hide = [f"copy {family.dsp} {kept}", f"chtype -set {kept} t:{family.dsp}"]
-        show = [f"chtype -set {family.dsp} t:{kept}", f"delete ={kept}"]
+        hide = f"copy {family.dsp} {kept}\nchtype -set {kept} t:{family.dsp}\n"
+        show = f"chtype -set {family.dsp} t:{kept}\ndelete ={kept}\n"
     synth = f"{family.synth} -top {top}"
-    mapping = [synth]
+    mapping = f"{synth}\n"
     if family.name == "ice40":
         (folder / WHOLE_WORDS.name).write_text(WHOLE_WORDS.read_text())
-        libraries = "-lib +/ice40/brams.txt -lib +/ice40/spram.txt -no-auto-huge"
-        mapping = [
-            "scratchpad -copy abc9.script.flow2 abc9.script",  # a longer script of ABC: some LUTs in a thousand less
-            f"{synth} -run begin:map_ram",
-            f"memory_libmap {libraries}",
-            f"techmap -map {WHOLE_WORDS.name}",
-            f"{synth} -run map_ram:blif",
-        ]
-    script = [
-        f"read_rtlil {top}.il",
-        f"hierarchy -top {top}",
-        "proc",
-        "design -push-copy",
-        "flatten",
-        f"write_json {top}_names.json",
-        "design -pop",
-        f"read_verilog -lib {family.library}",
-        *(f"setattr -mod -set keep_hierarchy 1 {top}.{path}" for path in keep),
-        "flatten",
-        *hide,
-        "tee -q -o asked.json stat -json",
-        *mapping,
-        *show,
-        *(f"setattr -mod -unset keep_hierarchy {top}.{path}" for path in keep),
-        "flatten",
-        "delete t:$scopeinfo",
-        "tee -q -o cells.json stat -json",
-        f"write_json {top}.json",
-        f"write_verilog -noattr {top}.v",
-        "",
-    ]
-    (folder / "synth.ys").write_text("\n".join(script))
+        # a longer script of ABC: some LUTs in a thousand less
+        mapping = f"""scratchpad -copy abc9.script.flow2 abc9.script
+{synth} -run begin:map_ram
+memory_libmap -lib +/ice40/brams.txt -lib +/ice40/spram.txt -no-auto-huge
+techmap -map {WHOLE_WORDS.name}
+{synth} -run map_ram:blif
+"""
+    hold = "".join(f"setattr -mod -set keep_hierarchy 1 {top}.{path}\n" for path in keep)
+    script = f"""read_rtlil {top}.il
+hierarchy -top {top}
+proc
+design -push-copy
+flatten
+write_json {top}_names.json
+design -pop
+read_verilog -lib {family.library}
+{hold}flatten
+{hide}tee -q -o asked.json stat -json
+{mapping}{show}{hold.replace("-set keep_hierarchy 1", "-unset keep_hierarchy")}flatten
+delete t:$scopeinfo
+tee -q -o cells.json stat -json
+write_json {top}.json
+write_verilog -noattr {top}.v
+"""
+    (folder / "synth.ys").write_text(script)
     run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder)
     asked = _count(folder / "asked.json").get(kept, 0) if kept else 0
     result = Netlist.of(folder, family, top)

@@ -8,6 +8,7 @@ import pytest
 from eskin.cosim.latency import budgets, cycle_table, decision_latencies, needed_clock, step_limit_frames
 from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, compare, read_capture
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from tests.support.link_flow import pack_decisions
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
@@ -26,7 +27,7 @@ NUMBERS = (5, 9)
 
 
 def pack(row) -> int:
-    return sum(int(value) << low for value, (low, _) in zip(row, DECISION_FIELDS.values(), strict=True))
+    return pack_decisions([row])[0]
 
 
 @pytest.fixture

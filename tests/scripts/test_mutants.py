@@ -180,11 +180,11 @@ def test_every_mutant_of_the_project_is_one_fault_and_kinds_and_files_are_even()
     scope = Scope.load(ROOT)
     texts = {file: (ROOT / file).read_text() for file in scope.tests}
     chosen = choose(texts, 168, 1, scope.skip)
-    assert len({(one.file, one.begin, one.old, one.new) for one in chosen}) == 168
-    assert {one.file for one in chosen} == set(texts) and all(
-        is_fault(one, texts[one.file]) for one in chosen
+    assert len({(mutant.file, mutant.begin, mutant.old, mutant.new) for mutant in chosen}) == 168
+    assert {mutant.file for mutant in chosen} == set(texts) and all(
+        is_fault(mutant, texts[mutant.file]) for mutant in chosen
     )
-    assert min(sum(one.kind == kind for one in chosen) for kind in KINDS) >= 10
+    assert min(sum(mutant.kind == kind for mutant in chosen) for kind in KINDS) >= 10
 
 
 def test_every_named_fault_is_one_of_the_code_there_is():
@@ -196,5 +196,8 @@ def test_every_reason_is_that_of_a_mutant_there_is():
     scope = Scope.load(ROOT)
     for (file, was, now), entry in scope.reasons.items():
         text = (ROOT / file).read_text()
-        assert any(one.lines(text) == (was, now) for one in mutants(file, text, scope.skip)), (file, was)
+        assert any(mutant.lines(text) == (was, now) for mutant in mutants(file, text, scope.skip)), (
+            file,
+            was,
+        )
         assert entry["reason"]

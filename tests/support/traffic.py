@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from eskin.cosim.runner import SimulationError, build
-from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES
+from eskin.cosim.scoreboard import FLAT_STAGES
+from tests.support.link_flow import pack_decisions
 
 HARNESS = Path(__file__).with_name("traffic_harness.sv")
 
@@ -141,10 +142,7 @@ def differences(lines: Sequence[Sequence[str]], expected: Mapping[str, np.ndarra
         low, high = expected[f"{stage}_offsets"][index : index + 2]
         wanted = expected[stage][low:high]
         if stage == "decision":
-            wanted = [
-                sum(int(value) << low for value, (low, _) in zip(row, DECISION_FIELDS.values(), strict=True))
-                for row in wanted
-            ]
+            wanted = pack_decisions(wanted)
         wanted = [f"{int(value) & 0xFFFFFFFF:08x}" for value in wanted]
         if words != wanted:
             place = next(

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -317,6 +318,7 @@ def test_inspect_points_at_dead_and_saturated_taxels(call, folder):
     status, out, _ = call(*"inspect data.npz --config config.json --json figures.json".split())
     states = [taxel["state"] for taxel in json.loads(Path("figures.json").read_text())["taxel"]]
     assert status == 0 and states == ["ok", "ok", "constant", "saturated"] and "taxels to look at" in out
+    assert re.search(r"│ 2 +│ constant +│ 7 +│ 7 +│", out) and re.search(r"│ 3 +│ saturated ", out)
 
 
 def test_a_taxel_that_rests_at_its_lowest_code_is_not_saturated(call, folder):

@@ -5,7 +5,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from eskin.pages.inspect_data import MANY_TAXELS, _thinned, draw, held_shares
+from eskin.pages.inspect_data import MANY_TAXELS, _thinned, draw, held_shares, in_rows, inspect
 from tests.support.table import each_row
 
 
@@ -38,3 +38,12 @@ def test_held_needs_a_stretch_and_others_that_move(make_recordings):
     # now the others stand still there
     samples[:, 1:] = np.where((np.arange(800) % 100 < 30)[:, None], 1000, samples[:, 1:])
     assert held_shares(recordings)[0] == 0
+
+
+def test_of_many_recordings_those_without_an_onset_the_earliest_and_the_latest_are_listed(make_recordings):
+    recordings = make_recordings(lengths=[40] * 14)
+    figures = inspect(recordings) | {"onset_frames": [9, 8, 7, -1, 6, 5, 4, 3, 2, -1, 11, 12, 13, 14]}
+    rows = in_rows(recordings, figures, "mine.npz")
+    assert [row[0] for row in rows["of_recordings"]] == [0, 3, 4, 5, 6, 7, 8, 9, 10, 11]
+    assert rows["lost"] == 2 and [row["lost"] for row in rows["of_classes"]] == [0, 2]
+    assert [row["span"] for row in rows["of_classes"]] == [[2, 7, 13], [3, 8, 14]]

@@ -56,8 +56,8 @@ def test_a_bound_is_reached_and_not_passed_by_the_worst_weights():
     for stage, shift in zip(config.weighted_stages, config.layer_shifts, strict=True):
         assert np.prod(stage.weight_shape[1:]) * 255 * 128 + 2**23 + (2**shift >> 1) < 1 << bits - 1
     assert any(
-        one.accumulator_bound(8, shift) >= 1 << bits - 2
-        for one, shift in zip(config.weighted_stages, config.layer_shifts, strict=True)
+        of_layer.accumulator_bound(8, shift) >= 1 << bits - 2
+        for of_layer, shift in zip(config.weighted_stages, config.layer_shifts, strict=True)
     )
 
 

@@ -55,10 +55,10 @@ WANTED = {key: {"product": 7 * n} for key, n in PIECES.items()}
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_come_in_order_and_progress_is_told(workers):
     moves = []
-    found = Jobs(workers=workers, progress=lambda *move: moves.append(move)).results(
+    results = Jobs(workers=workers, progress=lambda *move: moves.append(move)).results(
         times, PIECES, 7, what="sevens"
     )
-    assert found == WANTED and list(found) == list(PIECES)
+    assert results == WANTED and list(results) == list(PIECES)
     assert moves == [("sevens", n, 6) for n in range(7)]
 
 

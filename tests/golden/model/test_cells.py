@@ -157,8 +157,8 @@ def test_leading_dimensions_are_independent_networks(cell, reset):
     assert together.shape == (2, 3, 4, 6, config.classes)
     for fold in range(2):
         for seed in range(3):
-            one = {name: weight[fold, seed] for name, weight in many.weights.items()}
-            _, alone = run_cell(Float(config), config, one, x[fold, 0])
+            single = {name: weight[fold, seed] for name, weight in many.weights.items()}
+            _, alone = run_cell(Float(config), config, single, x[fold, 0])
             torch.testing.assert_close(together[fold, seed], alone, rtol=0, atol=1e-12)
 
 

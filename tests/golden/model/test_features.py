@@ -152,10 +152,10 @@ def test_normalised_codes_are_the_real_features(subset, scale):
             np.broadcast_to(values, (config.constants,))[list(config.input_constants)]
             for values in (mu, sigma)
         )
-        wanted = (real - mu) / sigma * 2.0**config.formats.feature_format.frac_bits
-        wanted[..., list(config.input_mask)] = 0.0
+        ideal = (real - mu) / sigma * 2.0**config.formats.feature_format.frac_bits
+        ideal[..., list(config.input_mask)] = 0.0
         done = np.arange(config.windows.steps) < touches.completed[:, None]
-        inside = done[..., None] & (np.abs(wanted) < config.formats.feature_format.max_code - 2)
+        inside = done[..., None] & (np.abs(ideal) < config.formats.feature_format.max_code - 2)
         # half a code of the narrowing, half of the bits that the shift drops, half an LSB of mean and of
         # scale
         scale_of, shift_of = (
@@ -163,10 +163,10 @@ def test_normalised_codes_are_the_real_features(subset, scale):
             shifts_by_input(filled)[list(config.length_index)],
         )
         ratio = scale_of * 2.0 ** -(shift_of + filled.formats.gate_frac)
-        allowed = 0.5 + ratio * (2.0**shift_of + 1) / 2 + np.abs(wanted) / (2 * scale_of)
+        allowed = 0.5 + ratio * (2.0**shift_of + 1) / 2 + np.abs(ideal) / (2 * scale_of)
         assert (
             inside.sum() > 60
-            and (np.abs(codes - wanted) <= allowed)[inside].all()
+            and (np.abs(codes - ideal) <= allowed)[inside].all()
             and allowed[inside].max() < 4
         )
         live = ~np.array(config.input_mask)
@@ -207,6 +207,7 @@ def test_normalised_codes_are_the_real_features(subset, scale):
             {"feature_kinds": FEATURE_KINDS, "taxels": 54, "clock_hz": 50e6},
             "feature_kinds: 3 kinds of 54 taxels are 162 inputs and 160",
         ),
+        ({"feature_shift": (99,)}, "feature_shift: must lie in 0..15"),
         ({"feature_kinds": FEATURE_KINDS, "clock_hz": 20e3}, "4 taxels with 3 kinds .* at least 24000"),
     ],
 )
@@ -276,9 +277,9 @@ def test_amplified_integrals_are_those_of_the_amplified_sums():
     stacked = np.repeat(companded(sums, config.features.integral_knee, 12), config.inputs).reshape(
         -1, config.inputs
     )
-    found = amplified(config, stacked, 4.0)[:, 0]
+    gained = amplified(config, stacked, 4.0)[:, 0]
     exact = companded(4 * sums, config.features.integral_knee, 12)
-    assert np.abs(found - exact).max() <= 8 and np.abs(exact - stacked[:, 0]).max() > 1000
+    assert np.abs(gained - exact).max() <= 8 and np.abs(exact - stacked[:, 0]).max() > 1000
     plain = sums_alone(ALL)
     assert (
         np.array_equal(amplified(plain, sums[:, None], 2.0), 2 * sums[:, None])

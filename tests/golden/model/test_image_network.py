@@ -36,7 +36,7 @@ def by_hand(model: IntegerModel, image: np.ndarray) -> dict[int, list]:
     shifts = dict(
         zip((stage.number for stage in model.config.weighted_stages), model.config.layer_shifts, strict=True)
     )
-    found = {}
+    values_of = {}
     for stage in model.config.stages:
         rows, across, depth = stage.result
         made = {}
@@ -64,8 +64,8 @@ def by_hand(model: IntegerModel, image: np.ndarray) -> dict[int, list]:
                     acc += sum(w * v for w, v in zip(weights[o], flat, strict=True))
                 made[place] = min(max((acc + (1 << shift >> 1)) >> shift, low), high)
         values = made
-        found[stage.number] = [values[place] for place in sorted(values)]
-    return found
+        values_of[stage.number] = [values[place] for place in sorted(values)]
+    return values_of
 
 
 @each_row("number", range(len(LISTS)))

@@ -161,7 +161,7 @@ def test_the_job_writes_the_page_and_keeps_what_it_judged(bench, tmp_path, monke
     names = ["noise on every taxel", "a row lost"]
     options = {"names": names, "cosim": False, "few": 20, "workers": 1, "cache": tmp_path / "kept"}
     result = run(tmp_path / "model", bench.recordings, out=tmp_path / "out", **options)
-    assert [one["name"] for one in result["modes"]] == names and json.loads(
+    assert [mode["name"] for mode in result["modes"]] == names and json.loads(
         (tmp_path / "out/stability.json").read_text()
     ) == result
     page = (tmp_path / "out/stability.html").read_text()

@@ -19,6 +19,7 @@ from eskin.golden.stability.memory import Upset, flipped
 from eskin.golden.stability.suite import judge, run_modes
 from eskin.golden.stability.table import MODES
 from eskin.pages.stability_page import figure_in_words, write_page
+from eskin.pages.views import words
 from eskin.verbs import stability_job
 from tests.support import stability_case
 from tests.support.broken_designs import BROKEN_CAMPAIGNS, BROKEN_DESIGNS, broken_design
@@ -66,12 +67,12 @@ def test_a_linear_cell_on_all_kinds_of_feature_is_judged_too(name):
 
 
 def test_modes_of_a_state_are_not_run_on_a_linear_cell():
-    found = run_modes(
+    result = run_modes(
         stability_case.linear_bench(), names=["no touch", "state error without reset", "state bits"]
     )
-    assert [record["name"] for record in found["modes"]] == ["no touch"]
-    assert {row["why"] for row in found["not_run"]} == {"a linear cell has no state, no gates and no tables"}
-    assert [row["name"] for row in found["not_run"]] == ["state error without reset", "state bits"]
+    assert [record["name"] for record in result["modes"]] == ["no touch"]
+    assert {row["why"] for row in result["not_run"]} == {"a linear cell has no state, no gates and no tables"}
+    assert [row["name"] for row in result["not_run"]] == ["state error without reset", "state bits"]
 
 
 @pytest.mark.parametrize(
@@ -314,8 +315,8 @@ def test_bounds_of_accuracy_are_relative_and_a_detector_that_is_off_is_not_faile
     for value, passed in ((0.475, True), (0.465, False)):
         record, _ = judge(a_mode(value, name, at_least=MODES[name].at_least), halved)
         assert record["bound"] == pytest.approx(0.47) and record["passed"] == passed
-    found = stability.run_modes(bench.changed({"fault_frames": 0}), names=[name])
-    assert not found["modes"] and "fault detector is off" in found["not_run"][0]["why"]
+    result = stability.run_modes(bench.changed({"fault_frames": 0}), names=[name])
+    assert not result["modes"] and "fault detector is off" in result["not_run"][0]["why"]
 
 
 SPLIT = {
@@ -357,18 +358,15 @@ def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job
     assert result["defences"][-1]["name"] == "the same, watchdog, checksum, unsure below a margin of 7"
 
 
-def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path, capsys):
-    from eskin.cli import studies
-
+def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path):
     record, (mode, _) = {"name": "none", **JUDGED}, judge(MODES["state bits"], stability_case.bench())
     wrong = HARDWARE_COST | {"logic_cells": None, "bit_exact": False}
     rows = [{**record, "hardware": cost} for cost in (HARDWARE_COST, wrong)]
     result = PAGE | {"modes": [mode], "weakest": ["state bits"], "defences": rows}
     page = write_page(tmp_path, result).read_text()
-    for words in ('<td class="n">1234</td>', "logic cells", "with 4 dsp lanes", "which DIFFERS"):
-        assert words in page
-    studies._show_stability(result)
-    said = capsys.readouterr().out
+    for phrase in ('<td class="n">1234</td>', "logic cells", "with 4 dsp lanes", "which DIFFERS"):
+        assert phrase in page
+    said = words("stability", **result, figure=figure_in_words, page="")
     assert "1234" in said and "253" in said
     result["defences"] = [{**record, "hardware": None}]  # without a co-simulation
     assert "1234" not in write_page(tmp_path, result).read_text()

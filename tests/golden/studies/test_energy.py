@@ -53,21 +53,21 @@ PART = Part(
 
 
 def test_a_step_a_touch_and_the_powers_are_the_sums_by_hand():
-    found = estimate(CONFIG, PART, ACTIVITY, 2e6)
+    energy = estimate(CONFIG, PART, ACTIVITY, 2e6)
     step = 200 * 50e-12 + 30_000 * 0.2e-12 + 1_200 * 20e-12
-    assert found["per_step_j"] == pytest.approx(step, rel=1e-12) == pytest.approx(40e-9)
+    assert energy["per_step_j"] == pytest.approx(step, rel=1e-12) == pytest.approx(40e-9)
     assert (
-        found["per_touch_j"]
+        energy["per_touch_j"]
         == pytest.approx(20 * step)
-        == pytest.approx(sum(found["per_touch_parts_j"].values()))
+        == pytest.approx(sum(energy["per_touch_parts_j"].values()))
     )
     frame = 16 * 50e-12 + 900 * 0.2e-12
-    assert found["preprocessing_per_touch_j"] == pytest.approx(6144 * frame)
-    assert found["ram_reads_per_touch_j"] == pytest.approx(20 * 200 * 20 * RAM_READ_ASSUMED_J)
-    on, stopped, own = found["choices"]  # 1 MHz of its own would be too slow
+    assert energy["preprocessing_per_touch_j"] == pytest.approx(6144 * frame)
+    assert energy["ram_reads_per_touch_j"] == pytest.approx(20 * 200 * 20 * RAM_READ_ASSUMED_J)
+    on, stopped, own = energy["choices"]  # 1 MHz of its own would be too slow
     added = 20 * (step - 200 * 50e-12)
     idle = 100e-6 + 2e6 * (50e-12 + 3 * 0.2e-12) + 3000 * 900 * 0.2e-12
-    assert found["idle_w"] == on["idle_w"] == pytest.approx(idle) and on["average_w"] == pytest.approx(
+    assert energy["idle_w"] == on["idle_w"] == pytest.approx(idle) and on["average_w"] == pytest.approx(
         idle + added
     )
     assert (
@@ -109,10 +109,12 @@ def test_idle_toggles_are_what_two_runs_differ_by():
 
 
 def test_an_uncounted_build_says_so():
-    found = estimate(
+    energy = estimate(
         CONFIG, "iCE40UP5K", scheduled_activity(CONFIG, 197, 23, 19, registers=600, multipliers=7), 1e6
     )
-    assert "cycles of the schedule" in found["method"] and found["band"] == 2.0 and found["per_touch_j"] > 0
+    assert (
+        "cycles of the schedule" in energy["method"] and energy["band"] == 2.0 and energy["per_touch_j"] > 0
+    )
     assert (
         estimate(CONFIG, "iCE40HX1K", scheduled_activity(CONFIG, 8568, 23, 19, 600, 0), 26e6)[
             "per_touch_parts_j"

@@ -79,7 +79,7 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
     result = swept(scene, tmp_path, counted, seeds=(0, 1))
     # three networks, three folds, two seeds; not four points
     assert len(asked) == len(set(asked)) == 3 * 3 * 2
-    assert [one[:2] for one in asked[:3]] != [
+    assert [entry[:2] for entry in asked[:3]] != [
         asked[0][:2]
     ] * 3  # a fold of every network before the next fold
     eight, four, *others = result["points"]
@@ -87,7 +87,7 @@ def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
         "float_accuracy"
     ] == 1
     assert {point["config"]["size"] for point in others} == {"6x8"} and result["judged_images"] == 18
-    assert [one["point"] for one in result["smallest"]] == [None] * 4 and smallest_at(
+    assert [entry["point"] for entry in result["smallest"]] == [None] * 4 and smallest_at(
         result["points"], 0.6
     ) == 3
     assert result["recommended"] == 3 and result["recommendation"]["met"]

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.jobs import Jobs
 from eskin.golden.core.memo import Memo
@@ -21,7 +21,7 @@ from eskin.golden.studies import sweep as sweeping
 from eskin.golden.training import recipe as recipes
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, schedule, step_cycles
 from eskin.rtl.views.complexity import cost
-from eskin.verbs import main_job, sweep_job
+from eskin.verbs import sweep_job
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, archived, scene
 
@@ -41,17 +41,14 @@ class Stub:
         if job.baseline:
             sizes = {"label": job.baseline, "parameters": 10, "multiplies_decision": 20}
             return sizes | {"splits": [self.split(groups, 0.6, job) for groups in job.splits]}
-        return {
-            "splits": [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job.splits)]
-        }
+        splits = [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job.splits)]
+        return {"splits": splits}
 
     @staticmethod
     def split(groups, accuracy, job):
         by_seed = [accuracy + 0.001 * (seed - np.mean(job.seeds)) for seed in job.seeds]
-        steps = [
-            {"step": k + 1, "time_s": 0.01 * (k + 1), "accuracy": accuracy / 2}
-            for k in range(job.config.windows.steps)
-        ]
+        times = [0.01 * (k + 1) for k in range(job.config.windows.steps)]
+        fold = {"accuracy": accuracy, "by_seed": by_seed}
         return {
             "groups": list(groups),
             "accuracy": accuracy,
@@ -59,12 +56,9 @@ class Stub:
             "float_accuracy": accuracy,
             "float_by_seed": by_seed,
             "agreement": 0.99,
-            "decision_time_s": 0.01 * job.config.windows.steps,
-            "per_step": steps,
-            "per_fold": [
-                {"held_out": f"person {n}", "accuracy": accuracy - n / 100, "by_seed": by_seed}
-                for n in range(3)
-            ],
+            "decision_time_s": times[-1],
+            "per_step": [{"step": k, "time_s": t, "accuracy": accuracy / 2} for k, t in enumerate(times, 1)],
+            "per_fold": [fold | {"held_out": f"person {n}"} for n in range(3)],
         }
 
 
@@ -150,20 +144,13 @@ def test_a_grid_file_that_cannot_be_read_is_refused(tmp_path, text, words):
 @each_row(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "serial")])
 def test_costs_are_those_of_the_hardware(cell, lanes, lane_type):
     """Multiplies and weight bits against what the program itself holds; cycles are the program's."""
-    (point,) = sweeping.make_points(
-        SMALL, [{**cell, "hidden": 7, "weight_bits": 6, "lanes": lanes, "lane_type": lane_type}]
-    )
-    counted, mine = cost(point.config), point.cost()
-    assert (mine["multiplies_step"], mine["weight_memory_bits"]) == (
-        counted["multiplies"],
-        counted["weight_bits"],
-    )
-    assert mine["multiplies_decision"] == 6 * counted["multiplies"]
-    assert (step_cycles(point.config), decision_cycles(point.config)) == (
-        counted["step_cycles"],
-        counted["decision_cycles"],
-    )
-    assert point.config.weight_bits == 6
+    grid = {**cell, "hidden": 7, "weight_bits": 6, "lanes": lanes, "lane_type": lane_type}
+    (point,) = sweeping.make_points(SMALL, [grid])
+    counted, own, config = cost(point.config), point.cost(), point.config
+    assert config.weight_bits == 6 and own["weight_memory_bits"] == counted["weight_bits"]
+    assert own["multiplies_step"] == counted["multiplies"] == own["multiplies_decision"] / 6
+    cycles = (counted["step_cycles"], counted["decision_cycles"])
+    assert (step_cycles(config), decision_cycles(config)) == cycles
 
 
 # ---------------------------------------------------------------------- the memory
@@ -197,20 +184,15 @@ def test_what_was_trained_on_other_terms_is_trained_again(tmp_path, change):
 
 
 def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):
-    few = {
-        name: dataclasses.replace(recipe, updates=10, epochs=0) for name, recipe in recipes.RECIPES.items()
-    }
-    monkeypatch.setattr(recipes, "RECIPES", few)
-    result = do_sweep(
-        tmp_path, sweeping.judge, [{"hidden": 4, "weight_bits": [6, 8]}], splits=[["person"]], seeds=(0, 1)
-    )
+    quick = dataclasses.replace(recipes.RECIPES["onset"], updates=10, epochs=0)
+    monkeypatch.setattr(recipes, "RECIPES", dict.fromkeys(recipes.RECIPES, quick))
+    grid = [{"hidden": 4, "weight_bits": [6, 8]}]
+    result = do_sweep(tmp_path, sweeping.judge, grid, splits=[["person"]], seeds=(0, 1))
     for point in result["points"]:
         (split,) = point["splits"]
         assert split["accuracy"] == pytest.approx(np.mean(split["by_seed"])) and len(split["by_seed"]) == 2
-        assert (
-            split["spread"] == pytest.approx(np.std(split["by_seed"], ddof=1))
-            and 0 <= split["agreement"] <= 1
-        )
+        assert split["spread"] == pytest.approx(np.std(split["by_seed"], ddof=1))
+        assert 0 <= split["agreement"] <= 1
         assert len(split["per_step"]) == SMALL.windows.steps and len(split["per_fold"]) == 5
     floats = [point["float_accuracy"] for point in result["points"]]
     assert floats[0] == floats[1]  # the float network does not know of its bits
@@ -244,17 +226,16 @@ def test_widths_that_cannot_hold_the_trained_network_are_told(tmp_path):
 
 # ---------------------------------------------------------------------- front and choice
 def made(accuracy, latency, multiplies, bits=100, lanes=1, error=0.0, energy=1.0):
-    name = f"{accuracy}/{latency}/{multiplies}"
-    return {
-        "name": name,
-        "accuracy": accuracy,
-        "latency_s": latency,
-        "multiplies_decision": multiplies,
-        "weight_memory_bits": bits,
-        "standard_error": error,
-        "config": {"lanes": lanes},
-        "energy_j": energy,
-    }
+    return dict(
+        name=f"{accuracy}/{latency}/{multiplies}",
+        accuracy=accuracy,
+        latency_s=latency,
+        multiplies_decision=multiplies,
+        weight_memory_bits=bits,
+        standard_error=error,
+        config={"lanes": lanes},
+        energy_j=energy,
+    )
 
 
 figure = st.tuples(st.integers(0, 10), st.integers(1, 10), st.integers(1, 10)).map(
@@ -285,11 +266,9 @@ def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floo
     bounds = sweeping.Bounds(accuracy_floor=floor / 10, latency_budget=latency, energy_budget=energy)
 
     def misses(record, names):
-        over = {
-            "accuracy floor": floor / 10 - record["accuracy"],
-            "latency budget": record["latency_s"] - (latency or 99),
-        }
-        over["energy budget"] = record["energy_j"] - (energy or 99)
+        over = {"accuracy floor": floor / 10 - record["accuracy"]}
+        over |= {"latency budget": record["latency_s"] - (latency or 99)}
+        over |= {"energy budget": record["energy_j"] - (energy or 99)}
         return {name: over[name] for name in names if over[name] > 0}
 
     choice, names = sweeping.recommend(records, bounds), bounds.given()
@@ -348,6 +327,13 @@ def test_the_recommendation_says_why(records, bounds, point, words):
     names = ("accuracy_floor", "latency_budget", "energy_budget")
     choice = sweeping.recommend(records, sweeping.Bounds(**dict(zip(names, bounds, strict=True))))
     assert choice["point"] == point and words in choice["sentence"], choice
+
+
+@each_row(("by_seed", "spread", "error"), [([0.9], None, 0.03), ([0.8, 0.9, 1.0, 0.9], 0.0816, 0.0408)])
+def test_one_seed_has_no_spread_and_the_error_of_a_share(by_seed, spread, error):
+    figures = sweeping.spread_of(by_seed, 100)
+    assert figures["standard_error"] == pytest.approx(error, abs=1e-4)
+    assert figures["spread"] == (spread if spread is None else pytest.approx(spread, abs=1e-4))
 
 
 # ---------------------------------------------------------------------- energy
@@ -415,11 +401,8 @@ def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
         assert (tmp_path / "out" / f"{name}.png").stat().st_size > 10_000
         assert "</svg>" in (tmp_path / "out" / f"{name}.svg").read_text()
     assert "person 2" not in done.output
-    config = main_job.AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
-    assert (config.network.hidden, config.hardware.lanes) == (
-        chosen["config"]["hidden"],
-        chosen["config"]["lanes"],
-    )
+    config, point = AcceleratorConfig.load(tmp_path / "out" / "recommended.json"), chosen["config"]
+    assert (config.network.hidden, config.hardware.lanes) == (point["hidden"], point["lanes"])
     assert schedule(config).step_cycles == chosen["cycles_step"]
     picture = (tmp_path / "out" / "accuracy.svg").read_text()
     axes = ("latency of a decision", "energy of a touch", "accuracy (%)")

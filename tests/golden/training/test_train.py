@@ -439,7 +439,7 @@ def test_the_robust_recipe_lets_taxels_fail_and_keeps_the_rest():
 
 
 def test_thesis_epochs_use_every_touch_once_an_epoch():
-    pool = batching.Pool([np.arange(10), np.arange(20, 27)], torch.Generator().manual_seed(1))
+    pool = batching.TouchPool([np.arange(10), np.arange(20, 27)], torch.Generator().manual_seed(1))
     drawn = torch.cat([pool.draw(5, in_order=True) for _ in range(14)], dim=1)
     assert all(sorted(drawn[0, 10 * e : 10 * e + 10].tolist()) == list(range(10)) for e in range(7))
     assert all(sorted(drawn[1, 7 * e : 7 * e + 7].tolist()) == list(range(20, 27)) for e in range(10))

@@ -61,6 +61,20 @@ def test_every_operation_is_in_one_span(cell, kind):
     assert drawn == [
         (plan.slots_before + issue.cycle, issue.op.name, issue.term, issue.index) for issue in plan.elements
     ]
+    # later units where the microcode has their bits; what is looked up in a slot is written in the next
+    code = Microcode(plan)
+    words = list(enumerate(code.slots[code.again :]))
+    for name, later, works in (
+        (view.STATE, 0, lambda word: word.get("state_write")),
+        (view.CLASSIFIER, 0, lambda word: word.get("logit")),
+        (
+            view.TABLE,
+            1,
+            lambda word: word.get("gate_write") or (word.get("t_write") and not word.get("value")),
+        ),
+    ):
+        drawn = sorted(span.slot + k + later for span in unit(plan, name) for k in range(span.slots))
+        assert drawn == [slot for slot, word in words if works(word)], name
     # every row's sum leaves once, and each unit does one thing at a time
     assert sum(span.slots for span in unit(plan, view.CHAIN)) == sum(group.rows for group in plan.groups)
     assert sum(span.slots for span in unit(plan, view.CLASSIFIER)) == plan.config.classes
