@@ -75,6 +75,8 @@ class DecisionQueue(wiring.Component):
         The oldest, while it waits.
     global_waits : Out(1)
         One of those that wait is a global one.
+    asked : In(1)
+        The word is looked at: all ones while none waits. Otherwise it is 0.
     take : In(1)
         The word is taken, if one waits.
 
