@@ -274,6 +274,7 @@ def answer(address: int, value: int, expected: int, decisions: int = 0) -> bytes
 MAP = {
     "id": 7,
     "version": 1,
+    "versions": [1],
     "registers": {"ID": 0, "VERSION": 1, "STATUS": 3, "CONTROL": 2},
     "bits": {"STATUS": {"BUSY": 4}, "CONTROL": {"ARM": 1, "FINISH": 2, "CLEAR_FAULTS": 4}},
 }
