@@ -28,10 +28,13 @@ from matplotlib.figure import Figure
 
 from eskin.cli import main as command_line
 from eskin.golden.stability import suite as stability
+from eskin.golden.training.choose_front_end import Judge
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S, PROCESSOR_S = 150.0, 40
 """Wall and processor time of one input; the longest takes a quarter of it."""
+JUDGED = 6
+"""Front ends that are judged; the rest of a choice is long work."""
 MEMORY_BYTES = 3 << 29
 """Address space that an input may take on top of the warm process."""
 ENDS = {0: "done", 1: "check not held", 2: "refused", "long work": "long work"}
@@ -72,7 +75,7 @@ class Verdict(NamedTuple):
 def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) -> None:
     """Note what is written outside ``out`` and ``tmp``, and what is unpickled; ``stop`` at long work.
 
-    Long work: a gradient, another process, a server, a mode of the stability suite, and unless ``draws`` a
+    Long work: a gradient, a choice among many front ends, another process, a server, a mode of the stability suite, and unless ``draws`` a
     drawing.
     """
     allowed = (*(f"{os.path.realpath(case / name)}/" for name in ("out", "tmp")), "/dev/")
@@ -96,6 +99,10 @@ def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) 
         elif event == "pickle.find_class":
             notes.append(f"unpickled: {arguments[0]}.{arguments[1]}")
 
+    def judged(judge: Judge, config: Any, judge_it: Callable[..., Any] = Judge.__call__) -> Any:
+        return stop() if len(judge.judged) > JUDGED else judge_it(judge, config)
+
+    Judge.__call__ = judged  # type: ignore[method-assign]
     torch.Tensor.backward = torch.autograd.grad = ProcessPoolExecutor.submit = stability.judge = stop  # type: ignore
     if not draws:
         Figure.__init__ = stop  # type: ignore
