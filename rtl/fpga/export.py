@@ -11,6 +11,7 @@ from amaranth.back import rtlil
 from amaranth.lib import wiring
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
 from eskin.rtl.common.collisions import without_contents
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
@@ -63,7 +64,13 @@ def export_bus(
     axis: bool = False,
     depth: int = 2,
 ) -> tuple[str, str]:
-    """Name and SystemVerilog text of the module for a user's system (`BusTop`); as `export` otherwise."""
+    """Name and SystemVerilog text of the module for a user's system (`BusTop`); as `export` otherwise.
+
+    Raises InputError for streams where a converter feeds.
+    """
+    converter = config.interface.converter
+    if (axis or bus is None) and converter != "none":
+        raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
     name = f"{BUS_TOP}_{bus or 'axis'}"
     return name, _verilog(BusTop(config, _rom(config, arrays), bus=bus, axis=axis, depth=depth), name)
 

@@ -11,7 +11,6 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
 from eskin.rtl.host.apb_front import ApbFront
 from eskin.rtl.host.axi4lite_front import Axi4LiteFront
 from eskin.rtl.host.bus_shell import BusShell
@@ -51,13 +50,8 @@ class BusTop(wiring.Component):
     Members
     -------
     The front's; irq : Out(1), with ``bus``
-    s_axis_... : In, with ``axis``; m_axis_... : Out and bus : In, without ``bus``
+    s_axis_... : In, with ``axis``, which a design with a converter has not; m_axis_... : Out and bus : In, without ``bus``
     busy : Out(1), without a converter; the pins of `SkinTop` with one
-
-    Raises
-    ------
-    InputError
-        Streams and a converter.
     """
 
     def __init__(
@@ -71,8 +65,6 @@ class BusTop(wiring.Component):
     ) -> None:
         converter = config.interface.converter
         self._config, self._axis = config, axis or bus is None
-        if self._axis and converter != "none":
-            raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
         self._front: Any = FRONTS[bus]() if bus else None
         self._core: wiring.Component
         if converter != "none":

@@ -28,7 +28,9 @@ def skin(monkeypatch, **fields):
     sensing_of, stimulation_of, made = skin_top.Sensing, skin_top.Stimulation, []
     watching = SimpleNamespace(watching=SimpleNamespace(hung=Signal()))
     monkeypatch.setattr(
-        skin_top, "Sensing", lambda *arguments, **options: Silent(sensing_of(*arguments), accelerator=watching)
+        skin_top,
+        "Sensing",
+        lambda *arguments, **options: Silent(sensing_of(*arguments), accelerator=watching),
     )
     monkeypatch.setattr(
         skin_top, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1]
