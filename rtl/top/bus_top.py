@@ -50,7 +50,8 @@ class BusTop(wiring.Component):
     Members
     -------
     The front's; irq : Out(1), with ``bus``
-    s_axis_... : In, with ``axis``, which a design with a converter has not; m_axis_... : Out and bus : In, without ``bus``
+    s_axis_... : In, with ``axis``, which a design with a converter has not
+    m_axis_... : Out and bus : In, without ``bus``
     busy : Out(1), without a converter; the pins of `SkinTop` with one
     """
 
