@@ -79,6 +79,7 @@ def _panel(axes, rows: list[Record]) -> None:
             row["method"], (10**x, y), (10 ** (x + 0.09), place), fontsize=8, va="center", arrowprops=line
         )
     axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")  # text is no mathematics on a page: not 10^2
     axes.set_xlim(0.5, 10 ** (max(x for x, _ in points) + NAME_WIDTH))
     axes.set_ylim(min(bottom, min(height for _, height in names)) - pad, top + pad)
     axes.set_ylabel("accuracy (%)")

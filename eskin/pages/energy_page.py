@@ -7,7 +7,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from eskin.golden.core.jobs import Record
-from eskin.pages.charts import CLASS_COLOURS, STYLE, svg
+from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, svg
 from eskin.pages.views import article, page, unit
 
 PAGE = "energy.html"
@@ -77,7 +77,7 @@ def draw_power(rows: list[Record], thing: str = "touch") -> Figure:
             unit(1e-6 * value, "W"), (value, place), xytext=(8, -3), textcoords="offset points", fontsize=8
         )
     axes.set_yticks(places, labels, fontsize=8)
-    axes.set_xscale("log")
+    cost_axis(axes)
     axes.set_xlim(0.5 * min(static), 3 * max(values))
     axes.invert_yaxis()
     axes.set_xlabel(f"average power at one {thing} a second (µW), estimate")
@@ -95,11 +95,11 @@ def draw_waiting(rows: list[Record]) -> Figure:
         powers = [1e6 * point["idle_w"] for point in row["waiting"]]
         axes.plot(budgets, powers, marker="o", markersize=4, color=colour, label=row["name"])
         axes.axhline(1e6 * row["static_w"], color=colour, linewidth=0.8, linestyle=":")
-    axes.set_xscale("log")
+    cost_axis(axes)
     axes.set_xlabel("a decision within (ms)")
     axes.set_ylabel("waiting, clock always on (µW), estimate")
     axes.grid(color="#DDDDDD", linewidth=0.7)
-    axes.legend(loc="upper right")
+    axes.legend(loc="best")
     return figure
 
 

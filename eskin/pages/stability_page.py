@@ -68,6 +68,7 @@ def draw_mode(record: Record) -> Figure:
         axes.legend(fontsize=7.5, loc="best")
     if curve["log"] and min(x) > 0:
         axes.set_xscale("log")
+        axes.xaxis.set_major_formatter("{x:g}")  # text is no mathematics on a page: not 10^2
     if falling:
         axes.invert_xaxis()
     low, high = axes.get_ylim()

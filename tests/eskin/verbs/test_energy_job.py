@@ -12,7 +12,7 @@ from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.image_network import image_recordings, random_images
 from eskin.golden.studies.energy import PARTS, compare, estimate, scheduled_activity
-from eskin.pages.energy_page import render
+from eskin.pages.energy_page import draw_power, draw_waiting, render
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import decision_cycles
 from eskin.verbs.energy_job import job, waiting
@@ -88,4 +88,6 @@ def test_a_later_decision_waits_with_less_down_to_the_clock_that_takes_the_frame
     assert rows[0]["idle_w"] - rows[-1]["idle_w"] == pytest.approx(399e3 * cycle_w)
     row = {"name": "a", "bit_exact": True, **estimate(config, "iCE40UP5K", activity, 612e3)}
     assert "against the latency budget" in render(compare([row | {"waiting": rows}]))
+    for figure in (draw_power([row], "touch"), draw_waiting([row | {"waiting": rows}])):
+        assert figure.axes[0].xaxis.get_major_formatter()(1) == "1"  # 10^0 is drawn as its source
     assert "against the latency budget" not in render(compare([row]))
