@@ -17,7 +17,7 @@ from eskin.pages.views import page, percent, tables, words, write_text
 
 PAGE = "stability.html"
 COLOURS = ("#0072B2", "#E69F00", "#009E73")
-BOUND, NOMINAL = "#b13a00", "#777777"
+BOUND = "#b13a00"
 
 GROUP_TITLES = {
     "numeric": "Numbers: rounding, saturation, widths, tables, bits",

