@@ -293,7 +293,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     report("placements", request.seeds, request.seeds)
     best = max(placements, key=lambda placement: placement.fmax_hz)
     by, tried = "asked" if request.lanes_asked else "fit", request.misfit
-    chosen = {
+    chosen: Record = {
         "lanes_chosen_by": by,
         "lanes_too_many": tried and dict(zip(("lanes", "needs"), tried, strict=True)),
     }
