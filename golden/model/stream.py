@@ -254,8 +254,12 @@ class Stream:
                 f"(frames, {taxels}) for many"
             )
         worth = self.config.sensor.volt_per_code
-        if samples.dtype.kind == "f" and worth and np.isfinite(samples).all():
-            samples = np.clip(np.rint(samples / worth), fmt.min_code, fmt.max_code).astype(np.int32)
+        if samples.dtype.kind == "f" and worth:
+            with np.errstate(over="ignore"):  # float16 cannot hold the codes, float64 not every long double
+                real = samples.astype(np.float64) / worth
+            if np.isnan(real).any():
+                raise InputError("frames: hold values that are not a number; give samples that are finite")
+            samples = np.clip(np.rint(real), fmt.min_code, fmt.max_code).astype(np.int32)
         if samples.dtype.kind not in "iu":
             raise InputError(
                 f"frames: hold {samples.dtype}, not integers; give the A/D codes that the model was trained "
