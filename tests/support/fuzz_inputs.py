@@ -449,6 +449,8 @@ baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
 enrol ../in/model --data @ --out taught
+enrol ../in/model --teach --data @ --out taught
+quantise model --data @ --readout prototypes
 run --data @ --config ../in/config.json
 energy ../in/model --data @
 watch ../in/model --data @ --terminal --speed max --recordings #

@@ -42,7 +42,7 @@ def test_two_code_levels_lose_nothing_in_integers(tmp_path):
     train(recordings, config, TrainingRequest(folds=4, seeds=1, splits=[["person"]]), out=tmp_path / "model")
     split = load_training(tmp_path / "model")["cross_validation"][0]
     assert split["float_accuracy"] > 0.75, "a scene that can be learned"
-    assert split["float_accuracy"] - split["integer_accuracy"] <= 0.005 and split["agreement"] >= 0.98
+    assert split["float_accuracy"] - split["integer_accuracy"] <= 0.005 and split["agreement"] >= 0.95
     integer = quantise(tmp_path / "model")
     assert integer.config.mean_frac >= 4 and integer.config.formats.feature_format.width == 12
     assert (IntegerModel.load(tmp_path / "model").arrays["mean"] == integer.arrays["mean"]).all()
