@@ -273,7 +273,7 @@ def _image_tables(model: IntegerModel) -> list[Table]:
 
 
 def _image_values(config: AcceleratorConfig) -> dict[str, Any]:
-    logit, sizes, rows = config.formats.logit_format, [1, 1], []
+    logit, sizes, rows = config.formats.logit_format, [0, 0], []
     source, weighted = "pixels", config.weighted_stages
     for index, (stage, shift) in enumerate(zip(weighted, config.layer_shifts, strict=True)):
         following = config.stages[stage.number + 1] if not stage.last else stage
@@ -338,10 +338,10 @@ def sources(model: IntegerModel) -> dict[str, str]:
         The model's readout is not the dense one.
     """
     config = model.config
-    if getattr(config.network, "readout", "dense") != "dense":
+    if config.has_prototypes:
         raise InputError(
-            f"configuration '{config.name}', field readout: is '{config.network.readout}', which C does not "  # type: ignore[attr-defined]
-            "have yet; export a model with readout 'dense'"
+            f"configuration '{config.name}', field readout: is 'prototypes', which C does not have; export a "
+            "model with readout 'dense'"
         )
     image = config.is_image
     tables = _image_tables(model) if image else _frame_tables(model)

@@ -84,7 +84,6 @@ def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path
     [
         ("if (s->in_hop == 4)", "if (s->in_hop == 5)"),
         ("second = v[best];", "second = v[c];"),
-        ("s->flag_age[i] > back", "s->flag_age[i]"),
         ("~(~v >> n) : v >> n", "-(-v >> n) : v >> n"),
     ],
 )
