@@ -158,14 +158,14 @@ def solve(folder: Path, method: str) -> tuple[str, str]:
         words = [str(PROGRAMS / "yowasp-sby"), "--yosys", yosys, *tools, "-f", "task.sby"]
     path = f"{PROGRAMS}{os.pathsep}{os.environ.get('PATH', '')}"  # z3 comes with a Python package too
     done = subprocess.run(words, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True)
-    said = done.stdout + done.stderr
+    output = done.stdout + done.stderr
     if method != "any state":
-        ended = re.search(r"DONE \((\w+), rc=", said)
-        return ended[1] if ended else "ERROR", said
+        ended = re.search(r"DONE \((\w+), rc=", output)
+        return ended[1] if ended else "ERROR", output
     for end, verdict in (("no model found: SUCCESS!", "PASS"), ("model found: FAIL!", "FAIL")):
-        if f"SAT proof finished - {end}" in said:
-            return verdict, said
-    return "ERROR" if done.returncode else "TIMEOUT", said
+        if f"SAT proof finished - {end}" in output:
+            return verdict, output
+    return "ERROR" if done.returncode else "TIMEOUT", output
 
 
 def run(memo: Path, job: Job) -> dict[str, Any]:
@@ -187,14 +187,14 @@ def run(memo: Path, job: Job) -> dict[str, Any]:
         (folder / "top.il").write_text(text)
         (folder / "task.sby").write_text(script)
         began = time.monotonic()
-        verdict, said = solve(folder, method)
-        (folder / "log.txt").write_text(said)
-        reached = re.findall(r"Checking assertions in step (\d+)", said)
+        verdict, output = solve(folder, method)
+        (folder / "log.txt").write_text(output)
+        reached = re.findall(r"Checking assertions in step (\d+)", output)
         result = {
             "verdict": verdict,
             "seconds": round(time.monotonic() - began, 1),
             "broken": sorted(
-                set(re.findall(r"Assert failed in top: (?:_witness_\.)?(.*?)(?:_\d+)?\n", said))
+                set(re.findall(r"Assert failed in top: (?:_witness_\.)?(.*?)(?:_\d+)?\n", output))
             ),
             "cycle": int(reached[-1]) if reached else None,
             "log": str(folder / "log.txt"),

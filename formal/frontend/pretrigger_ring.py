@@ -100,13 +100,13 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     # Beats are numbered modulo 256, frame * 4 + taxel, and their number is what the ring is given to keep: it
     # never looks at it.
     number = Signal(8)
-    wanted = Signal(8)  # of the next beat in; of the next beat out
+    next_beat = Signal(8)  # of the next beat in; of the next beat out
     since = Signal(6)  # beats since arm or since the end of the last touch that was read, 63 for more
     free(dut.i.valid)
     m.d.comb += dut.i.p.complement.eq(number | (1 << 8))
     if fault_frames:
         m.d.comb += dut.i.p.masked.eq(number.xor())
-        prove(~dut.o.valid | (dut.o.p.masked == wanted.xor()), "masked goes with its beat")
+        prove(~dut.o.valid | (dut.o.p.masked == next_beat.xor()), "masked goes with its beat")
     m.d.sync += [number.eq(number + push), since.eq(since + (push & (since != 63)))]
     last_taxel = (number & (taxels - 1)) == taxels - 1
 
@@ -140,16 +140,16 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     with m.If(onset):
         m.d.sync += [
             reading.eq(1),
-            wanted.eq(Mux(since >= history * taxels - 1, start, number - since)),
+            next_beat.eq(Mux(since >= history * taxels - 1, start, number - since)),
             end.eq(number + more * taxels),
         ]
     with m.Elif(taken):
-        m.d.sync += wanted.eq(wanted + 1)
+        m.d.sync += next_beat.eq(next_beat + 1)
         with m.If(dut.touch_last):
-            m.d.sync += [reading.eq(0), since.eq(number + push - wanted - 1)]
-    m.d.comb += dut.touch_last.eq(wanted == end)
+            m.d.sync += [reading.eq(0), since.eq(number + push - next_beat - 1)]
+    m.d.comb += dut.touch_last.eq(next_beat == end)
     prove(~dut.o.valid | reading, "nothing leaves but a touch")
-    prove(~dut.o.valid | ((dut.o.p.complement & 255) == wanted), "the next beat of the touch")
+    prove(~dut.o.valid | ((dut.o.p.complement & 255) == next_beat), "the next beat of the touch")
     prove(~push | (inside.held < (1 << len(inside.held)) - 1), "the ring never overflows")
 
     # ---- for the induction
@@ -198,7 +198,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
         Signal(8, name="to_end"),
         Signal(8, name="after_end"),
     )
-    m.d.comb += [to_end.eq(end - wanted), after_end.eq(frame_start - end - 1)]
+    m.d.comb += [to_end.eq(end - next_beat), after_end.eq(frame_start - end - 1)]
     prove(~reading | ((end & (taxels - 1)) == taxels - 1), "a touch ends with a frame")
     prove(~reading | (to_end < 64), "its end is ahead")
     prove(
@@ -214,18 +214,18 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     )
     prove(~reading | touch | (after_end < 64), "not long ago")
     prove(reading == (starting | dut_touch), "a touch is read from its onset on")
-    prove(~dut_touch | (first == (wanted + fetched)[:8]), "the next beat that is read")
-    prove(~fetched | (inside.read.data[:8] == wanted), "the beat that was read")
+    prove(~dut_touch | (first == (next_beat + fetched)[:8]), "the next beat that is read")
+    prove(~fetched | (inside.read.data[:8] == next_beat), "the beat that was read")
     if fault_frames:
-        prove(~fetched | (inside.read.data[8] == wanted.xor()), "and its mask")
+        prove(~fetched | (inside.read.data[8] == next_beat.xor()), "and its mask")
     prove(dut_touch | ((first & (taxels - 1)) == 0), "whole frames are dropped")
     # without a touch: nothing is dropped that a touch could want which begins with the frame under way
     at = number & (taxels - 1)
     prove(reading | (held >= (history - 1) * frame + at) | (held == since), "history")
     prove(reading | (held <= since), "nothing older than the last touch's end")
     drops = Signal(8)
-    m.d.comb += drops.eq(wanted - first)
-    ahead = number - wanted  # beats of the touch that are there
+    m.d.comb += drops.eq(next_beat - first)
+    ahead = number - next_beat  # beats of the touch that are there
     prove(~starting | (drops <= held) & ((drops & (frame - 1)) == 0), "whole frames too many")
     prove(
         ~starting | (drops == 0) | (ahead[:8] >= history * frame),
