@@ -50,6 +50,7 @@ WeightSets = Literal["window", "one"]
 Reset = Literal["before", "after"]
 GateActivation = Literal["sigmoid", "hard_sigmoid"]
 Decision = Literal["vote", "last", "early"]
+Readout = Literal["dense", "prototypes"]
 LaneType = Literal["plain", "dsp", "serial"]
 Stimulator = Literal["none", "decisions", "positions"]
 if TYPE_CHECKING:
@@ -314,7 +315,8 @@ class Features(Group):
     bits. feature_scale: a mean and scale for each kind for the whole ``array``, or for each ``taxel``.
 
     feature_shift: bits dropped from (sum - mean) for each distinct window length and, of each, each kind of
-    feature (all kinds of the first length first). aligned_means: these bits are 0 in every mean, so that
+    feature (all kinds of the first length first); below 0 where windows have few levels: the means then have
+    as many fraction bits, and nothing is dropped. aligned_means: these bits are 0 in every mean, so that
     hardware does without them; one shift for every length then.
     """
 
@@ -382,6 +384,30 @@ class Network(Group):
             yield "class_names", f"has {len(self.class_names)} names; a classifier has 2 to 32"
         if len(set(self.class_names)) != len(self.class_names):
             yield "class_names", "has a name twice; names must differ"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadoutRule(Group):
+    """What a step is decided by; ``eskin quantise --readout`` sets it, and training asks for none of it.
+
+    readout: ``dense``, the logits; or ``prototypes``, the nearest stored trajectory of the hidden state (of a
+    linear cell: of the logits); the other fields belong to it. prototypes: trajectories a class from training;
+    taught: places a class for touches that are taught in use. state_code_bits: of a stored value, which is a
+    state (a linear cell: logit) less its state_code_shift lowest bits, rounded. unknown_above: a touch whose
+    distance from the nearest, a step, is larger is unsure; 0: none is.
+    """
+
+    readout: Readout = "dense"
+    prototypes: Annotated[StrictInt, Interval(ge=1, le=16)] = 1
+    taught: Annotated[StrictInt, Interval(ge=0, le=16)] = 0
+    state_code_bits: Annotated[StrictInt, Interval(ge=3, le=8)] = 4
+    state_code_shift: Annotated[StrictInt, Interval(ge=0, le=15)] = 0
+    unknown_above: Code = 0
+
+    def refusals(self) -> Iterator[Refusal]:
+        for field in dataclasses.fields(self):
+            if self.readout == "dense" and getattr(self, field.name) != field.default:
+                yield field.name, "is set with readout 'dense', which has none; leave it out"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -586,6 +612,7 @@ GROUPS: dict[str, type[Group]] = {
     "windows": Windows,
     "features": Features,
     "network": Network,
+    "readout_rule": ReadoutRule,
     "image": Image,
     "formats": Formats,
     "hardware": Hardware,
