@@ -63,6 +63,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "serial": {"lanes": 1, "lane_type": "serial"},
     "rom": {"loadable": False},
     "converter": {"converter": "matrix", "rows": 2, "columns": 2},
+    "prototypes": {},
     "image": {},
 }
 """Kinds of model: the fields in which each differs from TOUCHES; the last one is IMAGES."""
@@ -78,12 +79,17 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("linear", "gru-before", "gru-after", "image"),
     ),
     "quantise": ("quantise {model}", ("linear", "serial", "image")),
+    "quantise --readout": (
+        "quantise {model} --data {data} --readout prototypes --group person --unknown 0.1",
+        ("linear", "lstm", "image"),
+    ),
     "quantise --logit-error": ("quantise {model} --data {data} --logit-error 5 --group person", ("image",)),
     "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
     "compare": ("compare {model} --out {out}", ("gru-after", "image")),
     "generate": ("generate {model} --out {out}/design", ("rom", "converter", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
     "generate --streams": ("generate {model} --bus apb --fifo 4 --streams axis --out {out}/design", ()),
+    "export --to c": ("export {model} --to c --out {out}/c", ("linear", "image")),
     "schedule": ("schedule {model} --out {out}", ("serial", "image")),
     "schedule --table": ("schedule {model} --table", ("linear", "image")),
     "schedule --complexity": ("schedule {model} --complexity --out {out}", ("image",)),
@@ -106,6 +112,14 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         (),
     ),
     "enrol": ("enrol {model} --data {data} --with {data} --out {out}/model", ("lstm", "image")),
+    "enrol --teach": (
+        "enrol {model} --teach --data {data} --out {out}/model",
+        ("linear", "prototypes", "image"),
+    ),
+    "enrol --evaluate --readout": (
+        f"enrol --evaluate --readout prototypes {JUDGED} -k 1 --jobs 1",
+        ("prototypes", "image"),
+    ),
     "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1 --jobs 1", ("image",)),
     "stability": (
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --jobs 1 --out {out}",
@@ -144,9 +158,45 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         "--converter: is matrix, which goes with the design's own Verilog and clock",
     ),
     (("build icestick",), ("image",), "field lane_type: is 'serial'; a network for images needs multipliers"),
-    (("enrol", "asic"), ("image",), "is a network for images, which this verb does not take"),
     (
-        ("baselines", "leak-check", "enrol --evaluate"),
+        ("enrol --teach",),
+        tuple(kind for kind in KINDS if kind not in ("prototypes", "image")),
+        "field readout: is 'dense', which is trained and not taught",
+    ),
+    (
+        (
+            *(
+                "generate",
+                "generate --bus",
+                "generate --streams",
+                "schedule",
+                "schedule --complexity",
+                "cosim",
+            ),
+            *(
+                "cosim netlist",
+                "build",
+                "build icestick",
+                "replay",
+                "watch --simulate",
+                "stability",
+                "energy",
+            ),
+            "asic",
+        ),
+        ("prototypes",),
+        "field readout: is 'prototypes', of which there is no hardware yet",
+    ),
+    (("export --to c",), ("prototypes",), "field readout: is 'prototypes', which C does not have"),
+    (("enrol",), ("prototypes",), "field readout: is 'prototypes', which weights trained on would not fit"),
+    (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
+    (
+        ("enrol", "enrol --teach", "asic"),
+        ("image",),
+        "is a network for images, which this verb does not take",
+    ),
+    (
+        ("baselines", "leak-check", "enrol --evaluate", "enrol --evaluate --readout"),
         ("image",),
         "array images: holds images, which this verb does not take",
     ),
@@ -267,7 +317,8 @@ class Case:
                 )
                 == 0
             )
-            assert call("quantise", f"{new}") == 0
+            made_of = f"--data {self.data()} --readout prototypes --group person"
+            assert call("quantise", f"{new}", *made_of.split() * (self.kind == "prototypes")) == 0
             new.rename(path)
 
         return Path(shutil.copytree(self.made("model", train), self.out / "trained"))

@@ -91,6 +91,26 @@ def generate(
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
+@app.command(epilog="Example: eskin export model --to c --out controller")
+def export(
+    model: ModelArgument,
+    to: Annotated[Literal["c"], option("c: the integer model as plain C99 for a microcontroller.")],
+    out: Annotated[Path, option("The folder to write: new, or an earlier exported one, which is replaced.")],
+    data: Annotated[
+        str | None, option("eskin_check.c plays these recordings; default: made-up ones.")
+    ] = None,
+    json: JsonOption = None,
+) -> Record:
+    """Write a model in the words of other tools, with what checks it."""
+    from eskin.verbs.export_job import export_c
+
+    integer = integer_model(model)
+    recordings = None if data is None else recordings_for(data, integer.config)
+    result = {"to": to} | export_c(integer, out, recordings=recordings)
+    show("export", **result)
+    return result
+
+
 @app.command(
     epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json"
 )
