@@ -144,7 +144,7 @@ def wrong(command: str) -> list[str]:
         return []
     if words[0] == "make":
         folder = ROOT
-        if words[1] == "-C":
+        if words[1:2] == ["-C"]:
             folder, words = ROOT / words[2], words[2:]
         targets = set(
             re.search(r"^\.PHONY: (.*)$", (folder / "Makefile").read_text(), re.MULTILINE)[1].split()
