@@ -217,7 +217,7 @@ def cosim(
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
-    show("cosim", **result)
+    show("cosim", played=result, **result)
     return result
 
 
@@ -256,7 +256,10 @@ def build(
         str | None, option("icebreaker, upduino, ulx3s, icestick or icesugar-nano.", metavar="NAME")
     ] = None,
     lanes: Annotated[
-        int | None, option("Multipliers that work at once; default 4, or 1 where the part has no multiplier.")
+        int | None,
+        option(
+            "Multipliers that work at once; default: the model's, fewer where they do not fit, 1 where the part has none."
+        ),
     ] = None,
     lane_type: Annotated[LaneType | None, option("Default: what suits the part.")] = None,
     link: Annotated[
@@ -360,6 +363,7 @@ def build(
         clock_hz=clock,
         baud=baud,
         class_pins=class_pins,
+        lanes_asked=lanes is not None,
         seed=seed,
         seeds=seeds,
     )
