@@ -160,7 +160,7 @@ def cosim(
     clock: Annotated[
         str | None,
         option(
-            "Clock of the declared pace; default: the configuration's. lowest: look for it.",
+            "Clock of --pace declared, the sensor's; default: the configuration's. lowest: look for it.",
             metavar="HZ|lowest",
         ),
     ] = None,

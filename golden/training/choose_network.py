@@ -240,10 +240,10 @@ def _linear_recipes(augments: bool) -> list[dict[str, Any]]:
     # augmenting is no gain where classes differ by their timing
     return [
         {},
-        {"name": "as recorded", **AS_RECORDED},
-        {"name": "as recorded, weak penalty", **weak},
+        {"name": "not augmented", **AS_RECORDED},
+        {"name": "not augmented, weak penalty", **weak},
         squares,
-        {**squares, "name": "least squares, as recorded", **AS_RECORDED},
+        {**squares, "name": "least squares, not augmented", **AS_RECORDED},
     ]
 
 
@@ -443,7 +443,8 @@ class _Choice:
                     "hardware": True,
                 }
             )
-            warnings += doubts.below_baselines(split, baselines, chosen="candidates" in self.notes)
+            network: dict[str, Any] = {"cell": config.network.cell, "hidden": config.network.hidden}
+            warnings += doubts.below_baselines(split, baselines, chosen="candidates" in self.notes, **network)
             warnings += doubts.lost_classes(split, recordings.class_names)
             if not self.chose:
                 continue
