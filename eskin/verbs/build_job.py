@@ -77,6 +77,9 @@ TABLE_ROWS = (
 LARGEST = "ulx3s"
 """The board with the largest part."""
 
+BLOCKS = {"iCE40UP5K": 30, "LFE5U-25F": 56}
+"""Block memories of the parts of the boards that are advised."""
+
 SEEDS_WORTH_TRYING = 5
 
 
@@ -514,6 +517,34 @@ def _lacks(short: Mapping[str, tuple[int, int]]) -> str:
         f"{needed} {what} of {available} ({needed - available} too many)"
         for what, (needed, available) in short.items()
     )
+
+
+def weights_sentence(config: AcceleratorConfig) -> str:
+    """Whether the weights alone fit a board, which, and what would: known before anything is simulated."""
+    short: list[str] = []
+    helps = ["take a smaller --hidden"]
+    for name in ("icebreaker", LARGEST):
+        target = board(name)
+        available = BLOCKS[target.device]
+        try:
+            made = suited(config, target)
+        except InputError:  # formats that its multipliers do not take
+            made = config.with_lanes(lane_type="plain")
+        if config.recurrent and lanes_in_large_memories(
+            spared := made.replace(spare_blocks=True), target.family.name, 1
+        ):
+            made = spared
+        needed = _weight_blocks(made, target)
+        if not config.recurrent and not short:
+            helps = _fewer_weights(made, target, needed, available)
+        of = f"{needed} of {available} block memories of the {name}"
+        if needed <= available:
+            instead = f", and {short[0]}, which is too many ({'; '.join(helps)})" if short else ""
+            return (
+                f"the weights take {of}{instead}; 'eskin build MODEL --target {name}' tells whether all fits"
+            )
+        short.append(of)
+    return f"no board here holds the weights, which take {' and '.join(short)}: {'; '.join(helps)}"
 
 
 def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, available: int) -> list[str]:

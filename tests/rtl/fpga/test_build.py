@@ -18,6 +18,8 @@ from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
 from eskin.cli import main as command_line
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import random_integer_model
 from eskin.pages.views import tables
 from eskin.rtl.fpga import blocks
@@ -321,6 +323,18 @@ BLOCKS_SHORT = [
     ("logic cells", "dsp", False),  # the large memories do not help
     ("block memories", "plain", False),  # nor are they used
 ]
+
+
+def test_weights_that_no_board_holds_are_told_before_anything_is_simulated():
+    names = tuple(f"c{k}" for k in range(32))
+    large = PRESETS["thesis"].replace(cell="linear", taxels=156, class_names=names)
+    assert "icebreaker; 'eskin build" in job.weights_sentence(PRESETS["thesis"])
+    assert "icebreaker; 'eskin build" in job.weights_sentence(large.replace(weight_sets="one"))
+    said = job.weights_sentence(large)
+    assert "of 30 block memories of the icebreaker, which is too many" in said and "weight_sets one" in said
+    assert said.startswith("the weights take 52 of 56 block memories of the ulx3s")
+    said = job.weights_sentence(large.replace(dense_format=QFormat(4, 12)))
+    assert said.startswith("no board here holds the weights") and "of 30" in said and "of 56" in said
 
 
 FEWER = [  # shortage by lanes, asked, lanes tried
