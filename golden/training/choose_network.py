@@ -53,6 +53,7 @@ from eskin.golden.training.crossval import FoldDecisions, Folds, Progress, Terms
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_models import train_image_model
+from eskin.golden.training.losses import Callback
 from eskin.golden.training.nested import Nested, fits, fixed_network, halved
 from eskin.golden.training.recipe import AS_RECORDED, Recipe, choose_recipe
 from eskin.golden.training.splits import default_splits, split_folds
@@ -480,6 +481,7 @@ def train_chosen(
     widths: dict[str, Any] | None = None,
     plan: Plan | None = None,
     progress: Progress | None = None,
+    callback: Callback | None = None,
     of_images: dict[str, Any] | None = None,
     **of_network: Any,
 ) -> dict[str, Any]:
@@ -517,6 +519,8 @@ def train_chosen(
     check_units(wish.cell, wish.hidden, wish.weight_sets)
     common: dict[str, Any] = {"folds": folds, "seed": seed, "quantisation_aware": quantisation_aware}
     if recordings.image_shape:
+        if callback:
+            raise InputError("fit, callback: is for networks that read recordings; leave it out for images")
         options = (
             common | {"out": out, "cell": wish.cell, "group": group, "seeds": seeds or 1} | (of_images or {})
         )
@@ -570,6 +574,7 @@ def train_chosen(
         out=out,
         datasets=terms.datasets,
         progress=progress,
+        callback=callback,
         notes=lambda record: choice.compared(nested, record),
     )
 
