@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
-import ctypes
 import subprocess
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
-from eskin.cosim.device import Design, Device
 from eskin.golden.core.config import PRESETS
+from eskin.golden.data.load import load_recordings
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.generate import generate
-from eskin.rtl.program.memory_map import Event, Fault, Register
+from eskin.rtl.program.memory_map import (
+    NO_DECISION,
+    Control,
+    Event,
+    Fault,
+    Measure,
+    Memory,
+    Register,
+    ShellRegister,
+    Status,
+)
+from eskin.rtl.program.register_files import entries
+from eskin.rtl.program.schedule import step_cycles
+from tests.support.driver_board import STRICT, Board
 
 CONFIG = PRESETS["thesis"].replace(
     taxels=5,
@@ -30,25 +41,6 @@ CONFIG = PRESETS["thesis"].replace(
     lanes=1,
     onset_threshold=5,
 )
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
-BUILDS = Path("build") / "driver_builds"
-FIELDS = ("cls", "step", "margin", "global_", "partial", "unsure")
-READ = ctypes.CFUNCTYPE(ctypes.c_uint32, ctypes.c_void_p, ctypes.c_uint32)
-WRITE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32)
-
-
-class Handle(ctypes.Structure):
-    _fields_ = [
-        ("base", ctypes.c_void_p),
-        ("read", READ),
-        ("write", WRITE),
-        ("context", ctypes.c_void_p),
-        ("next", ctypes.c_uint32),
-    ]
-
-
-class Decision(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_uint16 if name == "margin" else ctypes.c_uint8) for name in FIELDS]
 
 
 @pytest.fixture(scope="module")
@@ -89,77 +81,6 @@ def test_compiles_for_small_processors(design, target):
     compiled(
         design, sys.executable, "-m", "ziglang", "cc", "-target", target, f"-mcpu={cpu}", "-ffreestanding"
     )
-
-
-class Board:
-    """The Verilated shell behind the driver's read and write functions: Wishbone cycles at its ports."""
-
-    def __init__(self, folder):
-        verilog = (folder / "eskin_wishbone.sv").read_text()
-        self.device = Device(Design(verilog, BUILDS, "this test", top="eskin_wishbone"))
-        self.device.reset()
-        library = folder / "eskin.so"
-        subprocess.run(["gcc", *STRICT, "-shared", "-fPIC", "eskin.c", "-o", library], cwd=folder, check=True)
-        self.driver = ctypes.CDLL(str(library))
-        self.refused = 0
-        self.handle = Handle(None, READ(self.read), WRITE(self.write), None, 0)
-        words = [int(line, 16) for line in (folder / "load.hex").read_text().split()]
-        self.load = (ctypes.c_uint32 * len(words))(*words)
-
-    def __call__(self, name, *arguments):
-        return getattr(self.driver, f"eskin_hw_{name}")(ctypes.byref(self.handle), *arguments)
-
-    def _access(self, offset, word):
-        put, device = self.device.put, self.device
-        for name, value in (
-            ("cyc", 1),
-            ("stb", 1),
-            ("we", word is not None),
-            ("adr", offset),
-            ("sel", 15),
-            ("dat_w", word or 0),
-        ):
-            put(f"wb_{name}", int(value))
-        for _ in range(5000):
-            device.cycle()
-            if device.get("wb_ack"):
-                break
-        else:
-            raise AssertionError(f"no answer at {offset:#x}")
-        value = device.get("wb_dat_r")
-        device.cycle()
-        put("wb_stb", 0)
-        return value
-
-    def read(self, context, offset):
-        return self._access(offset, None)
-
-    def write(self, context, offset, word):
-        self._access(offset, word)
-
-    def decisions(self):
-        """Those that wait, as words."""
-        found, words = Decision(), []
-        while self("decision", ctypes.byref(found)):
-            place = zip((0, 7, 15, 29, 30, 31), FIELDS, strict=True)
-            words.append(sum(getattr(found, name) << low for low, name in place))
-        return words
-
-    def play(self, frames, lazy=False):
-        """Decisions of a recording; ``lazy``: they are taken only when the device takes no more frames."""
-        words = []
-        self("arm")
-        for frame in frames:
-            codes = (ctypes.c_uint16 * len(frame))(*(int(code) & 0xFFFF for code in frame))
-            while not self("frame", codes):
-                self.refused += 1
-                words += self.decisions()
-            if not lazy and self.device.get("irq"):
-                words += self.decisions()
-        self("finish")
-        while self("busy"):
-            words += self.decisions()
-        return words + self.decisions()
 
 
 @pytest.mark.parametrize("lazy", [False, True], ids=["interrupt", "lazy"])
@@ -209,3 +130,198 @@ def test_registers_are_as_the_files_describe_them(design):
             board("clear_faults")
             assert board.read(None, offset) == 0
             assert board("faults") == (Fault.ADDRESS if offset < 0x100 else 0), hex(offset)
+
+
+@pytest.mark.timeout(400)
+def test_every_field_does_what_its_description_says(tmp_path):
+    """Each field is written and read in simulation, with what else its access does; those of a converter's and the
+    stimulator's registers are in tests/rtl/interface."""
+    config = random_integer_model(
+        CONFIG.replace(checksum=True, fault_frames=16, fault_activity=3, decision="vote"), 3
+    ).config
+    model = random_integer_model(config, 3)
+    length = config.rest_level.rest_frames + config.last_frame + 4 * config.windows.hop
+    recordings = random_recordings(config, [length], 5)
+    trace = run(model, recordings)
+    rows, frames = (
+        trace.streams["decision"][0],
+        [[int(code) for code in frame] for frame in recordings.samples],
+    )
+    expected = [decision_word(config, row) for row in rows]
+    first, last = (next(number for number, row in enumerate(rows) if row[0] == kind) for kind in (0, 1))
+    assert first < last  # local ones and then a global one
+    board, told = Board(generate(config, model.arrays, tmp_path / "design", bus="wishbone")), set()
+
+    def holds(field, condition):
+        assert condition, field
+        told.add(field)
+
+    def get(register):
+        return board.read(None, 4 * register)
+
+    def put(register, word):
+        board.write(None, 4 * register, word)
+
+    def settle():
+        for _ in range(20000):
+            if not get(Register.STATUS) & Status.BUSY:
+                return
+        raise AssertionError("stays busy")
+
+    def play(frames):
+        """Give frames and take no decision until it refuses; how many went in."""
+        for count, frame in enumerate(frames):
+            codes = [*frame, 0]
+            for taxel in range(0, config.sensor.taxels, 2):
+                put(ShellRegister.SAMPLE_PAIR, codes[taxel] | codes[taxel + 1] << 16)
+            if get(ShellRegister.NEXT_TAXEL):
+                return count
+        return len(frames)
+
+    holds("ID.VALUE", get(Register.ID) == 0xE5C1)
+    holds("VERSION.VALUE", get(Register.VERSION) == 5)
+    board("load", board.load, len(board.load))
+
+    # samples: one, a pair, the high half behind the last taxel
+    put(Register.CONTROL, Control.ARM)
+    places = [get(ShellRegister.NEXT_TAXEL)]
+    for register in (ShellRegister.SAMPLE, ShellRegister.SAMPLE_PAIR, ShellRegister.SAMPLE_PAIR):
+        put(register, 0xFFFF_FFFF if register == ShellRegister.SAMPLE else 0)
+        places.append(get(ShellRegister.NEXT_TAXEL))
+    holds("NEXT_TAXEL.TAXEL", places == [0, 1, 3, 0])
+    holds("EVENTS.SPACE", get(ShellRegister.EVENTS) & Event.SPACE)
+    put(ShellRegister.SAMPLE, 0)
+    put(Register.CONTROL, Control.ARM)
+    board.device.cycle(4)
+    holds("CONTROL.ARM", get(ShellRegister.NEXT_TAXEL) == 0)
+    settle()
+    for status in (Status.ARMED, Status.NO_TOUCH):
+        holds(f"STATUS.{status.name}", get(Register.STATUS) & status)
+
+    # a recording whose decisions nobody takes
+    assert get(ShellRegister.DECISION) == NO_DECISION
+    assert not get(ShellRegister.EVENTS) & (Event.DECISION | Event.GLOBAL | Event.FAULT)
+    taken = play(frames)
+    assert 0 < taken < len(frames)
+    holds("NEXT_TAXEL.REFUSED", get(ShellRegister.NEXT_TAXEL) >> 31)
+    holds("EVENTS.DECISION", get(ShellRegister.EVENTS) & Event.DECISION)
+    holds("STATUS.BUSY", get(Register.STATUS) & Status.BUSY)
+    holds("STATUS.TOUCH", get(Register.STATUS) & Status.TOUCH and not get(Register.STATUS) & Status.NO_TOUCH)
+    holds("TOUCHES.COUNT", get(Register.TOUCHES) == 1)
+    for event in (Event.SPACE, Event.DECISION):
+        put(ShellRegister.ENABLE, event)
+        board.device.cycle(3)
+        holds(f"ENABLE.{event.name}", board.device.get("irq") == bool(get(ShellRegister.EVENTS) & event))
+    put(Register.MEMORY_SELECT, Memory.CONSTANTS)
+    put(Register.MEMORY_DATA, 1)
+    holds("FAULTS.WRITE_REFUSED", get(Register.FAULTS) & Fault.WRITE_REFUSED)
+    holds("EVENTS.FAULT", get(ShellRegister.EVENTS) & Event.FAULT)
+    put(ShellRegister.ENABLE, Event.FAULT)
+    board.device.cycle(3)
+    holds("ENABLE.FAULT", board.device.get("irq"))
+    overrun = get(Register.FAULTS)  # which stays as long as windows wait
+    put(Register.CONTROL, Control.CLEAR_FAULTS)
+    assert get(Register.FAULTS) == Fault.OVERRUN
+    word = get(ShellRegister.DECISION)
+    assert not get(ShellRegister.NEXT_TAXEL) >> 31 and word == expected[0]
+
+    # the same with an interrupt; global decisions alone; two measures
+    put(ShellRegister.ENABLE, Event.GLOBAL)
+    irq, events = [], []
+    board("arm")
+    put(Register.MEASURE, Measure.FRAME)
+    words = []
+    for frame in frames:
+        words += board.frame(frame)
+        events.append(get(ShellRegister.EVENTS))
+        irq.append(board.device.get("irq"))
+        words += board.decisions()
+    board("finish")
+    settle()
+    words += board.decisions()
+    for name in ("CLASS", "STEP", "MARGIN", "GLOBAL", "PARTIAL", "UNSURE"):
+        holds(f"DECISION.{name}", words == expected)
+    holds("EVENTS.GLOBAL", 0 < sum(bool(bits & Event.GLOBAL) for bits in events) < len(events))
+    holds("ENABLE.GLOBAL", irq == [bool(bits & Event.GLOBAL) for bits in events])
+    longest = get(Register.LONGEST)
+    put(Register.MEASURE, Measure.STEP)
+    holds("MEASURE.KIND", longest and get(Register.LONGEST) == 0)
+    board("enable", 0, 1)
+    assert board.play(frames) == [word for word in expected if word >> 29 & 1]
+    holds("ENABLE.GLOBAL_ONLY", get(ShellRegister.ENABLE) == 1 << 8)
+    step = get(Register.LONGEST)
+    holds("LONGEST.VALUE", 0 < step <= step_cycles(config) and step != longest)
+    get(0x3F)
+    holds("FAULTS.ADDRESS", get(Register.FAULTS) & Fault.ADDRESS)
+    put(Register.CONTROL, Control.CLEAR_FAULTS)
+    holds("CONTROL.CLEAR_FAULTS", get(Register.LONGEST) == get(Register.FAULTS) == 0)
+    put(ShellRegister.ENABLE, 0)
+
+    # an open touch that ends
+    board("arm")
+    words = []
+    for frame in frames:
+        words += board.frame(frame) + board.decisions()
+        if words:
+            break
+    board("finish")
+    settle()
+    words += board.decisions()
+    holds("CONTROL.FINISH", words[-1] >> 29 & 3 == 3 and not get(Register.STATUS) & Status.TOUCH)
+
+    # a wrong word, the right one again from the first place on
+    lane = [int(line, 16) for line in (tmp_path / "design" / "memories" / "lane0.hex").read_text().split()]
+    for wrong in (1, 0):
+        board("arm")
+        settle()
+        put(Register.MEMORY_SELECT, 0)
+        put(Register.MEMORY_DATA, lane[0] ^ wrong)
+        put(Register.MEMORY_DATA, lane[1])
+        decisions = board.play(frames)
+        raised = bool(get(Register.FAULTS) & Fault.CHECKSUM), bool(get(Register.STATUS) & Status.FAULT)
+        assert raised == (bool(wrong),) * 2 and (wrong or decisions == expected)
+    for field in ("MEMORY_SELECT.VALUE", "MEMORY_DATA.VALUE", "FAULTS.CHECKSUM", "STATUS.FAULT"):
+        told.add(field)
+
+    # a taxel out of use changes nothing; one that is stuck is told
+    stuck = [[*frame[:2], 7, *frame[3:]] for frame in frames]
+    put(Register.MASK, 1 << 2)
+    holds("MASK.VALUE", board.play(frames) == board.play(stuck) != expected)
+    put(Register.MASK, 0)
+    board.play(stuck)
+    holds("TAXEL_FAULTS.VALUE", get(Register.TAXEL_FAULTS) & 1 << 2)
+    holds("FAULTS.TAXEL", get(Register.FAULTS) & Fault.TAXEL)
+
+    # what no CPU behind a bus can bring about: it paces itself, the shell counts taxels, no watchdog here
+    holds("FAULTS.OVERRUN", overrun & Fault.OVERRUN)
+    for fault in (Fault.INPUT_STALLED, Fault.FRAMING, Fault.WATCHDOG):
+        holds(f"FAULTS.{fault.name}", not (overrun | get(Register.FAULTS)) & fault)
+    told |= {"SAMPLE.TAXEL", "SAMPLE_PAIR.FIRST", "SAMPLE_PAIR.SECOND"}  # the decisions are of these samples
+    assert told == {
+        f"{register.name}.{field.name}" for register in entries(config, True) for field in register.fields
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("bus", ["wishbone", "apb", "axi4lite"])
+def test_recordings_of_two_data_sets_through_each_bus(bus, shared_data, tmp_path):
+    """Ten recordings each, with pauses at random; every decision is the golden model's."""
+    for preset, archive in (("pvdf", "pvdf_indent"), ("fabric", "fabric_slide")):
+        model = random_integer_model(PRESETS[preset].replace(lanes=1), 3)
+        config = model.config
+        recordings = load_recordings(shared_data / archive / "recordings.npz", config=config)
+        recordings = recordings.subset(recordings.evenly(10))
+        rows, offsets = run(model, recordings).streams["decision"]
+        board = Board(generate(config, model.arrays, tmp_path / preset, bus=bus), bus, seed=1, pause=0.3)
+        board("load", board.load, len(board.load))
+        board("enable", Event.DECISION, 0)
+        frames = board.device.state.cycle
+        for number in range(len(recordings)):
+            expected = [decision_word(config, row) for row in rows[slice(*offsets[number : number + 2])]]
+            assert board.play(recordings.recording(number), lazy=number % 4 == 3) == expected
+        cycles = board.device.state.cycle - frames
+        print(
+            f"{bus}, {preset}: {len(rows)} decisions equal, {cycles / len(recordings.samples):.1f} cycles a frame"
+        )
+        assert len(rows)
