@@ -315,7 +315,8 @@ class Features(Group):
     bits. feature_scale: a mean and scale for each kind for the whole ``array``, or for each ``taxel``.
 
     feature_shift: bits dropped from (sum - mean) for each distinct window length and, of each, each kind of
-    feature (all kinds of the first length first). aligned_means: these bits are 0 in every mean, so that
+    feature (all kinds of the first length first); below 0 where windows have few levels: the means then have
+    as many fraction bits, and nothing is dropped. aligned_means: these bits are 0 in every mean, so that
     hardware does without them; one shift for every length then.
     """
 

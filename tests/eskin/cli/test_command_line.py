@@ -34,6 +34,7 @@ VERBS = (
     "evaluate",
     "compare",
     "generate",
+    "export",
     "cosim",
     "build",
     "replay",
