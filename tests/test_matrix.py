@@ -177,6 +177,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
             *(
                 "cosim netlist",
                 "build",
+                "build --synthesis-only",
                 "build icestick",
                 "replay",
                 "watch --simulate",
