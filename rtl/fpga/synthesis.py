@@ -168,20 +168,20 @@ class Chain(wiring.Component):
 
 
 class Harness(wiring.Component):
-    """`Chain` behind four pins, for parts that have fewer pins than it has ports: an area and timing figure
+    """A design behind four pins, for parts that have fewer pins than it has ports: an area and timing figure
     needs registers on both sides.
 
     Members
     -------
     shift_in : In(1)
-        Next bit of the chain's inputs, which are one shift register.
+        Next bit of the design's inputs, which are one shift register.
     capture : In(1)
-        Take all of the chain's outputs; otherwise they go out bit by bit.
+        Take all of its outputs; otherwise they go out bit by bit.
     shift_out : Out(1)
     """
 
-    def __init__(self, config: AcceleratorConfig, images=None) -> None:
-        self._chain = Chain(config, images, readable=False)
+    def __init__(self, design: wiring.Component) -> None:
+        self._chain = design
         super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
 
     def elaborate(self, platform):
