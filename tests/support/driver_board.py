@@ -1,40 +1,21 @@
-"""A generated design behind a bus, Verilated, with its C driver compiled for this computer: the driver's read and
-write functions are bus accesses at the design's pins, with pauses at random."""
+"""A generated design behind a bus, Verilated, with its C driver: the driver's reads and writes are accesses at the
+design's pins, with pauses at random."""
 
 from __future__ import annotations
 
-import ctypes
 import random
-import subprocess
 from pathlib import Path
 
 from eskin.cosim.device import Design, Device
+from tests.support.c_driver import Driver
 
-STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic")
 BUILDS = Path("build") / "driver_builds"
-FIELDS = ("cls", "step", "margin", "global_", "partial", "unsure")
-READ = ctypes.CFUNCTYPE(ctypes.c_uint32, ctypes.c_void_p, ctypes.c_uint32)
-WRITE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint32, ctypes.c_uint32)
 LIMIT = 5000
 """Cycles within which an access must end."""
 
 
-class Handle(ctypes.Structure):
-    _fields_ = [
-        ("base", ctypes.c_void_p),
-        ("read", READ),
-        ("write", WRITE),
-        ("context", ctypes.c_void_p),
-        ("next", ctypes.c_uint32),
-    ]
-
-
-class Decision(ctypes.Structure):
-    _fields_ = [(name, ctypes.c_uint16 if name == "margin" else ctypes.c_uint8) for name in FIELDS]
-
-
 class Board:
-    """``board("load", ...)`` calls ``eskin_hw_load(handle, ...)``.
+    """``driver`` and ``device``, and accesses without the driver.
 
     Parameters
     ----------
@@ -48,55 +29,15 @@ class Board:
         verilog = (folder / f"eskin_{bus}.sv").read_text()
         self.device = Device(Design(verilog, BUILDS, "this test", top=f"eskin_{bus}"))
         self.device.reset()
-        library = folder / "eskin.so"
-        subprocess.run(
-            ["gcc", *STRICT, "-shared", "-fPIC", "eskin.c", "-o", library.name], cwd=folder, check=True
-        )
-        self.driver = ctypes.CDLL(str(library.resolve()))
-        self.refused = 0
-        self.handle = Handle(None, READ(self.read), WRITE(self.write), None, 0)
-        words = [int(line, 16) for line in (folder / "load.hex").read_text().split()]
-        self.load = (ctypes.c_uint32 * len(words))(*words)
         self._access = getattr(self, f"_{bus}")
         self._random, self._pause = random.Random(seed), pause
+        self.driver = Driver(folder, self.read, self.write)
 
-    def __call__(self, name, *arguments):
-        return getattr(self.driver, f"eskin_hw_{name}")(ctypes.byref(self.handle), *arguments)
-
-    def read(self, context, offset):
+    def read(self, offset):
         return self._access(offset, None)
 
-    def write(self, context, offset, word):
+    def write(self, offset, word):
         self._access(offset, word)
-
-    def decisions(self):
-        """Those that wait, as words."""
-        decision, words = Decision(), []
-        while self("decision", ctypes.byref(decision)):
-            place = zip((0, 7, 15, 29, 30, 31), FIELDS, strict=True)
-            words.append(sum(getattr(decision, name) << low for low, name in place))
-        return words
-
-    def play(self, frames, lazy=False):
-        """Decisions of a recording; ``lazy``: they are taken only when the device takes no more frames."""
-        words = []
-        self("arm")
-        for frame in frames:
-            words += self.frame(frame)
-            if not lazy and self.device.get("irq"):
-                words += self.decisions()
-        self("finish")
-        while self("busy"):
-            words += self.decisions()
-        return words + self.decisions()
-
-    def frame(self, frame):
-        """Give a frame; the decisions that had to be taken before it went in."""
-        codes, words = (ctypes.c_uint16 * len(frame))(*(int(code) & 0xFFFF for code in frame)), []
-        while not self("frame", codes):
-            self.refused += 1
-            words += self.decisions()
-        return words
 
     def _pauses(self):
         while self._random.random() < self._pause:
