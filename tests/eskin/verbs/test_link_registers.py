@@ -6,7 +6,10 @@ from pathlib import Path
 
 from eskin.cosim.device import Design, Device
 from eskin.cosim.link import Link
+<<<<<<< HEAD
 from eskin.verbs.link_registers import LinkRegisters
+=======
+>>>>>>> main
 from eskin.cosim.pin_port import PinPort
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.model import random_integer_model
@@ -14,6 +17,7 @@ from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import generate, register_map
+from eskin.verbs.link_registers import LinkRegisters
 from tests.support.c_driver import Driver
 from tests.support.link_flow import TIMEOUT_BYTES
 from tests.support.result_case import CONFIG
