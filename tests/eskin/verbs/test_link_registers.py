@@ -6,10 +6,6 @@ from pathlib import Path
 
 from eskin.cosim.device import Design, Device
 from eskin.cosim.link import Link
-<<<<<<< HEAD
-from eskin.verbs.link_registers import LinkRegisters
-=======
->>>>>>> main
 from eskin.cosim.pin_port import PinPort
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.model import random_integer_model
