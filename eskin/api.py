@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import Prefer
 from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.core.jobs import Record
 from eskin.golden.data.load import load_recordings
@@ -89,6 +90,10 @@ class Model:
         For `fit`: folds of the cross-validation, 0 for none.
     seed : int
         For `fit`: of the model that is kept.
+    prefer : {"energy", "cells", "latency"}
+        For `fit`: what is least in the candidate taken, of those level with the best.
+    fits : str or None
+        For `fit`: the board that has to hold it; None: the icebreaker where anything level fits it.
 
     Attributes
     ----------
@@ -118,6 +123,8 @@ class Model:
         groups: Sequence[str] | str | None = None,
         folds: int = 5,
         seed: int = 0,
+        prefer: Prefer = "energy",
+        fits: str | None = None,
     ) -> None:
         self._asked = (
             config
@@ -126,6 +133,7 @@ class Model:
         )
         group = [groups] if isinstance(groups, str) else groups
         self._options: Record = {"cell": cell, "hidden": hidden, "group": group, "folds": folds, "seed": seed}
+        self._prefer, self._fits = prefer, fits
         self._integer: IntegerModel | None = None
         self._real: FloatModel | None = None
         self.training_: Record = {}
@@ -194,6 +202,7 @@ class Model:
         """
         from eskin.golden.training.choose_network import train_chosen
         from eskin.golden.training.quantise import quantise
+        from eskin.verbs.cost import market
 
         if isinstance(recordings, str | Path):
             recordings = load_recordings(recordings, config=self._asked)
@@ -206,7 +215,8 @@ class Model:
             recordings = Recordings.of(recordings, labels, sample_rate_hz=sample_rate_hz)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
-            train_chosen(recordings, self._asked, out=folder, progress=progress, **self._options)
+            prices = market(self._prefer, self._fits)
+            train_chosen(recordings, self._asked, prices, out=folder, progress=progress, **self._options)
             quantise(folder)
             fitted = Model.load(folder)
         self._integer, self._real, self.training_ = fitted._integer, fitted._real, fitted.training_
