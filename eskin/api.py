@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -33,6 +33,7 @@ from eskin.golden.model.model import (
     load_training,
 )
 from eskin.golden.model.pipeline import Trace, run
+from eskin.golden.model.prototypes import forget
 from eskin.golden.model.stream import Stream
 
 Frames = ArrayLike | Sequence[ArrayLike] | Recordings
@@ -290,8 +291,8 @@ class Model:
         return self.trace(frames, integer=integer).decision
 
     def decision_function(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
-        """What `predict` takes the largest of: logits of the step that decides, or the number of votes where
-        steps vote.
+        """What `predict` takes the largest of: logits of the step that decides (negative distances, where
+        prototypes decide), or the number of votes where steps vote.
 
         Parameters
         ----------
@@ -312,8 +313,8 @@ class Model:
             scores = (trace.local[..., None] == np.arange(self.config.classes)).sum(axis=1).astype(np.float64)
         else:
             step = np.maximum(trace.global_step, 0)
-            scores = trace.logits[np.arange(len(step)), step].astype(np.float64)
-            scores /= 2.0**self.config.formats.logit_format.frac_bits if integer else 1.0
+            scores = trace.scores[np.arange(len(step)), step].astype(np.float64)
+            scores /= 2.0**self.config.score_format.frac_bits if integer else 1.0
         scores_of_decisions = np.full((len(trace.first), self.config.classes), np.nan)
         decided = trace.decision >= 0
         scores_of_decisions[decided] = scores[trace.first[decided]]
@@ -338,19 +339,24 @@ class Model:
         InputError
             As `predict`; labels that are no classes of the model, or not one a recording.
         """
+        decision = self.predict(frames, integer=integer)
+        return float(np.mean(decision == self._labels(decision, frames, labels, "score")))
+
+    def _labels(self, each: Sized, frames: Frames, labels: ArrayLike | None, verb: str) -> np.ndarray:
+        """Class indices, one for ``each`` recording: ``labels``, or those that the recordings have."""
         if labels is None:
             if not isinstance(frames, Recordings):
-                raise InputError("score: arrays do not say their classes; give labels, or Recordings")
+                raise InputError(f"{verb}: arrays do not say their classes; give labels, or Recordings")
             check_fit(frames, self.config)
             labels = frames.labels
-        decision, indices = self.predict(frames, integer=integer), self._indices(labels)
-        if indices.shape != decision.shape:
+        indices = self._indices(labels, verb)
+        if indices.shape != (len(each),):
             raise InputError(
-                f"score: {indices.size} labels for {len(decision)} recordings; give one a recording"
+                f"{verb}: {indices.size} labels for {len(each)} recordings; give one a recording"
             )
-        return float(np.mean(decision == indices))
+        return indices
 
-    def _indices(self, labels: ArrayLike) -> np.ndarray:
+    def _indices(self, labels: ArrayLike, verb: str) -> np.ndarray:
         """Class indices of labels that are indices or names."""
         array = np.array([labels]).ravel() if isinstance(labels, str) else array_of(labels, "labels")
         names = self.config.network.class_names
@@ -362,12 +368,56 @@ class Model:
         ]
         if unknown:
             raise InputError(
-                f"score: label {unknown[0]!r} is no class of the model; give names ({', '.join(names)}) or "
+                f"{verb}: label {unknown[0]!r} is no class of the model; give names ({', '.join(names)}) or "
                 "their indices"
             )
         return np.array([place[label] for label in array.ravel().tolist()], dtype=np.int64).reshape(
             array.shape
         )
+
+    def teach(self, frames: Frames, labels: ArrayLike | None = None) -> Model:
+        """Store touches as prototypes of their classes, beside those there are; nothing is trained. Needs a
+        model quantised with ``--readout prototypes``. The first touch of each recording counts, in their
+        order; where a class's places are in use, the oldest goes.
+
+        Parameters
+        ----------
+        labels : array of int, or of str
+            The classes, by index or by name; of Recordings their own by default.
+
+        Returns
+        -------
+        Model
+            Itself.
+
+        Raises
+        ------
+        InputError
+            As `score`; a model that cannot be taught; no whole touch.
+        """
+        from eskin.golden.training.prototypes import teach_recordings
+
+        self._reads_recordings()
+        recordings = self.recordings(frames)
+        classes = self._labels(recordings, frames, labels, "teach")
+        names = self.config.network.class_names
+        self._integer, _ = teach_recordings(
+            self.integer, replace(recordings, labels=classes, class_names=names)
+        )
+        return self
+
+    def forget(self, label: int | str | None = None) -> Model:
+        """Forget the touches that a class was taught; None: those of every class.
+
+        Raises
+        ------
+        InputError
+            A class that is not there; a model that cannot be taught.
+        """
+        self._integer = forget(
+            self.integer, None if label is None else int(self._indices([label], "forget")[0])
+        )
+        return self
 
     def stream(self, *, integer: bool = True) -> Stream:
         """A stream that takes frames one by one and gives decisions as the hardware does, with the frame that

@@ -27,7 +27,7 @@ from eskin.golden.core.jobs import Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import random_integer_model, with_network
-from eskin.golden.studies.energy import counted_activity, estimate
+from eskin.golden.studies.energy import PARTS, counted_activity, estimate
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import target
@@ -35,9 +35,9 @@ from eskin.rtl.program.schedule import mean_frame_cycles, step_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.verbs.build_job import suited
 from eskin.verbs.chip_energy import with_touches
+from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of
 from eskin.verbs.flow import BUILD, expected_of, netlist_of
 
-BOARD = "icebreaker"
 TRACKED: Record = dict(rest="tracked", rest_frames=64, onset="baseline", onset_threshold=60)
 AT_ONCE: Record = dict(rest="none", rest_frames=0, onset="immediate")
 ALL = ("mean", "activity", "integral")
@@ -185,11 +185,75 @@ def rows(names: Sequence[str]) -> dict[str, Record]:
     return made
 
 
+def read_rows(document: str) -> dict[str, Record]:
+    """The rows of `rows` that a document holds."""
+    found = {}
+    for line in document.splitlines():
+        name, *cells = (cell.strip() for cell in line.strip("|").split("|"))
+        if name in DESIGNS and len(cells) == len(COLUMNS):
+            found[name] = dict(zip(COLUMNS, map(float, cells), strict=True))
+    return found
+
+
+def fit(counted_rows: dict[str, Record]) -> tuple[np.ndarray, np.ndarray]:
+    """(STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES), and CELLS in their order: least squares of the errors as shares."""
+    part = PARTS[target(BOARD).device]
+    cycles, multiplies, joule, has, cells = [], [], [], [], []
+    for name, row in counted_rows.items():
+        config = suited(DESIGNS[name], target(BOARD))
+        frames, steps = (row[what] * row[f"cycles a {what[:-1]}"] for what in ("frames", "steps"))
+        products = row["steps"] * (config.multiplies + config.inputs)
+        cycles.append([steps, frames, frames * (not config.opens_at_once)])
+        multiplies.append((steps + frames) * part.clock_j + products * part.multiply_j)
+        joule.append(1e-6 * row["counted uJ"])
+        has.append(list(parts_of(config).values()))
+        cells.append(row["LUT"])
+    energy, count = np.array(joule), np.array(cells)
+    left = 1 - np.array(multiplies) / energy
+    toggles = np.linalg.lstsq(np.array(cycles) * part.toggle_j / energy[:, None], left, rcond=None)[0]
+    of_cells = np.linalg.lstsq(np.array(has) / count[:, None], np.ones(len(count)), rcond=None)[0]
+    return toggles, of_cells
+
+
+def errors(counted_rows: dict[str, Record], constants: tuple[np.ndarray, np.ndarray], name: str) -> Any:
+    """How far energy and cells of a design are off with these constants, as shares of what was counted."""
+    part, row, config = PARTS[target(BOARD).device], counted_rows[name], suited(DESIGNS[name], target(BOARD))
+    (step, frame, onset), of_cells = constants
+    frame += onset * (not config.opens_at_once)
+    joule = row["frames"] * row["cycles a frame"] * (part.clock_j + frame * part.toggle_j)
+    joule += row["steps"] * row["cycles a step"] * (part.clock_j + step * part.toggle_j)
+    joule += row["steps"] * (config.multiplies + config.inputs) * part.multiply_j
+    cells = float(np.dot(of_cells, list(parts_of(config).values())))
+    return 1e6 * joule / row["counted uJ"] - 1, cells / row["LUT"] - 1
+
+
+def show(counted_rows: dict[str, Record]) -> None:
+    """Print the constants and how far they are off."""
+    constants = fit(counted_rows)
+    print("\nSTEP_TOGGLES {:.0f}, FRAME_TOGGLES {:.0f}, ONSET_TOGGLES {:.0f}".format(*constants[0]))
+    print(
+        "CELLS " + ", ".join(f"{name} {count:.1f}" for name, count in zip(CELLS, constants[1], strict=True))
+    )
+    print(
+        "\n| design | energy | by the others | LUT | by the others | block memories |\n|---|--:|--:|--:|--:|--:|"
+    )
+    for name, row in counted_rows.items():
+        others = {other: row for other, row in counted_rows.items() if other != name}
+        pairs = (errors(counted_rows, constants, name), errors(counted_rows, fit(others), name))
+        shares = [f"{100 * pair[which]:+.1f} %" for which in (0, 1) for pair in pairs]
+        blocks = f"{blocks_of(DESIGNS[name], BOARD)} of {row['block memories']:.0f}"
+        print(f"| {name} | " + " | ".join([*shares, blocks]) + " |", flush=True)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print rows."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Print rows, constants and errors."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0], epilog="example: --fit docs/energy.md"
+    )
     parser.add_argument("--designs", nargs="*", default=list(DESIGNS), help="by name (default: all)")
-    rows(parser.parse_args(arguments).designs)
+    parser.add_argument("--fit", type=Path, metavar="FILE", help="take the rows of a document")
+    asked = parser.parse_args(arguments)
+    show(read_rows(asked.fit.read_text()) if asked.fit else rows(asked.designs))
 
 
 if __name__ == "__main__":

@@ -83,7 +83,8 @@ def test_every_input_ends_well(corpus, tmp_path_factory, make, part):
         ends[judged(corpus, tmp_path_factory, make, rng)] += 1
 
     check()
-    assert {"refused", "long work"} <= ends.keys(), f"the inputs no longer reach every end: {ends}"
+    expected = {"refused", "long work"} if LONG else {"refused"}  # a dozen may meet no long command
+    assert expected <= ends.keys(), f"the inputs no longer reach every end: {ends}"
 
 
 @pytest.mark.timeout(0 if LONG else 600)
@@ -196,6 +197,32 @@ def test_damage_is_drawn_anew_from_every_generator(corpus, tmp_path):
 
 
 # ---------------------------------------------------------------------- what it found
+@pytest.mark.parametrize(
+    ("call", "odd", "sentence"),
+    [
+        ("rate", [[1, 2], [3]], "sample_rate_hz: list is no array of numbers; give one number, in hertz"),
+        ("predict of a list", np.zeros((3, 4), dtype="M8[s]"), r"array 1 holds datetime64\[s\], not numbers"),
+        ("predict of a list", np.zeros((3, 4), dtype="i4,f8"), "array 1 holds .*, not numbers"),
+        ("predict of a list", np.zeros((3, 4), dtype=bool), "array 1 holds bool, not numbers"),
+        ("push", np.full((3, 4), np.nan), "hold values that are not a number"),
+    ],
+)
+def test_what_numpy_cannot_join_is_refused(corpus, call, odd, sentence):
+    """Each ended in numpy's own error, booleans became codes, and who pushed NaN was told to give codes."""
+    with pytest.raises(InputError, match=sentence):
+        CALLS[call](eskin.Model.load(corpus / "model"), odd)
+
+
+@pytest.mark.parametrize("kind", ["f2", "f4", "f8"])
+def test_frames_of_narrow_floats_are_pushed(corpus, kind):
+    """Codes of float16 frames overflowed in float16."""
+    model = eskin.Model.load(corpus / "model")
+    frames = np.linspace(0, 3, 4 * 60, dtype=kind).reshape(60, 4)
+    streams = [model.stream(), model.stream()]
+    assert streams[0].push(frames) == streams[1].push(frames.astype(np.float64))
+    assert np.array_equal(streams[0]._kept, streams[1]._kept)
+
+
 def test_archives_of_odd_members_are_refused_everywhere(tmp_path):
     """An unknown compression method and an encrypted member ended `eskin evaluate` and `eskin report` in a
     traceback."""

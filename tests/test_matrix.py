@@ -63,6 +63,7 @@ KINDS: dict[str, dict[str, Any]] = {
     "serial": {"lanes": 1, "lane_type": "serial"},
     "rom": {"loadable": False},
     "converter": {"converter": "matrix", "rows": 2, "columns": 2},
+    "prototypes": {},
     "image": {},
 }
 """Kinds of model: the fields in which each differs from TOUCHES; the last one is IMAGES."""
@@ -73,11 +74,19 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "inspect": ("inspect {data} --config {config} --out {out}/picture.png", ("linear", "image")),
     "convert": ("convert {data} --out {out}/converted.npz", ("linear", "image")),
     "train": (f"train {JUDGED} --folds 2 --out {{out}}/model", ("lstm", "image")),
+    "train --fits": (
+        f"train {JUDGED} --folds 2 --prefer latency --fits ulx3s --out {{out}}/model",
+        ("linear",),
+    ),
     "import": (
         "import {weights} --config {config} {scale} --out {out}/model",
         ("linear", "gru-before", "gru-after", "image"),
     ),
     "quantise": ("quantise {model}", ("linear", "serial", "image")),
+    "quantise --readout": (
+        "quantise {model} --data {data} --readout prototypes --group person --unknown 0.1",
+        ("linear", "lstm", "image"),
+    ),
     "quantise --logit-error": ("quantise {model} --data {data} --logit-error 5 --group person", ("image",)),
     "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
     "compare": ("compare {model} --out {out}", ("gru-after", "image")),
@@ -106,6 +115,14 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         (),
     ),
     "enrol": ("enrol {model} --data {data} --with {data} --out {out}/model", ("lstm", "image")),
+    "enrol --teach": (
+        "enrol {model} --teach --data {data} --out {out}/model",
+        ("linear", "prototypes", "image"),
+    ),
+    "enrol --evaluate --readout": (
+        f"enrol --evaluate --readout prototypes {JUDGED} -k 1 --jobs 1",
+        ("prototypes", "image"),
+    ),
     "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1 --jobs 1", ("image",)),
     "stability": (
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --jobs 1 --out {out}",
@@ -130,6 +147,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
 it on all."""
 
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
+    (("train --fits",), ("image",), "--fits: networks for images have none"),
     (("quantise --logit-error",), ("image",), "--logit-error: is for models that read recordings"),
     (
         ("generate --streams",),
@@ -144,9 +162,44 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         "--converter: is matrix, which goes with the design's own Verilog and clock",
     ),
     (("build icestick",), ("image",), "field lane_type: is 'serial'; a network for images needs multipliers"),
-    (("enrol", "asic"), ("image",), "is a network for images, which this verb does not take"),
     (
-        ("baselines", "leak-check", "enrol --evaluate"),
+        ("enrol --teach",),
+        tuple(kind for kind in KINDS if kind not in ("prototypes", "image")),
+        "field readout: is 'dense', which is trained and not taught",
+    ),
+    (
+        (
+            *(
+                "generate",
+                "generate --bus",
+                "generate --streams",
+                "schedule",
+                "schedule --complexity",
+                "cosim",
+            ),
+            *(
+                "cosim netlist",
+                "build",
+                "build icestick",
+                "replay",
+                "watch --simulate",
+                "stability",
+                "energy",
+            ),
+            "asic",
+        ),
+        ("prototypes",),
+        "field readout: is 'prototypes', of which there is no hardware yet",
+    ),
+    (("enrol",), ("prototypes",), "field readout: is 'prototypes', which weights trained on would not fit"),
+    (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
+    (
+        ("enrol", "enrol --teach", "asic"),
+        ("image",),
+        "is a network for images, which this verb does not take",
+    ),
+    (
+        ("baselines", "leak-check", "enrol --evaluate", "enrol --evaluate --readout"),
         ("image",),
         "array images: holds images, which this verb does not take",
     ),
@@ -267,7 +320,8 @@ class Case:
                 )
                 == 0
             )
-            assert call("quantise", f"{new}") == 0
+            made_of = f"--data {self.data()} --readout prototypes --group person"
+            assert call("quantise", f"{new}", *made_of.split() * (self.kind == "prototypes")) == 0
             new.rename(path)
 
         return Path(shutil.copytree(self.made("model", train), self.out / "trained"))

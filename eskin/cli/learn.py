@@ -111,7 +111,7 @@ def train(
     its folder."""
     from eskin.golden.core.memo import Memo
     from eskin.golden.model.model import check_model_target
-    from eskin.golden.training.choice_table import network_name
+    from eskin.golden.training.choice_table import front_end_brief, network_name
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.image_models import KEPT
     from eskin.golden.training.splits import split_folds
@@ -157,7 +157,7 @@ def train(
             progress=report,
             of_images={"keep": Memo(KEPT), "workers": jobs},
         )
-    show("train", **record, network_name=network_name, out=out)
+    show("train", **record, network_name=network_name, front_end_brief=front_end_brief, out=out)
 
 
 def _widths(*bits: int | None) -> dict[str, int]:
@@ -172,6 +172,10 @@ Layers = Literal["dense", "all"]
 
 Draw = Literal["random", "first"]
 """Which touches are enrolled."""
+
+
+Readout = Literal["dense", "prototypes"]
+"""What decides: the logits of the dense layer, or the nearest stored trajectory."""
 
 
 @app.command(
@@ -203,6 +207,17 @@ def enrol(
             "Report what enrolment brings on each value of --group, left out of the training.", "--evaluate"
         ),
     ] = False,
+    teach: Annotated[
+        bool,
+        option(
+            "Store the touches as prototypes beside those of a model quantised with --readout prototypes; "
+            "nothing is trained.",
+            "--teach",
+        ),
+    ] = False,
+    readout: Annotated[
+        Readout, option("With --evaluate: what is judged, a dense layer trained on, or prototypes taught.")
+    ] = "dense",
     group: Annotated[
         str | None, option("With --evaluate: group arrays A[,B..], a mounting, person or place a value.")
     ] = None,
@@ -227,7 +242,7 @@ def enrol(
     """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host
     loads the new weights."""
     if evaluate:
-        for name, value in (("MODEL", model), ("--out", out), ("--with", with_)):
+        for name, value in (("MODEL", model), ("--out", out), ("--with", with_), ("--teach", teach or None)):
             if value is not None:
                 raise InputError(
                     f"eskin enrol, {name}: belongs to no --evaluate, which trains networks of its own; "
@@ -243,7 +258,13 @@ def enrol(
             )
         recordings, user_config = load_data(data, config)
         options: Record = {"layers": layers, "old": not alone, "draw": draw, "seed": seed, "seeds": seeds}
-        options |= {"cell": cell, "hidden": hidden}
+        options |= {"cell": cell, "hidden": hidden, "readout": readout}
+        if readout == "prototypes" and (layers != "all" or alone):
+            name = "--alone" if alone else "--layers"
+            raise InputError(
+                f"eskin enrol --evaluate, option {name}: is for what is trained, and prototypes are taught; "
+                "leave it out"
+            )
         with progress_bars() as report:
             where = Jobs(workers=jobs, dask=dask, progress=report, version=enrol_job.CODE)
             result = enrol_job.evaluate(
@@ -257,6 +278,7 @@ def enrol(
         "--cell": cell,
         "--hidden": hidden,
         "--alone": alone or None,
+        "--readout": None if readout == "dense" else readout,
     }
     for name, value in (evaluating | {"--jobs": jobs, "--dask": dask}).items():
         if value is not None:
@@ -268,16 +290,32 @@ def enrol(
         )
     from eskin.golden.data.load import load_recordings
     from eskin.golden.model.model import check_model_target, load_config
-    from eskin.golden.training.enrol import enrol as teach
+    from eskin.golden.training.enrol import enrol as train_on
 
     check_model_target(out)
     config_of_model = load_config(model)
+    if teach:
+        from eskin.golden.training.enrol import teach_folder
+
+        for name, given in (
+            ("--with", with_ is not None),
+            ("--layers", layers != "all"),
+            ("--seed", seed != 0),
+        ):
+            if given:
+                raise InputError(
+                    f"eskin enrol --teach, option {name}: is for what is trained, and --teach trains nothing; "
+                    "leave it out"
+                )
+        result = teach_folder(model, load_recordings(data, config=config_of_model), out)
+        show("teach", **result, out=out)
+        return result
     few, old = (
         load_recordings(data, config=config_of_model),
         None if with_ is None else recordings_for(with_, config_of_model),
     )
     with progress_bars() as report:
-        result = teach(
+        result = train_on(
             model,
             few,
             out,
@@ -373,21 +411,61 @@ def quantise(
     ] = None,
     group: Annotated[
         str | None,
-        option("With --logit-error: group arrays that are left out, A,B..; default: those of the training."),
+        option(
+            "Group arrays A,B..: with --logit-error what is left out, with --readout what has a prototype of "
+            "its own; default: those of the training."
+        ),
+    ] = None,
+    readout: Annotated[
+        Readout, option("What decides: the dense layer, or the nearest stored trajectory; that needs --data.")
+    ] = "dense",
+    prototypes: Annotated[
+        int | None, option("With --readout: prototypes a class at most; default: 4.", min=1, max=16)
+    ] = None,
+    taught: Annotated[
+        int | None,
+        option("With --readout: places a class for touches taught in use; default: 3.", min=0, max=16),
+    ] = None,
+    state_code_bits: Annotated[
+        int | None, option("With --readout: bits of a prototype's value; default: 4.", min=3, max=8)
+    ] = None,
+    unknown: Annotated[
+        float | None,
+        option(
+            "With --readout: share of known touches, of groups left out, that may be called unsure; what is "
+            "further from every prototype is unsure, too.",
+            min=0.0,
+            max=0.5,
+        ),
     ] = None,
 ) -> None:
     """Write the integer model into a model folder, a format for each signal."""
     from eskin.golden.model.model import describe_formats, load_config
     from eskin.golden.training.quantise import quantise as to_integers
 
-    widths = _widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)
+    widths: Record = {**_widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)}
     if logit_error is not None and (data is None or lean or widths):
         raise InputError(
             "--logit-error chooses the widths on recordings that are left out in turn; give --data with it, "
             "and no width"
         )
-    if group is not None and logit_error is None:
-        raise InputError("--group says what --logit-error leaves out; give both")
+    asked = {
+        "prototypes": prototypes,
+        "taught": taught,
+        "state_code_bits": state_code_bits,
+        "unknown": unknown,
+    }
+    of_readout = {name: value for name, value in asked.items() if value is not None}
+    if readout == "dense":
+        if group is not None and logit_error is None:
+            raise InputError("--group says what --logit-error leaves out; give both")
+        for name in of_readout:
+            raise InputError(f"--{name.replace('_', '-')}: needs --readout prototypes; give both")
+    elif data is None or logit_error is not None:
+        raise InputError(
+            "--readout prototypes: is made of the recordings of the training; give --data with it, and no "
+            "--logit-error"
+        )
     recordings = None if data is None else recordings_for(data, load_config(model))
     if logit_error is not None and recordings is not None:
         if recordings.image_shape:
@@ -398,7 +476,14 @@ def quantise(
         return
     if lean and feature_bits is not None:
         raise InputError("--lean chooses the bits of a feature; give it or --feature-bits")
-    integer = to_integers(model, recordings, lean=lean, **widths)
+    if readout == "prototypes":
+        if recordings is not None and recordings.image_shape:
+            raise InputError("--readout: is for models that read recordings; leave it out for one of images")
+        prototypes_of = {"groups": groups_of(group)} | of_readout
+        options: Record = {"readout": prototypes_of, "lean": lean}
+    else:
+        options = {"lean": lean}
+    integer = to_integers(model, recordings, **options, **widths)
     show("quantise", tried=[], formats=describe_formats(integer.config))
 
 

@@ -1,6 +1,6 @@
 """What a design costs before it is made: the one model that the choice of `train` and `run` and the sweep ask.
 
-    E(touch) = frames * cycles of a frame * (e_clock + FRAME_TOGGLES * e_toggle)
+    E(touch) = frames * cycles of a frame * (e_clock + (FRAME_TOGGLES + ONSET_TOGGLES) * e_toggle)
              + steps * (cycles of a step * (e_clock + STEP_TOGGLES * e_toggle) + multiplies * e_multiply)
 
 Cycles are those of the schedule, e_... those of `eskin.golden.studies.energy`. Cells are a sum over what the
@@ -27,7 +27,7 @@ CODE = ("rtl", "verbs/cost.py")
 """What these figures depend on, beside golden."""
 BOARD = "icebreaker"
 """The board that candidates are priced on unless another is named."""
-CELLS = {"always": 745, "recurrent": 115, "activity": 180, "integral": 150, "an input": 1.5}
+CELLS = {"always": 808, "onset": 290, "recurrent": -112, "activity": 181, "integral": 367}
 """Logic cells of what a design has."""
 LINK_CELLS, LINK_BLOCKS = 471, 1
 """What the host's link adds."""
@@ -56,16 +56,21 @@ def estimated(config: AcceleratorConfig, part: str) -> Record:
     return estimate(config, part, activity, config.hardware.clock_hz)
 
 
+def parts_of(config: AcceleratorConfig) -> dict[str, float]:
+    """How many of each of CELLS the design has."""
+    kinds, early = config.features.feature_kinds, not config.opens_at_once
+    return {
+        "always": 1,
+        "onset": early,
+        "recurrent": config.recurrent,
+        "activity": "activity" in kinds,
+        "integral": "integral" in kinds,
+    }
+
+
 def cells_of(config: AcceleratorConfig) -> int:
     """Logic cells, onset to decision, by CELLS."""
-    has = {
-        "always": 1,
-        "recurrent": config.recurrent,
-        "activity": "activity" in config.features.feature_kinds,
-        "integral": "integral" in config.features.feature_kinds,
-        "an input": config.inputs,
-    }
-    return round(sum(CELLS[name] * count for name, count in has.items()))
+    return round(sum(CELLS[name] * count for name, count in parts_of(config).items()))
 
 
 @lru_cache(maxsize=1024)

@@ -52,6 +52,7 @@ def evaluate(
     hidden: int | None = None,
     seed: int = 0,
     seeds: int = 3,
+    readout: str = "dense",
     jobs: Jobs,
     cache: Path = CACHE,
 ) -> Record:
@@ -70,6 +71,8 @@ def evaluate(
         archive.
     seed, seeds:
         First seed, number of seeds.
+    readout:
+        ``dense``: trained on; ``prototypes``: taught, of no touch too.
     jobs:
         Where the seeds are judged.
 
@@ -96,14 +99,18 @@ def evaluate(
         configs = [AcceleratorConfig.from_dict(fields) for fields in chosen]
     numbers = list(range(seed, seed + seeds))
     options = (tuple(sorted(set(ks))), layers, old, draw)
+    kinds = () if readout == "dense" else (readout,)
     plain = [configuration.to_dict() for configuration in configs]
     questions = {
-        content_key(content, options, plain, number): Question(tuple(group), *options, tuple(configs), number)
+        content_key(content, options, plain, number, *kinds): Question(
+            tuple(group), *options, tuple(configs), number, readout
+        )
         for number in numbers
     }
     judged = list(jobs.results(judge, questions, recordings, keep=keep, what="seeds judged").values())
-    result = enrol.summary(group, layers, old, judged)
+    result = enrol.summary(group, layers, old, judged, readout)
     return result | {
+        "readout": readout,
         "seeds": numbers,
         "layers": layers,
         "old": old,

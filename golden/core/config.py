@@ -30,6 +30,7 @@ from eskin.golden.core.groups import (
     Interface,
     Network,
     Onset,
+    ReadoutRule,
     RestLevel,
     Sensor,
     Windows,
@@ -39,6 +40,12 @@ from eskin.golden.core.serial_port import Refusal
 WIDEST_ACCUMULATOR = 48
 """Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum
 exactly."""
+
+WIDEST_SCORE = 16
+"""Bits of a score, and of a margin."""
+
+MOST_TAUGHT = 255
+"""Places for taught touches: their number has a byte in register TAUGHT."""
 
 WIDEST_DSP_ACCUMULATOR = 32
 """Bits of the accumulator inside an SB_MAC16."""
@@ -72,6 +79,7 @@ class AcceleratorConfig:
     windows: Windows = Windows()
     features: Features = Features()
     network: Network = Network()
+    readout_rule: ReadoutRule = ReadoutRule()
     image: Image = Image()
     formats: Formats = Formats()
     hardware: Hardware = Hardware()
@@ -97,6 +105,7 @@ class AcceleratorConfig:
         else:
             yield from self._feature_refusals()
             yield from self._format_refusals()
+            yield from self._readout_refusals()
         clock, least = self.hardware.clock_hz, 2 * self.inputs * self.sensor.sample_rate_hz
         if clock < least:
             kinds = f" with {self.kinds} kinds of feature" if self.kinds > 1 else ""
@@ -271,6 +280,39 @@ class AcceleratorConfig:
                 f"{bias} is finer than the products; it has at most {self.product_frac} fraction bits",
             )
 
+    def _readout_refusals(self) -> Iterator[Refusal]:
+        if not self.has_prototypes:
+            return
+        rule, most = self.readout_rule, (1 << WIDEST_SCORE - 1) - 1
+        if self.distance_bound > most:
+            yield (
+                "state_code_bits",
+                f"is {rule.state_code_bits}: distances of {self.trajectory_width} values a step reach "
+                f"{self.distance_bound} and there is room for {most}; use fewer bits",
+            )
+        if rule.state_code_shift >= self.trajectory_format.width:
+            yield (
+                "state_code_shift",
+                f"is {rule.state_code_shift} and the values have {self.trajectory_format.width} bits; use less",
+            )
+        if rule.taught * self.classes > MOST_TAUGHT:
+            yield (
+                "taught",
+                f"is {rule.taught} for each of {self.classes} classes; {MOST_TAUGHT} places in all are there",
+            )
+        if rule.unknown_above and self.network.decision == "vote":
+            yield (
+                "unknown_above",
+                "is set with decision 'vote', which counts steps and adds no distances; use 'last' or leave it "
+                "out",
+            )
+        if rule.unknown_above * self.windows.steps > self.distance_bound:
+            yield (
+                "unknown_above",
+                f"is {rule.unknown_above}, and no touch of {self.windows.steps} steps can be that far from a "
+                f"prototype; give at most {self.distance_bound // self.windows.steps}",
+            )
+
     def _image_refusals(self) -> Iterator[Refusal]:
         image, cell, logit = self.image, self.network.cell, self.formats.logit_format
         if cell != "image" or not image.layers:
@@ -290,7 +332,7 @@ class AcceleratorConfig:
                     field,
                     f"is {self.value(field)!r} in a network for images, where it is always {fixed!r}",
                 )
-        for group in ("rest_level", "faults", "features"):
+        for group in ("rest_level", "faults", "features", "readout_rule"):
             if getattr(self, group) != GROUPS[group]():
                 yield group, "is set, and images have none of it; leave the group out"
         if self.interface.position or self.interface.converter != "none":
@@ -524,6 +566,11 @@ class AcceleratorConfig:
         return self.network.cell in ("gru", "lstm")
 
     @property
+    def has_prototypes(self) -> bool:
+        """True where the nearest prototype decides (``readout``), not the logits."""
+        return self.readout_rule.readout == "prototypes"
+
+    @property
     def is_image(self) -> bool:
         """True for a network for images, whose sizes and formats are those of group ``image``; what this
         class says of windows, features and cells is without meaning there."""
@@ -689,6 +736,36 @@ class AcceleratorConfig:
         return self.formats.state_format.frac_bits - self.tanh_frac
 
     @property
+    def trajectory_width(self) -> int:
+        """Values a step of what prototypes are compared with: hidden states; of a linear cell logits."""
+        return self.network.hidden if self.recurrent else self.classes
+
+    @property
+    def trajectory_format(self) -> QFormat:
+        """Format of these values."""
+        return self.formats.state_format if self.recurrent else self.formats.logit_format
+
+    @property
+    def state_code_format(self) -> QFormat:
+        """Format of a stored value of a prototype."""
+        return QFormat(self.readout_rule.state_code_bits, 0)
+
+    @property
+    def distance_bound(self) -> int:
+        """Largest distance of a touch from a prototype that the formats allow: of all steps, or with decision
+        ``vote`` of one."""
+        steps = 1 if self.network.decision == "vote" else self.windows.steps
+        return steps * self.trajectory_width * ((1 << self.readout_rule.state_code_bits) - 1)
+
+    @property
+    def score_format(self) -> QFormat:
+        """Format of what is largest for the class that a step decides for: a logit, or a distance less
+        than 0."""
+        return (
+            QFormat(signed_bits(self.distance_bound), 0) if self.has_prototypes else self.formats.logit_format
+        )
+
+    @property
     def logit_shift(self) -> int:
         """Bits rounded away from a dense accumulator to a logit."""
         return self.dense_product_frac - self.formats.logit_format.frac_bits
@@ -819,6 +896,10 @@ class AcceleratorConfig:
         lanes = 1 if lanes is None and lane_type == "serial" else lanes
         fields = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
         return self.replace(**{field: value for field, value in fields.items() if value is not None})
+
+    def with_readout(self, **fields: Any) -> AcceleratorConfig:
+        """A copy whose ``readout_rule`` has ``fields`` and is else as by default."""
+        return dataclasses.replace(self, readout_rule=ReadoutRule(**fields))
 
     def replace(self, **changes: Any) -> AcceleratorConfig:
         """A copy with ``changes``, fields by name whatever their group, checked again."""

@@ -7,7 +7,7 @@ so they are counted only where they decide. Golden knows no hardware: the figure
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar, get_args
 
@@ -73,3 +73,24 @@ class Market:
             "latency_s": cost.latency_s,
             "fits": self.board if self.fits(config) else None,
         }
+
+
+def pareto(
+    records: Sequence[Mapping[str, Any]],
+    cost: str,
+    accuracy: Callable[[Mapping[str, Any]], float] | None = None,
+) -> list[int]:
+    """Indices of the records that none beats in one of ``cost`` (less) and accuracy (more) without losing in
+    the other; by cost."""
+    gain = accuracy or (lambda record: record["accuracy"])
+    order = sorted(range(len(records)), key=lambda i: (records[i][cost], -gain(records[i])))
+    front: list[int] = []
+    for i in order:
+        last = records[front[-1]] if front else None
+        if (
+            last is None
+            or gain(records[i]) > gain(last)
+            or (gain(records[i]), records[i][cost]) == (gain(last), last[cost])
+        ):
+            front.append(i)
+    return front

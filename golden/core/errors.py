@@ -18,17 +18,15 @@ class SimulationError(RuntimeError):
     """A simulator could not be built, failed, or ran out of time; the message holds the end of its log."""
 
 
-def array_of(values: Any, name: str) -> np.ndarray:
+def array_of(values: Any, name: str, fix: str = "give rows of one length") -> np.ndarray:
     """``values`` as an array.
 
     Raises
     ------
     InputError
-        Rows of several lengths; ``name`` says whose.
+        Rows of several lengths; ``name`` says whose, ``fix`` what to give.
     """
     try:
         return np.asarray(values)
     except (TypeError, ValueError, KeyError):
-        raise InputError(
-            f"{name}: {type(values).__name__} is no array of numbers; give rows of one length"
-        ) from None
+        raise InputError(f"{name}: {type(values).__name__} is no array of numbers; {fix}") from None

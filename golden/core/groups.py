@@ -50,6 +50,7 @@ WeightSets = Literal["window", "one"]
 Reset = Literal["before", "after"]
 GateActivation = Literal["sigmoid", "hard_sigmoid"]
 Decision = Literal["vote", "last", "early"]
+Readout = Literal["dense", "prototypes"]
 LaneType = Literal["plain", "dsp", "serial"]
 Stimulator = Literal["none", "decisions", "positions"]
 if TYPE_CHECKING:
@@ -385,6 +386,30 @@ class Network(Group):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ReadoutRule(Group):
+    """What a step is decided by; ``eskin quantise --readout`` sets it, and training asks for none of it.
+
+    readout: ``dense``, the logits; or ``prototypes``, the nearest stored trajectory of the hidden state (of a
+    linear cell: of the logits); the other fields belong to it. prototypes: trajectories a class from training;
+    taught: places a class for touches that are taught in use. state_code_bits: of a stored value, which is a
+    state (a linear cell: logit) less its state_code_shift lowest bits, rounded. unknown_above: a touch whose
+    distance from the nearest, a step, is larger is unsure; 0: none is.
+    """
+
+    readout: Readout = "dense"
+    prototypes: Annotated[StrictInt, Interval(ge=1, le=16)] = 1
+    taught: Annotated[StrictInt, Interval(ge=0, le=16)] = 0
+    state_code_bits: Annotated[StrictInt, Interval(ge=3, le=8)] = 4
+    state_code_shift: Annotated[StrictInt, Interval(ge=0, le=15)] = 0
+    unknown_above: Code = 0
+
+    def refusals(self) -> Iterator[Refusal]:
+        for field in dataclasses.fields(self):
+            if self.readout == "dense" and getattr(self, field.name) != field.default:
+                yield field.name, "is set with readout 'dense', which has none; leave it out"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Image(Group):
     """A network for images, in place of a cell that reads windows; nothing of it is there while layers is
     empty.
@@ -586,6 +611,7 @@ GROUPS: dict[str, type[Group]] = {
     "windows": Windows,
     "features": Features,
     "network": Network,
+    "readout_rule": ReadoutRule,
     "image": Image,
     "formats": Formats,
     "hardware": Hardware,

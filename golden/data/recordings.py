@@ -150,6 +150,11 @@ class Recordings:
                     f"{source}: array {number} has shape {part.shape}; every recording is an array {shape} "
                     "with a frame at least"
                 )
+            if part.dtype.kind not in "iuf":  # numpy would not join them, or make numbers of them
+                raise InputError(
+                    f"{source}: array {number} holds {part.dtype}, not numbers; give A/D codes as integers, "
+                    "or real samples as floats"
+                )
         labels = (
             np.zeros(len(parts), dtype=np.int64) if labels is None else array_of(labels, f"{source}, labels")
         )
@@ -169,7 +174,9 @@ class Recordings:
                 "offsets": np.cumsum([0, *(len(part) for part in parts)]),
                 "labels": labels,
                 "class_names": array_of(class_names, f"{source}, class_names"),
-                "sample_rate_hz": np.array(sample_rate_hz),
+                "sample_rate_hz": array_of(
+                    sample_rate_hz, f"{source}, sample_rate_hz", "give one number, in hertz"
+                ),
             },
             source,
             groups=groups or {},

@@ -75,6 +75,19 @@ def network_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
     return {name: kinds[name.partition("_")[0]] for name in names} | dense
 
 
+def readout_shapes(config: AcceleratorConfig) -> dict[str, tuple[int, ...]]:
+    """Shapes of the readout's arrays by name, none where logits decide: ``prototypes`` and ``taught`` (class,
+    place, step, value), ``taught_count`` (class)."""
+    rule = config.readout_rule
+    if not config.has_prototypes:
+        return {}
+    touch = config.windows.steps, config.trajectory_width
+    shapes: dict[str, tuple[int, ...]] = {"prototypes": (config.classes, rule.prototypes, *touch)}
+    if rule.taught:
+        shapes |= {"taught": (config.classes, rule.taught, *touch), "taught_count": (config.classes,)}
+    return shapes
+
+
 def constants_shape(config: AcceleratorConfig) -> tuple[int, ...]:
     """Shape of mu and sigma, and of mean and scale for one window length: () where one pair serves all
     inputs, else (constants,)."""
@@ -197,6 +210,9 @@ class IntegerModel:
         if not config.is_image:
             shapes |= dict.fromkeys(("mean", "scale"), (lengths, *constants_shape(config)))
             formats |= {"mean": QFormat(config.sum_bits, 0), "scale": config.scale_format}
+            shapes |= readout_shapes(config)
+            formats |= dict.fromkeys(("prototypes", "taught"), config.state_code_format)
+            formats |= {"taught_count": QFormat(6, 0, False)}
         checked = {}
         for name, array in _take(self.arrays, shapes, self.source, config).items():
             if array.dtype.kind not in "iu":
@@ -205,10 +221,13 @@ class IntegerModel:
                     "again"
                 )
             lowest = 1 if name == "scale" else formats[name].min_code
-            if array.min() < lowest or array.max() > formats[name].max_code:
+            highest = formats[name].max_code
+            if name == "taught_count":
+                highest = 2 * config.readout_rule.taught - 1
+            if array.min() < lowest or array.max() > highest:
                 raise InputError(
                     f"{self.source}, array {name}: holds {array.min()}..{array.max()}, outside "
-                    f"{lowest}..{formats[name].max_code} of {formats[name]}; quantise the model again"
+                    f"{lowest}..{highest} of {formats[name]}; quantise the model again"
                 )
             checked[name] = _frozen(np.array(array, dtype=np.int64))
         if (
@@ -536,6 +555,13 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
             arrays[name] = fmt.quantise(rng.normal(0.0, deviation, shape))
         if name.startswith("b"):
             arrays[name] = np.where(arrays[name] == 0, 1, arrays[name])
+    for name, shape in readout_shapes(config).items():
+        ends = (
+            (0, 2 * config.readout_rule.taught - 1)
+            if name == "taught_count"
+            else (config.state_code_format.min_code, config.state_code_format.max_code)
+        )
+        arrays[name] = rng.integers(*ends, shape, endpoint=True)
     return IntegerModel(filled, arrays, f"random model {seed}")
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.preprocess import Touches, find_touches, normalise, real_features
+from eskin.golden.model.prototypes import class_distances, trajectory_codes
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -41,6 +42,8 @@ class Trace:
     K): class decided at each step, -1 for a step that was not completed. margin (n, K): its margin.
     global_decision, global_margin (n): of each touch, -1 and 0 without a completed step. global_step (n): the
     step after which it was given, -1 none; global_partial (n), bool: the end of the recording brought it.
+    unsure (n), bool: of each touch, as of `decide_touches`. scores (n, K, C): what each step took the largest
+    of, the logits or, with prototypes, negative distances.
     streams (integer runs): stage -> (values int64, offsets (R + 1)): ``sum`` and ``feature`` flat, step by
     step, inputs in order, and with a fault detector ``fault``: 1 where the taxel is masked or its flag
     counts; ``state`` flat, h' step by step, units in order; ``logit`` flat, step by step, classes in order;
@@ -58,9 +61,11 @@ class Trace:
     global_decision: np.ndarray
     global_margin: np.ndarray
     global_step: np.ndarray
+    unsure: np.ndarray
     features: np.ndarray = field(repr=False)
     hidden: np.ndarray = field(repr=False)
     logits: np.ndarray = field(repr=False)
+    scores: np.ndarray = field(repr=False)
     streams: dict[str, Stream] = field(default_factory=dict, repr=False)
 
     @property
@@ -102,10 +107,8 @@ class Trace:
 
     @property
     def confident(self) -> np.ndarray:
-        """(R), bool: the recording has a decision, of a margin of at least ``margin_threshold``."""
-        margin = np.zeros(len(self.first), dtype=np.int64)
-        margin[self.first >= 0] = self.global_margin[self.first[self.first >= 0]]
-        return (self.decision >= 0) & (margin >= self.config.network.margin_threshold)
+        """(R), bool: the recording has a decision that is not unsure."""
+        return (self.decision >= 0) & (by_recording(self.unsure, self.first, 1) == 0)
 
     def first_local(self) -> np.ndarray:
         """(R, K) local decisions of each recording's first touch, -1 where there is none."""
@@ -233,7 +236,8 @@ class Decided:
     """What a network made of n touches, K steps: features (n, K, D), hidden (n, K, H) and logits (n, K, C),
     codes or, of a float network, real; local and margin (n, K), decision, lead and step (n): class and margin
     of each step and of the touch (-1 and 0: none), and the step after which the touch's decision is given
-    (-1: none)."""
+    (-1: none); unsure (n), bool: the touch's margin is too small, or its nearest prototype too far; scores
+    (n, K, C): what each step took the largest of."""
 
     features: np.ndarray
     hidden: np.ndarray
@@ -243,6 +247,8 @@ class Decided:
     decision: np.ndarray
     lead: np.ndarray
     step: np.ndarray
+    unsure: np.ndarray
+    scores: np.ndarray
 
 
 def decide_touches(
@@ -271,17 +277,16 @@ def decide_touches(
         else float_features(model, touches)
     )
     hidden, logits = forward(features, touches) if forward else model.forward(features)
-    local, margin, decision, lead = rule(config, logits, touches.completed)
-    return Decided(
-        features,
-        hidden,
-        logits,
-        local,
-        margin,
-        decision,
-        lead,
-        global_steps(config, local, margin, touches.completed),
-    )
+    scores = logits
+    if isinstance(model, IntegerModel) and config.has_prototypes:
+        scores = -class_distances(model, trajectory_codes(config, hidden, logits))
+    local, margin, decision, lead = rule(config, scores, touches.completed)
+    step = global_steps(config, local, margin, touches.completed)
+    unsure = lead < config.network.margin_threshold
+    if scores is not logits and config.readout_rule.unknown_above:
+        nearest = -scores.max(axis=-1)[np.arange(len(step)), np.maximum(step, 0)]
+        unsure |= nearest > config.readout_rule.unknown_above * (step + 1)
+    return Decided(features, hidden, logits, local, margin, decision, lead, step, unsure, scores)
 
 
 def by_recording(values: np.ndarray, rows: np.ndarray, none: int = -1) -> np.ndarray:
@@ -328,9 +333,11 @@ def run(
         decided.decision,
         decided.lead,
         decided.step,
+        decided.unsure,
         decided.features,
         decided.hidden,
         decided.logits,
+        decided.scores,
     )
     if isinstance(model, IntegerModel):
         stages = (touches.sums, decided.features, decided.hidden, decided.logits)
@@ -373,7 +380,7 @@ def _decision_stream(trace: Trace) -> Stream:
     rows[:, steps, 2] = trace.global_decision
     rows[:, steps, 3] = trace.global_margin
     rows[:, steps, 4] = trace.global_partial
-    rows[:, steps, 5] = trace.global_margin < trace.config.network.margin_threshold
+    rows[:, steps, 5] = trace.unsure
     order = trace.decision_order()
     offered = np.take_along_axis(trace.offered(), order, axis=1)
     rows = np.take_along_axis(rows, order[..., None], axis=1)

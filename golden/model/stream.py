@@ -19,6 +19,7 @@ from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import Decided, decide_touches, early_steps
 from eskin.golden.model.preprocess import Touches, TouchFinder, window_values
+from eskin.golden.model.prototypes import check_class, check_teachable, forget, teach, trajectory_codes
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,10 @@ class Stream:
 
     def __init__(self, model: IntegerModel | FloatModel) -> None:
         self.model = model
+        self._last: np.ndarray | None = None
+        """Codes (K, values) of the touch that ended last, if it was whole."""
+        self._following: int | None = None
+        """Class of the touch that ends next."""
         config = model.config
         self._spans = config.window_spans
         block = config.features.activity_block if "activity" in config.features.feature_kinds else 0
@@ -116,6 +121,8 @@ class Stream:
         # deviations of frames base + 1 ...
         self._kept = np.zeros((self._before + 4 * self._piece, config.sensor.taxels), dtype=np.int32)
         self._base = 0
+        if getattr(self, "_touch", None):  # its trajectory is half overwritten
+            self._last = None
         self._touch: _Touch | None = None
         self._touches = 0
         self.decision = -1
@@ -175,11 +182,67 @@ class Stream:
     def finish(self) -> list[Decision]:
         """The end of the recording: the global decision of a touch that it cuts short after one step or
         more."""
-        touch, self._touch = self._touch, None
-        if touch is None or not touch.completed or touch.decided:
+        touch = self._touch
+        if touch is None:
             return []
-        decided = self._decided(touch)
+        decided = self._decided(touch) if touch.completed else None
+        self._end(touch, decided)
+        if decided is None or touch.decided:
+            return []
         return [self._global(touch, decided, self.frame, partial=True)]
+
+    def teach(self, label: int, *, following: bool = False) -> None:
+        """The touch that ended last (``following``: the next one that ends) is of class ``label``: from now on
+        it is a prototype of it. `model` is the model with it.
+
+        Raises
+        ------
+        InputError
+            A model that cannot be taught, a touch under way, or none whole since the model was made; a
+            ``following`` touch that is cut short teaches nothing.
+        """
+        check_teachable(self._integer().config)
+        check_class(self.config, label)
+        if self._touch:
+            raise InputError("teach: a touch is under way; wait until it ends")
+        if following:
+            self._following = label
+        elif self._last is None:
+            raise InputError("teach: no whole touch came before; touch, or give following=True before you do")
+        else:
+            self.model = teach(self._integer(), self._last, label)
+
+    def forget(self, label: int | None = None) -> None:
+        """Forget what class ``label`` was taught; None: every class.
+
+        Raises
+        ------
+        InputError
+            As `teach`.
+        """
+        if self._touch:
+            raise InputError("forget: a touch is under way; wait until it ends")
+        self.model = forget(self._integer(), label)
+
+    def _integer(self) -> IntegerModel:
+        """The model, which alone can be taught."""
+        if not isinstance(self.model, IntegerModel):
+            raise InputError(
+                "teach: is for the integer model, whose prototypes it stores; leave integer=False out"
+            )
+        return self.model
+
+    def _end(self, touch: _Touch, decided: Decided | None) -> None:
+        """The touch is over: it can be taught, if it is whole."""
+        self._touch = None
+        if decided is None or not isinstance(self.model, IntegerModel) or not self.config.has_prototypes:
+            return
+        whole = touch.completed == len(self._spans)
+        codes = trajectory_codes(self.config, decided.hidden, decided.logits)[0]
+        self._last = codes if whole else None
+        if whole and self._following is not None:
+            self.model = teach(self._integer(), codes, self._following)
+        self._following = None
 
     def _checked(self, frames: Any) -> np.ndarray:
         samples = array_of(frames, "frames")
@@ -191,8 +254,12 @@ class Stream:
                 f"(frames, {taxels}) for many"
             )
         worth = self.config.sensor.volt_per_code
-        if samples.dtype.kind == "f" and worth and np.isfinite(samples).all():
-            samples = np.clip(np.rint(samples / worth), fmt.min_code, fmt.max_code).astype(np.int32)
+        if samples.dtype.kind == "f" and worth:
+            with np.errstate(over="ignore"):  # float16 cannot hold the codes, float64 not every long double
+                real = samples.astype(np.float64) / worth
+            if np.isnan(real).any():
+                raise InputError("frames: hold values that are not a number; give samples that are finite")
+            samples = np.clip(np.rint(real), fmt.min_code, fmt.max_code).astype(np.int32)
         if samples.dtype.kind not in "iu":
             raise InputError(
                 f"frames: hold {samples.dtype}, not integers; give the A/D codes that the model was trained "
@@ -244,7 +311,7 @@ class Stream:
                 break
             decisions += self._step(touch, last)
             if touch.completed == len(self._spans):
-                self._touch = None
+                self._end(touch, self._decided(touch) if self.config.has_prototypes else None)
         return decisions
 
     def _step(self, touch: _Touch, last: int) -> list[Decision]:
@@ -307,7 +374,7 @@ class Stream:
         label, margin = int(decided.decision[0]), decided.lead[0].item()
         if touch.number == 0:
             self.decision = label
-        unsure = margin < self.config.network.margin_threshold
+        unsure = bool(decided.unsure[0])
         begun = touch.onset_frame, touch.start_frame
         return Decision(
             frame, touch.number, int(decided.step[0]), True, label, margin, partial, unsure, *begun

@@ -184,9 +184,10 @@ class Activity:
 CHOICE = ("name", "clock_hz", "idle_w", "average_w", "hours", "touch_j", "touches")
 """Keys of a choice of `estimate`."""
 COMPUTE_BLOCKS = ("cell", "classifier")
-STEP_TOGGLES, FRAME_TOGGLES, IDLE_TOGGLES = 40.0, 22.0, 4.0
-"""For an uncounted design: register bits that change in a cycle of a step, of a frame, and of neither. The
-first two are fitted to counted netlists (``python -m scripts.cost_model``)."""
+STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 32.0, 12.0, 37.0, 4.0
+"""For an uncounted design: register bits that change in a cycle of a step, in one of a frame, in one of a
+frame that an onset detector sees, beyond that, and in one without work. All but the last are fitted to
+counted netlists (``python -m scripts.cost_model``)."""
 
 
 def counted_activity(
@@ -245,7 +246,7 @@ def scheduled_activity(
     multipliers: int,
 ) -> Activity:
     """Activity of a design that was not counted: cycles of the schedule, every multiplier busy as often as
-    there are products, STEP_TOGGLES and FRAME_TOGGLES register bits changing in a busy cycle.
+    there are products, STEP_TOGGLES and FRAME_TOGGLES (with ONSET_TOGGLES) register bits changing in a busy cycle.
 
     Parameters
     ----------
@@ -258,7 +259,7 @@ def scheduled_activity(
         step_multiplies=(config.multiplies + config.inputs) if multipliers else 0,
         frame_cycles=frame_cycles,
         quiet_frame_cycles=quiet_frame_cycles,
-        frame_toggles=FRAME_TOGGLES * frame_cycles,
+        frame_toggles=(FRAME_TOGGLES + ONSET_TOGGLES * (not config.opens_at_once)) * frame_cycles,
         idle_toggles=IDLE_TOGGLES,
         ram_reads=0.0,
         source="cycles of the schedule; register bits that change in a busy cycle as fitted to counted netlists",

@@ -34,18 +34,21 @@ from eskin.golden.model.model import (
     FloatModel,
     IntegerModel,
     check_model_target,
+    load_config,
     load_training,
     network_formats,
     network_shapes,
     with_network,
 )
-from eskin.golden.model.pipeline import by_recording, decide_touches
+from eskin.golden.model.pipeline import by_recording, decide_touches, run
+from eskin.golden.model.prototypes import check_teachable, taught_in_use
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.batches import Batches, TouchPool
 from eskin.golden.training.choose_front_end import cheapest, field_of
 from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
 from eskin.golden.training.losses import Progress, class_loss, descend
+from eskin.golden.training.prototypes import group_numbers, teach_recordings, teach_touches, with_prototypes
 from eskin.golden.training.quantise import Masters, limits_of, merged_parameters, profile, range_records
 from eskin.golden.training.recipe import Recipe, choose_recipe
 
@@ -286,6 +289,14 @@ MAX_LOSS = 0.01
 """Accuracy on the old recordings that enrolment may cost."""
 
 
+def check_other_folder(model_dir: str | Path, out: str | Path) -> None:
+    """Refuse (InputError) to write a model over the one it comes from."""
+    if Path(out).resolve() == Path(model_dir).resolve():
+        raise InputError(
+            f"model '{out}': is the model to start from, which stays as it is; name another folder"
+        )
+
+
 def enrol(
     model_dir: str | Path,
     few: Recordings,
@@ -322,11 +333,13 @@ def enrol(
         written, or signals of the new mounting that the formats cannot hold.
     """
     begin = time.perf_counter()
-    if Path(out).resolve() == Path(model_dir).resolve():
-        raise InputError(
-            f"model '{out}': is the model to start from, which stays as it is; name another folder"
-        )
+    check_other_folder(model_dir, out)
     check_model_target(out)
+    if load_config(model_dir).has_prototypes:
+        raise InputError(
+            f"model '{model_dir}', field readout: is 'prototypes', which weights trained on would not fit; add "
+            "--teach, or quantise it without --readout first"
+        )
     pair, record = load_pair(model_dir), load_training(model_dir)
     config = pair.integer.config
     few = known_classes(few, config)
@@ -446,6 +459,46 @@ def accuracy(model: IntegerModel, data: Dataset, recordings: np.ndarray) -> floa
     return float(np.mean(by_recording(made.decision, placed) == data.labels[recordings]))
 
 
+def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> dict[str, Any]:
+    """Teach the model in ``model_dir`` the touches of ``few`` and write it to ``out``; config.json and all
+    weights stay.
+
+    Returns
+    -------
+    What training.json keeps in ``taught``: data, touches and in_use (class name -> number), before and after
+    (share of ``few`` decided as labelled, of which the model has now been taught), wall_s, passed (no fewer
+    right than before).
+
+    Raises
+    ------
+    InputError
+        As `teach_recordings`; recordings of another sensor, a folder that must not be written.
+    """
+    begin = time.perf_counter()
+    check_other_folder(model_dir, out)
+    check_model_target(out)
+    model, record = IntegerModel.load(model_dir), load_training(model_dir)
+    check_teachable(model.config)
+    few = known_classes(few, model.config)
+    check_fit(few, model.config)
+    after, counts = teach_recordings(model, few)
+    names = model.config.network.class_names
+    result: dict[str, Any] = {
+        "data": str(few.source),
+        "touches": dict(zip(names, counts.tolist(), strict=True)),
+        "in_use": dict(zip(names, taught_in_use(after).tolist(), strict=True)),
+        "places": model.config.readout_rule.taught,
+        "before": run(model, few).accuracy(few.labels),
+        "after": run(after, few).accuracy(few.labels),
+        "wall_s": time.perf_counter() - begin,
+    }
+    result["passed"] = bool(result["after"] >= result["before"])
+    record["taught"] = [*record.get("taught", []), result]
+    FloatModel.load(model_dir).save(out, json.loads(json.dumps(record)))
+    after.save(out)
+    return result
+
+
 # ---------------------------------------------------------------------- how much it brings
 SET_ASIDE = 5
 """Of so many recordings of a class in a group one is set aside, and judges what enrolment costs on the other
@@ -461,7 +514,8 @@ class Question:
     """What ``judge`` answers for one seed: how good a network is on each value of ``groups`` that it was not
     trained on, before and after k touches a class of it are enrolled, for each of ``ks``. old: with the old
     recordings. draw: which touches are enrolled, drawn at random by the seed or the first ones in the
-    archive. configs: for each value, in the order of ``group_values``."""
+    archive. configs: for each value, in the order of ``group_values``. readout: ``dense``, trained on with
+    them; or ``prototypes``, taught them: of k = 0, too."""
 
     groups: tuple[str, ...]
     ks: tuple[int, ...]
@@ -470,6 +524,7 @@ class Question:
     draw: Draw
     configs: tuple[AcceleratorConfig, ...]
     seed: int
+    readout: str = "dense"
 
 
 def front_ends_without(
@@ -578,36 +633,59 @@ def _judge_values(
     setting = SETTINGS[_layers(config, question.layers), question.old]
     jobs: list[tuple[int, int, np.ndarray]] = []  # value, k, rows to enrol
     judged = []
+    ks = question.ks if question.readout == "dense" else tuple(sorted({0, *question.ks}))
     for number, (value, members) in enumerate(values.items()):
         drawn = _draw(recordings, data, members, most, value, question)
         judged.append(np.setdiff1d(members, drawn))
-        jobs += [(number, k, touch_rows(data, drawn[:, :k].ravel())) for k in question.ks]
-    old = [parts[number] for number, _, _ in jobs] if question.old else None
-    after = fit(
-        [before[number] for number, _, _ in jobs],
-        data,
-        recipe,
-        [new for *_, new in jobs],
-        old,
-        setting,
-        question.seed,
-        progress,
-    )
+        jobs += [(number, k, touch_rows(data, drawn[:, :k].ravel())) for k in ks]
+    if question.readout == "prototypes":
+        after = _taught(recordings, question, data, parts, [pair.integer for pair in before], jobs)
+    else:
+        old = [parts[number] for number, _, _ in jobs] if question.old else None
+        pairs = [before[number] for number, _, _ in jobs]
+        new = [new for *_, new in jobs]
+        fitted = fit(pairs, data, recipe, new, old, setting, question.seed, progress)
+        after = [pair.integer for pair in fitted]
 
-    def figures(pair: Pair, number: int) -> tuple[float | None, ...]:
+    def figures(model: IntegerModel, number: int) -> tuple[float | None, ...]:
         return tuple(
-            accuracy(pair.integer, data, which[number]) if len(which[number]) else None
-            for which in (judged, others)
+            accuracy(model, data, which[number]) if len(which[number]) else None for which in (judged, others)
         )
 
-    at_first = [figures(pair, number) for number, pair in enumerate(before)]
+    at_first = [figures(pair.integer, number) for number, pair in enumerate(before)]
     rows = []
-    for (number, k, _), pair in zip(jobs, after, strict=True):
-        own, of_others = figures(pair, number)
+    for (number, k, _), model in zip(jobs, after, strict=True):
+        own, of_others = figures(model, number)
         row = {"value": list(values)[number], "k": k, "before": at_first[number][0], "after": own}
         row |= {"others_before": at_first[number][1], "others_after": of_others}
         rows.append(row | {"recordings": len(judged[number]), "others": len(others[number])})
     return rows
+
+
+def _taught(
+    recordings: Recordings,
+    question: Question,
+    data: Dataset,
+    parts: Sequence[np.ndarray],
+    networks: Sequence[IntegerModel],
+    jobs: Sequence[tuple[int, int, np.ndarray]],
+) -> list[IntegerModel]:
+    """Of each job the network with prototypes of what it was trained on, taught the job's touches."""
+    groups, labels = group_numbers(recordings, question.groups), recordings.labels
+    where, ready = data.touches.recording, []
+    for network, part in zip(networks, parts, strict=True):
+        whole = part[data.touches.completed[part] == network.config.windows.steps]
+        options: dict[str, Any] = {
+            "taught": max(1, *question.ks),
+            "source": f"recordings '{recordings.source}'",
+        }
+        rows = where[whole]
+        ready.append(
+            with_prototypes(network, data.touches.take(whole), labels[rows], groups[rows], **options)
+        )
+    return [
+        teach_touches(ready[number], data.touches.take(rows), labels[where[rows]]) for number, _, rows in jobs
+    ]
 
 
 def _draw(
@@ -619,7 +697,10 @@ def _draw(
     drawn = []
     for label, name in enumerate(recordings.class_names):
         of_class = members[(recordings.labels[members] == label) & (data.index[members] >= 0)]
-        of_class = of_class[data.touches.completed[data.index[of_class]] > 0]
+        least = (
+            1 if question.readout == "dense" else data.touches.sums.shape[1]
+        )  # part of a touch teaches nothing
+        of_class = of_class[data.touches.completed[data.index[of_class]] >= least]
         if len(of_class) < most:
             raise InputError(
                 f"recordings '{recordings.source}': of value {value} only {len(of_class)} recording(s) of "
@@ -631,7 +712,11 @@ def _draw(
 
 
 def summary(
-    group: Sequence[str], layers: Layers, old: bool, by_seed: Sequence[Sequence[Mapping[str, Any]]]
+    group: Sequence[str],
+    layers: Layers,
+    old: bool,
+    by_seed: Sequence[Sequence[Mapping[str, Any]]],
+    readout: str = "dense",
 ) -> dict[str, Any]:
     """The result of ``enrol --evaluate`` from the rows of ``judge`` for each seed.
 
@@ -656,7 +741,7 @@ def summary(
     mean = {}
     for same in zip(*by_seed, strict=True):
         runs = {name: [row[name] for row in same] for name in figures}
-        head = {"group": " and ".join(group), "layers": layers, "old": old}
+        head = {"group": " and ".join(group), "layers": layers, "old": old, "readout": readout}
         head |= {name: same[0][name] for name in ("value", "k", "recordings", "others")}
         of_seeds = {name: None if None in values else np.array(values) for name, values in runs.items()}
         rows.append(head | means(of_seeds) | {"by_seed": runs})

@@ -30,6 +30,7 @@ from eskin.golden.model.pipeline import float_features
 from eskin.golden.model.preprocess import Touches, by_input, find_touches, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.image_formats import quantise_image_model
+from eskin.golden.training.prototypes import of_recordings, training_groups
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -497,7 +498,8 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     # what a preset gives stays what it gave, bit for bit: who names one has figures of it
     plain = model.config.name in PRESETS and widths.get("feature_bits") is None
     limit = _feature_frac_limit(model.config, sigma, widths)
-    config = choose_formats(model.config, ranges, feature_frac_limit=limit, plain=plain, **widths)
+    logits_decide = model.config.with_readout()  # prototypes are made of what the network says
+    config = choose_formats(logits_decide, ranges, feature_frac_limit=limit, plain=plain, **widths)
     config, mean, scale = normaliser_constants(
         config, mu, sigma, aligned=widths.get("lean", False) and config.constants == 1
     )
@@ -576,7 +578,13 @@ def load_trained(model_dir: str | Path) -> tuple[FloatModel, dict[str, Any]]:
     return model, record
 
 
-def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widths: Any) -> IntegerModel:
+def quantise(
+    model_dir: str | Path,
+    recordings: Recordings | None = None,
+    *,
+    readout: Mapping[str, Any] | None = None,
+    **widths: Any,
+) -> IntegerModel:
     """Quantise the float model in a model folder and write config.json and weights.npz into it; the ranges go
     into training.json.
 
@@ -585,6 +593,9 @@ def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widt
     recordings:
         Recordings to profile ranges on (the training data). Without them the ranges noted at training are
         used.
+    readout:
+        Prototypes decide: groups (None: those of the training) and what else
+        `eskin.golden.training.prototypes.with_prototypes` takes, made of ``recordings``. None: logits do.
     widths:
         weight_bits, state_bits, feature_bits, gate_bits, table_entries: see ``choose_formats``.
 
@@ -601,6 +612,10 @@ def quantise(model_dir: str | Path, recordings: Recordings | None = None, **widt
     else:
         ranges = _noted_ranges(model_dir, model.config, record)
     integer = quantise_model(model, ranges, **widths)
+    if readout is not None and recordings is not None:
+        groups = training_groups(recordings, record, readout.get("groups"))
+        options = {name: value for name, value in readout.items() if name != "groups"}
+        integer = of_recordings(integer, recordings, groups, **options)
     record |= {"quantisation_aware": False, "widths": widths, "ranges": range_records(integer.config, ranges)}
     integer.save(model_dir, training=record)
     return integer

@@ -65,8 +65,9 @@ def block_memories(config: AcceleratorConfig, family: str, shapes: Sequence[tupl
     )
 
 
-FEW_BITS = 130
-"""A memory of so many bits is made of flip-flops where nothing asks for more."""
+FEW_BITS, FEW_WORDS = 68, 64
+"""A memory of so many bits is made of flip-flops where nothing asks for more, a ROM of so many words of
+LUTs."""
 
 
 def _blocks(fragment: Fragment) -> Iterator[tuple[int, int, int]]:
@@ -75,10 +76,9 @@ def _blocks(fragment: Fragment) -> Iterator[tuple[int, int, int]]:
         data, style = fragment._data, fragment._attrs.get("ram_style", "auto")
         bits = Shape.cast(data.shape).width
         if not fragment._write_ports:
-            columns = [
-                sum((word >> bit & 1) << n for n, word in enumerate(data.init._raw)) for bit in range(bits)
-            ]
-            bits = len({column for column in columns if column not in (0, (1 << data.depth) - 1)})
+            words, stuck = data.init._raw, (1 << data.depth) - 1
+            columns = [sum((word >> bit & 1) << n for n, word in enumerate(words)) for bit in range(bits)]
+            bits = 0 if data.depth <= FEW_WORDS else sum(column not in (0, stuck) for column in columns)
         if style == "block" or (style == "auto" and bits * data.depth > FEW_BITS):
             yield bits, data.depth, len(fragment._read_ports)
     for inner, _, _ in fragment.subfragments:

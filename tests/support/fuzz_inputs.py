@@ -16,6 +16,7 @@ import random
 import re
 import shutil
 import struct
+import warnings
 import zipfile
 from collections.abc import Callable
 from enum import StrEnum
@@ -238,6 +239,7 @@ def damage_json(text: str, rng: random.Random) -> str:
     return json.dumps(value)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # a type too narrow is one of the damages
 def damage_array(array: np.ndarray, rng: random.Random) -> np.ndarray:
     """Another type, another shape, other values."""
     number = array.dtype.kind in "iuf"
@@ -326,8 +328,9 @@ def _odd_zip(arrays: dict[str, np.ndarray], rng: random.Random) -> bytes:
                 )
             archive.writestr(called, content)
         if kind == 4:
-            for extra in (f"{victim}.npy", "folder/", "readme"):
-                archive.writestr(extra, b"" if extra.endswith("/") else b"second")
+            with warnings.catch_warnings(action="ignore"):  # of a double name, which is meant
+                for extra in (f"{victim}.npy", "folder/", "readme"):
+                    archive.writestr(extra, b"" if extra.endswith("/") else b"second")
     # encrypted, or an unknown method, in every directory entry and member
     return (
         lying_zip(file.getvalue(), rng.choice(((8, 1), (10, 1), (10, 97)))) if kind > 4 else file.getvalue()
@@ -437,6 +440,7 @@ inspect @ --config pvdf
 train --data @ --out made
 train --data @ --out made --config ../in/config.json
 train --data @ --out made --config thesis
+train --data @ --out made --prefer cells --fits icestick
 evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @ --out page
 cosim ../in/model --data @
@@ -446,6 +450,8 @@ baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
 enrol ../in/model --data @ --out taught
+enrol ../in/model --teach --data @ --out taught
+quantise model --data @ --readout prototypes
 run --data @ --config ../in/config.json
 energy ../in/model --data @
 watch ../in/model --data @ --terminal --speed max --recordings #

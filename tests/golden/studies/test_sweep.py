@@ -18,7 +18,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.jobs import Jobs
 from eskin.golden.core.memo import Memo
 from eskin.golden.studies import sweep as sweeping
-from eskin.golden.studies.energy import FRAME_TOGGLES, STEP_TOGGLES
+from eskin.golden.studies.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
 from eskin.golden.training import recipe as recipes
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, schedule, step_cycles
 from eskin.rtl.views.complexity import cost
@@ -346,7 +346,9 @@ def test_energy_of_a_touch_by_hand():
     frame, quiet = ((70 - 6) * (4 + 7) + 6 * (3 * 4 + 7)) / 70, 4 + 7
     assert SMALL.last_frame == frames and mean_frame_cycles(SMALL) == (pytest.approx(frame), quiet)
     multiplies = 3 * 6 * (4 + 6) + 2 * 6 + 3 * 6
-    of_step, of_frame = (52e-12 + 0.2e-12 * toggles for toggles in (STEP_TOGGLES, FRAME_TOGGLES))
+    of_step, of_frame = (
+        52e-12 + 0.2e-12 * toggles for toggles in (STEP_TOGGLES, FRAME_TOGGLES + ONSET_TOGGLES)
+    )
     made = 6 * 24e-12 * (multiplies + 4)
     touch = frames * frame * of_frame + 6 * cycles * of_step + made
     found = sweep_job.cost_of(SMALL)

@@ -4,17 +4,19 @@ refused."""
 from __future__ import annotations
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
 
+import eskin
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
 from eskin.golden.model.pipeline import run
 from eskin.golden.training import enrol as enrolling
 from eskin.golden.training import recipe
-from eskin.golden.training.enrol import Question, enrol, judge, summary
+from eskin.golden.training.enrol import Question, enrol, judge, summary, teach_folder
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train import TrainingRequest, train
 from tests.support.prices import priced
@@ -371,3 +373,80 @@ def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
         enrolling.front_ends_without(mixed, values, ["mounting"], priced(), cell="lstm", hidden=4)[1]
         == configs[1]
     )
+
+
+# ---------------------------------------------------------------------- taught, not trained
+@pytest.fixture(scope="module")
+def taught_ready(model, tmp_path_factory):
+    """The model with a prototype a class and person, and three places a class."""
+    folder = tmp_path_factory.mktemp("teach") / "model"
+    shutil.copytree(model, folder)
+    quantise(folder, OLD, readout={"groups": ["person"], "unknown": 0.1})
+    return folder
+
+
+def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp_path):
+    rule = load_config(taught_ready).readout_rule
+    assert (rule.prototypes, rule.taught, rule.state_code_bits) == (4, 3, 4) and rule.unknown_above > 0
+    result = teach_folder(taught_ready, FEW, tmp_path / "m")
+    before, after = accuracy(taught_ready, REST), accuracy(tmp_path / "m", REST)
+    assert before < 0.7 and after > before + 0.1
+    assert accuracy(tmp_path / "m", OLD) >= accuracy(model, OLD) - 0.05
+    assert (tmp_path / "m" / "config.json").read_bytes() == (taught_ready / "config.json").read_bytes()
+    old, new = IntegerModel.load(taught_ready).arrays, IntegerModel.load(tmp_path / "m").arrays
+    assert {name for name in old if (old[name] != new[name]).any()} == {"taught", "taught_count"}
+    assert result["touches"] == {"rise": 2, "fall": 2, "pulse": 2} == result["in_use"] and result["passed"]
+    quantise(tmp_path / "m", OLD)  # and back
+    assert IntegerModel.load(tmp_path / "m").config == IntegerModel.load(model).config
+
+
+def test_what_is_unknown_is_a_share_of_known_touches(taught_ready):
+    trace = run(IntegerModel.load(taught_ready), OLD)
+    whole = trace.touches.completed == SMALL.windows.steps
+    assert trace.unsure[whole].mean() <= 0.1  # of groups left out it was that at most
+    strange = run(IntegerModel.load(taught_ready), mounted(OLD, gains=-GAINS))
+    assert strange.unsure[strange.touches.completed == SMALL.windows.steps].mean() > 0.5
+
+
+@each_row(
+    ("act", "says"),
+    [
+        (lambda m, out: teach_folder(m, NEW.subset([0, 1]), out), "show no whole touch of 6 steps"),
+        (lambda m, out: teach_folder(m, FEW, m), "is the model to start from"),
+        (lambda m, out: enrol(m, FEW, out), "field readout: is 'prototypes', which weights trained on"),
+        (lambda m, out: quantise(m, OLD, readout={"groups": ["x"]}), "--group: recordings 'scene' have no x"),
+        (lambda m, out: quantise(m, OLD, readout={"groups": [], "unknown": 0.1}), "are of one group"),
+        (lambda m, out: quantise(m, OLD.subset([2, 3]), readout={}), "show no whole touch of class fall"),
+    ],
+)
+def test_what_cannot_be_taught_is_refused_and_nothing_is_written(taught_ready, tmp_path, act, says):
+    kept = {path.name: path.read_bytes() for path in taught_ready.iterdir()}
+    with pytest.raises(InputError, match=says):
+        act(taught_ready, tmp_path / "m")
+    assert not (tmp_path / "m").exists()
+    assert kept == {path.name: path.read_bytes() for path in taught_ready.iterdir()}
+
+
+def test_teaching_is_judged_from_no_touch_on():
+    rows = judge(BOTH, question(readout="prototypes"))
+    assert [(row["value"], row["k"]) for row in rows] == [(v, k) for k in (0, 1, 2) for v in ("0", "1")]
+    for row in rows:
+        assert row["others_after"] >= row["others_before"] - 0.15  # one of nine
+        assert row["k"] == 0 or row["after"] > row["before"] + 0.1
+
+
+def test_a_model_is_taught_and_forgets_from_python(taught_ready):
+    model = eskin.Model.load(taught_ready)
+    plain = model.score(REST)
+    arrays = [FEW.recording(index) for index in range(len(FEW))]
+    names = [FEW.class_names[label] for label in FEW.labels]
+    assert model.teach(arrays, names).score(REST) > plain + 0.1
+    best = model.score(REST)
+    assert model.forget("rise").score(REST) < best and model.forget().score(REST) == plain
+    assert np.nanmax(model.decision_function(REST)) <= 0 <= np.nanmin(model.margin(REST))
+    with pytest.raises(InputError, match="teach: arrays do not say their classes"):
+        model.teach(arrays)
+    with pytest.raises(InputError, match="forget: label 'soft' is no class"):
+        model.forget("soft")
+    with pytest.raises(InputError, match="is for the integer model"):
+        model.stream(integer=False).teach(0)

@@ -114,7 +114,7 @@ def test_the_verb_writes_what_was_counted(monkeypatch, tmp_path, capsys):
 
 def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
     """A 24-bit memory takes two blocks of 256 x 16, one of 300 words too; two readers double it; of a ROM
-    columns that stay or repeat take nothing; few bits become flip-flops unless a block is asked for."""
+    columns that stay take nothing, a short one is made of LUTs; few bits become flip-flops unless a block is asked for."""
 
     class Small(wiring.Component):
         def __init__(self):
@@ -131,9 +131,11 @@ def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
                 memory.read_port()
                 memory.write_port()
             memory.read_port()  # the huge one
-            rom = Memory(shape=40, depth=64, init=[(word << 8) | (word << 20) | 5 for word in range(64)])
+            rom = Memory(shape=40, depth=128, init=[(word << 8) | (word << 20) | 5 for word in range(128)])
             m.submodules.rom = rom
             rom.read_port()
+            m.submodules.short = short = Memory(shape=40, depth=64, init=range(64))
+            short.read_port()
             two = Memory(shape=16, depth=32, init=[])
             m.submodules.two = two
             two.write_port()

@@ -1,0 +1,134 @@
+"""The readout by prototypes: a touch is of the class of the nearest stored trajectory, and is taught by storing
+its own (docs/specification.md, section 18).
+
+A trajectory is what the hidden state (of a linear cell: the logits) is after each step of a touch, in few bits.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.model import IntegerModel
+
+
+def trajectory_codes(config: AcceleratorConfig, hidden: np.ndarray, logits: np.ndarray) -> np.ndarray:
+    """Codes (..., K, values), int64: ``narrow(value, state_code_shift, state_code_format)`` of hidden states,
+    of a linear cell of logits."""
+    return narrowed(config, hidden if config.recurrent else logits)
+
+
+def narrowed(config: AcceleratorConfig, values: np.ndarray) -> np.ndarray:
+    """State codes of ``values`` at the scale of states (of a linear cell: logits), which may lie between
+    codes."""
+    fmt, shift = config.state_code_format, config.readout_rule.state_code_shift
+    rounded = np.floor(np.asarray(values) / 2.0**shift + 0.5)
+    return np.clip(rounded, fmt.min_code, fmt.max_code).astype(np.int64)
+
+
+def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
+    """Distance of each class's nearest prototype after each step.
+
+    Parameters
+    ----------
+    codes:
+        (n, K, values), of `trajectory_codes`.
+
+    Returns
+    -------
+    numpy.ndarray
+        int64 (n, K, C): sums of absolute differences over the values of a step, with any decision but
+        ``vote`` over all steps so far; of each class the smallest over its prototypes and the places in use.
+    """
+    config, arrays = model.config, model.arrays
+    steps = codes.shape[-2]  # may be fewer than a touch has
+    nearest = []
+    used = taught_in_use(model)
+    for label in range(config.classes):
+        stored = arrays["prototypes"][label]
+        if used[label]:
+            stored = np.concatenate([stored, arrays["taught"][label, : used[label]]])
+        apart = np.stack([np.abs(codes - place[:steps]).sum(axis=-1) for place in stored])
+        if config.network.decision != "vote":
+            apart = apart.cumsum(axis=-1)
+        nearest.append(apart.min(axis=0))
+    return np.stack(nearest, axis=-1)
+
+
+def taught_in_use(model: IntegerModel) -> np.ndarray:
+    """(C) places of each class that hold a taught touch."""
+    taught = model.config.readout_rule.taught
+    counts = model.arrays["taught_count"] if taught else np.zeros(model.config.classes, dtype=np.int64)
+    return np.minimum(counts, taught)
+
+
+def check_teachable(config: AcceleratorConfig) -> None:
+    """Refuse a model that cannot be taught.
+
+    Raises
+    ------
+    InputError
+        Logits decide, or there is no place for a taught touch.
+    """
+    if not config.has_prototypes:
+        raise InputError(
+            f"model '{config.name}', field readout: is 'dense', which is trained and not taught; quantise it "
+            "with --readout prototypes first, or enrol without --teach"
+        )
+    if not config.readout_rule.taught:
+        raise InputError(
+            f"model '{config.name}', field taught: is 0, so there is no place for a touch; quantise it with "
+            "--taught 3, say"
+        )
+
+
+def teach(model: IntegerModel, codes: np.ndarray, label: int) -> IntegerModel:
+    """The model with one touch more of class ``label``, in the class's next place; when all are in use, in
+    that of the oldest.
+
+    Parameters
+    ----------
+    codes:
+        (K, values), of `trajectory_codes`: a whole touch's.
+
+    Raises
+    ------
+    InputError
+        As `check_teachable`; a class that is not there.
+    """
+    check_teachable(model.config)
+    check_class(model.config, label)
+    places = model.config.readout_rule.taught
+    taught, counts = model.arrays["taught"].copy(), model.arrays["taught_count"].copy()
+    taught[label, counts[label] % places] = codes
+    # the count goes on in places .. 2 places - 1, so that it tells the oldest
+    counts[label] = counts[label] + 1 if counts[label] < 2 * places - 1 else places
+    return IntegerModel(
+        model.config, {**model.arrays, "taught": taught, "taught_count": counts}, model.source
+    )
+
+
+def forget(model: IntegerModel, label: int | None = None) -> IntegerModel:
+    """The model without the touches that class ``label`` was taught; None: without any.
+
+    Raises
+    ------
+    InputError
+        As `teach`.
+    """
+    check_teachable(model.config)
+    counts = model.arrays["taught_count"].copy()
+    if label is not None:
+        check_class(model.config, label)
+    counts[slice(None) if label is None else label] = 0
+    return IntegerModel(model.config, {**model.arrays, "taught_count": counts}, model.source)
+
+
+def check_class(config: AcceleratorConfig, label: int) -> None:
+    """Refuse (InputError) an index of no class."""
+    if not 0 <= label < config.classes:
+        names = ", ".join(config.network.class_names)
+        raise InputError(
+            f"class {label}: is none of the model's; give 0 to {config.classes - 1}, for {names}"
+        )

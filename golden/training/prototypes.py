@@ -1,0 +1,232 @@
+"""Prototypes of the readout: chosen from the recordings of the training, and taught from a few touches
+(docs/specification.md, section 18)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.pipeline import decide_touches
+from eskin.golden.model.preprocess import Touches, find_touches
+from eskin.golden.model.prototypes import check_teachable, class_distances, narrowed, teach, trajectory_codes
+
+PROTOTYPES, TAUGHT, CODE_BITS = 4, 3, 4
+"""Default numbers: prototypes a class at most, places for taught touches a class, bits of a value."""
+COVERED = 0.999
+"""Share of a linear cell's logits (by magnitude) that their codes hold; larger ones saturate."""
+
+
+def whole_touches(touches: Touches, config: AcceleratorConfig) -> np.ndarray:
+    """Rows of the first touches of recordings that all of their steps are there of."""
+    rows = touches.first_touch()
+    rows = rows[rows >= 0]
+    return rows[touches.completed[rows] == config.windows.steps]
+
+
+def training_groups(
+    recordings: Recordings, record: Mapping[str, Any], groups: Sequence[str] | None
+) -> list[str]:
+    """The group arrays whose values get a prototype of their own: those asked for; else those of the
+    training's first split that has any; else the first there is.
+
+    Raises
+    ------
+    InputError
+        One that is not there.
+    """
+    splits = [split["groups"] for split in record.get("cross_validation", [])]
+    known = [split for split in splits if split and recordings.groups.keys() >= set(split)]
+    chosen = [list(groups)] if groups is not None else [*known, list(recordings.groups)[:1]]
+    for name in chosen[0]:
+        if name not in recordings.groups:
+            there = ", ".join(recordings.groups) or "none"
+            raise InputError(f"--group: recordings '{recordings.source}' have no {name}; they have {there}")
+    return chosen[0]
+
+
+def group_numbers(recordings: Recordings, groups: Sequence[str]) -> np.ndarray:
+    """(R) a number for each combination of values of ``groups``."""
+    columns = [np.unique(recordings.groups[name], return_inverse=True)[1] for name in groups]
+    stacked = np.stack([np.zeros(len(recordings), dtype=np.int64), *columns])
+    return np.unique(stacked, axis=1, return_inverse=True)[1].ravel()
+
+
+def _means(
+    config: AcceleratorConfig, values: np.ndarray, labels: np.ndarray, groups: np.ndarray, most: int
+) -> list[np.ndarray]:
+    """Of each class the mean trajectories, codes (parts, K, values): one a group, of ``most`` parts of the
+    groups where there are more."""
+    means = []
+    for label in range(config.classes):
+        own = np.unique(groups[labels == label])
+        parts = [part for part in np.array_split(own, most) if len(part)]
+        touches = [values[(labels == label) & np.isin(groups, part)] for part in parts]
+        means.append(np.array([narrowed(config, part.mean(axis=0)) for part in touches]))
+    return means
+
+
+def with_prototypes(
+    model: IntegerModel,
+    touches: Touches,
+    labels: np.ndarray,
+    groups: np.ndarray,
+    *,
+    prototypes: int = PROTOTYPES,
+    taught: int = TAUGHT,
+    state_code_bits: int = CODE_BITS,
+    unknown: float | None = None,
+    decision: str = "last",
+    source: str = "recordings",
+) -> IntegerModel:
+    """``model`` with prototypes that decide in place of its logits.
+
+    Parameters
+    ----------
+    touches, labels, groups:
+        Whole touches, the class of each, and a number for what it was recorded in; one class and group, one
+        prototype, the mean of its trajectories.
+    prototypes:
+        A class at most; where there are more groups, neighbours share one.
+    unknown:
+        Share of touches of a group left out that may be further from every prototype than `unknown_above`,
+        which is chosen so; None: nothing is unknown.
+    decision:
+        ``last``, by distances of the whole touch; or ``vote``.
+
+    Raises
+    ------
+    InputError
+        A class without a whole touch; ``unknown`` with a single group.
+    """
+    values_of = decide_touches(dense(model), touches)
+    values = values_of.hidden if model.config.recurrent else values_of.logits
+    for label, name in enumerate(model.config.network.class_names):
+        if not (labels == label).any():
+            raise InputError(
+                f"{source}: show no whole touch of class {name}, and a prototype is made of those; record "
+                "some, or look at their onsets with 'eskin inspect'"
+            )
+    count = max(len(np.unique(groups[labels == label])) for label in range(model.config.classes))
+    rule: dict[str, Any] = {
+        "readout": "prototypes",
+        "prototypes": max(1, min(prototypes, count)),
+        "taught": taught,
+        "state_code_bits": state_code_bits,
+        "state_code_shift": code_shift(model.config, values, state_code_bits),
+    }
+    config = model.config.replace(decision=decision, margin_threshold=0, early_margin=0, early_steps=1)
+    config = config.with_readout(**rule)
+
+    def of(rows: np.ndarray) -> IntegerModel:
+        means = _means(config, values[rows], labels[rows], groups[rows], config.readout_rule.prototypes)
+        # a place too many repeats another, which changes no distance
+        stored = np.array(
+            [np.resize(mean, (config.readout_rule.prototypes, *mean.shape[1:])) for mean in means]
+        )
+        return _filled(model, config, stored)
+
+    whole = of(np.ones(len(labels), dtype=bool))
+    if unknown is None:
+        return whole
+    if len(np.unique(groups)) < 2:
+        raise InputError(
+            f"{source}: are of one group, and --unknown needs one to leave out; name another with --group, "
+            "or leave it out"
+        )
+    codes, furthest = trajectory_codes(config, values, values), []
+    for group in np.unique(groups):
+        rest = groups != group
+        if all((labels[rest] == label).any() for label in range(config.classes)):
+            furthest.append(class_distances(of(rest), codes[~rest])[:, -1].min(axis=-1))
+    if not furthest:
+        raise InputError(
+            f"{source}: each group holds a class of its own, so none can be left out for --unknown; name "
+            "another with --group, or leave it out"
+        )
+    limit = np.quantile(np.concatenate(furthest), 1.0 - unknown) / config.windows.steps
+    above = int(np.clip(np.ceil(limit), 1, config.distance_bound // config.windows.steps))
+    return IntegerModel(config.with_readout(**rule, unknown_above=above), whole.arrays, whole.source)
+
+
+def dense(model: IntegerModel) -> IntegerModel:
+    """The same network, decided by its logits."""
+    arrays = {
+        name: array
+        for name, array in model.arrays.items()
+        if name not in ("prototypes", "taught", "taught_count")
+    }
+    return IntegerModel(model.config.with_readout(), arrays, model.source)
+
+
+def _filled(model: IntegerModel, config: AcceleratorConfig, stored: np.ndarray) -> IntegerModel:
+    """The model with these prototypes and nothing taught."""
+    arrays = {**dense(model).arrays, "prototypes": stored}
+    if config.readout_rule.taught:
+        arrays["taught"] = np.zeros((config.classes, config.readout_rule.taught, *stored.shape[2:]), np.int64)
+        arrays["taught_count"] = np.zeros(config.classes, dtype=np.int64)
+    return IntegerModel(config, arrays, model.source)
+
+
+def code_shift(config: AcceleratorConfig, values: np.ndarray, bits: int) -> int:
+    """Bits of a value that its code drops: of a state, which lies in -1..1, all but the sign and bits - 1
+    below the point; of a logit as many as leave COVERED of them in range."""
+    fmt = config.trajectory_format
+    if config.recurrent:
+        return max(0, fmt.frac_bits - (bits - 1))
+    largest = float(np.quantile(np.abs(values), COVERED))
+    return min(max(0, int(np.ceil(np.log2(max(largest, 1.0)))) - (bits - 1)), fmt.width - 1)
+
+
+def of_recordings(
+    model: IntegerModel, recordings: Recordings, groups: Sequence[str], **options: Any
+) -> IntegerModel:
+    """`with_prototypes` of the first touch of each recording."""
+    touches = find_touches(model.config, recordings)
+    rows = whole_touches(touches, model.config)
+    where = touches.recording[rows]
+    return with_prototypes(
+        model,
+        touches.take(rows),
+        recordings.labels[where],
+        group_numbers(recordings, groups)[where],
+        source=f"recordings '{recordings.source}'",
+        **options,
+    )
+
+
+# ---------------------------------------------------------------------- teaching
+def teach_recordings(model: IntegerModel, few: Recordings) -> tuple[IntegerModel, np.ndarray]:
+    """(``model`` taught with the first touch of each recording, in their order, (classes) how many it was
+    taught): only whole touches are taught.
+
+    Raises
+    ------
+    InputError
+        A model that cannot be taught; recordings without a whole touch.
+    """
+    config = model.config
+    check_teachable(config)
+    touches = find_touches(config, few)
+    rows = whole_touches(touches, config)
+    if not len(rows):
+        raise InputError(
+            f"recordings '{few.source}': show no whole touch of {config.windows.steps} steps, and part of one "
+            "teaches nothing; record longer ones, or look at their onsets with 'eskin inspect'"
+        )
+    labels = few.labels[touches.recording[rows]]
+    taught = teach_touches(model, touches.take(rows), labels)
+    return taught, np.bincount(labels, minlength=config.classes)
+
+
+def teach_touches(model: IntegerModel, touches: Touches, labels: np.ndarray) -> IntegerModel:
+    """``model`` taught whole touches, one after the other, each of its class of ``labels``."""
+    made = decide_touches(model, touches)
+    for codes, label in zip(trajectory_codes(model.config, made.hidden, made.logits), labels, strict=True):
+        model = teach(model, codes, int(label))
+    return model

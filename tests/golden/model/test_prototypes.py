@@ -1,0 +1,200 @@
+"""golden/model/prototypes.py: distances against a plain walk through the specification; what teaching and
+forgetting leave, in a model and in the middle of a stream."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.model.model import IntegerModel, random_integer_model, with_network
+from eskin.golden.model.pipeline import decide_touches, run
+from eskin.golden.model.preprocess import find_touches
+from eskin.golden.model.prototypes import forget, taught_in_use, teach, trajectory_codes
+from eskin.golden.model.stream import Stream
+from tests.golden.model.test_stream import check_same
+from tests.support.table import each_row
+from tests.support.touch_scenes import SMALL, scene
+
+RULE = {"readout": "prototypes", "prototypes": 2, "taught": 3, "state_code_bits": 4}
+SHIFTS = {"gru": 9, "lstm": 9, "linear": 7}
+
+
+def taught_model(cell: str, decision: str = "last", seed: int = 3, **rule: int) -> IntegerModel:
+    """Random weights and prototypes, some places in use."""
+    config = with_network(SMALL, cell=cell).replace(decision=decision)
+    return random_integer_model(config.with_readout(**RULE, state_code_shift=SHIFTS[cell], **rule), seed)
+
+
+def plain_scores(model: IntegerModel, vectors: np.ndarray) -> list[list[int]]:
+    """Scores of one touch's vectors (K, n), one number at a time."""
+    config, rule, scores = model.config, model.config.readout_rule, []
+    high = (1 << rule.state_code_bits - 1) - 1
+    places: list[list] = []
+    for label in range(config.classes):
+        used = min(int(model.arrays["taught_count"][label]), rule.taught)
+        places.append([*model.arrays["prototypes"][label], *model.arrays["taught"][label][:used]])
+    sums = [[0] * len(of_class) for of_class in places]
+    for k, vector in enumerate(vectors.tolist()):
+        codes = [
+            max(-high - 1, min(high, (value + (1 << rule.state_code_shift >> 1)) >> rule.state_code_shift))
+            for value in vector
+        ]
+        for label, of_class in enumerate(places):
+            for p, place in enumerate(of_class):
+                apart = sum(abs(code - int(stored)) for code, stored in zip(codes, place[k], strict=True))
+                sums[label][p] = apart + (0 if config.network.decision == "vote" else sums[label][p])
+                assert sums[label][p] <= config.distance_bound
+        scores.append([-min(of_class) for of_class in sums])
+    return scores
+
+
+@each_row("decision", ["last", "vote", "early"])
+@each_row("cell", ["gru", "lstm", "linear"])
+def test_the_nearest_prototype_decides(cell, decision):
+    model, limit = taught_model(cell, decision), 0
+    if decision != "vote":
+        limit = (
+            int(np.median(-run(model, scene(20, seed=6)).scores.max(axis=-1)[:, -1])) // SMALL.windows.steps
+        )
+        rule = dataclasses.replace(model.config.readout_rule, unknown_above=limit)
+        model = dataclasses.replace(model, config=dataclasses.replace(model.config, readout_rule=rule))
+    trace = run(model, scene(20, seed=6))
+    vectors = trace.hidden if model.config.recurrent else trace.logits
+    seen = set()
+    for touch, done in enumerate(trace.touches.completed):
+        scores = plain_scores(model, vectors[touch, :done])
+        assert trace.scores[touch, :done].tolist() == scores
+        for k, row in enumerate(scores):
+            best = max(range(len(row)), key=lambda c: (row[c], -c))
+            assert trace.local[touch, k] == best
+            assert trace.margin[touch, k] == row[best] - max(row[c] for c in range(len(row)) if c != best)
+        if done:
+            k = trace.global_step[touch]
+            far = bool(limit) and -max(scores[k]) > limit * (k + 1)
+            assert trace.unsure[touch] == far
+            seen.add(far)
+    assert decision != "last" or seen == {False, True}
+    check_same(Stream(model), trace, scene(20, seed=6), seed=1)
+
+
+def test_the_oldest_taught_touch_goes_and_a_class_is_forgotten_alone():
+    config = taught_model("gru").config
+    model = random_integer_model(config, 4)
+    model = forget(model)
+    assert not taught_in_use(model).any()
+    rng = np.random.default_rng(5)
+    touches = rng.integers(-8, 8, (8, *model.arrays["taught"].shape[2:]))
+    trained = {name: model.arrays[name] for name in model.arrays if not name.startswith("taught")}
+    for number, codes in enumerate(touches):
+        model = teach(model, codes, 1)
+        assert taught_in_use(model).tolist() == [0, min(number + 1, 3), 0]
+        kept = {place.tobytes() for place in model.arrays["taught"][1, : min(number + 1, 3)]}
+        assert kept == {place.tobytes() for place in touches[max(0, number - 2) : number + 1]}
+    model = teach(model, touches[0], 2)
+    assert taught_in_use(forget(model, 1)).tolist() == [0, 0, 1]
+    assert taught_in_use(forget(model)).tolist() == [0, 0, 0]
+    for name, array in trained.items():
+        np.testing.assert_array_equal(model.arrays[name], array)
+
+
+@each_row("cell", ["gru", "linear"])
+def test_a_stream_is_taught_the_touch_that_ended_and_the_one_that_follows(cell):
+    model, recordings = forget(taught_model(cell)), scene(20, seed=6)
+    touches = find_touches(model.config, recordings)
+    made = decide_touches(model, touches)
+    codes = trajectory_codes(model.config, made.hidden, made.logits)
+    stream, expected, last, refused = Stream(model), model, None, 0
+    rng = np.random.default_rng(7)
+    for index in range(len(recordings)):
+        following = int(rng.integers(0, 3)) if rng.random() < 0.5 else None
+        if following is not None:
+            stream.teach(following, following=True)
+        stream.arm()
+        stream.push(recordings.recording(index))
+        stream.finish()
+        for row in np.flatnonzero(touches.recording == index):
+            whole = touches.completed[row] == model.config.windows.steps
+            if touches.completed[row]:
+                last = codes[row] if whole else None
+                if whole and following is not None:
+                    expected = teach(expected, codes[row], following)
+                following = None
+        if following is not None:  # no touch came: withdrawn by the next one's name
+            stream._following = None
+        label = int(rng.integers(0, 3))
+        if last is None:
+            with pytest.raises(InputError, match="no whole touch"):
+                stream.teach(label)
+            refused += 1
+        else:
+            stream.teach(label)
+            expected = teach(expected, last, label)
+        if rng.random() < 0.2:
+            stream.forget(label)
+            expected = forget(expected, label)
+        for name in ("taught", "taught_count"):
+            np.testing.assert_array_equal(stream.model.arrays[name], expected.arrays[name])
+    assert refused and taught_in_use(expected).any()
+
+
+def test_a_stream_is_not_taught_during_a_touch():
+    model = taught_model("gru")
+    stream, samples = Stream(model), scene(20, seed=6).recording(5)
+    for frame in samples:
+        stream.push(frame)
+        if stream.onset_frame is not None:
+            break
+    for act in (lambda: stream.teach(0), lambda: stream.teach(0, following=True), stream.forget):
+        with pytest.raises(InputError, match="a touch is under way"):
+            act()
+
+
+@each_row(
+    ("fields", "rule", "words"),
+    [
+        ({}, {"readout": "dense", "taught": 2}, "field taught: is set with readout 'dense'"),
+        (
+            {"steps": 20},
+            RULE | {"state_code_bits": 8, "hidden": 32},
+            "field state_code_bits: is 8: distances",
+        ),
+        ({}, RULE | {"taught": 16, "classes": 17}, "field taught: is 16 for each of 17 classes"),
+        (
+            {"decision": "vote"},
+            RULE | {"unknown_above": 3},
+            "field unknown_above: is set with decision 'vote'",
+        ),
+        ({}, RULE | {"unknown_above": 60000}, "field unknown_above: is 60000, and no touch"),
+        ({}, RULE | {"state_code_shift": 15}, "field state_code_shift: is 15 and the values have 14 bits"),
+        ({}, RULE | {"state_code_bits": 2}, "field state_code_bits: is 2; it must lie in 3..8"),
+    ],
+)
+def test_a_readout_that_cannot_be_is_refused(fields, rule, words):
+    rule = dict(rule)
+    classes, hidden = rule.pop("classes", 3), rule.pop("hidden", 12)
+    with pytest.raises(InputError, match=words):
+        AcceleratorConfig.of(
+            **{"decision": "last", "hidden": hidden} | fields,
+            **rule,
+            class_names=tuple(f"class {k}" for k in range(classes)),
+        )
+
+
+def test_arrays_that_do_not_fit_the_readout_are_refused():
+    model = taught_model("gru")
+    for name, value in (("taught_count", 6), ("prototypes", 8), ("taught", -9)):
+        array = model.arrays[name].copy()
+        array.flat[0] = value
+        with pytest.raises(InputError, match=f"array {name}: holds"):
+            dataclasses.replace(model, arrays=model.arrays | {name: array})
+    dense = dataclasses.replace(model.config.with_readout())
+    with pytest.raises(InputError, match="is unknown to"):
+        IntegerModel(dense, model.arrays)
+    with pytest.raises(InputError, match="field readout: is 'dense', which is trained and not taught"):
+        teach(random_integer_model(dense, 1), model.arrays["taught"][0, 0], 0)
+    with pytest.raises(InputError, match="class 3: is none of the model's"):
+        teach(model, model.arrays["taught"][0, 0], 3)
