@@ -303,6 +303,8 @@ def test_auto_takes_the_smallest_that_is_level():
             {"cell": "tactnet", "widths": {"weight_bits": 6}},
             "--weight-bits 6: networks for images have weights of 4 or 8 bits",
         ),
+        ({"market": priced(named=True)}, "--fits: networks for images have none"),
+        ({"market": priced(prefer="cells")}, "--prefer: networks for images have none"),
         ({"cell": "auto", "folds": 0}, "--cell auto: needs folds"),
         (
             {"asked": config()},
