@@ -487,7 +487,7 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
         front = pareto(shown, key)
         line = [(factor * shown[index][key], shown[index]["accuracy"]) for index in front]
         axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
-        named: set[tuple[str, float]] = set()
+        named: set[tuple[float, float]] = set()
         for index, row in sorted(
             enumerate(shown), key=lambda item: (not item[1]["chosen"], item[0] not in front)
         ):
@@ -505,7 +505,7 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                 zorder=3 if row["chosen"] else 2,
             )
             name = f"{row['cell'].upper()} {row['hidden']}" if row["hidden"] else row["cell"]
-            if (row["chosen"] or index in front) and (name, place[0]) not in named:
+            if (row["chosen"] or index in front) and place not in named:
                 text = f"{name}, {kinds_of(row)}" + (": taken" if row["chosen"] else "")
                 # the taken one's name stands above its point, the others' below
                 up, weight = (6, "bold") if row["chosen"] else (-6, "normal")
@@ -519,7 +519,7 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                     "fontweight": weight,
                 }
                 axes.annotate(text, place, **where)
-                named.add((name, place[0]))
+                named.add(place)
         axes.margins(x=0.15, y=0.15)
         cost_axis(axes)
         axes.set_xlabel(label)
