@@ -45,7 +45,7 @@ from eskin.golden.training.choice_table import (
     network_name,
     unseen,
 )
-from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, panel_row, share_bars, svg
+from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
 from eskin.pages.views import GAP, page, percent, tables, words, write_text
 
 if TYPE_CHECKING:
@@ -248,13 +248,7 @@ def _short_name(source: str) -> str:
     """A name for a title: the file's without its ending, or the folder's where the file has the usual
     name."""
     path = Path(source)
-    return (
-        path.parent.name
-        if path.name == "recordings.npz" and path.parent.name
-        else path.stem
-        if path.suffix == ".npz"
-        else source
-    )
+    return path.parent.name if path.name == "recordings.npz" and path.parent.name else path.stem or source
 
 
 def network_label(config: AcceleratorConfig) -> str:
@@ -366,7 +360,9 @@ def draw_training(splits: Sequence[Record]) -> Figure | None:
         curve = split["training_curve"]
         axes.plot(curve["updates"], curve["training_loss"], label="trained on, augmented", **FLOAT_LINE)
         if curve["held_out_loss"]:
-            axes.plot(curve["updates"], curve["held_out_loss"], label="left out, as recorded", **INTEGER_LINE)
+            axes.plot(
+                curve["updates"], curve["held_out_loss"], label="left out, not augmented", **INTEGER_LINE
+            )
         axes.set(title=_split_name(split), xlabel="updates of the weights")
         axes.set_xlim(left=0)
         axes.set_ylim(bottom=0)
@@ -375,7 +371,7 @@ def draw_training(splits: Sequence[Record]) -> Figure | None:
     return figure
 
 
-def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figure:
+def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig, unit: str = "V") -> Figure:
     """One recording from raw taxels through features, hidden state and logits to local decisions and the
     global one."""
     figure = Figure(figsize=(10.4, 10.2), layout="constrained")
@@ -383,9 +379,16 @@ def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figur
     feature_axes, hidden_axes, logit_axes, decision_axes = panels
     steps = np.arange(int(trace["completed"]))
     formats, names = config.formats, config.network.class_names
-    _draw_raw(raw, trace, config, steps)
-    title = "features: scaled window means, one column a step"
-    _draw_map(feature_axes, formats.feature_format.to_real(trace["features"])[steps], title, "taxel")
+    _draw_raw(raw, trace, config, steps, unit)
+    kinds, features = config.features.feature_kinds, formats.feature_format.to_real(trace["features"])[steps]
+    by_kind = np.concatenate([features[:, k :: len(kinds)] for k in range(len(kinds))], axis=1)
+    title = f"features, scaled: {', '.join(kinds)} of each taxel, one column a step"
+    _draw_map(feature_axes, by_kind, title, "taxel" if len(kinds) == 1 else "inputs, by kind")
+    if len(kinds) > 1:
+        taxels = config.sensor.taxels
+        feature_axes.set_yticks([(k + 0.5) * taxels - 0.5 for k in range(len(kinds))], kinds)
+        for k in range(1, len(kinds)):
+            feature_axes.axhline(k * taxels - 0.5, color="black", linewidth=0.6)
     title = "hidden state after each step"
     _draw_map(hidden_axes, formats.state_format.to_real(trace["hidden"])[steps], title, "unit")
     logits = formats.logit_format.to_real(trace["logits"])[steps]
@@ -435,13 +438,20 @@ def _draw_map(axes, values: np.ndarray, title: str, unit: str) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
 
 
-def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, steps: np.ndarray) -> None:
+def _draw_raw(
+    axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, steps: np.ndarray, unit: str
+) -> None:
     samples, rate = trace["samples"].astype(float), config.sensor.sample_rate_hz
     level = np.median(samples[: max(1, config.rest_level.rest_frames or min(64, len(samples) // 8))], axis=0)
-    volts = 1000 * config.sensor.volt_per_code
-    axes.set_prop_cycle(color=colormaps["cividis"](np.linspace(0.0, 0.9, samples.shape[1])))
+    scale, worth = (1000.0, "mV") if unit == "V" else (1.0, unit or "unit of the samples")
+    volts = scale * config.sensor.volt_per_code
     signal = (samples - level) * (volts or 1)
-    axes.plot(np.arange(1, len(samples) + 1) / rate, signal, linewidth=0.6)
+    events = draw_events(axes, samples, rate, first=1)
+    if events:
+        signal = np.broadcast_to(np.arange(samples.shape[1]), samples.shape)
+    else:
+        axes.set_prop_cycle(color=colormaps["cividis"](np.linspace(0.0, 0.9, samples.shape[1])))
+        axes.plot(np.arange(1, len(samples) + 1) / rate, signal, linewidth=0.6)
     start = int(trace["start_frame"]) - 1
     ends = [(start + config.window_spans[k][1]) / rate for k in steps]
     touch = ends[-1] - start / rate
@@ -460,10 +470,10 @@ def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, ste
         axes.axvline(onset_s, color="black", linestyle="--", linewidth=1, label="onset found")
         axes.legend(loc="upper right")
     axes.set(
-        title=f"recording {int(trace['number'])}: raw taxels, a line each; grey: the windows, a tick at the "
+        title=f"recording {int(trace['number'])}: raw taxels, a {'row of events' if events else 'line'} each; grey: the windows, a tick at the "
         "end of each",
-        xlabel="time since arm (s)",
-        ylabel="mV from rest" if volts else "codes from rest",
+        xlabel="time (s)",
+        ylabel="taxel" if events else f"{worth} from rest" if volts else "codes from rest",
         xlim=shown,
         ylim=(low - 0.2 * span, high + 0.05 * span),  # room for the numbers of the steps
     )
@@ -504,9 +514,8 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                 markerfacecolor=colour if row["fits"] else "white",
                 zorder=3 if row["chosen"] else 2,
             )
-            name = f"{row['cell'].upper()} {row['hidden']}" if row["hidden"] else row["cell"]
             if (row["chosen"] or index in front) and place not in named:
-                text = f"{name}, {kinds_of(row)}" + (": taken" if row["chosen"] else "")
+                text = f"{network_name(row)}, {kinds_of(row)}" + (": taken" if row["chosen"] else "")
                 # the taken one's name stands above its point, the others' below
                 up, weight = (6, "bold") if row["chosen"] else (-6, "normal")
                 right = place[0] > np.sqrt(min(p for p, _ in line) * max(factor * r[key] for r in shown))
@@ -580,7 +589,7 @@ def _render(result: Result) -> str:
         drawn: dict[str, Figure | None] = {"confusion": draw_confusion(splits, names, result.things)}
         if not config.is_image:
             drawn |= {
-                "trace": draw_trace(result.trace, config),
+                "trace": draw_trace(result.trace, config, run["data"].get("unit", "V")),
                 "steps": draw_step_accuracy(splits, config.opens_at_once),
                 "training": draw_training(splits),
                 "candidates": draw_candidates(candidates) if candidates else None,
@@ -605,7 +614,7 @@ def _render(result: Result) -> str:
     return page(
         "report.html.j2",
         **values,
-        name=_short_name(run["data"]["source"]),
+        name=run.get("name") or _short_name(run["data"]["source"]),
         runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],

@@ -62,6 +62,8 @@ class Recordings:
         Where they come from, for messages and the report.
     volt_per_code:
         What one code is worth, volt or the unit that real samples had; 0 when it is not known.
+    unit:
+        That unit, as the archive names it; "" where it does not.
     sample_bits, sample_signed:
         The A/D code's format.
     notes:
@@ -79,6 +81,7 @@ class Recordings:
     groups: Mapping[str, np.ndarray] = field(default_factory=dict)
     source: str = "recordings"
     volt_per_code: float = 0.0
+    unit: str = ""
     sample_bits: int = 16
     sample_signed: bool = False
     notes: tuple[str, ...] = ()
@@ -229,6 +232,7 @@ class Recordings:
             groups={name: values[indices] for name, values in self.groups.items()},
             source=self.source,
             volt_per_code=self.volt_per_code,
+            unit=self.unit,
             sample_bits=self.sample_bits,
             sample_signed=self.sample_signed,
             notes=self.notes,
@@ -390,10 +394,19 @@ def recordings_of(
         groups=_groups(arrays, recordings) if groups is None else dict(groups),
         source=source,
         volt_per_code=volt,
+        unit=_unit(arrays),
         sample_bits=bits,
         sample_signed=signed,
         notes=tuple(notes),
     )
+
+
+def _unit(arrays: Mapping[str, np.ndarray]) -> str:
+    """What samples are in: the text of the array unit; volt where there is none and lsb_volt is."""
+    named = arrays.get("unit")
+    if named is not None and named.size == 1 and named.dtype.kind in "US":
+        return str(named.reshape(()).astype(str))
+    return "V" if "lsb_volt" in arrays else ""
 
 
 Refuse = Callable[[str, str], NoReturn]

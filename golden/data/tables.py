@@ -378,8 +378,8 @@ def load_folder(
     )
     if not class_folders:
         raise InputError(
-            f"recordings '{folder}': has no sub-folder; put each class's .lvm files into a folder named "
-            "after the class"
+            f"recordings '{folder}': has no sub-folder; put each class's {'.lvm' if lvm else '.csv'} files into "
+            "a folder named after the class"
         )
     suffixes = (".lvm",) if lvm else SUFFIXES
     tables: list[Table] = []
