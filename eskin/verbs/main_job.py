@@ -48,6 +48,7 @@ from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
+from eskin.verbs.build_job import weights_sentence
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
 from eskin.verbs.flow import expected_of
@@ -261,6 +262,9 @@ class _Steps:
         generated = self.stage(
             "Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder)
         )
+
+        if not config.is_image:
+            self.say(weights_sentence(config))
 
         def simulate(
             name: str, numbers: np.ndarray, played: Recordings, job: Callable[..., Record | None]
