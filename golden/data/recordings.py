@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -28,7 +29,14 @@ ARCHIVE_ARRAYS = ("samples", "offsets", "labels", "class_names", "sample_rate_hz
 IMAGE_ARRAYS = ("images", "labels", "class_names")
 """The arrays that an archive of images must hold."""
 
-NOT_GROUPS = (*ARCHIVE_ARRAYS, "channel_names", "lsb_volt", "sample_rate_is_inferred", "images")
+NOT_GROUPS = (
+    *ARCHIVE_ARRAYS,
+    "channel_names",
+    "lsb_volt",
+    "sample_unit",
+    "sample_rate_is_inferred",
+    "images",
+)
 """Arrays that are never a group, whatever their length."""
 
 MOST_NAMES = 1 << 12
@@ -61,7 +69,7 @@ class Recordings:
     source:
         Where they come from, for messages and the report.
     volt_per_code:
-        What one code is worth, volt or the unit that real samples had; 0 when it is not known.
+        What one code is worth, in ``unit``; 0 when it is not known.
     sample_bits, sample_signed:
         The A/D code's format.
     notes:
@@ -69,6 +77,8 @@ class Recordings:
     image_shape:
         Height and width where the recordings are still images: one recording is an image then, its rows are
         the frames, from the top.
+    unit:
+        Of real samples (V, mV, N, ...); empty when it is not known.
     """
 
     samples: np.ndarray
@@ -83,6 +93,7 @@ class Recordings:
     sample_signed: bool = False
     notes: tuple[str, ...] = ()
     image_shape: tuple[int, int] | None = None
+    unit: str = ""
 
     def __post_init__(self) -> None:
         """Give groups with a name of the archive's another one: a column called labels would replace the
@@ -127,11 +138,11 @@ class Recordings:
             One recording (frames, taxels), or several: a list of such, or an array (recordings, frames,
             taxels). Integers are A/D codes.
         labels:
-            The class index of each; None: all are 0.
+            The class of each, by index or by name; None: all are 0.
         sample_rate_hz:
             Frames a second.
         class_names:
-            Default: class0, class1 and so on, as many as the labels name.
+            Default: the labels' own names; of indices class0, class1 and so on.
         groups:
             Name -> one value a recording.
         scale:
@@ -158,9 +169,14 @@ class Recordings:
         labels = (
             np.zeros(len(parts), dtype=np.int64) if labels is None else array_of(labels, f"{source}, labels")
         )
-        if class_names is None:
+        if labels.dtype.kind == "O" and all(isinstance(label, str) for label in labels.ravel()):
+            labels = labels.astype(np.str_)  # as pandas has text
+        if class_names is None and labels.dtype.kind not in "US":
             most = int(labels.max(initial=0)) if labels.dtype.kind in "iu" else 0
             class_names = [f"class{index}" for index in range(min(most, MOST_NAMES) + 1)]
+        named = (
+            {} if class_names is None else {"class_names": array_of(class_names, f"{source}, class_names")}
+        )
         for name, given in (groups or {}).items():
             values = array_of(given, f"{source}, group {name}")
             if values.shape != (len(parts),) or values.dtype.kind not in GROUP_KINDS:
@@ -173,7 +189,7 @@ class Recordings:
                 "samples": np.concatenate(parts),
                 "offsets": np.cumsum([0, *(len(part) for part in parts)]),
                 "labels": labels,
-                "class_names": array_of(class_names, f"{source}, class_names"),
+                **named,
                 "sample_rate_hz": array_of(
                     sample_rate_hz, f"{source}, sample_rate_hz", "give one number, in hertz"
                 ),
@@ -220,20 +236,32 @@ class Recordings:
         indices = np.asarray(indices, dtype=np.int64)
         if not len(indices):
             raise InputError(f"{self.source}: a subset of no recordings was asked for; ask for at least one")
-        return Recordings(
+        return dataclasses.replace(
+            self,
             samples=np.concatenate([self.recording(i) for i in indices]),
             offsets=np.concatenate([[0], np.cumsum(self.lengths[indices])]),
             labels=self.labels[indices],
-            class_names=self.class_names,
-            sample_rate_hz=self.sample_rate_hz,
             groups={name: values[indices] for name, values in self.groups.items()},
-            source=self.source,
-            volt_per_code=self.volt_per_code,
-            sample_bits=self.sample_bits,
-            sample_signed=self.sample_signed,
-            notes=self.notes,
-            image_shape=self.image_shape,
         )
+
+    def of_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
+        """These recordings with the classes of ``whose``: a set may lack some of them, or list them in
+        another order.
+
+        Raises
+        ------
+        InputError
+            A recording is of none of them.
+        """
+        place = np.array([names.index(name) if name in names else -1 for name in self.class_names])
+        unknown = np.flatnonzero(place[self.labels] < 0)
+        if len(unknown):
+            raise InputError(
+                f"recordings '{self.source}', array class_names: has recordings of "
+                f"{self.class_names[self.labels[unknown[0]]]}, and {whose} knows {', '.join(names)}; leave "
+                "those recordings out, or use a model of the same task"
+            )
+        return dataclasses.replace(self, labels=place[self.labels], class_names=names)
 
     def evenly(self, n: int) -> np.ndarray:
         """Indices (ascending) of ``n`` recordings: the same every time, spread over the classes and over each
@@ -306,6 +334,7 @@ def recordings_of(
 
     if "images" in arrays and "samples" not in arrays:
         return _images(arrays, source, groups, notes, refuse)
+    arrays = _with_names(arrays)
     for name in ARCHIVE_ARRAYS:
         if name not in arrays:
             refuse(name, f"is missing; an archive holds {', '.join(ARCHIVE_ARRAYS)}")
@@ -330,6 +359,12 @@ def recordings_of(
                 "out",
             )
         volt = step_volt
+    unit = arrays.get("sample_unit", np.array(""))
+    if unit.dtype.kind != "U" or unit.size != 1 or not str(unit.reshape(())).isprintable():
+        refuse(
+            "sample_unit",
+            f"is {unit.dtype} of shape {unit.shape}; give one word of text, or leave the array out",
+        )
     if samples.dtype.kind == "f":
         if not np.isfinite(samples).all():
             row, taxel = place_of(~np.isfinite(samples))
@@ -390,6 +425,7 @@ def recordings_of(
         groups=_groups(arrays, recordings) if groups is None else dict(groups),
         source=source,
         volt_per_code=volt,
+        unit=str(unit.reshape(()))[:40],
         sample_bits=bits,
         sample_signed=signed,
         notes=tuple(notes),
@@ -397,6 +433,27 @@ def recordings_of(
 
 
 Refuse = Callable[[str, str], NoReturn]
+
+
+def natural(name: str) -> list:
+    """A key that sorts mat2 before mat10."""
+    digits = ((part.lstrip("0"), part) for part in re.split(r"(\d+)", name) if part)
+    return [(0, len(number), number) if part.isdecimal() else (1, 0, part) for number, part in digits]
+
+
+def _with_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Labels that are text name the classes where nothing else does."""
+    labels = arrays.get("labels")
+    if labels is None or labels.dtype.kind not in "US":
+        return arrays
+    if labels.dtype.kind == "S":
+        words = [word.decode("utf-8", "replace") for word in labels.ravel().tolist()]
+        arrays = arrays | {"labels": (labels := np.array(words, dtype=np.str_).reshape(labels.shape))}
+    if "class_names" in arrays:
+        return arrays
+    return arrays | {
+        "class_names": np.array(sorted(set(labels.ravel().tolist()), key=natural), dtype=np.str_)
+    }
 
 
 def _classes(
@@ -423,11 +480,16 @@ def _classes(
             refuse("class_names", f"has the name {name} twice; names must differ")
 
     labels = arrays["labels"]
+    if labels.dtype.kind == "U" and labels.shape == (recordings,):
+        unknown = [label for label in labels.tolist() if label not in class_names]
+        if unknown:
+            refuse("labels", f"holds '{unknown[0][:40]}', which is none of the class names")
+        labels = np.array([class_names.index(label) for label in labels.tolist()])
     if labels.dtype.kind not in "iu" or labels.shape != (recordings,):
         refuse(
             "labels",
-            f"is {labels.dtype} of shape {labels.shape}; it must be integers of shape ({recordings},), one "
-            "a recording",
+            f"is {labels.dtype} of shape {labels.shape}; it must be integers, or names, of shape "
+            f"({recordings},), one a recording",
         )
     outside = (labels < 0) | (labels >= len(class_names))
     if outside.any():
@@ -456,6 +518,7 @@ def _images(
     refuse: Refuse,
 ) -> Recordings:
     """The recordings of an archive of images: an image each, its rows the frames."""
+    arrays = _with_names(dict(arrays))
     for name in IMAGE_ARRAYS:
         if name not in arrays:
             refuse(name, f"is missing; an archive of images holds {', '.join(IMAGE_ARRAYS)}")
