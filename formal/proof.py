@@ -28,8 +28,9 @@ from amaranth.hdl import (
 from amaranth.hdl._ast import SignalDict
 from amaranth.lib import stream, wiring
 
-Method = Literal["induction", "bounded", "any state"]
-"""k-induction proves for every cycle of every run; bounded for the first ``depth`` cycles after reset; any
+Method = Literal["induction", "gate induction", "bounded", "any state"]
+"""k-induction proves for every cycle of every run, of words, or gate by gate by a SAT solver where words take
+too long; bounded for the first ``depth`` cycles after reset; any
 state: ``depth`` cycles after a state of which nothing is known but what is assumed, so for every later cycle
 of every run too (by a SAT solver, gate by gate)."""
 
@@ -250,8 +251,8 @@ def opened_up(block: wiring.Component, name: str = "dut", reset: Signal | None =
             and isinstance(local.get("self"), wiring.Component)
             and frame.f_globals["__name__"].startswith("eskin.rtl.")
         ):
-            found = names.setdefault(type(local["self"]).__name__, {})
-            found |= {key: value for key, value in local.items() if key != "self"}
+            values = names.setdefault(type(local["self"]).__name__, {})
+            values |= {key: value for key, value in local.items() if key != "self"}
 
     sys.setprofile(look)
     try:

@@ -441,12 +441,12 @@ class Image(Group):
             weighted = sum(1 for stage in self.stages() if stage.weights)
         except ValueError as error:
             yield "layers", str(error)
-        for field, wanted in (("weight_formats", weighted), ("map_formats", weighted - 1)):
+        for field, needed in (("weight_formats", weighted), ("map_formats", weighted - 1)):
             given = len(getattr(self, field))
-            if given != (wanted if self.weight_formats else 0):
+            if given != (needed if self.weight_formats else 0):
                 yield (
                     field,
-                    f"has {given} formats for {wanted} layers that have one; quantise the model again",
+                    f"has {given} formats for {needed} layers that have one; quantise the model again",
                 )
 
     def stages(self) -> tuple[Stage, ...]:
@@ -479,7 +479,9 @@ class Hardware(Group):
     host bus; False: ROM); clock_hz; decide_within_s (the latency budget from a window's last sample to its
     decision; 0: one frame, of images one image); checksum (memories and registers are checked as they are used, a fault
     raises a flag); watchdog (a chain that hangs goes back to idle); one_port (no memory of the pre-trigger
-    ring is read and written in one cycle, as a chip's macros of one port want); clock_gate (the clock stops
+    ring is read and written in one cycle, as a chip's macros of one port want); one_phase (a recurrent cell's
+    rows are computed when the features are there and not partly before, which spares the memory of partial
+    sums and makes decisions later; dsp and serial lanes always do so); clock_gate (the clock stops
     while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights in the large
     memories of an iCE40 UP5K, fewer block memories; ``eskin build`` does so by itself where these run
     out)."""
@@ -490,6 +492,7 @@ class Hardware(Group):
     checksum: StrictBool = False
     watchdog: StrictBool = False
     one_port: StrictBool = False
+    one_phase: StrictBool = False
     clock_gate: StrictBool = False
     spare_blocks: StrictBool = False
     clock_hz: Annotated[Real, Gt(0)] = 12e6

@@ -177,8 +177,8 @@ class Recordings:
         named = (
             {} if class_names is None else {"class_names": array_of(class_names, f"{source}, class_names")}
         )
-        for name, given in (groups or {}).items():
-            values = array_of(given, f"{source}, group {name}")
+        for name, codes in (groups or {}).items():
+            values = array_of(codes, f"{source}, group {name}")
             if values.shape != (len(parts),) or values.dtype.kind not in GROUP_KINDS:
                 raise InputError(
                     f"{source}, group {name}: is {values.dtype} of shape {values.shape}; give a number or "
@@ -375,8 +375,8 @@ def recordings_of(
             )
         with np.errstate(over="ignore"):  # long doubles beyond the range of float64 are refused as infinite
             samples = samples.astype(np.float64)
-        samples, volt, said = to_codes(samples, f"recordings '{source}', array samples", volt or scale)
-        notes = (*notes, *said)
+        samples, volt, scaling = to_codes(samples, f"recordings '{source}', array samples", volt or scale)
+        notes = (*notes, *scaling)
     low, high = int(samples.min()), int(samples.max())
     if low < -32768 or high > (32767 if low < 0 else 65535):
         refuse("samples", f"runs from {low} to {high}, beyond 16 bits; give -32768..32767 or 0..65535")
@@ -609,8 +609,8 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
         )
 
     if config.is_image and recordings.image_shape != (config.image.height, config.image.width):
-        given = recordings.image_shape
-        has = "no images" if given is None else f"images of {given[0]} x {given[1]} pixels"
+        shape = recordings.image_shape
+        has = "no images" if shape is None else f"images of {shape[0]} x {shape[1]} pixels"
         refuse(
             "array images",
             f"holds {has} and configuration '{config.name}' takes {config.image.height} x "

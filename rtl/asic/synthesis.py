@@ -233,7 +233,7 @@ dfflibmap -liberty cells.lib
 opt_clean
 abc -liberty cells.lib -constr cells.constr -D {delay_ps}
 setundef -zero
-hilomap -hicell {high[0]} {high[1]} -locell {low[0]} {low[1]}
+hilomap -singleton -hicell {high[0]} {high[1]} -locell {low[0]} {low[1]}
 opt_clean -purge
 write_json mapped.json
 """
@@ -272,9 +272,16 @@ def _memories(folder: Path, process: Process, top: str, latches: bool) -> list[d
             kind = macro.name
         elif writes and latches and process.latch is not None and single and words >= WORDS_OF_A_LATCH_MEMORY:
             kind = "latches"
-        told = value.get("MEMID", name).lstrip("\\").removeprefix(f"{top}.")
+        memory_name = value.get("MEMID", name).lstrip("\\").removeprefix(f"{top}.")
         rows.append(
-            {"name": told, "words": words, "width": width, "bits": words * width, "kind": kind, "cell": name}
+            {
+                "name": memory_name,
+                "words": words,
+                "width": width,
+                "bits": words * width,
+                "kind": kind,
+                "cell": name,
+            }
         )
     return rows
 

@@ -199,7 +199,8 @@ def designs(draw: st.DrawFn) -> Design:
             config, stalls = _behind(pick, config, chip), False
         else:  # as a process's chips have it; not with an FPGA's lanes
             gate = config.hardware.lane_type != "dsp" and pick(False, True)
-            config = config.replace(one_port=pick(False, True), clock_gate=gate)
+            phase = config.hardware.lane_type == "plain" and pick(False, True)
+            config = config.replace(one_port=pick(False, True), clock_gate=gate, one_phase=phase)
         design = Design(config, pick(*range(1, 100)), stalls)
         assert design.model
     except InputError:
