@@ -38,8 +38,8 @@ ROUNDS = 20
 """So many times LIMIT_S may pass while an input takes processor time: beside other work it gets little."""
 JUDGED = 6
 """Front ends that are judged; the rest of a choice is long work."""
-IDLE_TICKS = 20
-"""Processor time of LIMIT_S, 0.2 s, up to which an input stands still."""
+IDLE_TICKS = 1
+"""Processor time of LIMIT_S, in hundredths of a second, up to which an input stands still."""
 MEMORY_BYTES = 3 << 29
 """Address space that an input may take on top of the warm process."""
 ENDS = {0: "done", 1: "check not held", 2: "refused", "long work": "long work"}
