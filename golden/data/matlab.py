@@ -25,7 +25,7 @@ NAMES = {
     "labels": ("labels", "label", "y", "Y", "classes", "class", "target"),
     "class_names": ("class_names", "classNames", "classnames", "names"),
     "rate": ("sample_rate_hz", "fs", "Fs", "FS", "rate", "sample_rate", "sampleRate"),
-    "unit": ("sample_unit", "unit", "units"),
+    "unit": ("unit", "units", "sample_unit"),
 }
 """What an array may be called, in the order of preference."""
 TRIAL = "import sys; from scipy.io.matlab import loadmat; loadmat(sys.argv[1], appendmat=False)"

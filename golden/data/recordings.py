@@ -29,14 +29,7 @@ ARCHIVE_ARRAYS = ("samples", "offsets", "labels", "class_names", "sample_rate_hz
 IMAGE_ARRAYS = ("images", "labels", "class_names")
 """The arrays that an archive of images must hold."""
 
-NOT_GROUPS = (
-    *ARCHIVE_ARRAYS,
-    "channel_names",
-    "lsb_volt",
-    "sample_unit",
-    "sample_rate_is_inferred",
-    "images",
-)
+NOT_GROUPS = (*ARCHIVE_ARRAYS, "channel_names", "lsb_volt", "sample_rate_is_inferred", "images")
 """Arrays that are never a group, whatever their length."""
 
 MOST_NAMES = 1 << 12
@@ -44,7 +37,7 @@ MOST_NAMES = 1 << 12
 GROUP_KINDS = "iubUSf"
 """Kinds of numpy types that a group may have: numbers and text."""
 
-RESERVED = (*NOT_GROUPS, "file", "allow_pickle")
+RESERVED = (*NOT_GROUPS, "unit", "file", "allow_pickle")
 """Names that no group may have: an archive's own, and what ``numpy.savez_compressed`` calls its arguments."""
 
 
@@ -69,7 +62,9 @@ class Recordings:
     source:
         Where they come from, for messages and the report.
     volt_per_code:
-        What one code is worth, in ``unit``; 0 when it is not known.
+        What one code is worth, volt or the unit that real samples had; 0 when it is not known.
+    unit:
+        That unit, as the archive names it; "" where it does not.
     sample_bits, sample_signed:
         The A/D code's format.
     notes:
@@ -77,8 +72,6 @@ class Recordings:
     image_shape:
         Height and width where the recordings are still images: one recording is an image then, its rows are
         the frames, from the top.
-    unit:
-        Of real samples (V, mV, N, ...); empty when it is not known.
     """
 
     samples: np.ndarray
@@ -89,11 +82,11 @@ class Recordings:
     groups: Mapping[str, np.ndarray] = field(default_factory=dict)
     source: str = "recordings"
     volt_per_code: float = 0.0
+    unit: str = ""
     sample_bits: int = 16
     sample_signed: bool = False
     notes: tuple[str, ...] = ()
     image_shape: tuple[int, int] | None = None
-    unit: str = ""
 
     def __post_init__(self) -> None:
         """Give groups with a name of the archive's another one: a column called labels would replace the
@@ -359,12 +352,6 @@ def recordings_of(
                 "out",
             )
         volt = step_volt
-    unit = arrays.get("sample_unit", np.array(""))
-    if unit.dtype.kind != "U" or unit.size != 1 or not str(unit.reshape(())).isprintable():
-        refuse(
-            "sample_unit",
-            f"is {unit.dtype} of shape {unit.shape}; give one word of text, or leave the array out",
-        )
     if samples.dtype.kind == "f":
         if not np.isfinite(samples).all():
             row, taxel = place_of(~np.isfinite(samples))
@@ -425,11 +412,19 @@ def recordings_of(
         groups=_groups(arrays, recordings) if groups is None else dict(groups),
         source=source,
         volt_per_code=volt,
-        unit=str(unit.reshape(()))[:40],
+        unit=_unit(arrays),
         sample_bits=bits,
         sample_signed=signed,
         notes=tuple(notes),
     )
+
+
+def _unit(arrays: Mapping[str, np.ndarray]) -> str:
+    """What samples are in: the text of the array unit; volt where there is none and lsb_volt is."""
+    named = arrays.get("unit")
+    if named is not None and named.size == 1 and named.dtype.kind in "US":
+        return str(named.reshape(()).astype(str))
+    return "V" if "lsb_volt" in arrays else ""
 
 
 Refuse = Callable[[str, str], NoReturn]

@@ -336,7 +336,7 @@ def assemble(
         "class_names": np.array(class_names, dtype=np.str_),
         "sample_rate_hz": np.array(rate),
         **({"lsb_volt": np.array(step)} if step else {}),
-        "sample_unit": np.array(unit),
+        "unit": np.array(unit),
     }
     return recordings_of(arrays, source, groups=groups, notes=(*notes, *sentences))
 
@@ -393,8 +393,8 @@ def load_folder(
     )
     if not class_folders:
         raise InputError(
-            f"recordings '{folder}': has no sub-folder; put each class's .lvm files into a folder named "
-            "after the class"
+            f"recordings '{folder}': has no sub-folder; put each class's {'.lvm' if lvm else '.csv'} files into "
+            "a folder named after the class"
         )
     tables: list[Table] = []
     labels, names, units, skipped = [], [], [], 0
