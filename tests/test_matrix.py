@@ -74,6 +74,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "inspect": ("inspect {data} --config {config} --out {out}/picture.png", ("linear", "image")),
     "convert": ("convert {data} --out {out}/converted.npz", ("linear", "image")),
     "train": (f"train {JUDGED} --folds 2 --out {{out}}/model", ("lstm", "image")),
+    "train --fits": (
+        f"train {JUDGED} --folds 2 --prefer latency --fits ulx3s --out {{out}}/model",
+        ("linear",),
+    ),
     "import": (
         "import {weights} --config {config} {scale} --out {out}/model",
         ("linear", "gru-before", "gru-after", "image"),
@@ -106,6 +110,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ()),
+    "build --synthesis-only": ("build {model} --synthesis-only gatemate --out {out}/netlist", ()),
     "build icestick": ("build {model} --target icestick --out {out}/board", ("image",)),
     "replay": ("replay {model} --data {data} --port {port} --baud 2000000", ("early", "image")),
     "watch": ("watch {model} --data {data} --terminal --speed max --once", ("rom", "image")),
@@ -146,6 +151,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
 it on all."""
 
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
+    (("train --fits",), ("image",), "--fits: networks for images have none"),
     (("quantise --logit-error",), ("image",), "--logit-error: is for models that read recordings"),
     (
         ("generate --streams",),
@@ -178,6 +184,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
             *(
                 "cosim netlist",
                 "build",
+                "build --synthesis-only",
                 "build icestick",
                 "replay",
                 "watch --simulate",

@@ -461,6 +461,7 @@ inspect @ --config pvdf
 train --data @ --out made
 train --data @ --out made --config ../in/config.json
 train --data @ --out made --config thesis
+train --data @ --out made --prefer cells --fits icestick
 evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @ --out page
 cosim ../in/model --data @
@@ -500,6 +501,7 @@ export @ --to c --out keep --data ../in/recordings.npz
 energy @ --data ../in/recordings.npz
 stability @ --data ../in/recordings.npz
 build @ --target icebreaker
+build @ --synthesis-only $ --lanes #
 build @ --target # --converter $ --standalone
 asic @ --pdk ihp-sg13g2 --liberty ../in/cells.lib
 replay @ --port /dev/null --baud 2000000 --data ../in/recordings.npz
