@@ -13,6 +13,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.fixed import narrow, shape_of, wrapping_increment
 from eskin.rtl.common.load_port import load_lines, load_signature
+from eskin.rtl.common.memory_style import prototypes_memory
 from eskin.rtl.program.memory_map import Memory as Loaded
 from eskin.rtl.program.memory_map import prototype_words
 
@@ -128,7 +129,7 @@ class PrototypeReadout(wiring.Component):
             shape=unsigned(bits),
             depth=words,
             init=self._image[:words],
-            attrs=NO_COLLISION | {"ram_style": "block"},
+            attrs=prototypes_memory(config, platform, words),
         )
         read, write = memory.read_port(), memory.write_port()
         loads = self.load.enable & self.load.select[load_lines(config)[Loaded.PROTOTYPES]]
@@ -177,16 +178,16 @@ class PrototypeReadout(wiring.Component):
             used_done.eq(used_of),
         ]
         if config.network.decision != "vote":
-            count = config.classes * places
+            every = config.classes * places
             m.submodules.sums = sums = Memory(
-                shape=unsigned(sum_bits), depth=count, init=[], attrs=NO_COLLISION | {"ram_style": "block"}
+                shape=unsigned(sum_bits), depth=every, init=[], attrs=NO_COLLISION | {"ram_style": "block"}
             )
             sum_read, sum_write = sums.read_port(), sums.write_port()
-            asked, kept = Signal(range(count)), Signal(range(count))
+            asked, kept = Signal(range(every)), Signal(range(every))
             with m.If(body & last_unit):
-                m.d.sync += asked.eq(wrapping_increment(asked, count))
+                m.d.sync += asked.eq(wrapping_increment(asked, every))
             with m.If(whole_place):
-                m.d.sync += kept.eq(wrapping_increment(kept, count))
+                m.d.sync += kept.eq(wrapping_increment(kept, every))
             m.d.comb += [
                 sum_read.addr.eq(asked),
                 sum_write.addr.eq(kept),
@@ -222,14 +223,14 @@ class PrototypeReadout(wiring.Component):
             m.d.comb += self.far.eq(~near)
 
         # ---------------------------------------------------------------- a recording, and what is taught
-        begins_pass: Value = Const(0, 1)
+        pass_begins: Value = Const(0, 1)
         if teaches:
-            begins_pass = self._teaching(m, target, teaching, pass_ends, address, slot, label, used_of, loads)
-            m.d.comb += begins.eq(self.step_done | begins_pass)
+            pass_begins = self._teaching(m, target, teaching, pass_ends, address, slot, label, used_of, loads)
+            m.d.comb += begins.eq(self.step_done | pass_begins)
         else:
             m.d.comb += begins.eq(self.step_done)
             m.d.sync += used_of.eq(1)
-        dropped = self.clear & ~teaching & ~begins_pass
+        dropped = self.clear & ~teaching & ~pass_begins
         with m.If(dropped | self.ended | (pass_ends if teaches else 0)):
             m.d.sync += [address.eq(0), first.eq(1)]
         with m.If(dropped):
@@ -273,14 +274,17 @@ class PrototypeReadout(wiring.Component):
         free = ~self.locked & self.idle
         teaches = self.teach & free & known & (self.option | whole)
         forgets = self.forget & free & (self.option | known)
-        begins, count = Signal(), Signal(range(2 * taught))
+        pass_begins, taught_before = Signal(), Signal(range(2 * taught))
         m.d.comb += [
-            begins.eq((teaches & ~self.option) | (self.ended & following & complete)),
-            count.eq(counts[chosen]),
+            pass_begins.eq((teaches & ~self.option) | (self.ended & following & complete)),
+            taught_before.eq(counts[chosen]),
             target.eq(
                 teaching
                 & (label == chosen)
-                & (slot == Mux(count < taught, count, count - taught) + rule.prototypes)
+                & (
+                    slot
+                    == Mux(taught_before < taught, taught_before, taught_before - taught) + rule.prototypes
+                )
             ),
             self.refused.eq(
                 (self.teach & ~teaches) | (self.forget & ~forgets) | (self.ended & following & ~complete)
@@ -294,11 +298,11 @@ class PrototypeReadout(wiring.Component):
             m.d.sync += [whole.eq(complete), following.eq(0)]
         with m.If(self.vector.valid | (self.clear & self.locked)):
             m.d.sync += whole.eq(0)
-        m.d.sync += teaching.eq((teaching | begins) & ~pass_ends)
+        m.d.sync += teaching.eq((teaching | pass_begins) & ~pass_ends)
         with m.If(pass_ends):
             m.d.sync += [
-                counts[chosen].eq(Mux(count == 2 * taught - 1, taught, count + 1)),
-                in_use.eq(in_use + (count < taught)),
+                counts[chosen].eq(Mux(taught_before == 2 * taught - 1, taught, taught_before + 1)),
+                in_use.eq(in_use + (taught_before < taught)),
             ]
         used = lambda number: Mux(number < taught, number, taught)
         with m.If(forgets):
@@ -312,6 +316,6 @@ class PrototypeReadout(wiring.Component):
             with m.If(loads & (self.load.address >= words)):
                 m.d.sync += [
                     counts[number].eq(self.load.data),
-                    in_use.eq(Mux(number == 0, 0, in_use) + used(self.load.data[: len(count)])),
+                    in_use.eq(Mux(number == 0, 0, in_use) + used(self.load.data[: len(taught_before)])),
                 ]
-        return begins
+        return pass_begins
