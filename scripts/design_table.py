@@ -44,7 +44,12 @@ def placed(config: AcceleratorConfig) -> tuple[str, ...]:
     """Columns behind the first, of a design on the board."""
     model = random_integer_model(config, 1)
     request = build_job.BuildRequest(
-        config=model.config, arrays=model.arrays, target=target(BOARD), link=False, seeds=SEEDS
+        lanes_asked=True,
+        config=model.config,
+        arrays=model.arrays,
+        target=target(BOARD),
+        link=False,
+        seeds=SEEDS,
     )
     try:
         built = build_job.build(request)[0]

@@ -62,7 +62,7 @@ def main() -> None:
     (wheel,) = WORK.glob("*.whl")
     names = zipfile.ZipFile(wheel).namelist()
     strays = [name for name in names if not name.startswith(("eskin/", "eskin-")) or "/dev/" in name]
-    missing = {".py", ".sv", ".v", ".cpp", ".j2", ".css"} - {Path(name).suffix for name in names}
+    missing = {".py", ".sv", ".v", ".vlt", ".cpp", ".j2", ".css"} - {Path(name).suffix for name in names}
     if strays or missing:
         sys.exit(
             f"wheel test: the wheel holds {strays[:3]}, which is not the product's, or lacks files of kinds "

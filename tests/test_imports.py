@@ -17,6 +17,7 @@ WAY = (
         ["golden.core"],
         ["golden.data"],
         ["golden.model"],
+        ["golden.export"],
         ["golden.training"],
         ["golden.baselines"],
         ["golden.studies", "golden.stability"],

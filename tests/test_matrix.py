@@ -89,6 +89,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "generate": ("generate {model} --out {out}/design", ("rom", "converter", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
     "generate --streams": ("generate {model} --bus apb --fifo 4 --streams axis --out {out}/design", ()),
+    "export --to c": ("export {model} --to c --out {out}/c", ("linear", "image")),
     "schedule": ("schedule {model} --out {out}", ("serial", "image")),
     "schedule --table": ("schedule {model} --table", ("linear", "image")),
     "schedule --complexity": ("schedule {model} --complexity --out {out}", ("image",)),
@@ -186,6 +187,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         ("prototypes",),
         "field readout: is 'prototypes', of which there is no hardware yet",
     ),
+    (("export --to c",), ("prototypes",), "field readout: is 'prototypes', which C does not have"),
     (("enrol",), ("prototypes",), "field readout: is 'prototypes', which weights trained on would not fit"),
     (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
     (

@@ -24,7 +24,7 @@ OUTPUTS = ("out", "json", "record")
 """Parameters that name what a verb writes; every other file or folder is read."""
 INPUT_WORDS = ("data", "config", "grid", "model", "test", "with_")
 """Parameters that name a file or folder, or are a word."""
-REPLACING = ("build", "enrol", "generate", "import_", "run", "train")
+REPLACING = ("build", "enrol", "export", "generate", "import_", "run", "train")
 """Verbs whose --out is a folder that they replace as a whole."""
 
 RESULTS = (".json", ".html", ".svg")

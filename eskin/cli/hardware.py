@@ -91,6 +91,26 @@ def generate(
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
+@app.command(epilog="Example: eskin export model --to c --out controller")
+def export(
+    model: ModelArgument,
+    to: Annotated[Literal["c"], option("c: the integer model as plain C99 for a microcontroller.")],
+    out: Annotated[Path, option("The folder to write: new, or an earlier exported one, which is replaced.")],
+    data: Annotated[
+        str | None, option("eskin_check.c plays these recordings; default: made-up ones.")
+    ] = None,
+    json: JsonOption = None,
+) -> Record:
+    """Write a model in the words of other tools, with what checks it."""
+    from eskin.verbs.export_job import export_c
+
+    integer = integer_model(model)
+    recordings = None if data is None else recordings_for(data, integer.config)
+    result = {"to": to} | export_c(integer, out, recordings=recordings)
+    show("export", **result)
+    return result
+
+
 @app.command(
     epilog="Example: eskin cosim model --data recordings.npz --recordings 40 --lanes 4 --json cosim.json"
 )
@@ -190,7 +210,7 @@ def cosim(
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)
-    show("cosim", **result)
+    show("cosim", played=result, **result)
     return result
 
 
@@ -229,7 +249,10 @@ def build(
         str | None, option("icebreaker, upduino, ulx3s, icestick or icesugar-nano.", metavar="NAME")
     ] = None,
     lanes: Annotated[
-        int | None, option("Multipliers that work at once; default 4, or 1 where the part has no multiplier.")
+        int | None,
+        option(
+            "Multipliers that work at once; default: the model's, fewer where they do not fit, 1 where the part has none."
+        ),
     ] = None,
     lane_type: Annotated[LaneType | None, option("Default: what suits the part.")] = None,
     link: Annotated[
@@ -333,6 +356,7 @@ def build(
         clock_hz=clock,
         baud=baud,
         class_pins=class_pins,
+        lanes_asked=lanes is not None,
         seed=seed,
         seeds=seeds,
     )

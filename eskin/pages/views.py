@@ -84,6 +84,39 @@ def mean_and_largest(error: Record) -> str:
     return "no step to judge" if error["max"] is None else f"{error['mean']:.3f}, at most {error['max']:.2f}"
 
 
+VERDICTS = {
+    "bit-exact": "bit-exact",
+    "differs": "DIFFERS",
+    "gave up": "GAVE UP",
+    "no decision": "no decision",
+}
+
+
+def verdict(played: Record) -> str:
+    """What a co-simulation ended with, in a word or two; results of version 0.2 say no more than bit_exact."""
+    return VERDICTS[played.get("verdict") or ("bit-exact" if played["bit_exact"] else "differs")]
+
+
+def compared(played: Record, things: str = "recordings") -> str:
+    """The sentence behind `verdict`."""
+    values = f"{count(played['compared_values'])} values of {count(played['recordings'])} {things} compared"
+    match verdict(played):
+        case "GAVE UP":
+            where = played["gave_up"]
+            return (
+                f"nothing moved any more at recording {where['recording']}, frame {where['frame']}, so the bench "
+                f"stopped there; {values} until then"
+            )
+        case "no decision":
+            return (
+                f"no touch was long enough for a decision, so nothing of the network was compared ({values}); "
+                "take other recordings"
+            )
+        case "DIFFERS":
+            return f"{count(played['mismatches'])} of {values} differ"
+    return f"{values}, none differs"
+
+
 def article(thing: str) -> str:
     """``a touch``, ``an image``."""
     return f"{'an' if thing[0] in 'aeiou' else 'a'} {thing}"
@@ -102,7 +135,19 @@ def _environment(written: Callable[[Any], str] | None) -> jinja2.Environment:
         lstrip_blocks=True,
         finalize=written,
     )
-    words = (percent, share, seconds, hertz, unit, count, number, mean_and_largest, article)
+    words = (
+        percent,
+        share,
+        seconds,
+        hertz,
+        unit,
+        count,
+        number,
+        mean_and_largest,
+        article,
+        verdict,
+        compared,
+    )
     environment.filters |= {function.__name__: function for function in words}
     environment.globals |= {"zip": zip, "style": (TEMPLATES / "style.css").read_text(encoding="utf-8")}
     return environment

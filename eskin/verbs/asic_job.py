@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from eskin.cosim.gates import Chip
+from eskin.cosim.latency import limits
 from eskin.cosim.netlist import Hardware, shorten_names
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.files import replacing, replacing_folder, write_json
@@ -29,6 +30,7 @@ from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import Netlist, Process, process_of, synthesise
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.verbs import chip_energy
 
@@ -48,9 +50,14 @@ CANNOT = (
 
 def chip_config(config: AcceleratorConfig, lanes: int | None, rom: bool) -> AcceleratorConfig:
     """The configuration as a chip has it: plain lanes, a ring that macros of one port can hold, a clock that
-    stops, constants in ROMs where asked."""
+    stops, constants in ROMs where asked; rows in one phase where the clock (``clock_hz``) decides in time
+    then (``decide_within_s``)."""
     lanes = lanes or config.hardware.lanes
-    return config.replace(lane_type="plain", lanes=lanes, one_port=True, clock_gate=True, loadable=not rom)
+    chip = config.replace(lane_type="plain", lanes=lanes, one_port=True, clock_gate=True, loadable=not rom)
+    in_one, budget = chip.replace(one_phase=True), limits(chip)
+    counts = {"step": step_cycles(in_one), "decision": decision_cycles(in_one)}
+    in_time = all(count <= budget[name] * chip.hardware.clock_hz for name, count in counts.items())
+    return in_one if in_time else chip
 
 
 def netlist_of(
@@ -158,6 +165,7 @@ def asic(
         "corner": f"typ {process.library.voltage:g} V {process.library.temperature:g} C",
         "lanes": config.hardware.lanes,
         "rom": not config.hardware.loadable,
+        "one_phase": config.hardware.one_phase,
         "area_um2": total,
         "area_by_kind_um2": by_kind,
         "area_by_block_um2": chip_energy.largest_first(

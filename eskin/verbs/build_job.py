@@ -133,6 +133,10 @@ class BuildRequest:
     ----------
     config:
         With the wanted lanes.
+    lanes_asked:
+        They are the user's wish; otherwise fewer are taken where these do not fit.
+    misfit:
+        (lanes, what the part lacks for them) of the first try, where fewer were taken.
     arrays:
         Of the integer model; they matter for a ROM design only.
     link:
@@ -169,6 +173,8 @@ class BuildRequest:
     clock_hz: float | None = None
     baud: float | None = None
     class_pins: ClassPins | None = None
+    lanes_asked: bool = False
+    misfit: tuple[int, str] | None = None
     seed: int = 1
     seeds: int = 1
     cache: Path = CACHE
@@ -230,6 +236,20 @@ class BuildRequest:
         )
         return replace(self, config=spared) if short and lanes_in_large_memories(spared, family, 1) else None
 
+    def on_fewer_lanes(self, misfit: DoesNotFit) -> BuildRequest | None:
+        """The same on fewer lanes, where these were not asked for and fewer lack less: as many fewer as there
+        are multipliers too few, else one."""
+        lanes, short = self.config.hardware.lanes, misfit.shortage
+        weights_alone = set(short) == {"block memories"} and not self.config.recurrent
+        if self.lanes_asked or lanes == 1 or weights_alone:
+            return None
+        fewer = lanes - (_over(short, "multipliers") if "multipliers" in short else 1)
+        if fewer < 1:
+            return None
+        return replace(
+            self, config=self.config.with_lanes(fewer), misfit=self.misfit or (lanes, _lacks(short))
+        )
+
 
 def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Record, Path, Path]:
     """The best of the placements. Where a recurrent design lacks block memories and the part has large ones,
@@ -266,13 +286,18 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
                 _placement(netlist, key, target, pins, border, request.seed + count, request.cache)
             )
     except DoesNotFit as misfit:
-        if again := request.spared(misfit):
+        if again := request.spared(misfit) or request.on_fewer_lanes(misfit):
             return build(again, progress)
         alone = request.standalone or request.sensing
         raise BuildError(misfit_sentence(config, target, request.hosted, misfit, alone=alone)) from None
     report("placements", request.seeds, request.seeds)
     best = max(placements, key=lambda placement: placement.fmax_hz)
-    result = _result(config, target, request.link, best, placements, request.wanted_hz)
+    by, tried = "asked" if request.lanes_asked else "fit", request.misfit
+    chosen: Record = {
+        "lanes_chosen_by": by,
+        "lanes_too_many": tried and dict(zip(("lanes", "needs"), tried, strict=True)),
+    }
+    result = chosen | _result(config, target, request.link, best, placements, request.wanted_hz)
     if request.hosted:
         result |= {"baud": rate, "class_pins": wiring.shown}
     if wiring.sensing:
@@ -372,7 +397,7 @@ def table(request: BuildRequest, out: Path, *, progress: Progress | None = None)
             ("logic_cells", "lut", "ff", "dsp", "bram", "fmax_hz", "seed", "step", "of_ideal")
         )
         try:
-            result = build(replace(request, config=config, target=target, link=link))[0]
+            result = build(replace(request, config=config, target=target, link=link, lanes_asked=True))[0]
             step, ideal = result["cycles"]["step"], result["cycles"]["step_ideal"]
             needed = {budget["name"]: budget["needed_clock_hz"] for budget in result["budgets"]}
             record |= result | {"step": step, "of_ideal": step / ideal, "needed": needed}
@@ -456,10 +481,7 @@ def misfit_sentence(
 ) -> str:
     """What it lacks, and what would help."""
     short = misfit.shortage
-    lacks = ", ".join(
-        f"{needed} {what} of {available} ({needed - available} too many)"
-        for what, (needed, available) in short.items()
-    )
+    lacks = _lacks(short)
     helps = []
     if target.family.dsp is None and config.hardware.lane_type != "serial":
         helps.append("--lane-type serial multiplies without multipliers")
@@ -484,6 +506,13 @@ def misfit_sentence(
     design = "with the link" if link else "without the link"
     return (
         f"{design}, does not fit the {target.device} of {target.name}: it needs {lacks}; {', '.join(helps)}"
+    )
+
+
+def _lacks(short: Mapping[str, tuple[int, int]]) -> str:
+    return ", ".join(
+        f"{needed} {what} of {available} ({needed - available} too many)"
+        for what, (needed, available) in short.items()
     )
 
 

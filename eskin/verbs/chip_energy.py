@@ -26,7 +26,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import find_touches, run
 from eskin.golden.studies.energy import BATTERY_J, TOUCHES_PER_S
-from eskin.rtl.asic.blocks import OTHERS, blocks_of
+from eskin.rtl.asic.blocks import OTHERS, TRUNK, blocks_of
 from eskin.rtl.asic.energy import BAND, costs
 from eskin.rtl.asic.liberty import WireLoad
 from eskin.rtl.asic.models import expression
@@ -158,8 +158,8 @@ def measured(
     of_part, extra = (
         {part: rows[:, low + number] for part, number in place.items()} for low in (5, 5 + len(place))
     )
-    extra.setdefault(("clock", OTHERS), np.zeros(len(rows)))
-    of_part["clock", OTHERS] = of_part.get(("clock", OTHERS), 0.0) + cost.root_j * rows[:, 1]
+    extra.setdefault(("clock", TRUNK), np.zeros(len(rows)))
+    of_part["clock", TRUNK] = of_part.get(("clock", TRUNK), 0.0) + cost.root_j * rows[:, 1]
     ring = next((blocks[name] for name, cell in nets.cells.items() if cell.kind == "memory"), OTHERS)
     of_part["reads and writes", ring] = rows[:, 3:5] @ np.array(cost.access_j)
     energies = summary(config, rows, of_part, onset, cost.root_j, leakage_w, clock)

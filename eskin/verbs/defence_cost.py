@@ -41,7 +41,7 @@ def placed(
     does not fit."""
     try:
         request = build_job.BuildRequest(
-            config=config, arrays=arrays, target=find_target(board), link=link, cache=cache
+            lanes_asked=True, config=config, arrays=arrays, target=find_target(board), link=link, cache=cache
         )
         built = build_job.build(request)[0]
     except build_job.BuildError as error:

@@ -9,6 +9,7 @@ and at a slower one. Both runs must be bit-exact.
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -24,6 +25,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import write_json
 from eskin.golden.core.jobs import Progress, Record
 from eskin.golden.data.recordings import Recordings
+from eskin.golden.export import compiled, emulated
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.studies import energy
 from eskin.pages.energy_page import PAGE, render
@@ -36,6 +38,7 @@ from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.verbs.build_job import suited_lane_type
 from eskin.verbs.chip_energy import chip_row, with_touches
+from eskin.verbs.export_job import export_c
 from eskin.verbs.flow import BUILD, expected_of, netlist_of
 
 CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "icestick:1:serial", "ulx3s:12")
@@ -165,6 +168,20 @@ def _images(recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]
     return numbers, recordings.subset(numbers)
 
 
+def in_software(model: IntegerModel, recordings: Recordings, work: Path) -> list[Record]:
+    """The same model as plain C, a row a microcontroller: name, core, instructions and cycles of
+    `eskin.golden.export.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images, and
+    where compiler (ziglang) or emulator (unicorn) is not installed."""
+    there = compiled.there() and importlib.util.find_spec("unicorn")
+    if model.config.is_image or not there:
+        return []
+    export_c(model, work, recordings=recordings.subset([0]))
+    part = energy.MICROCONTROLLER
+    played = emulated.play(model, recordings, part.core, work)
+    spent = energy.run_in_software(part, played["cycles"], model.config)
+    return [{"name": part.name, "bit_exact": not played["different"]} | played | spent]
+
+
 def job(
     model: IntegerModel,
     recordings: Recordings,
@@ -188,7 +205,8 @@ def job(
     Returns
     -------
     dict
-        configurations (of `measure`), chips (of eskin.verbs.chip_energy.chip_row), least_touch, least_average
+        configurations (of `measure`), chips (of eskin.verbs.chip_energy.chip_row), microcontrollers (of
+        `in_software`), least_touch, least_average
         (their names; bit-exact ones only), checks, published, battery_j, passed (all bit-exact).
     """
     beside = [chip_row(path) for path in chips]
@@ -220,7 +238,8 @@ def job(
         rows.append(
             measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
         )
-    result = energy.compare(rows, what="image" if config.is_image else "touch") | {"chips": beside}
+    result = energy.compare(rows, what="image" if config.is_image else "touch")
+    result |= {"chips": beside, "microcontrollers": in_software(model, chosen, work / "c")}
     out.mkdir(parents=True, exist_ok=True)
     write_json(out / RESULT, result)
     write_text(out / PAGE, render(result))

@@ -25,7 +25,7 @@ from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 
-from eskin.cosim import flow, latency, runner
+from eskin.cosim import flow, latency
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import exchange, write_json
@@ -42,7 +42,7 @@ from eskin.golden.training.choose_front_end import Plan, configure
 from eskin.golden.training.image_models import KEPT, chosen_config
 from eskin.golden.training.splits import split_folds
 from eskin.pages import report
-from eskin.pages.views import count, hertz, percent
+from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles, schedule
@@ -247,7 +247,7 @@ class _Steps:
 
         folders = {"cosim": simulate("co-simulation", numbers, self.recordings.subset(numbers), flow.cosim)}
         if not config.is_image:
-            folders |= self._at_the_pace_of_the_sensor(numbers, simulate)
+            folders |= self._at_the_pace_of_the_sensor(numbers, simulate, _outcome(folders["cosim"]))
 
         shutil.rmtree(result, ignore_errors=True)
         result.mkdir()
@@ -257,6 +257,8 @@ class _Steps:
             if file.exists():
                 shutil.copy(file, result)
         outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
+        if not config.is_image:
+            outcomes.setdefault("cosim_lowest", None)
         checks = _checks(json.loads((evaluated / "evaluate.json").read_text()), outcomes)
         record = {
             "data": self._data(),
@@ -274,7 +276,8 @@ class _Steps:
             cycles = {str(part.number): part.cycles(config.hardware.lanes) for part in plan_of(config).passes}
             record |= {"images": True, "candidates": training.get("candidates"), "layer_cycles": cycles}
         else:
-            clock_hz = outcomes["cosim_lowest"] and outcomes["cosim_lowest"]["clock_hz"]
+            lowest = outcomes["cosim_lowest"]
+            clock_hz = lowest["clock_hz"] if lowest and lowest["passed"] else None
             record |= {
                 "front_end": training.get("front_end"),
                 "candidates": self._with_cycles(training),
@@ -284,14 +287,18 @@ class _Steps:
         return record
 
     def _at_the_pace_of_the_sensor(
-        self, numbers: np.ndarray, simulate: Callable[..., Path]
+        self, numbers: np.ndarray, simulate: Callable[..., Path], full: Record
     ) -> dict[str, Path]:
-        """The folders of the runs at the configured clock and at the lowest that meets every budget."""
+        """The folders of the runs at the configured clock and, where hardware and model agree so far, at the
+        lowest that meets every budget."""
         few = self._few(numbers, self.config.hardware.clock_hz)
         declared = simulate(
             "declared pace", *few, lambda *where, **options: flow.cosim(*where, pace="declared", **options)
         )
-        cycles = json.loads((declared / "result.json").read_text())["cycles"]
+        outcome = _outcome(declared)
+        if not (full["bit_exact"] and outcome["bit_exact"]):
+            return {"cosim_declared": declared}
+        cycles = outcome["cycles"]
         few = self._few(numbers, latency.needed_clock(self.config, cycles))
         lowest = simulate(
             "lowest clock", *few, lambda *where, **options: _lowest_clock(*where, cycles=cycles, **options)
@@ -500,15 +507,18 @@ def _lowest_clock(*where: Path, **options: Any) -> Record | None:
     """flow.lowest_clock; None when it found none, which is a result that fails its check and no error."""
     try:
         return flow.lowest_clock(*where, **options)[1]
-    except runner.SimulationError:
-        raise
-    except RuntimeError:
+    except flow.NoClock:
         return None
+
+
+def _outcome(folder: Path) -> Any:
+    """What a co-simulation's stage left in its folder."""
+    return json.loads((folder / "result.json").read_text())
 
 
 def _take_over(folder: Path, result: Path, name: str) -> Record | None:
     """Copy a co-simulation's result and waves; the result."""
-    outcome = json.loads((folder / "result.json").read_text())
+    outcome = _outcome(folder)
     if outcome is not None:
         if outcome["waves"]:
             waves = f"waves_{name}"
@@ -541,9 +551,11 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
             continue
         outcome = outcomes[name]
         assert outcome is not None  # the lowest clock alone may be missing
-        values, mismatches = count(outcome["compared_values"]), count(outcome["mismatches"])
-        detail = f"{values} values compared, {mismatches} mismatches"
-        check(f"hardware equals model at {title}", outcome["bit_exact"], detail)
+        exact, said = (
+            outcome["bit_exact"] and outcome["decisions"] > 0,
+            f"{verdict(outcome)}: {compared(outcome)}",
+        )
+        check(f"hardware equals model at {title}", exact, said)
         rows = [row for row in outcome["budgets"] if not row["reference"]]
         missed = ", ".join(row["name"] for row in rows if not row["met"])
         detail = f"{', '.join(row['name'] for row in rows) or 'no step to judge'}; missed: {missed or 'none'}"
@@ -551,8 +563,12 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
         check(name, bool(rows) and not missed, detail)
     if "cosim_lowest" in outcomes:
         lowest = outcomes["cosim_lowest"]
-        detail = "none was found" if lowest is None else f"{hertz(lowest['clock_hz'])}, bit-exact there too"
         held = lowest is not None and lowest["passed"]
+        detail = "none was found"
+        if not all(outcomes[name]["bit_exact"] for name in ("cosim", "cosim_declared")):  # type: ignore[index]
+            detail = "not looked for, as hardware and model do not agree"
+        elif lowest is not None:
+            detail = f"{hertz(lowest['clock_hz'])}, {'bit-exact there too' if held else verdict(lowest)}"
         check("a lowest clock that meets every budget", held, detail)
     return checks
 

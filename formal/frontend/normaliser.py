@@ -97,6 +97,16 @@ def narrowing_aligned(m: Module) -> None:
     )
 
 
+@proof(
+    "the same where means have fraction bits",
+    depth=3,
+    reduced="4 taxels, two means in ROM",
+    bugs=(Bug("ones below d are zeros", "Const(-1, frac)", "Const(0, frac)", depth=8),),
+)
+def narrowing_fractions(m: Module) -> None:
+    _narrowing(m, CONFIG.replace(feature_shift=(-3, 4)), tuple(8 * mean + 5 for mean in MEANS))
+
+
 def _narrowing(m: Module, config, means: tuple[int, int]) -> None:
     dut, inside = _block(m, config.replace(loadable=False), means)
     # From a window's first beat to its last the length stays, also between beats
@@ -114,15 +124,15 @@ def _narrowing(m: Module, config, means: tuple[int, int]) -> None:
     assume(~open_ | (dut.i.p.length == length))
     assume(~dut.i.valid | (dut.i.p.taxel == beat))
     m.d.comb += dut.mask.eq(any_number(CONFIG.sensor.taxels, "mask_set"))
-    difference = Signal(signed(CONFIG.sum_bits + 1))
-    exact = Signal(signed(CONFIG.sum_bits + 1))
+    frac = config.mean_frac
+    difference, exact = (Signal(signed(CONFIG.sum_bits + frac + 1), name=name) for name in ("d", "exact"))
     m.d.comb += [
-        difference.eq(~dut.i.p.complement - Mux(dut.i.p.length, means[1], means[0])),
+        difference.eq((~dut.i.p.complement << frac) - Mux(dut.i.p.length, means[1], means[0])),
         exact.eq(
             Mux(
                 dut.i.p.length,
-                difference >> config.features.feature_shift[1],
-                difference >> config.features.feature_shift[0],
+                difference >> config.features.feature_shift[1] + frac,
+                difference >> config.features.feature_shift[0] + frac,
             )
         ),
     ]

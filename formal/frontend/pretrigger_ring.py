@@ -70,8 +70,36 @@ def masked_with_their_beats(m: Module) -> None:
     _frames_of_a_touch(m, 4)
 
 
-def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
-    with mock.patch.object(eskin.golden.core.config, "RING_SLACK_FRAMES", SLACK):
+@proof(
+    "the same with one port, where a touch that has caught up passes the memory by; no word is read and "
+    "written in one cycle",
+    depth=2,
+    method="gate induction",
+    reduced="4 taxels, 1 frame of history, room for 1 frame more (8 in the design)",
+    bugs=(
+        Bug(
+            "passing goes on over a beat that waits at the output",
+            "& (held == counted) & (~fetched | self.o.ready)",
+            "& (held == counted)",
+            depth=14,
+        ),
+        Bug(
+            "passing goes on behind a beat that was written",
+            "~push & (held == counted)",
+            "(held == counted)",
+            depth=14,
+        ),
+        Bug("passing goes on behind the touch", "passing.eq(touch & ~ends &", "passing.eq(touch &", depth=14),
+        Bug("what passes is written too", "written & ~passes", "written", depth=14),
+    ),
+)
+def passing_by(m: Module) -> None:
+    _frames_of_a_touch(m, 0, one_port=True)
+
+
+def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False) -> None:
+    slack = SLACK - one_port
+    with mock.patch.object(eskin.golden.core.config, "RING_SLACK_FRAMES", slack):
         config = PRESETS["thesis"].replace(
             taxels=4,
             sample_bits=8,
@@ -85,29 +113,35 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
             rearm_frames=4,
             touch_frames=20,
             fault_frames=fault_frames,
+            one_port=one_port,
         )
         with opened(eskin.rtl.frontend.pretrigger_ring) as memories:
             dut = PreTriggerRing(config)
             inside = opened_up(dut)
-        assert config.ring_frames == 2 + SLACK
+        assert config.ring_frames == 2 + slack
         ring_frames = config.ring_frames
     (ring,) = memories
     taxels, history = config.sensor.taxels, config.windows.pretrigger_frames + 1
     keeps_its_beat(dut.o, "o")
     free_sink(dut.o)
     push, taken = dut.i.valid & dut.i.ready, dut.o.valid & dut.o.ready
+    passes = inside.passes if one_port else Const(0, 1)
 
-    # Beats are numbered modulo 256, frame * 4 + taxel, and their number is what the ring is given to keep: it
-    # never looks at it.
-    number = Signal(8)
-    wanted = Signal(8)  # of the next beat in; of the next beat out
+    # Beats are numbered modulo 256, frame * 4 + taxel. What the ring is given to keep is how many it kept
+    # before, those that passed it by not counted: it never looks at it.
+    word, wanted_word = Signal(8), Signal(8)  # of the next beat in; of the next beat out
+    passed = Signal(8) if one_port else Const(0, 8)
+    number, wanted = Signal(8), Signal(8)  # the same with those that passed
+    m.d.comb += [number.eq(word + passed), wanted.eq(wanted_word + passed)]
     since = Signal(6)  # beats since arm or since the end of the last touch that was read, 63 for more
     free(dut.i.valid)
-    m.d.comb += dut.i.p.complement.eq(number | (1 << 8))
+    m.d.comb += dut.i.p.complement.eq(word | (1 << 8))
     if fault_frames:
         m.d.comb += dut.i.p.masked.eq(number.xor())
         prove(~dut.o.valid | (dut.o.p.masked == wanted.xor()), "masked goes with its beat")
-    m.d.sync += [number.eq(number + push), since.eq(since + (push & (since != 63)))]
+    if one_port:
+        m.d.sync += passed.eq(passed + passes)
+    m.d.sync += [word.eq(word + (push & ~passes)), since.eq(since + (push & (since != 63)))]
     last_taxel = (number & (taxels - 1)) == taxels - 1
 
     # The detector: an onset any time when it is armed, the touch's last frame any later one, then
@@ -136,46 +170,46 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     reading = Signal()
     end = Signal(8)  # a touch is read; its last beat's number
     # the first beat of frame f - pretrigger_frames, seen at the last beat of frame f
-    start = number - (history * taxels - 1)
+    start = word - (history * taxels - 1)
     with m.If(onset):
         m.d.sync += [
             reading.eq(1),
-            wanted.eq(Mux(since >= history * taxels - 1, start, number - since)),
+            wanted_word.eq(Mux(since >= history * taxels - 1, start, word - since)),
             end.eq(number + more * taxels),
         ]
     with m.Elif(taken):
-        m.d.sync += wanted.eq(wanted + 1)
+        m.d.sync += wanted_word.eq(wanted_word + ~passes)
         with m.If(dut.touch_last):
             m.d.sync += [reading.eq(0), since.eq(number + push - wanted - 1)]
     m.d.comb += dut.touch_last.eq(wanted == end)
     prove(~dut.o.valid | reading, "nothing leaves but a touch")
-    prove(~dut.o.valid | ((dut.o.p.complement & 255) == wanted), "the next beat of the touch")
+    prove(~dut.o.valid | ((dut.o.p.complement & 255) == wanted_word), "the next beat of the touch")
     prove(~push | (inside.held < (1 << len(inside.held)) - 1), "the ring never overflows")
 
     # ---- for the induction
     held, frame = Signal.like(inside.held, name="in_the_ring"), taxels
     m.d.comb += held.eq(inside.held - inside.counted)
     prove(inside.held >= inside.counted, "a beat that was fetched was there")
-    first = Signal(8, name="first_held")
-    m.d.comb += first.eq(number - held)
+    oldest, first = Signal(8, name="oldest_word"), Signal(8, name="first_held")
+    m.d.comb += [oldest.eq(word - held), first.eq(oldest + passed)]
     mask = ring.depth - 1
-    prove(inside.write.addr == (number & mask), "where it writes")
-    prove(inside.read.addr == (first & mask), "where it reads")
+    prove(inside.write.addr == (word & mask), "where it writes")
+    prove(inside.read.addr == (oldest & mask), "where it reads")
     capacity = ring_frames * taxels
     prove(held <= capacity + 1, "the most it holds")
     prove((held <= capacity) | inside.full, "full in time")
-    for address, word in enumerate(ring.words):
+    for address, content in enumerate(ring.words):
         place = Signal(8, name=f"place_{address}")
-        m.d.comb += place.eq((address - first) & mask)
+        m.d.comb += place.eq((address - oldest) & mask)
         beat = Signal(8, name=f"beat_{address}")
-        m.d.comb += beat.eq(first + place)
+        m.d.comb += beat.eq(oldest + place)
         kept = Cat(beat, beat.xor()) if fault_frames else beat
-        prove((place >= held) | (word == kept), "what it holds")
+        prove((place >= held) | (content == kept), "what it holds")
     dut_touch, starting, fetched = inside.touch, inside.starting, inside.fetched
     before = SimpleNamespace(held=Signal.like(inside.held), push=Signal(), fetch=Signal(), starting=Signal())
     m.d.sync += [
         before.held.eq(inside.held),
-        before.push.eq(push),
+        before.push.eq(push & ~passes),
         before.fetch.eq(inside.fetch),
         before.starting.eq(starting),
     ]
@@ -214,8 +248,12 @@ def _frames_of_a_touch(m: Module, fault_frames: int) -> None:
     )
     prove(~reading | touch | (after_end < 64), "not long ago")
     prove(reading == (starting | dut_touch), "a touch is read from its onset on")
-    prove(~dut_touch | (first == (wanted + fetched)[:8]), "the next beat that is read")
-    prove(~fetched | (inside.read.data[:8] == wanted), "the beat that was read")
+    prove(~dut_touch | (oldest == (wanted_word + fetched)[:8]), "the next beat that is read")
+    if one_port:
+        idle = (inside.held == 0) & ~inside.counted & ~fetched & ~inside.full
+        prove(~inside.passing | (dut_touch & idle), "the memory is empty where beats pass it by")
+        prove(~(inside.read.en & inside.write.en), "one port")
+    prove(~fetched | (inside.read.data[:8] == wanted_word), "the beat that was read")
     if fault_frames:
         prove(~fetched | (inside.read.data[8] == wanted.xor()), "and its mask")
     prove(dut_touch | ((first & (taxels - 1)) == 0), "whole frames are dropped")

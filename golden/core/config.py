@@ -53,6 +53,10 @@ WIDEST_DSP_ACCUMULATOR = 32
 IMAGE_ROWS_HZ = 1000.0
 """Rows of an image a second where nothing says another rate; a still image has none."""
 
+MOST_MEAN_FRAC = 10
+"""Fraction bits of the normaliser's means at most: sensors of two code levels have windows that differ by a
+few counts."""
+
 RING_SLACK_FRAMES = 8
 """Frames that the pre-trigger ring can hold beyond its history while the rest of the chain is held up."""
 
@@ -198,8 +202,8 @@ class AcceleratorConfig:
                 "feature_shift",
                 f"has {len(shifts)} values for {len(lengths)} distinct window lengths{of_kinds}",
             )
-        if any(not 0 <= shift <= bits for shift in shifts):
-            yield "feature_shift", f"must lie in 0..{bits}"
+        if any(not -self.most_mean_frac <= shift <= bits for shift in shifts):
+            yield "feature_shift", f"must lie in {-self.most_mean_frac}..{bits}"
 
     def _format_refusals(self) -> Iterator[Refusal]:
         formats, lane = self.formats, self.hardware.lane_type
@@ -561,10 +565,25 @@ class AcceleratorConfig:
         )
 
     @property
+    def mean_frac(self) -> int:
+        """Fraction bits of the normaliser's means: what negative shifts ask for, most often none."""
+        return max((0, *(-shift for shift in self.features.feature_shift)))
+
+    @property
+    def most_mean_frac(self) -> int:
+        """Fraction bits that means may have: they are loaded in two words at most."""
+        return max(0, min(MOST_MEAN_FRAC, 32 - self.hardware.checksum - self.sum_bits))
+
+    @property
+    def mean_format(self) -> QFormat:
+        """A mean: as wide as a window's value, and its fraction bits."""
+        return QFormat(self.sum_bits, self.mean_frac)
+
+    @property
     def mean_words(self) -> int:
         """16-bit words in which the host loads one mean constant, low word first; with ``checksum`` the
         highest bit is a parity bit."""
-        return -(-(self.sum_bits + self.hardware.checksum) // 16)
+        return -(-(self.mean_format.width + self.hardware.checksum) // 16)
 
     # ------------------------------------------------------------------ network sizes
     @property

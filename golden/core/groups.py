@@ -315,7 +315,8 @@ class Features(Group):
     bits. feature_scale: a mean and scale for each kind for the whole ``array``, or for each ``taxel``.
 
     feature_shift: bits dropped from (sum - mean) for each distinct window length and, of each, each kind of
-    feature (all kinds of the first length first). aligned_means: these bits are 0 in every mean, so that
+    feature (all kinds of the first length first); below 0 where windows have few levels: the means then have
+    as many fraction bits, and nothing is dropped. aligned_means: these bits are 0 in every mean, so that
     hardware does without them; one shift for every length then.
     """
 
@@ -478,7 +479,9 @@ class Hardware(Group):
     host bus; False: ROM); clock_hz; decide_within_s (the latency budget from a window's last sample to its
     decision; 0: one frame, of images one image); checksum (memories and registers are checked as they are used, a fault
     raises a flag); watchdog (a chain that hangs goes back to idle); one_port (no memory of the pre-trigger
-    ring is read and written in one cycle, as a chip's macros of one port want); clock_gate (the clock stops
+    ring is read and written in one cycle, as a chip's macros of one port want); one_phase (a recurrent cell's
+    rows are computed when the features are there and not partly before, which spares the memory of partial
+    sums and makes decisions later; dsp and serial lanes always do so); clock_gate (the clock stops
     while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights in the large
     memories of an iCE40 UP5K, fewer block memories; ``eskin build`` does so by itself where these run
     out)."""
@@ -489,6 +492,7 @@ class Hardware(Group):
     checksum: StrictBool = False
     watchdog: StrictBool = False
     one_port: StrictBool = False
+    one_phase: StrictBool = False
     clock_gate: StrictBool = False
     spare_blocks: StrictBool = False
     clock_hz: Annotated[Real, Gt(0)] = 12e6

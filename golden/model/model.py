@@ -209,7 +209,7 @@ class IntegerModel:
         shapes, formats = network_shapes(config, real=False), network_formats(config)
         if not config.is_image:
             shapes |= dict.fromkeys(("mean", "scale"), (lengths, *constants_shape(config)))
-            formats |= {"mean": QFormat(config.sum_bits, 0), "scale": config.scale_format}
+            formats |= {"mean": config.mean_format, "scale": config.scale_format}
             shapes |= readout_shapes(config)
             formats |= dict.fromkeys(("prototypes", "taught"), config.state_code_format)
             formats |= {"taught_count": QFormat(6, 0, False)}
@@ -230,11 +230,9 @@ class IntegerModel:
                     f"{lowest}..{highest} of {formats[name]}; quantise the model again"
                 )
             checked[name] = _frozen(np.array(array, dtype=np.int64))
-        if (
-            config.features.aligned_means
-            and (checked["mean"] % (1 << config.features.feature_shift[0])).any()
-        ):
-            step = f"2**{config.features.feature_shift[0]}"
+        aligned = max(config.features.feature_shift[0], 0) if config.features.aligned_means else 0
+        if aligned and (checked["mean"] % (1 << aligned)).any():
+            step = f"2**{aligned}"
             raise InputError(
                 f"{self.source}, array mean: is no multiple of {step}, which aligned_means promises; "
                 "quantise the model again"
@@ -467,7 +465,8 @@ def normaliser_constants(
     than the feature, and a full-scale feature takes at most 2 bits more than the feature's width. With a
     scale a taxel that holds for the taxel that moves most, and the shift is up to SCALE_ROOM smaller where
     the quietest one's scale would not fit 16 bits. Half of 2**shift is taken off the mean, which turns the
-    floor of the declared narrowing into a rounding. A shift is never below 0: there scale may be larger.
+    floor of the declared narrowing into a rounding. At shift 0 scale may be larger; only where it would not fit
+    16 bits even so, a shift goes below 0 (``mean_frac``): sums of few levels, which features must resolve.
     ``aligned``: the largest window's for all, which hardware need not choose, and means that end in as many
     zeros (``aligned_means``); only where one pair serves all inputs.
 
@@ -478,7 +477,7 @@ def normaliser_constants(
     Raises
     ------
     InputError
-        When sigma is so small that scale exceeds 16 bits at shift 0.
+        When sigma is so small that scale exceeds 16 bits at the lowest shift.
     """
     shifts, means, scales = [], [], []
     lengths, many = len(config.window_lengths), config.constants
@@ -487,14 +486,13 @@ def normaliser_constants(
     units = np.array(config.feature_units).reshape(lengths, config.kinds)
     unit_code = 2.0**config.formats.feature_format.frac_bits
     spare = max(config.formats.feature_format.width + 2 - config.centred_format.width, 0)
-    for q, length in enumerate(config.window_lengths):
-        unit = units[q, kind_of]
-        ratio = unit_code / (unit * sigma)
+    for row in units:
+        ratio = unit_code / (row[kind_of] * sigma)
         for kind in range(config.kinds):
-            of_kind = ratio[kind_of == kind]
-            smallest = unit_code / (units.max() * sigma[0]) if aligned else of_kind.min()
-            shift = min(max(0, int(np.ceil(np.log2(0.25 / smallest))) + spare), config.sum_bits)
-            lowest = max(0, shift - SCALE_ROOM) if config.features.feature_scale == "taxel" else shift
+            of_kind = unit_code / (units * sigma[0]).ravel() if aligned else ratio[kind_of == kind]
+            shift = min(max(0, int(np.ceil(np.log2(0.25 / of_kind.min()))) + spare), config.sum_bits)
+            room = SCALE_ROOM if config.features.feature_scale == "taxel" else 0
+            lowest = max(shift - room, -config.most_mean_frac) if shift else -config.most_mean_frac
             while (
                 shift > lowest
                 and np.rint(of_kind.max() * 2.0 ** (shift + config.formats.gate_frac))
@@ -502,7 +500,12 @@ def normaliser_constants(
             ):
                 shift -= 1
             shifts.append(shift)
-        by = np.array(shifts[-config.kinds :])[kind_of]
+    filled = config.replace(feature_shift=tuple(shifts), aligned_means=aligned)
+    frac = filled.mean_frac
+    for q, length in enumerate(config.window_lengths):
+        unit = units[q, kind_of]
+        ratio = unit_code / (unit * sigma)
+        by = np.array(shifts[q * config.kinds :][: config.kinds])[kind_of]
         scale = np.rint(ratio * 2.0 ** (by + config.formats.gate_frac))
         largest = config.scale_format.max_code
         if scale.max() > largest or scale.min() < 1:
@@ -512,16 +515,13 @@ def normaliser_constants(
                 f"needs a scale of {scale[worst]:.0f} for windows of {length} frames with a spread of "
                 f"{sigma[worst]:.3g} codes, outside 1..{largest}; use fewer feature bits"
             )
-        step, half = (1 << by) if aligned else np.ones_like(by), (1 << by) >> 1
-        means.append(np.rint((mu * unit - half) / step) * step if aligned else np.rint(mu * unit) - half)
+        step, half = (1 << by + frac) if aligned else np.ones_like(by), (1 << by + frac) >> 1
+        middle = mu * unit * 2.0**frac
+        means.append(np.rint((middle - half) / step) * step if aligned else np.rint(middle) - half)
         scales.append(scale)
     shape = (lengths, *constants_shape(config))
-    mean = QFormat(config.sum_bits, 0).quantise(np.array(means)).reshape(shape)
-    return (
-        config.replace(feature_shift=tuple(shifts), aligned_means=aligned),
-        mean,
-        np.array(scales).astype(np.int64).reshape(shape),
-    )
+    mean = QFormat(filled.mean_format.width, 0).quantise(np.array(means)).reshape(shape)
+    return filled, mean, np.array(scales).astype(np.int64).reshape(shape)
 
 
 def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
@@ -536,11 +536,12 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
     spread = (rule.band_high - rule.band_low) / 2 if banded else float(rule.onset_threshold)
     level = (rule.band_low + rule.band_high) / 2 if config.rest_level.rest == "none" else 0.0
     mu: Any = level + spread * rng.uniform(-0.2, 0.2)
-    sigma: Any = max(spread, 8.0) * float(np.exp(rng.uniform(-0.7, 0.7)))
+    few_levels = config.sensor.sample_bits <= 2
+    sigma: Any = max(spread, 0.5 if few_levels else 8.0) * float(np.exp(rng.uniform(-0.7, 0.7)))
     if features.compand == "log":  # of a whole window
         knee, frac = features.compand_knee, features.compand_frac
         mu, sigma = (_logarithm(value * config.windows.window, knee, frac) for value in (mu, sigma))
-    if config.constants > 1 or features.feature_kinds != ("mean",):
+    if config.constants > 1 or features.feature_kinds != ("mean",) or few_levels:
         mu, sigma = _random_scaling(config, rng, mu, sigma)
     filled, mean, scale = normaliser_constants(config, mu, sigma)
     if config.features.feature_shift:
@@ -589,7 +590,8 @@ def _random_scaling(
     sigmas = np.maximum(spread, np.where(kinds == "integral", 0.25, 1.0)) * rng.uniform(0.5, 1.0, count)
     # no finer features than a 16-bit scale can make of the window's value
     units = np.array(config.feature_units).reshape(-1, config.kinds).min(axis=0)
-    finest = 2.0 ** (frac + config.formats.gate_frac) / config.scale_format.max_code
+    fractions = config.most_mean_frac if config.sensor.sample_bits <= 2 else 0
+    finest = 2.0 ** (frac + config.formats.gate_frac - fractions) / config.scale_format.max_code
     sigmas = np.maximum(sigmas, 1.01 * finest / np.resize(units, count))
     return (means, sigmas) if count > 1 else (means[0], sigmas[0])
 

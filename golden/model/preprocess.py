@@ -239,7 +239,7 @@ def normalise(
     faults: np.ndarray | None = None,
 ) -> np.ndarray:
     """Feature codes of windowed sums (section 3): ``narrow(SAT((compand(d) - mean) >> shift) * scale,
-    gate_frac, feature_format)``.
+    gate_frac, feature_format)``, d with as many fraction bits as the means have.
 
     Parameters
     ----------
@@ -281,8 +281,8 @@ def normalise(
         )
     which = list(config.length_index[:steps])
     mean, scale = (by_input(config, values)[which] for values in (mean, scale))
-    shift = shifts_by_input(config)[which]
-    centred = clamp((compand(config, sums) - mean) >> shift, config.centred_format)
+    shift, frac = shifts_by_input(config)[which], config.mean_frac
+    centred = clamp(((compand(config, sums) << frac) - mean) >> shift + frac, config.centred_format)
     centred[..., list(config.input_mask)] = 0
     if faults is not None:
         centred[faults] = 0

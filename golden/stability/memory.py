@@ -148,7 +148,7 @@ def table_flips(bench: Bench) -> Outcome:
 def constant_flips(bench: Bench) -> Outcome:
     """Every bit of the normaliser's mean and scale inverted, one at a time: share of decisions changed."""
     few, arrays = bench.sample, bench.model.arrays
-    formats = {"mean": QFormat(bench.config.sum_bits, 0), "scale": bench.config.scale_format}
+    formats = {"mean": bench.config.mean_format, "scale": bench.config.scale_format}
     sites = every_bit(arrays, formats)
     changed = []
     for name, place, bit in sites:

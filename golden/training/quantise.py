@@ -488,7 +488,8 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     ``lean`` also aligns the normaliser's constants (`normaliser_constants`), where one pair serves all
     inputs.
 
-    A model of a preset has ``plain`` formats, unless bits of a feature are asked for. Weights of fewer than
+    A model of a preset has ``plain`` formats, unless bits of a feature are asked for. Windows of few levels
+    (codes of 0 and 1) have features finer than a count, by means with fraction bits (``feature_shift`` below 0). Weights of fewer than
     WEIGHT_BITS bits get the formats of ``closest_range``: their largest values may saturate.
     """
     mu, sigma = model.arrays["mu"], model.arrays["sigma"]
@@ -498,6 +499,7 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     # what a preset gives stays what it gave, bit for bit: who names one has figures of it
     plain = model.config.name in PRESETS and widths.get("feature_bits") is None
     limit = _feature_frac_limit(model.config, sigma, widths)
+    limit += 0 if plain or widths.get("lean") else model.config.most_mean_frac
     logits_decide = model.config.with_readout()  # prototypes are made of what the network says
     config = choose_formats(logits_decide, ranges, feature_frac_limit=limit, plain=plain, **widths)
     config, mean, scale = normaliser_constants(
@@ -506,6 +508,17 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     formats = network_formats(config)
     arrays = {name: formats[name].quantise(array) for name, array in merged_parameters(model).items()}
     return IntegerModel(config, arrays | {"mean": mean, "scale": scale}, "quantised model")
+
+
+def _check_given(config: AcceleratorConfig, feature_bits: int | None) -> None:
+    """Refuse bits of a feature that no format could use."""
+    given = config.formats.feature_format
+    if feature_bits is not None and given.width != feature_bits:
+        raise InputError(
+            f"quantisation, field feature_format: {feature_bits} bits were asked for, and {given} is as fine as "
+            f"the {'products' if config.recurrent else 'windows'} of this network can use; give at most "
+            f"{given.width} feature bits"
+        )
 
 
 def _feature_frac_limit(config: AcceleratorConfig, sigma: np.ndarray, widths: Mapping[str, Any]) -> int:
@@ -612,6 +625,7 @@ def quantise(
     else:
         ranges = _noted_ranges(model_dir, model.config, record)
     integer = quantise_model(model, ranges, **widths)
+    _check_given(integer.config, widths.get("feature_bits"))
     if readout is not None and recordings is not None:
         groups = training_groups(recordings, record, readout.get("groups"))
         options = {name: value for name, value in readout.items() if name != "groups"}

@@ -9,12 +9,12 @@ from eskin.rtl.asic.nets import Nets
 
 ROUNDS = 60
 """Cells between two signals that have names, at most."""
-OTHERS = "others"
+OTHERS, TRUNK = "others", "clock trunk"
 
 
 def blocks_of(nets: Nets) -> dict[str, str]:
     """Block of each cell, by name: of what it drives; where nothing of that has a name, of most of its
-    receivers."""
+    receivers. The gate that stops the clock before all others is the trunk."""
     names: dict[int, str] = {}
     for name, net in nets.module["netnames"].items():
         if not net["hide_name"] and ".chain." in name:
@@ -41,7 +41,10 @@ def blocks_of(nets: Nets) -> dict[str, str]:
         if not joined:
             break
         of_cell |= joined
-    return {name: block or OTHERS for name, block in of_cell.items()}
+    gates = {name for name, cell in nets.cells.items() if cell.kind == "gate"}
+    first = {name for name, *_ in nets.receivers.get(nets.clock, ())} & gates
+    trunk = [n for n in first for bit in drives[n] for end, *_ in nets.receivers.get(bit, ()) if end in gates]
+    return {name: block or OTHERS for name, block in of_cell.items()} | dict.fromkeys(trunk, TRUNK)
 
 
 def _block(name: str) -> str:

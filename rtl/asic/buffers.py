@@ -1,5 +1,5 @@
-"""Trees of buffers at nets with many receivers, which synthesis leaves to placement: without them such a net
-decides on the clock."""
+"""Drivers of nets with many receivers, which synthesis leaves to placement: trees of buffers, without which
+such a net decides on the clock, and a cell for so many constant pins."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ RECEIVERS_MAX = 16
 
 
 def buffer_of(cells: Mapping[str, Cell]) -> Cell | None:
-    """The buffer of about twice the smallest one's area; None where a process has none."""
+    """The smallest buffer, of the smallest leakage where several are; None where a process has none. A chip
+    for sensors has clocks of a few MHz, so the load of 16 receivers asks for no larger one."""
     buffers = [cell for cell in cells.values() if cell.kind == "logic" and cell.usable and _through(cell)]
-    least = min((cell.area for cell in buffers), default=0.0)
-    return min(buffers, key=lambda cell: (abs(cell.area - 2 * least), cell.name), default=None)
+    return min(buffers, key=lambda cell: (cell.area, cell.leakage, cell.name), default=None)
 
 
 def _through(cell: Cell) -> tuple[str, str] | None:
@@ -33,7 +33,8 @@ def _through(cell: Cell) -> tuple[str, str] | None:
 
 def insert(module: dict[str, Any], cells: Mapping[str, Cell], most: int = RECEIVERS_MAX) -> int:
     """Put buffers into a module of Yosys' JSON, so that no net has more than ``most`` receivers; how many.
-    The clock's net, and what a clock gate drives, wait for a clock tree.
+    A constant takes as many cells as it needs in place of buffers. The clock's net, and what a clock gate
+    drives, wait for a clock tree.
     """
     chosen = buffer_of(cells)
     if chosen is None:
@@ -46,28 +47,32 @@ def insert(module: dict[str, Any], cells: Mapping[str, Cell], most: int = RECEIV
     }
     named = (bit for name in module["netnames"].values() for bit in name["bits"] if isinstance(bit, int))
     following = 1 + max(1, *nets.driver, *nets.receivers, *named)
-    added = 0
+    buffers = 0
     for net, pins in sorted(nets.receivers.items()):
         ends: list[tuple[list, int]] = [
             (module["cells"][name]["connections"][pin], place) for name, pin, place in pins
         ]
+        driver, out = nets.driver.get(net, ("", ""))
+        constant = driver and not any(pin.direction == "input" for pin in nets.cells[driver].pins.values())
         while net not in left_alone and len(ends) > most:
             above: list[tuple[list, int]] = []
             size = -(-len(ends) // -(-len(ends) // most))  # as many in each
-            for low in range(0, len(ends), size):
+            for low in range(size if constant else 0, len(ends), size):
                 for bits, place in ends[low : low + size]:
                     bits[place] = following
+                connections = {out: [following]} if constant else {enters: [net], leaves: [following]}
                 cell: dict[str, Any] = {
                     "hide_name": 1,
-                    "type": chosen.name,
+                    "type": module["cells"][driver]["type"] if constant else chosen.name,
                     "parameters": {},
                     "attributes": {},
-                    "port_directions": {enters: "input", leaves: "output"},
-                    "connections": {enters: [net], leaves: [following]},
+                    "port_directions": {pin: "input" if pin == enters else "output" for pin in connections},
+                    "connections": connections,
                 }
                 module["cells"][f"buffer_{following}"] = cell
-                above.append((cell["connections"][enters], 0))
+                if not constant:
+                    above.append((cell["connections"][enters], 0))
+                    buffers += 1
                 following += 1
-                added += 1
             ends = above
-    return added
+    return buffers

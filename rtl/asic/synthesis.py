@@ -233,7 +233,7 @@ dfflibmap -liberty cells.lib
 opt_clean
 abc -liberty cells.lib -constr cells.constr -D {delay_ps}
 setundef -zero
-hilomap -hicell {high[0]} {high[1]} -locell {low[0]} {low[1]}
+hilomap -singleton -hicell {high[0]} {high[1]} -locell {low[0]} {low[1]}
 opt_clean -purge
 write_json mapped.json
 """

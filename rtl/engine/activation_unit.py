@@ -18,7 +18,7 @@ class ActivationUnit(wiring.Component):
 
     ``tanh(x) = 2 s(2x) - 1``. If a gate has one fraction bit more than a state, the codes of the two tables
     differ by a constant. One table then serves both, and the ROM is half as large; the tables are compared to
-    find out. Designs with up to four DSP lanes have both tables, unless block memories are short
+    find out. Designs with two to four DSP lanes have both tables, unless block memories are short
     (`eskin.rtl.common.memory_style.short_of_blocks`).
 
     Members
@@ -44,8 +44,9 @@ class ActivationUnit(wiring.Component):
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
         # With few DSP lanes logic cells are scarcer than memory: complements are stored instead of being
-        # made.
-        self._may_share = config.hardware.lane_type != "dsp" or config.hardware.lanes > 4
+        # made. With one lane the block memories of an iCE40 UP5K do not reach for both, which costs more
+        # cells than it spares.
+        self._may_share = config.hardware.lane_type != "dsp" or not 1 < config.hardware.lanes <= 4
         super().__init__(
             {
                 "index": In(signed(config.index_bits)),

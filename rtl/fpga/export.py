@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -38,6 +39,8 @@ def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = 
     without end at time zero in a design of this size. So processes become multiplexers (``proc`` with them),
     which both simulators take; names that Yosys made are replaced (no ``-norename``), because Icarus takes a
     function called ``$...`` for a system function.
+
+    `PASSES` and a statement for each initial value leave of a linter's warnings those that WAIVER names.
     """
     return _verilog(make_accelerator(config, _rom(config, arrays)), TOP)
 
@@ -79,6 +82,25 @@ def _rom(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None) -> 
     return None if config.hardware.loadable or arrays is None else memory_images(config, arrays)
 
 
+PASSES = """read_rtlil top.il
+proc -norom
+opt_clean
+pmuxtree
+opt_expr
+memory_collect
+splitnets -driver
+techmap -map wide_logic_not.v
+opt_clean -purge
+write_verilog -sv -noattr top.sv
+"""
+"""From RTLIL to text: choices between many values are trees (as ``case`` they would overlap), parts of a signal with
+a driver each are signals, and what nothing reads has no name."""
+
+WIDE_LOGIC_NOT = Path(__file__).with_name("wide_logic_not.v")
+WAIVER = Path(__file__).with_name("waiver.vlt")
+"""Verilator's warnings that are meant, with reasons; part of what `eskin.rtl.fpga.generate.generate` writes."""
+
+
 def _verilog(component: wiring.Component, name: str) -> str:
     text = rtlil.convert(component, name=name, emit_src=False)
     if "begins_as_anything" in text:
@@ -86,6 +108,11 @@ def _verilog(component: wiring.Component, name: str) -> str:
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "top.il", Path(folder) / "top.sv"
         source.write_text(text)
-        script = "read_rtlil top.il; proc -norom; opt_clean; memory_collect; write_verilog -sv -noattr top.sv"
-        run_tool("yosys", ["-q", "-p", script], Path(folder))
-        return target.read_text().partition("\n")[2]  # without the line that names Yosys' build
+        (Path(folder) / WIDE_LOGIC_NOT.name).write_text(WIDE_LOGIC_NOT.read_text())
+        (Path(folder) / "passes.ys").write_text(PASSES)
+        run_tool("yosys", ["-q", "passes.ys"], Path(folder))
+        verilog = target.read_text().partition("\n")[2]  # without the line that names Yosys' build
+    # an initial value beside processes that assign is a warning where it stands in the declaration
+    return re.sub(
+        r"^( *)(reg .*?(\\\S+ |\w+)) = (.*;)$", r"\1\2;\n\1initial \3 = \4", verilog, flags=re.MULTILINE
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from amaranth.hdl import Cat, Module, Mux, Signal, Value, signed, unsigned
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -30,8 +30,8 @@ def mean_address(config: AcceleratorConfig, length: Value, kind: Value | None, t
 
 
 class Normaliser(wiring.Component):
-    """``centred = SAT_SQ(16,0)((d - mean[q]) >> feature_shift[q])``, 0 for a masked taxel. The product with
-    scale is the engine's.
+    """``centred = SAT_SQ(16,0)((d - mean[q]) >> feature_shift[q])``, 0 for a masked taxel; with means of
+    ``mean_frac`` fraction bits d is theirs before the difference. The product with scale is the engine's.
 
     With several kinds of feature, or a scale a taxel, mean and shift are those of the beat's kind, or the
     mean is that of its input.
@@ -41,7 +41,7 @@ class Normaliser(wiring.Component):
     config:
         The accelerator's configuration, ``feature_shift`` filled in.
     means:
-        One integer (scale of d, ``sum_bits``) for each of ``window_lengths``, or for each of
+        One integer (``mean_format``, codes) for each of ``window_lengths``, or for each of
         `eskin.rtl.program.memory_map.mean_places`. The ROM's content; with ``config.hardware.loadable`` the
         content before the first load (default 0).
 
@@ -81,11 +81,13 @@ class Normaliser(wiring.Component):
             config,
             [int(mean) for mean in (means if means is not None else [0] * count)],
         )
-        bound = 1 << config.sum_bits - 1
+        bound = 1 << config.mean_format.width - 1
         # words then, with their parity bits
         top = 1 << 16 * config.mean_words if config.hardware.checksum else bound
         if len(self.means) != count or any(not -bound <= mean < top for mean in self.means):
-            raise ValueError(f"means {self.means}: {count} numbers of {config.sum_bits} bits are needed")
+            raise ValueError(
+                f"means {self.means}: {count} numbers of {config.mean_format.width} bits are needed"
+            )
         ports = {
             "i": In(stream.Signature(sum_layout(config))),
             "mask": In(config.sensor.taxels),
@@ -100,7 +102,7 @@ class Normaliser(wiring.Component):
 
     def elaborate(self, platform):
         config, m = self.config, Module()
-        words, sum_bits = config.mean_words, config.sum_bits
+        words, sum_bits, frac = config.mean_words, config.mean_format.width, config.mean_frac
         low_word = (1 << 16 * words) - 1
         init = [mean & low_word for mean in self.means]
         style = means_memory(config, platform, len(self.means))
@@ -120,7 +122,9 @@ class Normaliser(wiring.Component):
 
         width = config.centred_format.width
         # bits that no borrow comes from: 0 in every mean
-        low = config.features.feature_shift[0] if config.features.aligned_means else 0
+        low = config.features.feature_shift[0] + frac if config.features.aligned_means else 0
+        # d with the fraction bits of the means, complemented: ones below
+        complement = Cat(Const(-1, frac), self.i.p.complement).as_signed() if frac else self.i.p.complement
         # d - mean = ~(~d + mean): an adder without inverters. Its sum is registered; what follows is
         # combinational.
         several = config.constants > 1
@@ -143,7 +147,7 @@ class Normaliser(wiring.Component):
         m.d.sync += [begun.eq(1), blanked.eq(begun)]
         m.d.comb += self.blank.eq(begun & ~blanked)
         with m.If(~added):
-            m.d.sync += difference.eq((self.i.p.complement >> low) + read.data[low:sum_bits].as_signed())
+            m.d.sync += difference.eq((complement >> low) + read.data[low:sum_bits].as_signed())
             with m.If(
                 (self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1))
                 | ~begun
@@ -166,7 +170,7 @@ class Normaliser(wiring.Component):
                 for number, shift in enumerate(config.features.feature_shift):
                     q, k = divmod(number, config.kinds)
                     with m.Case(q << (len(kind) if config.kinds > 1 else 0) | k):
-                        m.d.comb += target.eq(~difference >> shift - low + start)
+                        m.d.comb += target.eq(~difference >> shift + frac - low + start)
         m.d.comb += [
             forced.eq(above != negative.replicate(len(above)).as_signed()),
             level.eq(~negative),

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from amaranth.hdl import Const, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -51,6 +51,8 @@ class OnsetDetector(wiring.Component):
         One cycle: ``first`` or ``last`` did not agree with the taxel count. Missing taxels repeat the frame's
         last sample, so the frame count and every later stage stay aligned. Beats outside a frame are dropped
         until the next ``first``.
+    holds : Out(1), only with ``clock_gate``
+        A beat is on its way through the detector.
 
     Timing
     ------
@@ -74,11 +76,13 @@ class OnsetDetector(wiring.Component):
                 "framing_fault": Out(1),
             }
             | ({"flags": Out(config.sensor.taxels), "raised": Out(1)} if config.faults.fault_frames else {})
+            | ({"holds": Out(1)} if config.hardware.clock_gate else {})
         )
 
     def elaborate(self, platform):
         config, m = self.config, Module()
         has_rest, advance = config.rest_level.rest != "none", Signal()
+        held: list[Signal] = []  # valid of each stage
 
         def stage(name: str, **fields) -> SimpleNamespace:
             """Registers that follow ``fields`` whenever the pipeline advances."""
@@ -88,6 +92,7 @@ class OnsetDetector(wiring.Component):
             }
             with m.If(advance):
                 m.d.sync += [registers[key].eq(value) for key, value in fields.items()]
+            held.append(registers["valid"])
             return SimpleNamespace(**registers)
 
         m.submodules.aligner = aligner = FrameAligner(config)
@@ -179,6 +184,9 @@ class OnsetDetector(wiring.Component):
             advance.eq(~now.valid | (self.o.ready & ~waiting)),
             self.o.p.complement.eq(complement),
         ]
+
+        if config.hardware.clock_gate:
+            m.d.comb += self.holds.eq(Cat(*held).any())
 
         armed = self._touches(m, now, frame_left, judged, met)
         if has_rest:

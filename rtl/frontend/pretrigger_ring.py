@@ -37,6 +37,7 @@ class PreTriggerRing(wiring.Component):
         are dropped for a touch.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
+        Its reader says ``ready`` without looking at ``valid``.
     touch_last : In(1)
         The beat offered at ``o`` is the last of frame e: the reader counts the frames. Wanted in the cycle in
         which the beat is taken.
@@ -48,7 +49,9 @@ class PreTriggerRing(wiring.Component):
     The first beat of frame s is offered 3 cycles after the last beat of frame f was taken. Each frame still
     to be dropped adds 2 cycles, or 1 if its drop is under way (fewer than 6 taxels, a beat a cycle). From
     then on a beat leaves every cycle, while one goes in. With ``one_port`` none is read while one goes in, so
-    at full pace one goes in, and one leaves, every 2 cycles. Onset ``immediate``: combinational, 0 cycles.
+    at full pace one goes in, and one leaves, every 2 cycles; from the second cycle on after the reader has
+    taken the last beat held, each beat that comes passes the memory by in the same cycle, until the reader is
+    not ready for one. Onset ``immediate``: combinational, 0 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -102,31 +105,42 @@ class PreTriggerRing(wiring.Component):
             some.eq(held[2:].any() | (held[:2] > counted + fetch)),
             counted.eq(fetch),
         ]
-        room = ~full & self.i.valid if config.hardware.one_port else Const(0, 1)
+        # the memory's output register is the output, or with one port what passes it by
+        word_in = Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.faults.fault_frames else ()))
+        word_out, shown, offered, written = read.data, fetched, fetched, self.i.valid & self.i.ready
+        room = Const(0, 1)
+        if config.hardware.one_port:
+            # The touch has caught up: what the reader takes at once is never written. Such a beat is offered
+            # only where it is taken, so what waits is always the memory's output.
+            passing, passes = Signal(), Signal()
+            m.d.comb += passes.eq(passing & self.i.valid & self.o.ready)
+            word_out, shown = Mux(passing, word_in, read.data), fetched | passing
+            offered, written = fetched | passes, written & ~passes
+            room = ~full & self.i.valid
+        ends = offered & self.o.ready & self.touch_last
+        if config.hardware.one_port:
+            nothing_left = ~push & (held == counted) & (~fetched | self.o.ready)
+            m.d.sync += passing.eq(touch & ~ends & nothing_left)
         m.d.comb += [
             drop.eq(surplus & ~dropped & ~touch),
             fetch.eq(touch & some & ~room & (~fetched | (self.o.ready & ~self.touch_last))),
         ]
         m.d.sync += [
             starting.eq((push & self.i.p.onset & ~touch) | (starting & surplus)),
-            touch.eq((starting & ~surplus) | (touch & ~(fetched & self.o.ready & self.touch_last))),
+            touch.eq((starting & ~surplus) | (touch & ~ends)),
         ]
-
-        # the memory's output register is the output
         m.d.comb += [
             self.i.ready.eq(~full),
-            push.eq(self.i.valid & self.i.ready),
+            push.eq(written),
             self.dropping.eq(drop | dropped),
-            write.data.eq(
-                Cat(self.i.p.complement[:bits], *([self.i.p.masked] if config.faults.fault_frames else ()))
-            ),
+            write.data.eq(word_in),
             write.en.eq(push),
             read.en.eq(fetch),
-            self.o.valid.eq(fetched),
-            self.o.p.complement.eq(Cat(read.data[:bits], fetched.replicate(config.deviation_bits - bits))),
+            self.o.valid.eq(offered),
+            self.o.p.complement.eq(Cat(word_out[:bits], shown.replicate(config.deviation_bits - bits))),
         ]
         if config.faults.fault_frames:
-            m.d.comb += self.o.p.masked.eq(read.data[bits])
+            m.d.comb += self.o.p.masked.eq(word_out[bits])
         m.d.sync += fetched.eq(fetch | (fetched & ~self.o.ready))
         with m.If(push):
             m.d.sync += write.addr.eq(write.addr + 1)

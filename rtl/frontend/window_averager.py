@@ -13,6 +13,7 @@ from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import beat_layout, comes, expands, sum_layout
+from eskin.rtl.frontend.window_adder import WindowAdder
 
 
 class Operation(enum.Enum, shape=2):  # type: ignore[call-arg]
@@ -152,7 +153,8 @@ class WindowAverager(wiring.Component):
             shape=unsigned(bits + has_faults), depth=2 << len(kind) + len(index), init=[], attrs=NO_COLLISION
         )
         read, write = sums.read_port(), sums.write_port()
-        total, bank, fresh = Signal(signed(bits), reset_less=True), Signal(), Signal()
+        m.submodules.adder = adder = WindowAdder(config)
+        total, bank, fresh = adder.total, Signal(), Signal()
         m.d.comb += [
             read.addr.eq(Cat(kind_next, index_next, parity ^ turns ^ (operation_next == Operation.PREVIOUS))),
             read.en.eq(step),
@@ -165,13 +167,17 @@ class WindowAverager(wiring.Component):
         m.d.sync += fresh.eq(step & newest & ~draining)
         addend = Signal(signed(bits))
         nothing = draining.replicate(len(self.i.p.complement)).as_signed()
-        m.d.comb += addend.eq(Mux(newest, self.i.p.complement | nothing, total))
+        m.d.comb += [
+            addend.eq(Mux(newest, self.i.p.complement | nothing, total)),
+            adder.step.eq(step),
+            adder.alone.eq(alone),
+            adder.word.eq(read.data[:bits]),
+            adder.addend.eq(addend),
+        ]
         with m.If(step):
             m.d.sync += [
                 index.eq(index_next),
                 operation.eq(operation_next),
-                # ``alone`` is a register, so that its choice shares the adder's cells
-                total.eq(Mux(alone, addend, read.data[:bits].as_signed() + addend + 1)),
                 self.o.p.taxel.eq(index),
                 *([kind.eq(kind_next), self.o.p.kind.eq(kind)] if several else ()),
                 bank.eq(parity),

@@ -8,8 +8,9 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
 
-QUIET_BITS = 4
-"""Of the count of quiet cycles."""
+QUIET_BITS = {False: 4, True: 2}
+"""Of the count of quiet cycles, without and with ``clock_gate``: the shorter it is, the sooner the clock
+stops."""
 
 
 class RecordingState(wiring.Component):
@@ -22,7 +23,8 @@ class RecordingState(wiring.Component):
     finish_asked : In(1)
         The host has sent all frames; wins over ``clear`` in the same cycle.
     moving, engine_busy : In(1)
-        A beat is offered between input and engine; the engine works.
+        A beat is offered between input and engine (with ``clock_gate``: or is in the detector); the engine
+        works.
     touch_started, global_taken, decider_idle : In(1)
         A touch begins; its last decision is taken; the classifier is idle.
     detector_touch : In(1)
@@ -64,8 +66,9 @@ class RecordingState(wiring.Component):
         # the classifier, in the engine's two buffers, on the way into them.
         undecided, finishing, finished = Signal(3), Signal(), Signal()
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means
-        # nothing is under way.
-        quiet = Signal(QUIET_BITS, init=0 if self._config.hardware.clock_gate else (1 << QUIET_BITS) - 1)
+        # nothing is under way. With a clock gate `moving` sees the detector's pipeline too, and 3 are enough.
+        gated = self._config.hardware.clock_gate
+        quiet = Signal(QUIET_BITS[gated], init=0 if gated else (1 << QUIET_BITS[gated]) - 1)
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
         moving, idle = Signal(), Signal()
         m.d.sync += [moving.eq(self.moving | self.engine_busy), quiet.eq(quiet + ~quiet.all())]

@@ -213,9 +213,10 @@ CELLS: dict[tuple[str, str], Callable[[], CellProgram]] = {
 
 
 def cell_program(config: AcceleratorConfig) -> CellProgram:
-    """The program of the configured cell; DSP lanes, built for few logic cells, do without partial sums."""
-    program = CELLS[config.network.cell, config.network.reset]()
-    return in_one_phase(program) if config.hardware.lane_type == "dsp" else program
+    """The program of the configured cell; DSP lanes, built for few logic cells, do without partial sums, and
+    so does ``one_phase``."""
+    program, hardware = CELLS[config.network.cell, config.network.reset](), config.hardware
+    return in_one_phase(program) if hardware.lane_type == "dsp" or hardware.one_phase else program
 
 
 def row_count(config: AcceleratorConfig, block: RowBlock) -> int:

@@ -71,10 +71,11 @@ def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
     """Cycles that a frame takes on average: one of a touch, and one without a touch.
 
     Where hops run on, frames without a touch end blocks, but no window. Elsewhere nothing passes the ring:
-    they take a cycle a taxel and the way to it.
+    they take a cycle a taxel and the way to it. A touch that has caught up passes a ring of one port by.
     """
     if config.is_image:
         return frame_cycles(config), frame_cycles(config)
+    config = config.replace(one_port=False)
     plain, of_block = (frame_cycles(config, ends_window=False, ends_block=ends) for ends in (False, True))
     blocks = (of_block - plain) / config.features.activity_block
     windows = len({end for _, end in config.window_spans}) / config.last_frame

@@ -145,12 +145,13 @@ class Accelerator(wiring.Component):
             front_end.normaliser,
         )
         parts = [part for part in every if part is not None]
-        # (Where the clock stops the ring has to be done first.)
+        # (Where the clock stops, ring and detector have to be done first.)
         dropping = (
             front_end.ring.dropping
             if config.hardware.clock_gate and front_end.ring is not None
             else Const(0, 1)
         )
+        holds = (front_end.detector.holds,) if config.hardware.clock_gate else ()
 
         m.d.comb += [
             control.beat_offered.eq(self.i.valid),
@@ -160,7 +161,7 @@ class Accelerator(wiring.Component):
             control.detector_armed.eq(front_end.armed),
             control.touch_started.eq(front_end.touch_started),
             control.framing_fault.eq(front_end.framing_fault),
-            control.moving.eq(Cat(self.i.valid, *(part.o.valid for part in parts), dropping).any()),
+            control.moving.eq(Cat(self.i.valid, *(part.o.valid for part in parts), dropping, *holds).any()),
             control.engine_busy.eq(engine.working),
             control.engine_overrun.eq(engine.overrun),
             control.windows_open.eq(engine.windows_open),

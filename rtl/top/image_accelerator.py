@@ -48,6 +48,8 @@ def refuse_hardware(config: AcceleratorConfig) -> None:
         )
     if hardware.one_port:
         refuse("one_port", "is on; a network for images has no ring: leave it out")
+    if hardware.one_phase:
+        refuse("one_phase", "is on; a network for images has no phases: leave it out")
     if not config.image.weight_formats:
         refuse("weight_formats", "is empty; quantise the model first")
 

@@ -257,6 +257,22 @@ def test_one_weight_bit_is_found_in_the_state(design, vectors, tmp_path):
     assert not result["bit_exact"] and "state" in stages and not stages & {"sum", "feature", "status"}
 
 
+def test_loading_many_words_is_no_standstill(design, vectors, tmp_path):
+    long = shutil.copytree(design, tmp_path / "long")
+    words = (long / "load.hex").read_text().split()
+    harmless = [f"{Register.MEASURE:02x}0001"] * (30 * (CONFIG.step_ideal + 1000))
+    (long / "load.hex").write_text("\n".join(harmless + words) + "\n")
+    result = flow.cosim(long, vectors, work=tmp_path / "work", builds=BUILDS)
+    assert result["verdict"] == "bit-exact" and result["passed"] and result["gave_up"] is None
+
+
+def test_recordings_without_a_touch_are_no_proof(model, design, tmp_path):
+    quiet = random_recordings(model.config, [5, 5], seed=4)
+    vectors = write_vectors(tmp_path / "vectors.npz", run(model, quiet), quiet, [0, 1])
+    result = flow.cosim(design, vectors, work=tmp_path / "work", builds=BUILDS)
+    assert result["bit_exact"] and result["verdict"] == "no decision"
+
+
 STUB = """
 module accelerator (
     input clk, input rst, input [17:0] i__payload, input i__valid, output i__ready, output [31:0] o__payload, output o__valid,
@@ -302,6 +318,14 @@ def test_a_hardware_that_does_not_answer(design, vectors, tmp_path, ready, valid
     else:
         result = flow.cosim(broken, vectors, **options)
         assert not result["passed"] and any(said in sentence for sentence in result["mismatch_list"])
+        stopped = any("a standstill" in sentence for sentence in result["mismatch_list"])
+        assert result["verdict"] == ("gave up" if stopped else "differs")
+        assert bool(result["gave_up"]) == stopped and (
+            not stopped or result["gave_up"]["recording"] in NUMBERS
+        )
+        assert stopped or said != "a standstill"
+        with_clock = flow.lowest_clock(broken, vectors, **options | {"stalls": False})[1]
+        assert with_clock["pace"] == "declared" and with_clock["verdict"] == result["verdict"]
 
 
 # ---------------------------------------------------------------- runner

@@ -110,6 +110,7 @@ REFUSED = {
     "lane_type": dict(lanes=1, lane_type="serial"),
     "loadable": dict(loadable=False),
     "one_port": dict(one_port=True),
+    "one_phase": dict(one_phase=True),
 }
 
 

@@ -3,6 +3,7 @@ that start unknown."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,12 @@ def check_power_up(case: Case, folder: Path, seeds: int) -> None:
     """
     power = power_up(case, folder, BUILDS, seeds)
     assert power.total > 200 and power.bits > 2000
+    # every register but those that memories read into, whose names Yosys made
+    registers = re.findall(
+        r"^ *reg (?:signed )?(?:\[\d+:0\] )?(?:[a-z]\w*|\\\S+ );$", case.verilog, re.MULTILINE
+    )
+    statements = [number for number in initial_values(case.verilog) if "initial" in power.text[number]]
+    assert len(statements) == len(registers) > 0
     assert [power.text[number] for number in power.constants] == []
     words = {power.text[number].split("[")[0].strip() for number in power.multiplied}
     assert words <= ({"state_memory"} if case.config.hardware.lane_type == "dsp" else set())

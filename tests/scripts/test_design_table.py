@@ -24,6 +24,7 @@ def test_cycles_of_three_designs(preset, changes, lanes, plain, ends, quiet, ste
     assert frame_cycles(config) == ends and step_cycles(config) == step
     touch, found = mean_frame_cycles(config)
     assert found == quiet and plain < touch < plain + 2
+    assert mean_frame_cycles(config.replace(one_port=True)) == (touch, found)
 
 
 def test_a_row_a_design_as_soon_as_it_is_known(monkeypatch, capsys):

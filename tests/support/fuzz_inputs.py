@@ -467,6 +467,8 @@ cosim @ --data ../in/recordings.npz
 generate @ --out design
 generate @ --out design --lanes #
 schedule @
+export @ --to c --out design
+export @ --to c --out keep --data ../in/recordings.npz
 energy @ --data ../in/recordings.npz
 stability @ --data ../in/recordings.npz
 build @ --target icebreaker

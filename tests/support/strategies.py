@@ -103,7 +103,7 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         pick("plain", "serial", "dsp"),
     )
     taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21), pick(2, 3, 4, 5, 7)
-    sample = QFormat(pick(12, 8, 10, 16, 6), 0, pick(False, True))
+    sample = QFormat(pick(12, 8, 10, 16, 6, 2), 0, pick(False, True))
     low, span = sample.min_code, sample.max_code - sample.min_code
     onset, mode = pick(*RESTS), pick("touch", "free")
     hop, steps, check = pick(2, 3, 4, 5, 7, 8), pick(1, 2, 3, 4, 5, 6), pick(1, 2, 4)
@@ -136,7 +136,7 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         rearm_frames=pretrigger + 9 + pick(0, 1, 7),
         onset_hits=hits,
         onset_span=of_frames,
-        fault_frames=pick(0, 0, 4) * check,
+        fault_frames=(pick(0, 0, 4) if sample.width >= 4 else 0) * check,
         window_mode=mode,
         pretrigger_frames=pretrigger,
         touch_frames=hop * (steps - 1) + window - cut,
@@ -199,7 +199,8 @@ def designs(draw: st.DrawFn) -> Design:
             config, stalls = _behind(pick, config, chip), False
         else:  # as a process's chips have it; not with an FPGA's lanes
             gate = config.hardware.lane_type != "dsp" and pick(False, True)
-            config = config.replace(one_port=pick(False, True), clock_gate=gate)
+            phase = config.hardware.lane_type == "plain" and pick(False, True)
+            config = config.replace(one_port=pick(False, True), clock_gate=gate, one_phase=phase)
         design = Design(config, pick(*range(1, 100)), stalls)
         assert design.model
     except InputError:

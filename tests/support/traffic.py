@@ -162,8 +162,8 @@ def initial_values(verilog: str) -> list[int]:
     written = set(re.findall(r"^\s*(\\?[^\s\[]+)\s*\[.*\] <=", verilog, re.MULTILINE))
     found = []
     for number, line in enumerate(verilog.split("\n")):
-        word = re.match(r" *(\\?[^\s\[]+)\s*\[\d+\] = \d+'h\w+;$", line)
-        if re.match(r" *reg (?:\[\d+:0\] )?[^\s;]+ *= \d+'h\w+;$", line) or (word and word[1] in written):
+        word = re.match(r" *(\\?[^\s\[]+)\s*\[\d+\] = \d+'[hd]\w+;$", line)
+        if re.match(r" *initial [^\s;]+ += \d+'[hd]\w+;$", line) or (word and word[1] in written):
             found.append(number)
     return found
 
@@ -173,17 +173,13 @@ def changed(verilog: str, unknown: Iterable[int] = (), drawn: Mapping[int, int] 
     number, in those of ``drawn``."""
     lines = verilog.split("\n")
     for number in unknown:
-        lines[number] = (
-            re.sub(r" *= \d+'h\w+;$", " ;", lines[number])
-            if lines[number].lstrip().startswith("reg ")
-            else ""
-        )
+        lines[number] = ""
     for number, value in (drawn or {}).items():
         width = width_of(lines[number])
-        lines[number] = re.sub(r"'h\w+;$", f"'h{value & (1 << width) - 1:x};", lines[number])
+        lines[number] = re.sub(r"'[hd]\w+;$", f"'h{value & (1 << width) - 1:x};", lines[number])
     return "\n".join(lines)
 
 
 def width_of(line: str) -> int:
     """Bits of the initial value in a line."""
-    return int(re.search(r"= (\d+)'h", line)[1])
+    return int(re.search(r"= (\d+)'[hd]", line)[1])

@@ -34,6 +34,7 @@ VERBS = (
     "evaluate",
     "compare",
     "generate",
+    "export",
     "cosim",
     "build",
     "replay",
@@ -397,7 +398,9 @@ def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model
     assert status == 0, err
     assert AcceleratorConfig.load("design/config.json").hardware.lanes == 2
     plain = {"accelerator.sv", "registers.h", "registers.json", "testbench.sv", "component.xml"}
-    assert plain | {"eskin.rdl", "eskin.svd"} <= set(os.listdir("design"))
+    assert plain | {"eskin.rdl", "eskin.svd", "filelist.f", "eskin.core", "waiver.vlt"} <= set(
+        os.listdir("design")
+    )
     behind = {"eskin.h", "eskin.c", "load.h"}
     for options, more in (
         ("--bus wishbone --fifo 0", {"eskin_wishbone.sv"} | behind),

@@ -216,7 +216,13 @@ def test_many_classes_are_drawn_without_figures():
 @pytest.mark.parametrize(
     ("file", "change", "expected"),
     [
-        ("cosim.json", {"bit_exact": False, "mismatches": 31}, "NOT EXACT"),
+        ("cosim.json", {"bit_exact": False, "mismatches": 31}, "DIFFERS"),
+        (
+            "cosim.json",
+            {"bit_exact": False, "verdict": "gave up", "gave_up": {"recording": 7, "frame": 3}},
+            "at recording 7, frame 3, so the bench stopped",
+        ),
+        ("cosim.json", {"verdict": "no decision"}, "nothing of the network was compared"),
         ("cosim.json", {"compared_values": 987654}, f"987{SPACE}654 values"),
         ("cosim_declared.json", {"clock_hz": 6e6}, "12.2 µs"),
         ("cosim_lowest.json", {"clock_hz": 1.25e6}, "1.25 MHz"),

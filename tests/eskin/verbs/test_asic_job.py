@@ -7,15 +7,28 @@ import dataclasses
 
 import pytest
 
+from eskin.golden.core.config import PRESETS
 from eskin.golden.model.model import random_integer_model
 from eskin.pages import views
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.synthesis import process_of, synthesise
+from eskin.rtl.program.schedule import decision_cycles, schedule
 from eskin.verbs import asic_job
 from tests.rtl.asic.test_synthesis import Words
 from tests.support.table import each_row
 from tests.support.tiny_cells import liberty_files
 from tests.support.traffic_case import CONFIG
+
+
+@each_row(
+    ("clock_hz", "decide_within_s", "in_one"),
+    [(12e6, 0.0, True), (786e3, 0.0, False), (786e3, 0.001, True), (12e6, 1e-5, False)],
+)
+def test_rows_in_one_phase_where_the_clock_decides_in_time(clock_hz, decide_within_s, in_one):
+    config = PRESETS["thesis"].replace(clock_hz=clock_hz, decide_within_s=decide_within_s)
+    chip = asic_job.chip_config(config, 4, True)
+    assert chip.hardware.one_phase == in_one and schedule(chip).partial_rows == (0 if in_one else 24)
+    assert (decision_cycles(chip) <= clock_hz * (decide_within_s or 1 / 3000)) == (in_one or clock_hz < 1e6)
 
 
 @pytest.mark.timeout(300)

@@ -135,6 +135,7 @@ def test_joined_counts_and_extremes():
         "stages": {"sum": {"compared_values": 5, "mismatches": 0}},
         "registers": {"STATUS": 1, "FAULTS": 8, "TOUCHES": 2, "LONGEST": 40},
         "mismatch_list": [],
+        "gave_up": None,
     }
     none = {
         "frame_max": 12,
@@ -165,6 +166,9 @@ def test_joined_counts_and_extremes():
     assert (
         joined(SMALL, [one, wrong])["mismatch_list"] == ["x"] and not joined(SMALL, [one, wrong])["bit_exact"]
     )
+    assert joined(SMALL, [one, wrong])["verdict"] == "differs"
+    stuck = {**wrong, "gave_up": {"recording": 4, "frame": 2}}
+    assert joined(SMALL, [one, wrong, stuck])["verdict"] == "gave up"
 
 
 def test_the_lowest_clock_is_not_looked_for_on_a_cluster(model, here):

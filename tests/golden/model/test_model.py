@@ -226,7 +226,7 @@ def test_normaliser_constants_give_the_feature(config):
 
 def test_a_spread_too_small_for_the_scale_is_refused():
     with pytest.raises(InputError, match="feature_format.*fewer feature bits"):
-        normaliser_constants(SMALL.replace(hop=4, window=8), 0.0, 0.5)
+        normaliser_constants(SMALL.replace(hop=4, window=8), 0.0, 0.0005)
 
 
 @each_row("name", list(PRESETS))

@@ -299,16 +299,38 @@ def test_a_preset_keeps_the_formats_that_it_always_had():
     assert formats("fabric", feature_bits=14) == formats("derived", feature_bits=14)
 
 
-def test_weak_signals_get_features_as_coarse_as_their_sums():
-    """A spread of 0.2 codes over 20 frames: 12-bit features would need a scale beyond 16 bits."""
+def test_weak_signals_get_features_finer_than_their_sums():
+    """A spread of 0.2 codes over 20 frames: 12-bit features would need a scale beyond 16 bits, so means get
+    fraction bits; a preset's own formats are as coarse as the sums."""
     model = float_model()
     weak = FloatModel(SMALL, dict(model.arrays) | {"sigma": np.array(0.2), "mu": np.array(0.0)})
     ranges = profile(model, find_touches(SMALL, scene(20, seed=1)))
     integer = quantise_model(weak, ranges)
-    assert integer.config.features.feature_shift == (0,) and 2**14 <= integer.arrays["scale"][0] < 2**15
+    assert integer.config.features.feature_shift == (-6,) and 2**14 <= integer.arrays["scale"][0] < 2**15
     assert (
-        integer.config.formats.feature_format.frac_bits
-        < quantise_model(model, ranges).config.formats.feature_format.frac_bits
+        integer.config.mean_frac == 6
+        and integer.config.formats == quantise_model(model, ranges).config.formats
+    )
+    preset = FloatModel(SMALL.replace(name="thesis"), weak.arrays, "made")
+    plain = quantise_model(preset, ranges).config
+    assert plain.mean_frac == 0 and plain.formats.feature_format.frac_bits < 8
+
+
+@each_row("cell", ["linear", "gru"])
+def test_bits_of_a_feature_are_given_or_refused(cell, tmp_path):
+    model = float_model(with_network(SMALL, cell=cell))
+    model = FloatModel(model.config, dict(model.arrays) | {"sigma": np.array(0.2), "mu": np.array(0.05)})
+    model.save(tmp_path / "model", {})
+    given = []
+    for bits in range(4, 17):
+        try:
+            integer = quantise(tmp_path / "model", scene(20, seed=1), feature_bits=bits)
+            assert integer.config.formats.feature_format.width == bits
+            given.append(bits)
+        except InputError as error:
+            assert f"{bits} bits were asked for" in str(error) and f"at most {given[-1]} feat" in str(error)
+    assert (
+        given == list(range(4, 4 + len(given))) and given[-1] == {"linear": 16, "gru": given[-1]}[cell] >= 10
     )
 
 

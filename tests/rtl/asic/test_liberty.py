@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 
 from eskin.golden.core.errors import InputError
 from eskin.rtl.asic import liberty
+from eskin.rtl.asic.blocks import blocks_of
 from eskin.rtl.asic.buffers import buffer_of, insert
 from eskin.rtl.asic.liberty import WireLoad, corners, parse, read
 from eskin.rtl.asic.models import expression, model
+from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import process_of, without_initial
 from tests.support.table import each_row
 
@@ -34,7 +36,7 @@ cell (ff) { area : 49; ff (IQ, IQN) { clocked_on : "CLK"; next_state : "D"; clea
   pin (R) { direction : "input"; } }
 cell (la) { area : 31; latch (IQ, IQN) { enable : "G"; data_in : "D"; }
   pin (Q) { direction : "output"; function : "IQ"; } pin (G) { direction : "input"; } pin (D) { direction : "input"; } }
-cell (sg13g2_tiehi) { area : 7; } cell (sg13g2_tielo) { area : 7; }
+cell (sg13g2_tiehi) { area : 7; pin (L_HI) { direction : output; } } cell (sg13g2_tielo) { area : 7; }
 """
 BUFFERS = "".join(
     f'cell (sg13g2_buf_{size}) {{ area : {area}; pin (X) {{ direction : output; function : "A"; }} pin (A) '
@@ -209,14 +211,56 @@ def test_nets_with_many_receivers_get_trees_of_buffers_and_the_clock_does_not(tm
         "netnames": {"last": {"bits": [200]}},
         "cells": flip_flops | {"source": source},
     }
-    assert buffer_of(cells).name == "sg13g2_buf_4"
+    assert buffer_of(cells).name == "sg13g2_buf_1"
     assert insert(module, cells, 16) == 4
     reached, driver = [], {}
     for cell in module["cells"].values():
-        if cell["type"] == "sg13g2_buf_4":
+        if cell["type"] == "sg13g2_buf_1":
             driver[cell["connections"]["X"][0]] = cell["connections"]["A"][0]
     for k in range(50):
         reached.append(module["cells"][f"f{k}"]["connections"]["D"][0])
         assert driver[reached[-1]] == 3
     assert max(map(reached.count, reached)) <= 16 and min(driver) > 200
     assert all(cell["connections"]["CLK"] == [2] for cell in flip_flops.values())
+
+
+def test_the_clocks_trunk_is_a_block_of_its_own(tmp_path):
+    cells = read(file(tmp_path, "cells.lib", CELLS + BUFFERS + GATE)).cells
+
+    def gate(clock: int, enable: int, out: int) -> dict:
+        return {"type": "gate", "connections": {"C": [clock], "E": [enable], "O": [out]}}
+
+    def flip_flop(clock: int, out: int) -> dict:
+        return {"type": "ff", "connections": {"CLK": [clock], "D": [9], "R": ["1"], "Q": [out]}}
+
+    names = {"top.chain.engine.sums.word": 5, "top.chain.control.mask": 6, "top.chain.engine.sums.gated": 3}
+    module = {
+        "ports": {"clk": {"bits": [2]}},
+        "netnames": {name: {"hide_name": 0, "bits": [bit]} for name, bit in names.items()},
+        "cells": {
+            "top": gate(2, 8, 3),
+            "own": gate(3, 7, 4),
+            "sums": flip_flop(4, 5),
+            "mask": flip_flop(3, 6),
+        },
+    }
+    found = {"top": "clock trunk", "own": "engine.sums", "sums": "engine.sums", "mask": "control"}
+    assert blocks_of(Nets(module, cells)) == found
+
+
+def test_a_constant_of_many_receivers_has_cells_of_its_own_in_place_of_buffers(tmp_path):
+    cells = read(file(tmp_path, "cells.lib", CELLS + BUFFERS + GATE)).cells
+    flip_flops = {
+        f"f{k}": {"type": "ff", "connections": {"CLK": [2], "D": [4], "R": [3], "Q": [100 + k]}}
+        for k in range(50)
+    }
+    module = {
+        "ports": {"clk": {"bits": [2]}, "always": {"bits": [3]}},
+        "netnames": {},
+        "cells": flip_flops | {"tie": {"type": "sg13g2_tiehi", "connections": {"L_HI": [3]}}},
+    }
+    insert(module, cells, 16)
+    ties = [cell["connections"] for cell in module["cells"].values() if cell["type"] == "sg13g2_tiehi"]
+    reached = [module["cells"][f"f{k}"]["connections"]["R"][0] for k in range(50)]
+    assert sorted(net for tie in ties for net in tie["L_HI"]) == sorted(set(reached)) and 3 in reached
+    assert len(ties) == 4 and max(map(reached.count, reached)) <= 16

@@ -216,6 +216,7 @@ def test_a_small_accelerator_becomes_a_bitstream_or_says_what_is_missing(call, f
     result = json.loads((folder / out / "build.json").read_text())
     assert {"target", "lut", "ff", "bram", "fmax_hz", "bitstream"} <= result.keys()
     assert [result[name] for name in ("device", "dsp", "seed", "lanes")] == ["iCE40UP5K", 1, 1, 1]
+    assert result["lanes_chosen_by"] == "asked" and result["lanes_too_many"] is None
     assert sorted(path.name for path in (folder / out).iterdir()) == [
         "build.json",
         "made_icebreaker.bin",
@@ -322,13 +323,50 @@ BLOCKS_SHORT = [
 ]
 
 
+FEWER = [  # shortage by lanes, asked, lanes tried
+    ({4: {"multipliers": (9, 8)}}, False, [4, 3]),
+    ({4: {"multipliers": (10, 8)}, 2: {"logic cells": (6000, 5280)}}, False, [4, 2, 1]),
+    ({4: {"multipliers": (9, 8)}}, True, [4]),
+    ({n: {"logic cells": (6000, 5280)} for n in (1, 2)}, False, [2, 1]),
+]
+
+
+@each_row(("short", "asked", "tried"), FEWER)
+def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, asked, tried, monkeypatch):
+    made: list[int] = []
+    request = job.BuildRequest(
+        config=CONFIG.with_lanes(tried[0], "plain"), arrays={}, target=target("icebreaker"), lanes_asked=asked
+    )
+
+    def place(*_: object):
+        if made[-1] in short:
+            raise DoesNotFit(short[made[-1]])
+        return SimpleNamespace(fmax_hz=1.0, bitstream=None)
+
+    monkeypatch.setattr(job, "_netlist", lambda design, *_: (SimpleNamespace(verilog=None), design()))
+    monkeypatch.setattr(job.Wiring, "design", lambda wiring, *_: made.append(wiring.config.hardware.lanes))
+    monkeypatch.setattr(job, "_placement", place)
+    monkeypatch.setattr(job, "_result", lambda config, *_: {"lanes": config.hardware.lanes})
+    if tried[-1] in short:
+        with pytest.raises(job.BuildError, match="too many") as refused:
+            job.build(request)
+        assert ("--lanes" in str(refused.value)) == asked
+    else:
+        result = job.build(request)[0]
+        assert result["lanes"] == tried[-1] and result["lanes_chosen_by"] == "fit"
+        what, (needed, available) = next(iter(short[tried[0]].items()))
+        assert result["lanes_too_many"]["lanes"] == tried[0]
+        assert f"{needed} {what} of {available}" in result["lanes_too_many"]["needs"]
+    assert made == tried
+
+
 @each_row(("what", "lane_type", "again"), BLOCKS_SHORT)
 @each_row("enough", [True, False])
 def test_weights_go_into_large_memories_where_block_memories_run_out(
     what, lane_type, again, enough, monkeypatch
 ):
     config, tried = CONFIG.with_lanes(2, lane_type), []
-    request = job.BuildRequest(config=config, arrays={}, target=target("icebreaker"))
+    request = job.BuildRequest(config=config, arrays={}, target=target("icebreaker"), lanes_asked=True)
 
     def place(*_: object):
         if not (enough and tried[-1].hardware.spare_blocks):

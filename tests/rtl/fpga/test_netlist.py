@@ -326,7 +326,7 @@ def test_counters_count_what_changes(tmp_path):
     """Two registers, a multiplier and a memory, driven with a known sequence; counted by hand here."""
     (tmp_path / "counted.v").write_text(instrument(NETLIST, lambda name: name.split(".")[0]))
     (tmp_path / "driver.sv").write_text(DRIVER)
-    verilator, environment = runner._verilator()
+    verilator, environment = runner.verilator_command()
     models = netlist_hardware(tmp_path / "counted.v", "ice40", "made")
     command = [
         verilator,

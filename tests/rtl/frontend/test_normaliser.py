@@ -22,7 +22,7 @@ def shifted(config, shifts=(2, 0, 1, 3)):
 
 
 def means_of(config, seed=0):
-    bound = 1 << config.sum_bits - 3
+    bound = 1 << config.mean_format.width - 3
     return np.random.default_rng(seed).integers(-bound, bound, len(config.window_lengths)).tolist()
 
 
@@ -33,7 +33,11 @@ def centred_beats(config, sums, lengths, means, masked=(), faults=None):
         {
             "value": 0
             if taxel in masked or (faults is not None and faults[k, taxel])
-            else clamp((int(d) - means[q]) >> config.features.feature_shift[q], config.centred_format),
+            else clamp(
+                ((int(d) << config.mean_frac) - means[q])
+                >> config.features.feature_shift[q] + config.mean_frac,
+                config.centred_format,
+            ),
             "length": q,
             "first": int(taxel == 0),
             "last": int(taxel == config.sensor.taxels - 1),
@@ -73,8 +77,10 @@ def loader(port, words):
         ("three end together", (0, 1, 0), False, (0.3, 0.5)),
         ("fabric", (3,), False, (0.0, 0.0)),
         ("fabric", (3,), True, (0.3, 0.5)),
+        ("three end together", (-2, 1, 0), True, (0.0, 0.0)),
+        ("fabric", (-3,), False, (0.3, 0.5)),
     ],
-    ids=["full rate", "ROM, stalls", "ROM, full rate", "stalls"],
+    ids=["full rate", "ROM, stalls", "ROM, full rate", "stalls", "means of fractions", "ROM, fractions"],
 )
 def test_equal_to_the_formula(name, shifts, loadable, stalls):
     config = shifted(CASES[name], shifts).replace(loadable=loadable)
@@ -85,8 +91,10 @@ def test_equal_to_the_formula(name, shifts, loadable, stalls):
         [
             rng.integers(-span, span, config.sensor.taxels)
             if k % 3
-            else means[q]
-            + rng.integers(-40000, 40000, config.sensor.taxels).clip(-span - means[q], span - means[q])
+            else (middle := means[q] >> config.mean_frac)
+            + rng.integers(-40000 >> config.mean_frac, 40000 >> config.mean_frac, config.sensor.taxels).clip(
+                -span - middle, span - middle
+            )
             for k, q in enumerate(lengths)
         ]
     )

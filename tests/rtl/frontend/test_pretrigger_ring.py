@@ -43,10 +43,13 @@ RINGS = (
 """Every length of history and of touch; what opens the touch is not the ring's."""
 
 
+@pytest.mark.parametrize("one_port", [False, True])
 @pytest.mark.parametrize("name", RINGS)
-def test_frames_of_every_touch(name):
-    """In turn at full rate, with a slow sender, with a slow reader."""
-    config, stalls = CASES[name], ((0.0, 0.0), (0.5, 0.1), (0.0, 0.6))[RINGS.index(name) % 3]
+def test_frames_of_every_touch(name, one_port):
+    """In turn at full rate, with a slow sender, with a slow reader; with one port the slow sender's touches
+    catch up, and the reader is not always ready for what passes."""
+    stalls = ((0.0, 0.0), (0.5, 0.1), (0.0, 0.6)) if not one_port else ((0.0, 0.0), (0.7, 0.3), (0.8, 0.0))
+    config, stalls = CASES[name].replace(one_port=one_port), stalls[RINGS.index(name) % 3]
     seen = detect(config, make_stream(config, 250, seed=11))
     dut = Ring(config)
     bench = Bench(dut, seed=2)
@@ -91,6 +94,41 @@ def test_latency_and_full_rate(taxels, gap, pause):
     assert replayed[: 5 * taxels] == [taken[last] + 3 + pause + n for n in range(5 * taxels)]
     # at the pace of its reader it never catches up
     assert replayed[-1] - taken[65 * taxels - 1] == (3 if gap else 5 * taxels + 2)
+
+
+@each_row("wait", [0, 1, 20])
+def test_what_has_caught_up_passes_by(wait):
+    """At a slow pace a touch of one port has caught up after some frames: from then on a beat leaves in the
+    cycle in which it comes. One for which the reader is not ready waits in the ring, and those after it pass
+    again."""
+    config = CASES["thesis"].replace(one_port=True)
+    seen = detect(config, make_stream(config, 100, seed=5, touches=[30]))
+    dut, beats = Ring(config), frame_beats(config, seen)
+    bench = Bench(dut, quiet=100)
+    taken = bench.drive(dut.i, beats, gaps=[5] * len(beats))
+    wanted, out = touch_beats(config, seen)[: 40 * 4], []
+    late = 100  # the beat of the touch for which the reader is not ready
+
+    async def reader(ctx):
+        cycle, waited = 0, 0
+        while len(out) < len(wanted):
+            waits = len(out) == late and waited < wait
+            waited += bool(waits) and bool(ctx.get(dut.i.valid))
+            ctx.set(dut.o.ready, not waits)
+            _, _, valid, complement = await ctx.tick().sample(dut.o.valid, dut.o.p.complement)
+            if valid and not waits:
+                out.append({"complement": complement, "cycle": cycle})
+            cycle += 1
+
+    bench.process(reader)
+    bench.run()
+    assert [{"complement": beat["complement"]} for beat in out] == wanted
+    first = (seen.touches[0][1] - 1) * 4
+    delays = [beat["cycle"] - taken[first + number] for number, beat in enumerate(out)]
+    caught_up = delays.index(0)
+    assert 5 * 4 < caught_up < late and delays[caught_up:late] == [0] * (late - caught_up)
+    behind = 0 if not wait else next(k for k, delay in enumerate(delays[late:]) if delay == 0)
+    assert behind == {0: 0, 1: 1, 20: 24}[wait] and delays[late + behind :] == [0] * (160 - late - behind)
 
 
 def test_input_waits_only_for_a_full_ring():

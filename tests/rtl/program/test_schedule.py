@@ -264,6 +264,7 @@ def test_one_phase_computes_the_same_rows_without_partial_sums(cell):
     that is computed."""
     two, one = schedule(reference(*cell, lanes=1)), schedule(reference(*cell, lanes=1, lane_type="dsp"))
     assert one.program == in_one_phase(two.program) == cell_program(one.config)
+    assert cell_program(two.config.replace(one_phase=True)) == one.program
     assert not one.mac_before and not one.partial_rows and one.slots_before == 0 and two.partial_rows
     assert sorted((m, g.first_row, c) for g, m, c in one.weight_words) == sorted(
         (m, g.first_row, c) for g, m, c in two.weight_words

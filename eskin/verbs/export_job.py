@@ -1,0 +1,86 @@
+"""``eskin export``: a model in another tool's words, with what checks it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import replacing_folder
+from eskin.golden.core.jobs import Record
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.export import compiled, plain_c
+from eskin.golden.model.image_network import images_of, random_images, run_images
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.pipeline import run
+from eskin.golden.model.vectors import random_recordings
+
+
+def export_c(
+    model: IntegerModel, out: Path, *, recordings: Recordings | None = None, seed: int = 1
+) -> Record:
+    """Write the model as plain C into ``out``, new or an earlier exported folder, whole or not at all.
+
+    Parameters
+    ----------
+    recordings:
+        What eskin_check plays; default: made-up ones that reach a decision, or images.
+
+    Returns
+    -------
+    dict
+        out, decisions (that eskin_check compares), table_bytes, products (`plain_c.products`), cores: {name,
+        code, tables, state}, bytes, of each of `compiled.CORES`; empty without the compiler.
+    """
+    check_folder(out, plain_c.HEADER)
+    files = plain_c.sources(model)
+    samples, lengths, calls = _vectors(model, recordings, seed)
+    files |= plain_c.check_sources(model.config, samples, lengths, calls)
+    with replacing_folder(out) as folder:
+        for name, text in files.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text(text)
+        cores = [
+            {"name": core} | compiled.sizes(folder, core, model.config.is_image)
+            for core in (compiled.CORES if compiled.there() else ())
+        ]
+    return {
+        "out": str(out),
+        "decisions": sum(map(len, calls)),
+        "table_bytes": plain_c.table_bytes(model),
+        "products": plain_c.products(model.config),
+        "cores": cores,
+    }
+
+
+def check_folder(out: Path, mark: str) -> None:
+    """Refuse a folder that an export must not replace: one that holds something and no file ``mark``."""
+    if not out.name:
+        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"{out}: is a file; give a new folder with --out")
+    if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
+        raise InputError(f"{out}: is a folder with other files in it; give a new folder with --out")
+
+
+def _vectors(model: IntegerModel, recordings: Recordings | None, seed: int) -> tuple[np.ndarray, Any, Any]:
+    """Samples, frames of each recording, and what is expected of every call."""
+    config = model.config
+    if config.is_image:
+        images = random_images(config, 8, seed) if recordings is None else images_of(recordings)
+        return (
+            images.reshape(len(images), -1),
+            [1] * len(images),
+            plain_c.expected_of_images(run_images(model, images)),
+        )
+    rest, whole = config.rest_level.rest_frames, config.last_frame
+    # a touch that ends, and one that the recording cuts short
+    lengths = [rest + whole + 4 * config.windows.hop, rest + whole // 2 + config.windows.pretrigger_frames]
+    for attempt in range(seed, seed + 50):
+        played = recordings if recordings is not None else random_recordings(config, lengths, attempt)
+        trace = run(model, played)
+        if recordings is not None or len(trace.streams["decision"][0]):
+            break  # recordings without a decision would check nothing
+    return played.samples, played.lengths.tolist(), plain_c.expected(trace, played)

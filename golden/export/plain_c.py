@@ -1,0 +1,457 @@
+"""The integer model as plain C: C99, integers alone, one call a frame, constants in tables.
+
+docs/specification.md, sections 1 to 8, 10 (faults) and 15, a third time beside golden model and hardware: it takes
+their tables and formats, and adds up hops, as the hardware does. `templates` hold the code; here is what they are
+filled with.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jinja2
+import numpy as np
+
+from eskin.golden.core.activation import sigmoid_table, tanh_table
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import signed_bits
+from eskin.golden.core.images import Conv, Pool
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.image_network import ImageTrace
+from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.pipeline import Trace
+from eskin.golden.model.vectors import completing_frames
+
+HEADER, SOURCE, CHECK, VECTORS = "eskin_model.h", "eskin_model.c", "eskin_check.c", "test_vectors.h"
+BYTES = {"int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "int64_t": 8}
+
+
+class Table(NamedTuple):
+    """A constant of the program: type, name, size, comment and values in C."""
+
+    kind: str
+    name: str
+    size: tuple[int, ...]
+    comment: str
+    values: str
+
+
+def _word(bits: int) -> str:
+    """The narrowest signed type of at least 16 bits."""
+    return "int16_t" if bits <= 16 else "int32_t" if bits <= 32 else "int64_t"
+
+
+def _narrowest(values: np.ndarray) -> str:
+    bound = int(np.abs(values).max(initial=0))
+    return "int8_t" if signed_bits(bound) <= 8 else _word(signed_bits(bound))
+
+
+def _initialiser(values: np.ndarray) -> str:
+    if values.ndim == 1:
+        return "\n".join(textwrap.wrap(", ".join(map(str, values.tolist())), 100, initial_indent="    "))
+    return ",\n".join(f"{{\n{_initialiser(row)} }}" for row in values)
+
+
+def _table(name: str, values: Any, comment: str, kind: str = "") -> Table:
+    values = np.asarray(values, dtype=np.int64)
+    return Table(kind or _narrowest(values), name, values.shape, comment, _initialiser(values))
+
+
+def c_string(text: str) -> str:
+    """``text`` as a literal of C, UTF-8, whatever letters it has."""
+    plain = lambda byte: 32 <= byte < 127 and chr(byte) not in '"\\?'
+    return '"' + "".join(chr(b) if plain(b) else f"\\{b:03o}" for b in text.encode()) + '"'
+
+
+def _comment(text: str) -> str:
+    """``text`` as it may stand in a comment."""
+    return text.replace("*/", "* /").replace("/*", "/ *")
+
+
+# ---------------------------------------------------------------------- networks that read frames
+def _frame_tables(model: IntegerModel) -> list[Table]:
+    config, arrays = model.config, model.arrays
+    formats, lengths = config.formats, len(config.window_lengths)
+    weight = "int8_t" if config.weight_bits <= 8 else "int16_t"
+    wide = _wide(config)
+    mean, scale = (arrays[name].reshape(lengths, config.constants) for name in ("mean", "scale"))
+    shift = np.reshape(config.features.feature_shift, (lengths, config.kinds))
+    tables = [
+        _table("MEAN", mean, "of the normaliser", wide if wide == "int64_t" else "int32_t"),
+        _table("SHIFT", shift, "of the normaliser", "uint8_t"),
+        _table("SCALE", scale, "of the normaliser", "int16_t"),
+    ]
+    if lengths > 1:
+        tables.append(_table("LENGTH", config.length_index, "of each window, index into these", "uint8_t"))
+    if config.sensor.masked_taxels:
+        mask = [taxel in config.sensor.masked_taxels for taxel in range(config.sensor.taxels)]
+        tables.append(_table("MASK", mask, "1: the taxel is out of use", "uint8_t"))
+    if config.recurrent:
+        stacked = lambda kind: np.concatenate([arrays[f"{kind}_{gate}"] for gate in config.gates])
+        order = f"rows of gates {', '.join(config.gates)}"
+        tables += [
+            _table("W", stacked("W"), f"{formats.weight_format}, {order}", weight),
+            _table("U", stacked("U"), f"{formats.recurrent_format}, {order}", weight),
+            _table("B", stacked("b"), f"{formats.bias_format}", "int16_t"),
+        ]
+        if "bh_n" in arrays:
+            tables.append(_table("BH", arrays["bh_n"], "inside the reset product", "int16_t"))
+        tables += [
+            _table(name, np.append(table[len(table) // 2 :], end - table[0]), "index 0 up", "int16_t")
+            for name, table, end in (
+                ("SIGMOID", sigmoid_table(config), config.gate_one),
+                ("TANH", tanh_table(config), 0),
+            )
+        ]
+    return [
+        *tables,
+        _table("V", arrays["V"], f"{formats.dense_format}", weight),
+        _table("BY", arrays["b_y"], f"{formats.dense_bias_format}", "int16_t"),
+    ]
+
+
+def _wide(config: AcceleratorConfig) -> str:
+    """The type of what a window gives."""
+    bounds = [config.windows.window * config.deviation_bound]
+    if "integral" in config.features.feature_kinds:
+        bounds.append(config.integral_bound)
+    # one bit to spare: a mean is taken off
+    return "int64_t" if max(config.sum_bits, *map(signed_bits, bounds)) > 31 else "int32_t"
+
+
+def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
+    rule, windows, features, network = config.onset_rule, config.windows, config.features, config.network
+    formats, kinds, faults = config.formats, features.feature_kinds, config.faults.fault_frames
+    touch_mode, immediate = windows.window_mode == "touch", config.opens_at_once
+    integral, activity = "integral" in kinds, "activity" in kinds
+    ring = windows.pretrigger_frames + 1 if touch_mode and not immediate else 1
+    ends = [last for _, last in config.window_spans]
+    depth = max((end - 1) // windows.hop - k + 1 for k, end in enumerate(ends)) if touch_mode else 2
+    mean_needed = "mean" in kinds or (integral and not touch_mode and not immediate)
+    flagged = f"s->flag_age[i]{' > back' if ring > 1 else ''}"
+    out_of_use = [*["MASK[i]"] * bool(config.sensor.masked_taxels), *[flagged] * bool(faults)]
+    counts = [*["!MASK[i]"] * bool(config.sensor.masked_taxels), *["!s->flag_age[i]"] * bool(faults)]
+    limit = rule.onset_threshold * rule.onset_mean_frames
+    return {
+        "cell": network.cell,
+        "rate": f"{config.sensor.sample_rate_hz:g}",
+        "taxels": config.sensor.taxels,
+        "steps": windows.steps,
+        "code_min": config.sample_format.min_code,
+        "code_max": config.sample_format.max_code,
+        "kinds": kinds,
+        "sum_kinds": [kind for kind in kinds if kind != "integral"],
+        "hop_sums": [*["mean"] * mean_needed, *["activity"] * activity],
+        "integral": integral,
+        "activity": activity,
+        "change": activity and features.activity_rule == "change",
+        "block": features.activity_block,
+        "block_sums": activity and features.activity_block > 1,
+        "log": features.compand == "log",
+        "companding": integral or features.compand == "log",
+        "per_taxel": features.feature_scale == "taxel",
+        "inputs": config.inputs,
+        "lengths": len(config.window_lengths),
+        "touch_mode": touch_mode,
+        "immediate": immediate,
+        "hop": windows.hop,
+        "window": windows.window,
+        "touch_frames": windows.touch_frames,
+        "depth": depth,
+        "ring": ring,
+        "replay_faults": bool(faults) and ring > 1,
+        "out_of_use": " || ".join(out_of_use),
+        "counts": "".join(f" && {term}" for term in counts),
+        "faults": faults,
+        "fault_span": 1 << config.fault_bits,
+        "fault_activity": config.faults.fault_activity,
+        "rests": config.rest_level.rest != "none",
+        "rest": config.rest_level.rest,
+        "rest_frames": config.rest_level.rest_frames,
+        "clip": config.rest_level.clip,
+        "onset": rule.onset,
+        "band_low": rule.band_low,
+        "band_high": rule.band_high,
+        "period": 1 if rule.onset == "band" else rule.onset_check_frames,
+        "checks": rule.onset_mean_frames // max(rule.onset_check_frames, 1),
+        "onset_limit": f"{limit}{'LL' if limit >> 31 else ''}",
+        "onset_hits": rule.onset_hits,
+        "onset_span": rule.onset_span,
+        "rearm_frames": rule.rearm_frames,
+        "integral_knee": features.integral_knee,
+        "integral_frac": features.integral_frac,
+        "compand_knee": features.compand_knee,
+        "compand_frac": features.compand_frac,
+        "recurrent": config.recurrent,
+        "reset": network.reset,
+        "hidden": network.hidden,
+        "sets": config.sets,
+        "one": config.gate_one,
+        "gate_frac": formats.gate_frac,
+        "feature": formats.feature_format,
+        "align": 1 << config.feature_align,
+        "state_format": formats.state_format,
+        "logit": formats.logit_format,
+        "index": config.index_format,
+        "sigmoid_shift": config.sigmoid_shift,
+        "tanh_shift": config.tanh_shift,
+        "value_shift": config.value_shift,
+        "state_index_shift": config.state_index_shift,
+        "logit_shift": config.logit_shift,
+        "bias_unit": 1 << max(config.bias_shift, 0),
+        "dense_bias_unit": 1 << config.dense_bias_shift,
+        "decision": network.decision,
+        "early_margin": network.early_margin,
+        "early_steps": network.early_steps,
+        "acc": _word(max(config.accumulator_bits, 32)),
+        "weight": "int8_t" if config.weight_bits <= 8 else "int16_t",
+        "wide": _wide(config),
+        "beat": "int32_t",
+        "deviation": _word(config.deviation_bits),
+        "level": _word(max(32, signed_bits(rule.onset_mean_frames * config.deviation_bound))),
+    }
+
+
+def _state(config: AcceleratorConfig, values: dict[str, Any]) -> list[tuple[str, str, tuple[int, ...]]]:
+    """The fields of the state, widest first, so that nothing lies between them."""
+    taxels, classes, depth = config.sensor.taxels, config.classes, values["depth"]
+    onset, recurrent, vote = config.onset_rule, config.recurrent, config.network.decision == "vote"
+    early = config.network.decision == "early"
+    deviation = values["deviation"]
+    ring = ("ring", (values["ring"], taxels)) if values["ring"] > 1 else ("deviations", (taxels,))
+    wished: Iterable[tuple[bool, str, str, tuple[int, ...]]] = [
+        (True, "uint32_t", "frame", ()),
+        (True, "uint32_t", "position", ()),
+        (not values["immediate"], "uint32_t", "quiet", ()),
+        (True, "int32_t", "margin", ()),
+        (values["rests"], "int32_t", "rest", (taxels,)),
+        (onset.onset == "baseline", values["level"], "recent", (values["checks"], taxels)),
+        *((True, values["wide"], kind, (depth, taxels)) for kind in values["hop_sums"]),
+        (values["integral"], values["wide"], "total", (taxels,)),
+        (values["block_sums"], "int32_t", "block", (taxels,)),
+        (values["change"], "int32_t", "before", (taxels,)),
+        (bool(values["faults"]), "int32_t", "moved", (taxels,)),
+        (bool(values["faults"]), "uint16_t", "flag_age", (taxels,)),
+        (bool(values["faults"]), "uint8_t", "low", (taxels,)),
+        (not recurrent, values["acc"], "sum", (classes,)),
+        (recurrent, "int16_t", "h", (config.network.hidden,)),
+        (config.network.cell == "lstm", "int16_t", "c", (config.network.hidden,)),
+        (vote, "uint16_t", "votes", (classes,)),
+        (early, "uint16_t", "agreeing", ()),
+        (early, "uint8_t", "decided", ()),
+        (True, deviation, *ring),
+        (values["ring"] > 1, "uint16_t", "place", ()),
+        (True, "uint16_t", "step", ()),
+        (True, "uint16_t", "hops", ()),
+        (True, "uint16_t", "in_hop", ()),
+        (onset.onset_span > 1, "uint16_t", "record", ()),
+        (onset.onset == "baseline", "uint8_t", "check", ()),
+        (values["change"], "uint8_t", "has_before", ()),
+        (True, "uint8_t", "hop", ()),
+        (True, "uint8_t", "phase", ()),
+        (True, "uint8_t", "cls", ()),
+    ]
+    fields = [(kind, name, size) for there, kind, name, size in wished if there]
+    return sorted(fields, key=lambda field: -BYTES[field[0]])
+
+
+# ---------------------------------------------------------------------- networks for images
+def _image_tables(model: IntegerModel) -> list[Table]:
+    tables = []
+    for stage in model.config.weighted_stages:
+        weights, bias = (model.arrays[f"{name}_{stage.number}"] for name in "Wb")
+        tables += [
+            _table(f"W_{stage.number}", weights.ravel(), f"{stage.layer}, output by output", "int8_t"),
+            _table(f"B_{stage.number}", bias, "its biases", "int32_t"),
+        ]
+    return tables
+
+
+def _image_values(config: AcceleratorConfig) -> dict[str, Any]:
+    logit, sizes, rows = config.formats.logit_format, [0, 0], []
+    source, weighted = "pixels", config.weighted_stages
+    for index, (stage, shift) in enumerate(zip(weighted, config.layer_shifts, strict=True)):
+        following = config.stages[stage.number + 1] if not stage.last else stage
+        pool = isinstance(following.layer, Pool)
+        result = following.result if pool else stage.result
+        target = f"MAP_{index % 2}"
+        if not stage.last:
+            sizes[index % 2] = max(sizes[index % 2], int(np.prod(result)))
+        rows.append(
+            {
+                "number": stage.number,
+                "conv": isinstance(stage.layer, Conv),
+                "kernel": getattr(stage.layer, "kernel", 0),
+                "rows": stage.source[0],
+                "columns": stage.source[1],
+                "channels": stage.source[2],
+                "size": int(np.prod(stage.source)),
+                "outputs": stage.outputs,
+                "shift": shift,
+                "pool": 2 if pool else 1,
+                "source": source,
+                "target": target,
+                "last": stage.last,
+                "low": logit.min_code,
+                "high": logit.max_code,
+            }
+        )
+        source = target
+    return {
+        "layers": ", ".join(config.image.layers),
+        "height": config.image.height,
+        "width": config.image.width,
+        "stages": rows,
+        "maps": sizes,
+        "convolutions": any(row["conv"] for row in rows),
+        "acc": "int32_t",
+    }
+
+
+# ---------------------------------------------------------------------- files
+def products(config: AcceleratorConfig) -> dict[str, float]:
+    """Products of a call of `eskin_frame`, or of `eskin_image`: at most, and on the mean of a touch; those of
+    the normaliser among them."""
+    if config.is_image:
+        return {"most": config.multiplies, "mean": config.multiplies}
+    of_step = config.multiplies + config.inputs
+    ends = [end for _, end in config.window_spans]
+    together = max(ends.count(end) for end in ends)
+    if config.windows.window_mode == "touch" and not config.opens_at_once:
+        replayed = sum(end <= config.windows.pretrigger_frames + 1 for end in ends)
+        together = max(together, replayed)
+    return {"most": together * of_step, "mean": round(config.windows.steps * of_step / config.last_frame, 2)}
+
+
+def sources(model: IntegerModel) -> dict[str, str]:
+    """``eskin_model.h`` and ``eskin_model.c``, library.properties of Arduino and module.yml of Zephyr with what
+    it names: text by path.
+
+    Raises
+    ------
+    InputError
+        The model's readout is not the dense one.
+    """
+    config = model.config
+    if config.has_prototypes:
+        raise InputError(
+            f"configuration '{config.name}', field readout: is 'prototypes', which C does not have; export a "
+            "model with readout 'dense'"
+        )
+    image = config.is_image
+    tables = _image_tables(model) if image else _frame_tables(model)
+    values: dict[str, Any] = _image_values(config) if image else _frame_values(config)
+    if not image:
+        values["state"] = _state(config, values)
+    values |= {
+        "name": _comment(config.name),
+        "content": model.content,
+        "image": image,
+        "classes": config.classes,
+        "names": ", ".join(map(c_string, config.network.class_names)),
+        "margin_threshold": config.network.margin_threshold,
+        "vote": config.network.decision == "vote",
+        "products": products(config),
+        "tables": tables,
+        "table_bytes": table_bytes(model),
+        "version": version("eskin"),
+    }
+    names = {
+        HEADER: "eskin_model.h.j2",
+        SOURCE: "eskin_model.c.j2",
+        "library.properties": "library.properties.j2",
+        "zephyr/module.yml": "module.yml.j2",
+        "zephyr/CMakeLists.txt": "CMakeLists.txt.j2",
+    }
+    return {path: _environment().get_template(name).render(values) for path, name in names.items()}
+
+
+def table_bytes(model: IntegerModel) -> int:
+    """Bytes of all tables of constants."""
+    tables = _image_tables(model) if model.config.is_image else _frame_tables(model)
+    return sum(BYTES[table.kind] * int(np.prod(table.size)) for table in tables)
+
+
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    # C has no array of no elements
+    environment.filters["brackets"] = lambda size: "".join(f"[{length or 1}]" for length in size)
+    return environment
+
+
+def expected(trace: Trace, recordings: Recordings) -> list[list[tuple[int, ...]]]:
+    """Of each recording what every call gives that gives something: (frame, 1-based, 0 for eskin_finish; what
+    is returned; cls; margin; step; local_cls)."""
+    rows, offsets = trace.streams["decision"]
+    frames, calls = completing_frames(trace), []
+    for first, last, length in zip(offsets, offsets[1:], recordings.lengths, strict=False):
+        of_recording: dict[int, tuple[int, ...]] = {}
+        latest = -1
+        for (is_global, step, label, margin, *_), frame in zip(
+            rows[first:last], frames[first:last], strict=True
+        ):
+            said, *before = of_recording.get(int(frame), (0, 0, 0, 0, 0))
+            latest = latest if is_global else int(label)
+            kept = before[:3] if said & 2 else (int(label), int(margin), int(step))
+            of_recording[int(frame)] = (said | 1 + int(is_global), *kept, latest)
+        calls.append(
+            [
+                (frame, *call)
+                for frame, call in sorted(of_recording.items(), key=lambda item: item[0] or length + 1)
+            ]
+        )
+    return calls
+
+
+def expected_of_images(trace: ImageTrace) -> list[list[tuple[int, ...]]]:
+    """As `expected`, of images."""
+    return [
+        [(0, 3, int(label), int(margin), 0, int(label))]
+        for label, margin in zip(trace.decision, trace.margin, strict=True)
+    ]
+
+
+def check_sources(
+    config: AcceleratorConfig,
+    samples: np.ndarray,
+    lengths: Sequence[int],
+    calls: Sequence[Sequence[tuple[int, ...]]],
+) -> dict[str, str]:
+    """``eskin_check.c``, whose ``main`` plays recordings and compares what comes, and its ``test_vectors.h``.
+
+    Parameters
+    ----------
+    samples:
+        (frames, taxels) of all recordings, or pixels (rows, width).
+    lengths:
+        Frames of each recording.
+    calls:
+        Of `expected`.
+    """
+    kind = "uint8_t" if config.is_image else "int32_t"
+    rows = [(number, *call) for number, of_recording in enumerate(calls) for call in of_recording]
+    values = {
+        "image": config.is_image,
+        "recordings": len(lengths),
+        "codes": _table("CODES", samples, "frames, one recording after the other", kind),
+        "lengths": _table("LENGTHS", lengths, "frames of each recording", "int32_t"),
+        "calls": _table(
+            "CALLS",
+            np.reshape(rows, (-1, 7)),
+            "recording, frame (0: the end), returned, cls, margin, step, local_cls",
+            "int32_t",
+        ),
+    }
+    names = {CHECK: "eskin_check.c.j2", VECTORS: "test_vectors.h.j2"}
+    return {path: _environment().get_template(name).render(values) for path, name in names.items()}

@@ -1,0 +1,90 @@
+"""The adder of the windows' sums with its register (docs/specification.md, section 2: windows and sums)."""
+
+from __future__ import annotations
+
+from amaranth.hdl import ClockSignal, Const, Instance, Module, Mux, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.common.memory_style import SMALL_FAMILY
+
+BLOCKS, BLOCK_BITS = 8, 32
+"""SB_MAC16 of an iCE40 UP5K; bits that one adds."""
+
+
+class WindowAdder(wiring.Component):
+    """Adds complements: ``total = word + addend + 1``, or ``addend`` alone.
+
+    On an iCE40 whose lanes leave an SB_MAC16 idle the sum sits in it, where it takes no logic cell; the same
+    behaviour is described plainly for any other. tests/rtl/frontend/test_window_adder.py compares the two,
+    with the vendor's cell model.
+
+    Parameters
+    ----------
+    config:
+        The accelerator's configuration.
+
+    Members
+    -------
+    step : In(1)
+        Add at the next clock edge.
+    alone : In(1)
+        ``word`` does not count.
+    word, addend : In(signed(config.sum_bits))
+    total : Out(signed(config.sum_bits))
+        Complement of a sum: after the edge, until the next ``step``.
+    """
+
+    def __init__(self, config: AcceleratorConfig) -> None:
+        lanes = config.hardware.lanes
+        # several lanes have one more beside them, for element-wise operations
+        idle = config.hardware.lane_type == "dsp" and lanes + (lanes > 1) < BLOCKS
+        self._in_block = idle and config.sum_bits <= BLOCK_BITS
+        shape = signed(config.sum_bits)
+        super().__init__(
+            {"step": In(1), "alone": In(1), "word": In(shape), "addend": In(shape), "total": Out(shape)}
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        if platform == SMALL_FAMILY and self._in_block:
+            self._block(m)
+            return m
+        total = Signal.like(self.total, reset_less=True)
+        m.d.comb += self.total.eq(total)
+        with m.If(self.step):
+            # ``alone`` is a register, so that its choice shares the adder's cells
+            m.d.sync += total.eq(Mux(self.alone, self.addend, self.word + self.addend + 1))
+        return m
+
+    def _block(self, m: Module) -> None:
+        word, addend, out = (Signal(signed(BLOCK_BITS), name=name) for name in ("word", "addend", "out"))
+        m.d.comb += [word.eq(self.word), addend.eq(self.addend), self.total.eq(out)]
+        m.submodules.mac = Instance(
+            "SB_MAC16",
+            p_TOPOUTPUT_SELECT=1,
+            p_BOTOUTPUT_SELECT=1,  # the registered sum
+            p_TOPADDSUB_LOWERINPUT=0,
+            p_BOTADDSUB_LOWERINPUT=0,  # A:B
+            p_TOPADDSUB_UPPERINPUT=1,
+            p_BOTADDSUB_UPPERINPUT=1,  # plus C:D
+            p_TOPADDSUB_CARRYSELECT=2,
+            p_BOTADDSUB_CARRYSELECT=1,  # plus 1
+            i_CLK=ClockSignal(),
+            i_CE=self.step,
+            i_A=word[16:],
+            i_B=word[:16],
+            i_C=addend[16:],
+            i_D=addend[:16],
+            i_OLOADTOP=self.alone,
+            i_OLOADBOT=self.alone,
+            **{
+                f"i_{pin}": Const(0)
+                for pin in (
+                    *("AHOLD", "BHOLD", "CHOLD", "DHOLD", "IRSTTOP", "IRSTBOT", "ORSTTOP", "ORSTBOT"),
+                    *("OHOLDTOP", "OHOLDBOT", "ADDSUBTOP", "ADDSUBBOT", "CI", "ACCUMCI", "SIGNEXTIN"),
+                )
+            },
+            o_O=out,
+        )

@@ -1,0 +1,175 @@
+"""The exported C on all recordings of a data set, compared with the golden model; what it takes on a
+microcontroller; one table.
+
+``python -m scripts.export_cost DATA ... [--emulate N]`` prints it. DATA: archives of recordings or images, or
+NAME=ARCHIVE; the word synthetic. Where a preset has that name it is the front end, else one is derived. Weights
+are random: neither what is compared nor what it costs depends on them. Instructions are counted on an emulated
+Cortex-M0+ over the first N recordings with a touch.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import math
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.formats import QFormat
+from eskin.golden.data.load import load_recordings
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.export import compiled, emulated, plain_c
+from eskin.golden.model.image_network import images_of, run_images
+from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model.pipeline import run
+from eskin.golden.training.derive import derive_config, for_recordings
+from eskin.verbs.export_job import export_c
+
+CORE = "Cortex-M0+"
+WIDE = {"state_format": QFormat(4, 12)}
+MODELS: dict[str, dict[str, Any]] = {
+    "linear, all kinds": {
+        "cell": "linear", "decision": "last", "feature_kinds": ("mean", "activity", "integral"),
+        "activity_rule": "change", "feature_scale": "taxel",
+    },
+    "GRU, reset before": {"cell": "gru", "reset": "before"},
+    "GRU, reset after": {"cell": "gru", "reset": "after", "compand": "log", "feature_kinds": ("mean", "activity"), **WIDE},
+    "LSTM": {"cell": "lstm", "decision": "vote", **WIDE},
+    "GRU, early": {"cell": "gru", "decision": "early", "early_steps": 2, "early_margin": 64},
+}  # fmt: skip
+"""Kinds of model: cells, decisions, kinds of feature."""
+COLUMNS = (
+    "data",
+    "model",
+    "recordings",
+    "decisions",
+    "different",
+    "code",
+    "tables",
+    "state",
+    "quiet frame",
+    "frame",
+    "step",
+)
+PLAY = """#include "eskin_model.c"
+int play(const int32_t *codes, int frames, int32_t *calls)
+{
+    static eskin_state s;
+    eskin_decision d = { 0, 0, 0, 0 };
+    int t, said, n = 0;
+    eskin_arm(&s);
+    for (t = 0; t <= frames; t++) {
+        said = t < frames ? eskin_frame(&s, codes + t * ESKIN_TAXELS, &d) : eskin_finish(&s, &d);
+        if (said) {
+            int32_t *c = calls + 6 * n++;
+            c[0] = t < frames ? t + 1 : 0; c[1] = said;
+            c[2] = d.cls; c[3] = d.margin; c[4] = d.step; c[5] = d.local_cls;
+        }
+    }
+    return n;
+}
+"""
+PLAY_IMAGE = """#include "eskin_model.c"
+int play(const uint8_t *pixels, int32_t *c)
+{
+    eskin_decision d;
+    c[0] = 0; c[1] = eskin_image(pixels, &d);
+    c[2] = d.cls; c[3] = d.margin; c[4] = d.step; c[5] = d.local_cls;
+    return 1;
+}
+"""
+
+
+def front_end(name: str, recordings: Recordings) -> AcceleratorConfig:
+    """Of the preset of that name, or derived."""
+    return for_recordings(PRESETS[name], recordings) if name in PRESETS else derive_config(recordings)[0]
+
+
+def model_of(config: AcceleratorConfig, kind: str) -> IntegerModel:
+    """A model of one of MODELS on a front end."""
+    hop = math.gcd(config.windows.hop, *config.window_lengths)
+    block = max(block for block in range(1, 9) if hop % block == 0)
+    return random_integer_model(config.replace(feature_shift=(), activity_block=block, **MODELS[kind]), 1)
+
+
+def differences(model: IntegerModel, recordings: Recordings, folder: Path) -> dict[str, int]:
+    """Export, compile for this computer, play everything: recordings, decisions compared, different ones."""
+    image = model.config.is_image
+    export_c(model, folder, recordings=recordings.subset(recordings.evenly(2)))
+    library = folder.absolute() / "play.so"
+    (folder / "play.c").write_text(PLAY_IMAGE if image else PLAY)
+    subprocess.run(
+        ["gcc", "-std=c99", "-O2", "-shared", "-fPIC", "play.c", "-o", str(library)], cwd=folder, check=True
+    )
+    play = ctypes.CDLL(str(library)).play
+    if image:
+        pixels = images_of(recordings)
+        expected = plain_c.expected_of_images(run_images(model, pixels, maps=False))
+    else:
+        expected = plain_c.expected(run(model, recordings), recordings)
+    compared = different = 0
+    for number, calls in enumerate(expected):
+        samples = pixels[number] if image else recordings.recording(number).astype(np.int32)
+        samples = np.ascontiguousarray(samples)
+        answers = np.zeros((len(samples) + 1, 6), dtype=np.int32)
+        pointer = samples.ctypes.data_as(ctypes.c_void_p)
+        into = answers.ctypes.data_as(ctypes.c_void_p)
+        count = play(pointer, into) if image else play(pointer, len(samples), into)
+        made, due = set(map(tuple, answers[:count].tolist())), set(calls)
+        compared += len(due | made)
+        different += len(due ^ made)
+    return {"recordings": len(recordings), "decisions": compared, "different": different}
+
+
+def rows(name: str, archive: str, most: int) -> list[tuple[str, ...]]:
+    """Rows of `COLUMNS` of one data set."""
+    recordings = load_recordings(archive)
+    table = []
+    if recordings.image_shape:
+        from tests.support.image_scenes import random_image_model
+
+        config = AcceleratorConfig.of_image(
+            *recordings.image_shape, ("conv 5 8", "pool", "conv 3 16", "pool", "conv 3 32", "pool",
+            f"dense {len(recordings.class_names)}"), recordings.class_names)  # fmt: skip
+        models = {"TactNet4": random_image_model(config, 1)}
+    else:
+        config = front_end(name, recordings)
+        models = {kind: model_of(config, kind) for kind in MODELS}
+    for kind, model in models.items():
+        with tempfile.TemporaryDirectory() as work:
+            folder = Path(work) / "c"
+            result = differences(model, recordings, folder)
+            counted = ["-"] * 6
+            if compiled.there():
+                sizes = compiled.sizes(folder, CORE, model.config.is_image)
+                counted[:3] = (str(sizes[part]) for part in ("code", "tables", "state"))
+                if most and not model.config.is_image:
+                    played = emulated.play(model, recordings.subset(recordings.evenly(most)), CORE, folder)
+                    assert not played["different"]
+                    counted[3:] = (
+                        f"{played['instructions'][part]:.0f}" for part in ("quiet", "frame", "step")
+                    )
+        table.append((name, kind, *(str(value) for value in result.values()), *counted))
+        print("| " + " | ".join(table[-1]) + " |", flush=True)
+    return table
+
+
+def main() -> None:
+    """The table, row by row."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("data", nargs="+")
+    parser.add_argument("--emulate", type=int, default=1, metavar="N")
+    asked = parser.parse_args()
+    print("| " + " | ".join(COLUMNS) + " |\n|" + " --- |" * len(COLUMNS))
+    for text in asked.data:
+        name, _, archive = text.rpartition("=")
+        rows(name or archive, archive, asked.emulate)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,180 @@
+"""The model as plain C against the golden model: every decision of random designs, under both compilers' warnings
+and sanitizers; programs for microcontrollers, run instruction by instruction; and all recordings."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.images import NETWORKS
+from eskin.golden.data.load import load_recordings
+from eskin.golden.export import compiled, emulated, plain_c
+from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model.vectors import random_recordings
+from eskin.verbs.export_job import export_c
+from scripts.export_cost import MODELS, differences, front_end
+from scripts.export_cost import model_of as model_on
+from tests.support.image_scenes import random_image_model
+from tests.support.strategies import configurations, examples
+
+GCC = ("gcc", "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1")
+SANITIZED = (*GCC, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+IMAGES = AcceleratorConfig.of_image(
+    9,
+    10,
+    ("conv 5 3", "pool", "conv 3 4", "conv 1 5", "pool", "dense 8", "dense 3"),
+    ("cup", "ball", 'a "?\\ é'),
+)
+RING = AcceleratorConfig.of(
+    taxels=5, sample_rate_hz=1000.0, sample_bits=10, rest="none", onset="band", band_low=400, band_high=600,
+    window_mode="touch", pretrigger_frames=12, touch_frames=33, hop=4, window=9, steps=9, rearm_frames=30,
+    decision="vote", fault_frames=4, masked_taxels=(1,), hidden=5,
+)  # fmt: skip
+"""Three windows end with the onset and three with the last frame; taxels fail in between."""
+
+
+def model_of(config: AcceleratorConfig, seed: int) -> IntegerModel:
+    return (random_image_model if config.is_image else random_integer_model)(config, seed)
+
+
+def verdict(folder: Path, *compiler: str) -> str:
+    """What eskin_check says, built by ``compiler``."""
+    sources = [plain_c.SOURCE, plain_c.CHECK]
+    subprocess.run([*compiler, *sources, "-o", "check"], cwd=folder, check=True)
+    return subprocess.run(["./check"], cwd=folder, capture_output=True, text=True).stdout
+
+
+def exported(config: AcceleratorConfig, seed: int, folder: Path) -> dict:
+    """A model with random weights in ``folder``, whose check plays recordings that reach most rules."""
+    model, recordings = model_of(config, seed), None
+    if not config.is_image:
+        before = config.rest_level.rest_frames + config.windows.pretrigger_frames
+        whole = before + config.last_frame + 2 * config.windows.hop
+        lengths = (2 * whole + config.onset_rule.rearm_frames + 20, whole + 10, before + 3, 4 * whole)
+        recordings = random_recordings(model.config, lengths, seed)
+    return export_c(model, folder, recordings=recordings)
+
+
+@examples(3, 400)
+@given(configurations(), st.integers(1, 99))
+def test_random_models_decide_as_the_golden_one(tmp_path_factory, config, seed):
+    folder = tmp_path_factory.mktemp("c") / "exported"
+    count = exported(config, seed, folder)["decisions"]
+    assert verdict(folder, *SANITIZED) == f"{count} decisions compared, 0 different\n"
+
+
+@pytest.mark.parametrize("config", [IMAGES, RING], ids=["image", "ring"])
+def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path):
+    count = exported(config, 3, tmp_path / "c")["decisions"]
+    assert count > 3
+    assert verdict(tmp_path / "c", *SANITIZED) == f"{count} decisions compared, 0 different\n"
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("if (s->in_hop == 4)", "if (s->in_hop == 5)"),
+        ("second = v[best];", "second = v[c];"),
+        ("~(~v >> n) : v >> n", "-(-v >> n) : v >> n"),
+    ],
+)
+def test_the_comparison_finds_a_bug_in_the_c(right, wrong, tmp_path):
+    exported(RING, 3, tmp_path / "c")
+    source = tmp_path / "c" / plain_c.SOURCE
+    text = source.read_text()
+    assert right in text
+    source.write_text(text.replace(right, wrong))
+    assert " 0 different" not in verdict(tmp_path / "c", "gcc", "-std=c99", "-O1")
+
+
+def clang() -> None:
+    pytest.importorskip("ziglang", reason="ziglang (extra soc) is not installed")
+
+
+@pytest.mark.parametrize("config", [IMAGES, RING], ids=["image", "ring"])
+def test_clang_agrees(config, tmp_path):
+    clang()
+    count = exported(config, 4, tmp_path / "c")["decisions"]
+    command = (
+        sys.executable,
+        "-m",
+        "ziglang",
+        "cc",
+        *GCC[1:],
+        "-fsanitize=undefined",
+        "-fno-sanitize-recover=all",
+    )
+    assert verdict(tmp_path / "c", *command) == f"{count} decisions compared, 0 different\n"
+
+
+@pytest.mark.parametrize("core", compiled.CORES)
+def test_a_microcontroller_decides_the_same_and_its_instructions_are_counted(core, tmp_path):
+    clang()
+    pytest.importorskip("unicorn", reason="unicorn is not installed")
+    model = model_of(RING, 5)
+    recordings = random_recordings(model.config, (150, 60), 5)
+    export_c(model, tmp_path / "c")
+    result = emulated.play(model, recordings, core, tmp_path / "c")
+    assert result["different"] == 0 and result["decisions"] > 5
+    assert 100 < result["instructions"]["frame"] < result["instructions"]["step"] < 100_000
+    sizes = compiled.sizes(tmp_path / "c", core, image=False)
+    assert (
+        sizes["tables"] >= plain_c.table_bytes(model) and 500 < sizes["code"] < 6000 and sizes["state"] > 100
+    )
+
+
+def test_sizes_are_those_of_the_tables(tmp_path):
+    model = model_of(RING.replace(fault_frames=0), 1)
+    result = export_c(model, tmp_path / "c")
+    weights = sum(array.size for name, array in model.arrays.items() if name[0] in "WUV")
+    biases = sum(array.size for name, array in model.arrays.items() if name[0] == "b")
+    halves = 2 * (model.config.formats.table_entries // 2 + 1)
+    # the window lengths' constants: mean 4, scale 2, shift 1 bytes; an index a window; a mask a taxel
+    lengths = len(model.config.window_lengths)
+    assert result["table_bytes"] == weights + 2 * biases + 2 * halves + 7 * lengths + 9 + 5
+    header = (tmp_path / "c" / plain_c.HEADER).read_text()
+    assert f"Tables: {result['table_bytes']} bytes" in header
+    assert json.dumps(result["products"]["most"]) in header
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("kind", MODELS)
+@pytest.mark.parametrize("name", ["pvdf", "fabric", "biotac", "synthetic"])
+def test_all_recordings_decide_the_same(name, kind, shared_data, tmp_path):
+    archive = next(shared_data.glob(f"{name}*/recordings.npz"), name)
+    recordings = load_recordings(str(archive))
+    result = differences(model_on(front_end(name, recordings), kind), recordings, tmp_path / "c")
+    assert result["different"] == 0 and result["decisions"] > 20 * 200, result
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_all_images_decide_the_same(shared_data, tmp_path):
+    images = load_recordings(str(shared_data / "tactile_images" / "recordings.npz"))
+    layers = (*NETWORKS["tactnet"], f"dense {len(images.class_names)}")
+    config = AcceleratorConfig.of_image(*images.image_shape, layers, images.class_names)
+    result = differences(model_of(config, 1), images, tmp_path / "c")
+    assert result == {"recordings": 876, "decisions": 876, "different": 0}
+
+
+def test_a_folder_with_other_files_stays(tmp_path):
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "mine").write_text("keep")
+    with pytest.raises(InputError, match="with other files"):
+        export_c(model_of(RING, 1), tmp_path / "c")
+    assert [path.name for path in (tmp_path / "c").iterdir()] == ["mine"]
+
+
+def test_class_names_are_c_strings():
+    assert plain_c.c_string('a"\\?é') == '"a\\042\\134\\077\\303\\251"'
+    assert np.all([byte < 128 for byte in plain_c.c_string("ä/*").encode()])

@@ -1,0 +1,87 @@
+"""What the tools of others say of the generated folder: Verilator's lint, slang, FuseSoC."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+
+import pyslang
+import pytest
+
+from eskin.cosim.runner import verilator_command
+from eskin.golden.core.config import PRESETS
+from eskin.golden.model.model import random_integer_model
+from eskin.rtl.fpga.export import WAIVER
+from eskin.verbs.generate_job import generate_design
+from tests.support.image_scenes import random_image_model
+from tests.test_matrix import IMAGES, KINDS, TOUCHES
+
+DESIGNS = {
+    "linear": ("linear", {}),
+    "lstm behind Wishbone": ("lstm", {"bus": "wishbone"}),
+    "image behind APB": ("image", {"bus": "apb"}),
+    "serial behind AXI4-Lite": ("serial", {"bus": "axi4lite"}),
+    "rom with AXI streams": ("rom", {"axis": True}),
+    "behind a converter": ("converter", {}),
+    "thesis": ("thesis", {}),
+}
+
+
+def model_of(kind):
+    if kind == "image":
+        return random_image_model(IMAGES, 1)
+    return random_integer_model(PRESETS["thesis"] if kind == "thesis" else TOUCHES.replace(**KINDS[kind]), 1)
+
+
+def linted(folder, *waiver):
+    """Rules of Verilator's warnings and errors."""
+    verilator, environment = verilator_command()
+    call = [verilator, "--lint-only", "-Wall", *waiver, "-f", "filelist.f"]
+    done = subprocess.run(
+        call, cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False
+    )
+    rules = set(re.findall(r"^%(?:Warning|Error)-?(\w*): \S+\.sv", done.stderr, re.MULTILINE))
+    assert rules or done.returncode == 0, done.stderr
+    return rules
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_lint_is_clean_and_slang_reads_it(design, tmp_path):
+    kind, system = DESIGNS[design]
+    folder = generate_design(model_of(kind), tmp_path / "design", **system)
+    assert linted(folder, "waiver.vlt") == set()
+    waived = set(re.findall(r"-rule (\w+)", WAIVER.read_text()))
+    if kind != "image":
+        assert linted(folder) == waived  # nothing is waived that is not there
+    compilation = pyslang.ast.Compilation()
+    for name in (folder / "filelist.f").read_text().split():
+        compilation.addSyntaxTree(pyslang.syntax.SyntaxTree.fromFile(str(folder / name)))
+    assert len(compilation.getRoot().topInstances) == 1
+    assert [str(said.code) for said in compilation.getAllDiagnostics() if said.isError()] == []
+
+
+@pytest.fixture(scope="module")
+def fusesoc(tmp_path_factory):
+    """``fusesoc(target)`` runs it in FuseSoC on a small design."""
+    folder = tmp_path_factory.mktemp("fusesoc")
+    generate_design(model_of("linear"), folder / "cores" / "eskin")
+    (folder / "fusesoc.conf").write_text("[main]\n")
+    verilator, environment = verilator_command()
+    environment |= {"PATH": f"{verilator.parent}:{environment['PATH']}", "HOME": str(folder)}
+
+    def run(target):
+        call = [sys.executable, "-m", "fusesoc.main", "--config", "fusesoc.conf", "--cores-root", "cores"]
+        call += ["run", "--target", target, "eskin:ip:accelerator"]
+        done = subprocess.run(
+            call, cwd=folder, env=environment, capture_output=True, text=True, timeout=120, check=False
+        )
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout + done.stderr
+
+    return run
+
+
+def test_fusesoc_lints_it_and_plays_the_testbench(fusesoc):
+    assert "%Warning" not in fusesoc("lint")
+    assert "PASSED: " in fusesoc("sim")
