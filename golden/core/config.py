@@ -304,6 +304,12 @@ class AcceleratorConfig:
                 "taught",
                 f"is {rule.taught} for each of {self.classes} classes; {MOST_TAUGHT} places in all are there",
             )
+        if not self.hardware.loadable:
+            yield (
+                "loadable",
+                "is false, and the memory of prototypes is one that the host fills; set it true, or quantise without "
+                "--readout",
+            )
         places = self.classes * (rule.prototypes + rule.taught) + 1
         if self.windows.steps * places * self.trajectory_width + self.classes > 1 << 16:
             yield (

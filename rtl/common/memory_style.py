@@ -66,8 +66,7 @@ def lanes_in_large_memories(config: AcceleratorConfig, platform: str | None, wor
 
 def prototypes_memory(config: AcceleratorConfig, platform: str | None, words: int) -> dict[str, int | str]:
     """Attributes of the memory of prototypes, which has one port: a large memory where there is one."""
-    dsp, host = config.hardware.lane_type == "dsp", config.hardware.loadable
-    large = platform == SMALL_FAMILY and dsp and host and words <= LARGE_WORDS
+    large = platform == SMALL_FAMILY and config.hardware.lane_type == "dsp" and words <= LARGE_WORDS
     return NO_COLLISION | {"ram_style": "huge" if large else "block"}
 
 

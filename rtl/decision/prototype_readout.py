@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
@@ -26,11 +24,6 @@ class PrototypeReadout(wiring.Component):
     one before ended and a single counter addresses all of a touch. With places for taught touches the first
     place of each step is the touch's own: it is written there as it comes. Teaching goes through the memory
     once and copies it, while no touch is open.
-
-    Parameters
-    ----------
-    image:
-        Words of the memory in a ROM design.
 
     Members
     -------
@@ -64,8 +57,8 @@ class PrototypeReadout(wiring.Component):
         Places that hold a taught touch.
     """
 
-    def __init__(self, config: AcceleratorConfig, image: Sequence[int] = ()) -> None:
-        self._config, self._image = config, list(image)
+    def __init__(self, config: AcceleratorConfig) -> None:
+        self._config = config
         self._teaches = config.readout_rule.taught > 0
         score = shape_of(config.score_format)
         commands = {"teach": In(1), "forget": In(1), "label": In(7), "option": In(1), "locked": In(1)}
@@ -126,14 +119,10 @@ class PrototypeReadout(wiring.Component):
         codes = Signal(width * bits)  # the next one lowest
         reading, comparing, from_memory = Signal(), Signal(), Signal()
         m.submodules.places = memory = Memory(
-            shape=unsigned(bits),
-            depth=words,
-            init=self._image[:words],
-            attrs=prototypes_memory(config, platform, words),
+            shape=unsigned(bits), depth=words, init=[], attrs=prototypes_memory(config, platform, words)
         )
         read, write = memory.read_port(), memory.write_port()
         loads = self.load.enable & self.load.select[load_lines(config)[Loaded.PROTOTYPES]]
-        loads &= int(config.hardware.loadable)
         written, at = Signal(), Signal(range(words))
         target = Signal()  # of a pass that teaches, the place under way
         m.d.comb += [
@@ -263,12 +252,9 @@ class PrototypeReadout(wiring.Component):
         """Commands, and the numbers of touches taught; high where a pass begins."""
         config, rule = self._config, self._config.readout_rule
         words, taught = prototype_words(config), rule.taught
-        begin = [*self._image[words:], *[0] * config.classes][: config.classes]
-        counts = Array(
-            Signal(range(2 * taught), name=f"count_{k}", init=count) for k, count in enumerate(begin)
-        )
+        counts = Array(Signal(range(2 * taught), name=f"count_{k}") for k in range(config.classes))
         chosen, whole, following = Signal(range(config.classes)), Signal(), Signal()
-        in_use = Signal(range(config.classes * taught + 1), init=sum(min(count, taught) for count in begin))
+        in_use = Signal(range(config.classes * taught + 1))
         complete = address == words
         known = self.label < config.classes
         free = ~self.locked & self.idle
@@ -311,11 +297,10 @@ class PrototypeReadout(wiring.Component):
             with m.Else():
                 of_class = counts[self.label]
                 m.d.sync += [in_use.eq(in_use - used(of_class)), of_class.eq(0)]
-        if config.hardware.loadable:
-            number = (self.load.address - words)[: max(1, len(label))]
-            with m.If(loads & (self.load.address >= words)):
-                m.d.sync += [
-                    counts[number].eq(self.load.data),
-                    in_use.eq(Mux(number == 0, 0, in_use) + used(self.load.data[: len(taught_before)])),
-                ]
+        number = (self.load.address - words)[: max(1, len(label))]
+        with m.If(loads & (self.load.address >= words)):
+            m.d.sync += [
+                counts[number].eq(self.load.data),
+                in_use.eq(Mux(number == 0, 0, in_use) + used(self.load.data[: len(taught_before)])),
+            ]
         return pass_begins

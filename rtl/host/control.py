@@ -178,7 +178,7 @@ class HostControl(wiring.Component):
             *(getattr(self, name).eq(getattr(state, name)) for name in ("finish", "busy", "due")),
             loader.data.eq(bus.w_data),
             loader.written.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),
-            loader.locked.eq(touch | (~self.decider_idle if config.readout_rule.taught else 0)),
+            loader.locked.eq(touch | ~self.decider_idle if config.readout_rule.taught else touch),
             cycles.measure.eq(measure),
             cycles.clear.eq(self.clear),
             cycles.anew.eq(measured),

@@ -215,9 +215,8 @@ class Accelerator(wiring.Component):
     ) -> PrototypeReadout:
         """Prototypes in place of logits, wired to what they compare and to who decides."""
         config = self._config
-        image = (self._images or {}).get(Memory.PROTOTYPES, [])
         vector = engine.state if config.recurrent else engine.logit
-        m.submodules.readout = readout = PrototypeReadout(config, image)
+        m.submodules.readout = readout = PrototypeReadout(config)
         m.d.comb += [
             readout.vector.valid.eq(vector.valid),
             readout.vector.value.eq(vector.value),

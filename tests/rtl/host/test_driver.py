@@ -15,9 +15,13 @@ from eskin.golden.core.config import PRESETS
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
+from eskin.golden.model.prototypes import forget, taught_in_use
+from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import Event, Fault, Register
+from tests.golden.model.test_prototypes import taught_model
+from tests.support.touch_scenes import scene
 
 CONFIG = PRESETS["thesis"].replace(
     taxels=5,
@@ -209,3 +213,35 @@ def test_registers_are_as_the_files_describe_them(design):
             board("clear_faults")
             assert board.read(None, offset) == 0
             assert board("faults") == (Fault.ADDRESS if offset < 0x100 else 0), hex(offset)
+
+
+def test_touches_are_taught_and_forgotten_through_the_driver(tmp_path):
+    model = forget(taught_model("gru"))
+    board = Board(generate(model.config, model.arrays, tmp_path / "design", bus="wishbone"))
+    board("load", board.load, len(board.load))
+    stream, recordings = Stream(model), scene(12, seed=6)
+    seen = []
+    for index in range(2, 12):
+        stream.arm()
+        if index == 4:
+            board("teach", 2, 1)
+            stream.teach(2, following=True)
+        samples = recordings.recording(index)
+        expected = [*stream.push(samples), *stream.finish()]
+        words = [decision_word(model.config, decision.row()) for decision in expected]
+        assert board.play(samples) == words
+        seen += words
+        label = index % 3
+        if index == 9:
+            board("forget", label, 0)
+            stream.forget(label)
+        else:
+            board("teach", label, 0)
+            stream.teach(label)
+        while board("busy"):
+            pass
+        assert board("taught") == taught_in_use(stream.model).sum() and not board("teaching_refused")
+    board("teach", 3, 0)  # no such class
+    assert board("teaching_refused") and len(seen) > 60
+    board("forget", 0, 1)
+    assert board("taught") == 0
