@@ -418,6 +418,7 @@ module harness #(
                 sink_gap = gap(random[15:0]);
                 o_ready <= sink_gap == 0;
             end
+            if (cycle % 16384 == 0) $fflush(frame_file);  // progress is read off its size
             if (idle_cycles > watchdog) begin
                 stuck = 1;
                 simulated = cycle;

@@ -17,6 +17,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eskin.estimator import Estimator, probabilities
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.core.jobs import Record
@@ -64,7 +65,7 @@ class ClassNames(np.ndarray):
         return np.append(np.asarray(self), NO_CLASS)[index]
 
 
-class Model:
+class Model(Estimator):
     """A network that names touches, in integers as the hardware computes, and in real numbers as it was
     trained.
 
@@ -90,6 +91,8 @@ class Model:
         For `fit`: folds of the cross-validation, 0 for none.
     seed : int
         For `fit`: of the model that is kept.
+    sample_rate_hz : float or None
+        For `fit`: frames a second of lists of arrays; None: the configuration's, where one is given.
 
     Attributes
     ----------
@@ -119,17 +122,37 @@ class Model:
         groups: Sequence[str] | str | None = None,
         folds: int = 5,
         seed: int = 0,
+        sample_rate_hz: float | None = None,
     ) -> None:
+        self._keep(
+            config=config,
+            cell=cell,
+            hidden=hidden,
+            groups=groups,
+            folds=folds,
+            seed=seed,
+            sample_rate_hz=sample_rate_hz,
+        )
+        self._integer: IntegerModel | None = None
+        self._real: FloatModel | None = None
+        self.training_: Record = {}
+
+    def _configure(self) -> None:
+        given = self._parameters
+        config, groups = given["config"], given["groups"]
         self._asked = (
             config
             if config is None or isinstance(config, AcceleratorConfig)
             else AcceleratorConfig.load(config)
         )
         group = [groups] if isinstance(groups, str) else groups
-        self._options: Record = {"cell": cell, "hidden": hidden, "group": group, "folds": folds, "seed": seed}
-        self._integer: IntegerModel | None = None
-        self._real: FloatModel | None = None
-        self.training_: Record = {}
+        self._options: Record = {"group": group} | {
+            name: given[name] for name in ("cell", "hidden", "folds", "seed")
+        }
+
+    def __sklearn_is_fitted__(self) -> bool:
+        """Is there a network?"""
+        return self._integer is not None or self._real is not None
 
     # ------------------------------------------------------------------ where models come from and go to
     @classmethod
@@ -162,26 +185,31 @@ class Model:
 
     def fit(
         self,
-        recordings: str | Path | Recordings | Sequence[ArrayLike],
+        recordings: str | Path | Recordings | Sequence[ArrayLike] | Any,
         labels: ArrayLike | None = None,
         *,
         sample_rate_hz: float | None = None,
         progress: Progress | None = None,
+        callback: Callable[[int, dict[str, float]], None] | None = None,
     ) -> Model:
         """Choose what was not asked for, cross-validate, train on all recordings, and make integers of it;
         needs the extra ``train``.
 
         Parameters
         ----------
-        recordings : Recordings, str, path, or list of arrays
-            What ``--data`` takes, loaded or by its name; or arrays (frames, taxels) of codes, then with the
-            next two.
-        labels : array of int
-            Of a list of arrays: the class of each.
+        recordings : Recordings, str, path, DataFrame, or list of arrays
+            What ``--data`` takes, loaded or by its name; one long table, whose labels are the classes then; or
+            arrays (frames, taxels) of codes, then with the next two.
+        labels : array of int or str
+            Of a list of arrays: the class of each, by index or by name.
         sample_rate_hz : float
-            Of a list of arrays: frames a second.
+            Of a list of arrays: frames a second; None: the model's parameter, or its configuration's.
         progress : callable
             Called with (what, done, total).
+        callback : callable
+            Called with (epoch, figures) while the network that is kept is trained: figures is {"loss": ...} at
+            each epoch of a recurrent cell, and of every cell at the end {"accuracy": ...} on what it was trained
+            on. What it raises ends the training.
 
         Returns
         -------
@@ -196,22 +224,41 @@ class Model:
         from eskin.golden.training.choose_network import train_chosen
         from eskin.golden.training.quantise import quantise
 
-        if isinstance(recordings, str | Path):
+        if isinstance(recordings, str | Path) or type(recordings).__name__ == "DataFrame":
             recordings = load_recordings(recordings, config=self._asked)
         elif not isinstance(recordings, Recordings):
-            if labels is None or sample_rate_hz is None:
-                raise InputError(
-                    "fit: arrays say neither their classes nor their rate; give labels and sample_rate_hz, "
-                    "or Recordings"
-                )
-            recordings = Recordings.of(recordings, labels, sample_rate_hz=sample_rate_hz)
+            recordings = self._of_arrays(recordings, labels, sample_rate_hz)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
-            train_chosen(recordings, self._asked, out=folder, progress=progress, **self._options)
+            train_chosen(
+                recordings, self._asked, out=folder, progress=progress, callback=callback, **self._options
+            )
             quantise(folder)
             fitted = Model.load(folder)
         self._integer, self._real, self.training_ = fitted._integer, fitted._real, fitted.training_
         return self
+
+    def _of_arrays(
+        self, arrays: Sequence[ArrayLike], labels: ArrayLike | None, sample_rate_hz: float | None
+    ) -> Recordings:
+        """Arrays as recordings; classes are those of the configuration that was asked for, or the labels."""
+        rate = sample_rate_hz if sample_rate_hz is not None else self._parameters["sample_rate_hz"]
+        names: Sequence[str] | None = None
+        if self._asked is not None:
+            rate, names = rate or self._asked.sensor.sample_rate_hz, self._asked.network.class_names
+        if labels is None or rate is None:
+            raise InputError(
+                "fit: arrays say neither their classes nor their rate; give labels and sample_rate_hz, "
+                "or Recordings"
+            )
+        labels = array_of(labels, "labels")
+        if labels.dtype.kind in "OUT" and all(isinstance(label, str) for label in labels.ravel().tolist()):
+            names = names or sorted(set(labels.ravel().tolist()))
+            place = {name: index for index, name in enumerate(names)}
+            if unknown := sorted(set(labels.ravel().tolist()) - set(place)):
+                raise InputError(f"fit: label {unknown[0]!r} is no class; there are {', '.join(names)}")
+            labels = np.array([place[label] for label in labels.ravel().tolist()]).reshape(labels.shape)
+        return Recordings.of(arrays, labels, sample_rate_hz=rate, class_names=names)
 
     # ------------------------------------------------------------------ what there is
     @property
@@ -309,6 +356,18 @@ class Model:
         decided = trace.decision >= 0
         scores_of_decisions[decided] = scores[trace.first[decided]]
         return scores_of_decisions
+
+    def predict_proba(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
+        """Shares of the classes: exp of `decision_function` over the sum of all, or the shares of the votes where
+        steps vote. Nobody calibrated them: 0.9 does not mean right nine times in ten.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64 (recordings, classes); rows add up to 1, equal shares where `predict` says -1.
+        """
+        votes = not self.config.is_image and self.config.network.decision == "vote"
+        return probabilities(self.decision_function(frames, integer=integer), votes=votes)
 
     def margin(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
         """Largest minus second largest of `decision_function`, float64 (recordings); NaN where `predict` says

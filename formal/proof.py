@@ -251,8 +251,8 @@ def opened_up(block: wiring.Component, name: str = "dut", reset: Signal | None =
             and isinstance(local.get("self"), wiring.Component)
             and frame.f_globals["__name__"].startswith("eskin.rtl.")
         ):
-            found = names.setdefault(type(local["self"]).__name__, {})
-            found |= {key: value for key, value in local.items() if key != "self"}
+            values = names.setdefault(type(local["self"]).__name__, {})
+            values |= {key: value for key, value in local.items() if key != "self"}
 
     sys.setprofile(look)
     try:

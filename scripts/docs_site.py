@@ -27,7 +27,7 @@ CODE = ("golden", "rtl", "cosim", "eskin", "scripts")
 ORDER = {
     "": "index",
     "Use": "quick_start report recordings images python configuration front_end features linear widths enrolment "
-    "boards live_view interface system",
+    "boards live_view interface system other_tools",
     "Judge": "results baselines robustness energy verification long_jobs skipped_work",
     "Change": "where specification changing area glossary",
 }

@@ -143,7 +143,12 @@ def wrong(command: str) -> list[str]:
     if not words:
         return []
     if words[0] == "make":
-        targets = set(re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)[1].split())
+        folder = ROOT
+        if words[1:2] == ["-C"]:
+            folder, words = ROOT / words[2], words[2:]
+        targets = set(
+            re.search(r"^\.PHONY: (.*)$", (folder / "Makefile").read_text(), re.MULTILINE)[1].split()
+        )
         return [word for word in words[1:] if "=" not in word and word not in targets]
     if Path(words[0]).name != "eskin" or len(words) == 1 or words[1] in ("VERB", "--version", "--help"):
         return []

@@ -52,6 +52,7 @@ TORCH_MODULES = {
         "training.enrol",
         "training.quantise",
         "training.import_network",
+        "training.import_onnx",
         "training.torch_files",
         "baselines.simple",
         "baselines.tiles",

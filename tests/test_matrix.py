@@ -90,6 +90,8 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
     "generate --streams": ("generate {model} --bus apb --fifo 4 --streams axis --out {out}/design", ()),
     "export --to c": ("export {model} --to c --out {out}/c", ("linear", "image")),
+    "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "image")),
+    "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
     "schedule": ("schedule {model} --out {out}", ("serial", "image")),
     "schedule --table": ("schedule {model} --table", ("linear", "image")),
     "schedule --complexity": ("schedule {model} --complexity --out {out}", ("image",)),
@@ -163,7 +165,10 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         tuple(kind for kind in KINDS if kind not in ("prototypes", "image")),
         "field readout: is 'dense', which is trained and not taught",
     ),
+    (("export --to onnx",), ("image",), "is a network for images, which export --to onnx does not take"),
+    (("export --to onnx",), ("prototypes",), "field readout: is 'prototypes', which ONNX does not have"),
     (("export --to c",), ("prototypes",), "field readout: is 'prototypes', which C does not have"),
+    (("import onnx",), ("prototypes", "image"), "--config: is missing"),
     (("enrol",), ("prototypes",), "field readout: is 'prototypes', which weights trained on would not fit"),
     (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
     (
@@ -309,6 +314,14 @@ class Case:
 
     def weights(self) -> Path:
         return weights_of(self.configuration, self.out / "weights")
+
+    def onnx(self) -> Path | str:
+        """An exported network; of an image's kind a torch one, which has no configuration in it."""
+        if self.kind in ("image", "prototypes"):
+            return weights_of(self.configuration, self.out / "weights")
+        assert call("export", f"{self.model()}", "--to", "onnx", "--out", f"{self.out}/net") == 0
+        shutil.rmtree(self.out / "trained")
+        return self.out / "net" / "model.onnx"
 
     def scale(self) -> str:
         return "--mean 0 --std 255" if self.kind == "image" else f"--data {self.data()}"

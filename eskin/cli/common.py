@@ -32,14 +32,34 @@ RESULTS = (".json", ".html", ".svg")
 again."""
 
 
+PANELS = {
+    "The whole job": ("run", "report"),
+    "Recordings": ("inspect", "convert", "watch"),
+    "Networks": (
+        "train",
+        "import_",
+        "enrol",
+        "quantise",
+        "evaluate",
+        "compare",
+        "sweep",
+        "baselines",
+        "leak_check",
+    ),
+    "Hardware": ("generate", "export", "cosim", "build", "replay", "asic", "schedule", "energy", "stability"),
+}
+"""Verbs as the help groups them."""
+
+
 class Application(typer.Typer):
     """Every verb refuses an output that would destroy one of its inputs, before it begins. What a verb
     returns is its result: written to --json, and a check of it that did not hold (``passed``) is status 1."""
 
     def command(self, *names: Any, **options: Any) -> Callable[..., Any]:
-        register = super().command(*names, **options)
-
         def add(verb: Callable[..., Any]) -> Any:
+            panel = next((panel for panel, verbs in PANELS.items() if verb.__name__ in verbs), None)
+            register = super(Application, self).command(*names, rich_help_panel=panel, **options)
+
             @functools.wraps(verb)
             def checked(**options: Any) -> Any:
                 check_outputs(verb.__name__, options)
@@ -174,7 +194,8 @@ def progress_bars() -> Iterator[Progress]:
     from rich.progress import Progress, TaskID
 
     if not messages.is_terminal:
-        yield Milestones(lambda line: print(line, file=sys.stderr, flush=True))
+        with Milestones(lambda line: print(line, file=sys.stderr, flush=True)).alive("at work") as told:
+            yield told
         return
     with Progress(console=messages, transient=True) as bars:
         tasks: dict[str, TaskID] = {}

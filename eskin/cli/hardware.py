@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from eskin.cli.common import (
     SEED_MAX,
@@ -91,22 +91,29 @@ def generate(
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
 
-@app.command(epilog="Example: eskin export model --to c --out controller")
+@app.command(
+    epilog="Example: eskin export model --to c --out controller, or eskin export model --to onnx --out net"
+)
 def export(
     model: ModelArgument,
-    to: Annotated[Literal["c"], option("c: the integer model as plain C99 for a microcontroller.")],
+    to: Annotated[
+        Literal["c", "onnx"],
+        option("c: the integer model as plain C99 for a microcontroller; onnx: the float network."),
+    ],
     out: Annotated[Path, option("The folder to write: new, or an earlier exported one, which is replaced.")],
     data: Annotated[
-        str | None, option("eskin_check.c plays these recordings; default: made-up ones.")
+        str | None, option("What eskin_check.c plays, or onnxruntime is compared on; default: made-up ones.")
     ] = None,
     json: JsonOption = None,
 ) -> Record:
     """Write a model in the words of other tools, with what checks it."""
-    from eskin.verbs.export_job import export_c
+    from eskin.golden.model.model import FloatModel
+    from eskin.verbs.export_job import export_c, export_onnx
 
-    integer = integer_model(model)
-    recordings = None if data is None else recordings_for(data, integer.config)
-    result = {"to": to} | export_c(integer, out, recordings=recordings)
+    exported: Any = integer_model(model) if to == "c" else FloatModel.load(model, images=True)
+    recordings = None if data is None else recordings_for(data, exported.config)
+    write = export_c if to == "c" else export_onnx
+    result: Record = {"to": to} | write(exported, out, recordings=recordings)
     show("export", **result)
     return result
 
@@ -153,7 +160,7 @@ def cosim(
     clock: Annotated[
         str | None,
         option(
-            "Clock of the declared pace; default: the configuration's. lowest: look for it.",
+            "Clock of --pace declared, the sensor's; default: the configuration's. lowest: look for it.",
             metavar="HZ|lowest",
         ),
     ] = None,

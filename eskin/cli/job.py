@@ -44,6 +44,7 @@ def run(
     test: Annotated[
         str | None, option("Recordings held back: judged once, shown apart.", metavar="HELD")
     ] = None,
+    name: Annotated[str | None, option("Title of the report; default: the data's name.")] = None,
 ) -> Record:
     """Do the main job: choose what was not asked for, train, quantise, evaluate, generate, co-simulate, and
     report, all in one folder."""
@@ -62,6 +63,7 @@ def run(
         hidden=hidden,
         seeds=seeds,
         test=test,
+        name=name,
         console=messages,
     )
     show_text(summary(out))

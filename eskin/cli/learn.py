@@ -37,6 +37,7 @@ from eskin.golden.core.files import check_target
 from eskin.golden.core.jobs import Record
 
 if TYPE_CHECKING:
+    from eskin.golden.core.config import AcceleratorConfig
     from eskin.golden.data.recordings import Recordings
 
 
@@ -340,15 +341,21 @@ def import_(
     file: Annotated[
         Path,
         argument(
-            "A torch state_dict (.pt, .pth), an .npz of Keras weights in get_weights() order; linear "
-            "cell: an .npz with coef_ and intercept_, columns window by window."
+            "A torch state_dict (.pt, .pth), an .npz of Keras weights in get_weights() order, an .onnx file; "
+            "linear cell: an .npz with coef_ and intercept_, columns window by window."
         ),
     ],
     out: ModelOut,
     config: Annotated[
-        str, option("A preset or a JSON file: the array, windows and classes of the network's training.")
-    ],
-    cell: Annotated[Cell | None, option("Its cell; default: the configuration's.")] = None,
+        str | None,
+        option(
+            "A preset or a JSON file: the array, windows and classes of the network's training. Of an .onnx file "
+            "by default its own, where eskin exported it, or derived from --data."
+        ),
+    ] = None,
+    cell: Annotated[
+        Cell | None, option("Its cell; default: the configuration's, of an .onnx file the file's.")
+    ] = None,
     reset: ResetOption = None,
     mean: Annotated[float | None, option("Codes taken off every window mean in its training.")] = None,
     std: Annotated[float | None, option("Codes that became 1 in its training.")] = None,
@@ -360,14 +367,21 @@ def import_(
     from eskin.golden.training.import_network import import_network
 
     check_model_target(out)
-    chosen = AcceleratorConfig.load(config)
+    recordings: Recordings | None = None
+    if config is not None:
+        chosen = AcceleratorConfig.load(config)
+    else:
+        chosen, recordings = _imported_config(file, data)
     for name, value in (("--cell", cell), ("--reset", reset), ("--data", data)) if chosen.is_image else ():
         if value is not None:
             raise InputError(
                 f"{name}: is for networks that read recordings, and configuration '{chosen.name}' is for "
                 "images; leave it out"
             )
-    recordings = None if data is None or mean is not None or std is not None else recordings_for(data, chosen)
+    if mean is not None or std is not None:
+        recordings = None
+    elif data is not None and recordings is None:
+        recordings = recordings_for(data, chosen)
     record = import_network(
         file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings
     )
@@ -376,6 +390,29 @@ def import_(
         for name in ("mean", "std")
     }
     show("import", **record, **scale, out=out, images=chosen.is_image)
+
+
+def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, Recordings | None]:
+    """Configuration for an .onnx file without --config, and the recordings it is derived from, if it is."""
+    from eskin.golden.training.derive import derive_config
+    from eskin.golden.training.import_network import ONNX_SUFFIX
+
+    if file.suffix != ONNX_SUFFIX:
+        raise InputError("--config: is missing; a file of weights does not say which array it is for")
+    from eskin.golden.training.import_onnx import configuration_of
+
+    kept = configuration_of(file)
+    if kept is not None:
+        return kept, None
+    if data is None:
+        raise InputError(
+            f"network '{file}': does not say which array it is for; give --config, or --data to derive one from"
+        )
+    recordings, _ = load_data(data)
+    chosen, reasons = derive_config(recordings)
+    for reason in reasons:
+        warn(f"configuration: {reason}")
+    return chosen, recordings
 
 
 @app.command(

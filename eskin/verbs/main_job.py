@@ -38,6 +38,7 @@ from eskin.golden.model.model import IntegerModel, load_training
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.model.vectors import write_vectors
 from eskin.golden.training import choose_network, doubts, evaluate, quantise, yardsticks
+from eskin.golden.training.choice_table import left_out, unseen
 from eskin.golden.training.choose_front_end import Plan, configure
 from eskin.golden.training.image_models import KEPT, chosen_config
 from eskin.golden.training.splits import split_folds
@@ -78,6 +79,7 @@ def run(
     hidden: int | None = None,
     seeds: int | None = None,
     test: str | None = None,
+    name: str | None = None,
     console: Console | None = None,
 ) -> Record:
     """Do the main job and put everything into ``out``.
@@ -104,6 +106,8 @@ def run(
     test:
         Recordings held back, as ``data``: the finished network is judged on them once, and nothing is chosen
         on them.
+    name:
+        What the report is called; None: as the data's file or folder.
     console:
         Where progress is shown; None: standard error.
 
@@ -126,7 +130,12 @@ def run(
     _check_out(out)
     user_config = AcceleratorConfig.load(config) if config else None
     begin = time.perf_counter()
-    with _bars(console or Console(stderr=True)) as stages:
+    console = console or Console(stderr=True)
+
+    def say(line: str) -> None:
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+
+    with _bars(console) as stages:
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=user_config)
             choose_network.check_units(cell, hidden)
@@ -148,7 +157,7 @@ def run(
             planned = plan.config if plan else user_config
             base = [loaded.content, planned and planned.to_dict(), seed, user_config is None, network]
         with _Work(out) as work:
-            steps = _Steps(loaded, held, user_config, plan, network, seed, work, stages, base)
+            steps = _Steps(loaded, held, user_config, plan, network, seed, work, stages, base, say, name)
             result = work.folder / "result"
             record = steps.all(recordings, result, begin)
             with stages("report"):
@@ -201,6 +210,8 @@ class _Steps:
     work: _Work
     stages: Callable[[str], Any]
     base: list[Any]
+    say: Callable[[str], None]
+    name: str | None = None
     timings: list[Record] = dataclasses.field(default_factory=list)
 
     def stage(
@@ -231,6 +242,7 @@ class _Steps:
         evaluated = self.stage(
             "evaluation", GOLDEN, None, lambda folder, notify: self._evaluate(quantised, folder, notify)
         )
+        self.say(_accuracy(training, config.is_image))
         baselines = [] if config.is_image else self._baselines(training)
         tested = self._test(quantised)
         generated = self.stage(
@@ -259,12 +271,14 @@ class _Steps:
         outcomes = {name: _take_over(folder, result, name) for name, folder in folders.items()}
         if not config.is_image:
             outcomes.setdefault("cosim_lowest", None)
-        checks = _checks(json.loads((evaluated / "evaluate.json").read_text()), outcomes)
+        judged = json.loads((evaluated / "evaluate.json").read_text())
+        checks = _checks(judged, outcomes)
         record = {
+            "name": self.name,
             "data": self._data(),
             "configuration": {"name": config.name, "reasons": training.get("reasons", [])},
             "baselines": baselines,
-            "warnings": self._warnings(training, baselines, tested),
+            "warnings": self._warnings(training, baselines, tested, judged),
             "test": tested,
             "cosimulated": [int(number) for number in numbers],
             "checks": checks,
@@ -293,7 +307,9 @@ class _Steps:
         lowest that meets every budget."""
         few = self._few(numbers, self.config.hardware.clock_hz)
         declared = simulate(
-            "declared pace", *few, lambda *where, **options: flow.cosim(*where, pace="declared", **options)
+            "pace of the sensor",
+            *few,
+            lambda *where, **options: flow.cosim(*where, pace="declared", **options),
         )
         outcome = _outcome(declared)
         if not (full["bit_exact"] and outcome["bit_exact"]):
@@ -306,9 +322,12 @@ class _Steps:
         return {"cosim_declared": declared, "cosim_lowest": lowest}
 
     def _baselines(self, training: Record) -> list[Record]:
-        """Those of the training and the yardsticks."""
+        """Those of the training and other classifiers on the same folds."""
         measured = self.stage(
-            "yardsticks", GOLDEN, None, lambda folder, notify: self._yardsticks(training, folder, notify)
+            "other classifiers",
+            GOLDEN,
+            None,
+            lambda folder, notify: self._yardsticks(training, folder, notify),
         )
         return training.get("baselines", []) + json.loads((measured / "yardsticks.json").read_text())
 
@@ -365,18 +384,23 @@ class _Steps:
                 quantised / "model", self.held
             )
 
-    def _warnings(self, training: Record, baselines: list[Record], tested: Record | None) -> list[str]:
+    def _warnings(
+        self, training: Record, baselines: list[Record], tested: Record | None, evaluated: Record
+    ) -> list[str]:
         """Those of the training, those that the yardsticks bring, and those of the recordings held back."""
         sentences, things = list(training.get("warnings", [])), "recordings"
         if self.config.is_image:
             things = "images"
         else:
             first, chosen = training["cross_validation"][0], training.get("candidates") is not None
-            behind = doubts.below_baselines(first, baselines, chosen=chosen)
+            network: Record = {"cell": self.config.network.cell, "hidden": self.config.network.hidden}
+            behind = doubts.below_baselines(first, baselines, chosen=chosen, **network)
             # the best of all baselines speaks for the split; a sentence of the training is of one that is no
             # better
             weaker = (
-                doubts.below_baselines(first, training.get("baselines", []), chosen=chosen) if behind else []
+                doubts.below_baselines(first, training.get("baselines", []), chosen=chosen, **network)
+                if behind
+                else []
             )
             sentences = behind + [sentence for sentence in sentences if sentence not in weaker]
         if tested and tested["seen_in_training"]:
@@ -385,7 +409,7 @@ class _Steps:
                 "training data too, so their "
                 f"figure says little: give --test {things} that are not in --data"
             )
-        return sentences
+        return sentences + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
     def _generate(self, model: IntegerModel, folder: Path) -> None:
         """Verilog with a testbench that plays the drawn recording, and that recording's stages for the
@@ -489,6 +513,7 @@ class _Steps:
             "recordings": len(recordings),
             "frames": recordings.frames,
             "taxels": recordings.taxels,
+            "unit": recordings.unit or ("" if recordings.volt_per_code else "V"),
             "sample_rate_hz": recordings.sample_rate_hz,
             "sha256": self.base[0],
             "classes": {
@@ -509,6 +534,14 @@ def _lowest_clock(*where: Path, **options: Any) -> Record | None:
         return flow.lowest_clock(*where, **options)[1]
     except flow.NoClock:
         return None
+
+
+def _accuracy(training: Record, images: bool) -> str:
+    """The figure that the report begins with, as soon as it is there."""
+    split = unseen(training["cross_validation"][0])
+    things = "images left out" if images else f"leaving out {left_out(split['groups'])}"
+    figures = f"integer {percent(split['integer_accuracy'])}, float {percent(split['float_accuracy'])}"
+    return f"accuracy, {things}: {figures}"
 
 
 def _outcome(folder: Path) -> Any:
@@ -657,7 +690,8 @@ def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
             time.perf_counter(),
             Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True)),
         )
-        yield lambda task, done, total: milestones(f"{name}, {task}", done, total)
+        with milestones.alive(name):
+            yield lambda task, done, total: milestones(f"{name}, {task}", done, total)
         milestones.say(f"{name}: done in {time.perf_counter() - begin:.1f} s")
 
     if not console.is_terminal:

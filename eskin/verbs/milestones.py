@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
-MILESTONE_S = 30.0
+MILESTONE_S = 10.0
 """Seconds between two of them."""
 
 
@@ -22,12 +24,36 @@ class Milestones:
 
     def __init__(self, write: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> None:
         self._write, self._clock = write, clock
-        self._said = clock()
+        self._said = self._begun = clock()
+        self._last = ""
 
     def __call__(self, task: str, done: int, total: int) -> None:
         """``done`` of ``total`` of something are there."""
+        self._last = f"{task}: {done} of {total}"
         if self._clock() - self._said >= MILESTONE_S:
-            self.say(f"{task}: {done} of {total}")
+            self.say(self._last)
+
+    def beat(self, name: str) -> None:
+        """A line where none was said for so long: ``name`` is what is done where no count was told."""
+        if self._clock() - self._said >= MILESTONE_S:
+            self.say(f"{self._last or name}, {self._clock() - self._begun:.0f} s so far")
+
+    @contextmanager
+    def alive(self, name: str) -> Iterator[Milestones]:
+        """Beats while the block runs, whatever it does."""
+        ended = threading.Event()
+
+        def beats() -> None:
+            while not ended.wait(MILESTONE_S / 4):
+                self.beat(name)
+
+        thread = threading.Thread(target=beats, daemon=True)
+        thread.start()
+        try:
+            yield self
+        finally:
+            ended.set()
+            thread.join()
 
     def say(self, line: str) -> None:
         """A line now."""

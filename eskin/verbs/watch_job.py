@@ -157,12 +157,12 @@ def watch(
     grid = config.interface
     shape_told = (grid.rows, grid.columns) if grid.position else None
     if config.is_image:
-        for name, given, why in (
+        for name, value, why in (
             ("shape", shape, "an image has its own"),
             ("record", record, "images are in an archive already"),
         ):
-            if given:
-                raise InputError(f"--{name} {given}: is for recordings; {why}: leave it out")
+            if value:
+                raise InputError(f"--{name} {value}: is for recordings; {why}: leave it out")
         shape_told = (config.image.height, config.image.width)
     rows, columns = (
         asked_shape(shape, config.sensor.taxels)
@@ -176,8 +176,10 @@ def watch(
         try:
             with opened_source(model, recordings, port=port, baud=baud, simulate=simulate) as source:
                 drawn = {"shape": [rows, columns], "guessed": shape is None and shape_told is None}
-                told = hello(config, recordings, numbers, source=source.kind, **drawn)
-                hub = Hub(told, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image)
+                greeting = hello(config, recordings, numbers, source=source.kind, **drawn)
+                hub = Hub(
+                    greeting, config.sensor.sample_rate_hz, config.sensor.taxels, thins=not config.is_image
+                )
                 apart_s = IMAGE_S if config.is_image else 0.0
                 ends = once or in_terminal
                 player = Player(

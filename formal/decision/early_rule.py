@@ -42,7 +42,7 @@ def three_in_a_row(m: Module) -> None:
     with m.If(dut.taken):
         m.d.sync += [good[0].eq(enough), best[0].eq(dut.best), good[1].eq(good[0]), best[1].eq(best[0])]
     with m.If(dut.ended):
-        m.d.sync += [one.eq(0) for one in good]
+        m.d.sync += [count.eq(0) for count in good]
     prove(dut.met == (enough & good[0] & good[1] & (dut.best == best[0]) & (best[0] == best[1])), "met")
     prove(~good[0] | (inside.before == best[0]), "the class before")
     prove(inside.agreed == Mux(good[0], Mux(good[1] & (best[0] == best[1]), 2, 1), 0), "decisions in a row")

@@ -71,11 +71,11 @@ def order(m: Module) -> None:
         Signal(range(width), name=name) for width, name in ((size, "at"), (2, "delayed"), (size, "target"))
     )
     limits = {limit: sequencer.code.limit(limit) for limit in Limit if limit != Limit.STEPS}
-    kinds = [int(one.op) for one in code]
+    kinds = [int(instruction.op) for instruction in code]
     counter, steps = Signal.like(sequencer.index, name="loop"), Signal.like(sequencer.step, name="steps")
     goes_back, last_step = Signal(name="goes_back"), steps == CONFIG.windows.steps - 1
-    of_limit = table(m, [int(one.limit) for one in code], at, "limit")
-    back = table(m, [one.target for one in code], at, "target")
+    of_limit = table(m, [int(instruction.limit) for instruction in code], at, "limit")
+    back = table(m, [instruction.target for instruction in code], at, "target")
     is_jump = primed & (table(m, kinds, at, "op") == int(Op.JUMP))
     with m.Switch(of_limit):
         for limit, count in limits.items():
@@ -98,7 +98,7 @@ def order(m: Module) -> None:
     prove(
         (counter == sequencer.index) & (steps == sequencer.step) & (steps < CONFIG.windows.steps), "the loops"
     )
-    jumps = [number for number, one in enumerate(code) if one.op == Op.JUMP]
+    jumps = [number for number, instruction in enumerate(code) if instruction.op == Op.JUMP]
     sources = [number + 1 for number in jumps]
     where_from = table(
         m, [code[number - 1].target if number in sources else 0 for number in range(size)], at, "back_from"
@@ -114,21 +114,24 @@ def order(m: Module) -> None:
     prove(counter < max(limits.values()), "index")
 
     # ---- one writes the data memory at a time
-    idle = [one.op == Op.CONTROL and not (one.clear or one.wait or one.release) for one in code]
-    quiet = [
-        idles or (one.op == Op.STORE and one.kind == Kind.INDEX)
-        for idles, one in zip(idle, code, strict=True)
+    idle = [
+        instruction.op == Op.CONTROL and not (instruction.clear or instruction.wait or instruction.release)
+        for instruction in code
     ]
-    writes = [int(one.op == Op.STORE and bool(int(one.kind) & 2)) for one in code]
-    assert not any(writes[one.target] for one in code) and all(
+    quiet = [
+        idles or (instruction.op == Op.STORE and instruction.kind == Kind.INDEX)
+        for idles, instruction in zip(idle, code, strict=True)
+    ]
+    writes = [int(instruction.op == Op.STORE and bool(int(instruction.kind) & 2)) for instruction in code]
+    assert not any(writes[instruction.target] for instruction in code) and all(
         quiet[number - 1] for number in range(size) if writes[number]
     )
     prove(~(primed & table(m, writes, at, "writes")) | inside.stores_next, "announced")
     prove(~(inside.stores & taken), "a STORE and a sum never in one cycle")
 
     # ---- windows
-    (wait,) = (number for number, one in enumerate(code) if one.wait)
-    (release,) = (number for number, one in enumerate(code) if one.release)
+    (wait,) = (number for number, instruction in enumerate(code) if instruction.wait)
+    (release,) = (number for number, instruction in enumerate(code) if instruction.release)
     reading, held = Signal(name="reading_a_window"), Signal(range(3), name="held")
     m.d.comb += reading.eq(primed & (at > wait) & (at <= release))
     gone = primed & (at == release)

@@ -249,7 +249,7 @@ def _ranges(m: Module, config) -> None:
     accumulates = any(len(op.terms) > 1 for op in code.plan.program.elements)
     shared = code.plan.shared  # one lane for rows and elements
     # `valid` in the slot in which the product is added: the plain lane is told a slot before
-    valid, element_valid, told = (
+    valid, element_valid, issued = (
         word.valid,
         word.element_valid,
         [{}, *slots[:-1]] if code.plan.timing.early else slots,
@@ -261,10 +261,10 @@ def _ranges(m: Module, config) -> None:
         valid, element_valid = Signal(name="adds_row_product"), Signal(name="adds_element_product")
         with m.If(bench.enable):
             m.d.sync += [valid.eq(word.valid), element_valid.eq(word.element_valid)]
-        for one, name in ((valid, "valid"), (element_valid, "element_valid")):
-            prove(primed | ~one, "none before the first slot")
+        for flag, name in ((valid, "valid"), (element_valid, "element_valid")):
+            prove(primed | ~flag, "none before the first slot")
             prove(
-                ~primed | (one == bench.per_slot([slot.get(name, 0) for slot in told], name)),
+                ~primed | (flag == bench.per_slot([slot.get(name, 0) for slot in issued], name)),
                 "products are told a slot before",
             )
     if config.hardware.lane_type == "dsp":
@@ -286,7 +286,7 @@ def _ranges(m: Module, config) -> None:
     for _ in range(3):
         for number, slot in enumerate(slots):
             begun = slot.get("swap", 0) or (shared and slot.get("element_first", 0))
-            added = told[number].get("valid", 0) or (shared and told[number].get("element_valid", 0))
+            added = issued[number].get("valid", 0) or (shared and issued[number].get("element_valid", 0))
             after = (0 if begun else most[number]) + added
             for following in [number + 1] if number + 1 < len(slots) else [0, code.again]:
                 most[following] = max(most[following], after)

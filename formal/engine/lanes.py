@@ -56,8 +56,8 @@ def _told_early(m: Module, plain: PlainLane, inside, dsp: DspLane, beside) -> No
 def dsp_is_plain(m: Module) -> None:
     signature = lane_signature(**NARROW, load_with_operands=False)
     plain, dsp = PlainLane(signature), DspLane(signature)
-    one, other = opened_up(plain, "plain"), opened_up(dsp, "dsp")
-    _told_early(m, plain, one, dsp, other)
+    plain_inside, dsp_inside = opened_up(plain, "plain"), opened_up(dsp, "dsp")
+    _told_early(m, plain, plain_inside, dsp, dsp_inside)
     assume(~(dsp.swap & dsp.valid))
     prove(plain.acc == dsp.acc, "the same sum")
 
@@ -79,11 +79,11 @@ def dsp_is_plain(m: Module) -> None:
 def dsp_is_plain_single_products(m: Module) -> None:
     signature = lane_signature(**NARROW, load_with_operands=True, accumulates=False)
     plain, dsp = PlainLane(signature), DspLane(signature)
-    one, other = opened_up(plain, "plain"), opened_up(dsp, "dsp")
-    _told_early(m, plain, one, dsp, other)
+    plain_inside, dsp_inside = opened_up(plain, "plain"), opened_up(dsp, "dsp")
+    _told_early(m, plain, plain_inside, dsp, dsp_inside)
     assume(~dsp.swap | dsp.valid)  # without a gap they come in the same slot
     prove(plain.acc == dsp.acc, "the same sum")
-    prove(one.load == other.load, "the same load")
+    prove(plain_inside.load == dsp_inside.load, "the same load")
 
 
 def _no_overflow(m: Module, a_bits: int, b_bits: int, acc_bits: int, addend: int, terms: int) -> None:

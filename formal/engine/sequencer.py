@@ -105,13 +105,13 @@ def follows(
     prove(~primed | (inside.pc == Mux(slot == last, back, word + 1)), "the word to fetch")
     prove(~primed | (inside.count == table(m, program.count_of, slot, "count")), "the repetition")
     fields = [getattr(dut.word, name) for name in (*ADDRESSES, *CONTROLS)]
-    wanted, turns = [], [int(number == size - 3) for number in program.word_of]
-    for one in program.unrolled:
+    words, turns = [], [int(number == size - 3) for number in program.word_of]
+    for instruction in program.unrolled:
         whole, at = 0, 0
         for name, signal in zip((*ADDRESSES, *CONTROLS), fields, strict=True):
-            whole, at = whole | one[name] << at, at + len(signal)
-        wanted.append(whole)
-    prove(~primed | (Cat(fields) == table(m, wanted, slot, "fields")), "all fields of the slot")
+            whole, at = whole | instruction[name] << at, at + len(signal)
+        words.append(whole)
+    prove(~primed | (Cat(fields) == table(m, words, slot, "fields")), "all fields of the slot")
     repetitions = [max(0, repeat - 1) for repeat in repeats]
     prove(
         ~primed | (inside.field("repeat") == table(m, repetitions, slot, "repeat")),

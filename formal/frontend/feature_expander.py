@@ -28,7 +28,7 @@ TOUCH, RUNNING = EVEN.replace(**KINDS), FREE.replace(**KINDS)
 
 
 def _of_one_taxel(
-    m: Module, dut: FeatureExpander, config: AcceleratorConfig, at: SimpleNamespace, one: Signal
+    m: Module, dut: FeatureExpander, config: AcceleratorConfig, at: SimpleNamespace, taxel: Signal
 ) -> SimpleNamespace:
     """What the specification says of one taxel, with the deviation at the input in it: the sum of its block
     so far and that of the block before, and what the integral is made of."""
@@ -45,7 +45,7 @@ def _of_one_taxel(
     now.total = (
         Mux(begins, 0, total) + deviation if touch else now.hop_now + Mux(at.windows == 0, hop_before, total)
     )
-    mine, done = at.beat == one, at.beat > one  # of this frame: it is there, or gone
+    mine, done = at.beat == taxel, at.beat > taxel  # of this frame: it is there, or gone
     with m.If(at.taken & mine):
         m.d.sync += here.eq(now.here)
         with m.If(at.in_block == features.activity_block - 1):
@@ -120,9 +120,9 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
     deviation = ~dut.i.p.complement
     assume((deviation <= bound) & (deviation >= -bound))
     at = frames(m, config, dut.i, Const(1))
-    one = any_number(range(taxels), "one")
-    assume(one < taxels)
-    ref = _of_one_taxel(m, dut, config, at, one)
+    taxel = any_number(range(taxels), "one")
+    assume(taxel < taxels)
+    ref = _of_one_taxel(m, dut, config, at, taxel)
 
     # ---- what leaves: of each taxel the kinds that come, in turn
     step, slot = inside.step, inside.slot
@@ -173,7 +173,7 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
         prove(inside.hop_first == (at.frame == 0), "the first frame of a hop")
         prove(inside.falls == ((at.frame == 0) & (at.windows == 0)), "no touch goes on")
     (memory,) = memories
-    word, pending = memory.words[one], inside.written & (inside.taxel_of_fresh == one)
+    word, pending = memory.words[taxel], inside.written & (inside.taxel_of_fresh == taxel)
     started = ref.mine & (slot != 0)  # what is kept has this frame's deviation in it
     anything = at.some | (at.in_block != 0) | ref.done | started | (at.frame != 0)
     if not touch:
@@ -199,20 +199,20 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
     for name in inside.fresh:
         old, new = kept[name]
         fresh, width = inside.fresh[name], len(inside.fresh[name])
-        known = anything if name != "change" else within
+        defined = anything if name != "change" else within
         if name == "total" and not touch:  # after a touch's last frame the sum is of no use
-            known = known & ~((at.frame == 0) & (at.windows == 0) & ~started & ~ref.done)
-        wanted = Signal(signed(width + 4), name=f"wanted_{name}")
-        m.d.comb += wanted.eq(Mux(started, new, old))
+            defined = defined & ~((at.frame == 0) & (at.windows == 0) & ~started & ~ref.done)
+        specified = Signal(signed(width + 4), name=f"wanted_{name}")
+        m.d.comb += specified.eq(Mux(started, new, old))
         prove(~(started & ((name != "change") | at.some)) | (fresh == new), f"{name}: renewed")
         if name in inside.fields:
             offset = sum(
                 inside.fields[other] for other in list(inside.fields)[: list(inside.fields).index(name)]
             )
             held = Mux(pending, fresh, word[offset : offset + width].as_signed())
-            prove(~known | (held == wanted), f"{name}: kept")
+            prove(~defined | (held == specified), f"{name}: kept")
             read = inside.present_state[name]
-            prove(~(known & ref.mine & (slot == 0)) | (read == wanted), f"{name}: read")
+            prove(~(defined & ref.mine & (slot == 0)) | (read == specified), f"{name}: read")
     if "integral" in kinds:
         knee = 1 << features.integral_knee
         size = Mux(ref.now.total < 0, -ref.now.total, ref.now.total)

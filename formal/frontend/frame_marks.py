@@ -110,12 +110,12 @@ def _marks(m: Module, config: AcceleratorConfig) -> None:
     with m.If(dut.taken):
         m.d.sync += frame.eq(Mux(frame == last - 1, 0, frame + 1))
     ends = {end for _, end in config.window_spans}
-    wanted = {
+    expected = {
         "hop_last": [int(number % hop == 0 or number == last) for number in range(1, last + 1)],
         "emit": [int(number in ends) for number in range(1, last + 1)],
         "end": [int(number == last) for number in range(1, last + 1)],
     }
-    for name, values in wanted.items():
+    for name, values in expected.items():
         prove(getattr(dut, name) == table(m, values, frame, name), name)
     prove(frame < last, "the reference's own frame")
     prove(inside.hop == table(m, [number // hop for number in range(last)], frame, "hops"), "hop")

@@ -153,13 +153,13 @@ def _windows(m: Module, config: AcceleratorConfig) -> None:
     prove(inside.alone == begins, "nothing of the memory is taken")
 
     # ---- one taxel
-    one = any_number(range(taxels), "one")
-    assume(one < taxels)
-    here, done_beat = at.beat == one, at.beat > one
+    taxel = any_number(range(taxels), "one")
+    assume(taxel < taxels)
+    here, done_beat = at.beat == taxel, at.beat > taxel
     was_masked, expected_masked = Signal(), Signal()
     bits = config.sum_bits + 4
     expected = Signal(signed(bits), name="expected")
-    of_one = dut.o.valid & (was_taxel == one)
+    of_one = dut.o.valid & (was_taxel == taxel)
     with m.If(at.taken & here):
         m.d.sync += was_masked.eq(masked)
     limit = 0
@@ -194,7 +194,7 @@ def _windows(m: Module, config: AcceleratorConfig) -> None:
         now_in = Mux(going, Mux(alone, 0, now) + value, now)
         before_in, older_in = Mux(going & first, now, before), Mux(going & first, before, older)
         total = now_in + Mux(hops >= 1, before_in, 0) + Mux(hops == 2, older_in, 0)
-        this_made = (out_taxel == one) & (out_kind == number)
+        this_made = (out_taxel == taxel) & (out_kind == number)
         with m.If(made & this_made):
             m.d.sync += [
                 expected.eq(now_in if name == "integral" else total),
@@ -207,7 +207,9 @@ def _windows(m: Module, config: AcceleratorConfig) -> None:
         if name != "integral":
             prove(known >= Mux(begun_hops > 3, 3, begun_hops), f"{name}: hops so far")
         started = mine & begun & ~draining
-        pending = inside.fresh & (offered.taxel == one) & ((offered.kind == number) if len(kinds) > 1 else 1)
+        pending = (
+            inside.fresh & (offered.taxel == taxel) & ((offered.kind == number) if len(kinds) > 1 else 1)
+        )
 
         def complement(wanted, word: str, name: str = name) -> Signal:
             held = Signal(signed(config.sum_bits), name=f"{word}_{name}")
@@ -215,7 +217,7 @@ def _windows(m: Module, config: AcceleratorConfig) -> None:
             return held
 
         address = [
-            Cat(*([Const(number, len(inside.kind))] if len(kinds) > 1 else []), one, Const(bank, 1))
+            Cat(*([Const(number, len(inside.kind))] if len(kinds) > 1 else []), taxel, Const(bank, 1))
             for bank in (0, 1)
         ]
         words = [
@@ -236,7 +238,7 @@ def _windows(m: Module, config: AcceleratorConfig) -> None:
             in_other = Mux(apart, now, before)
             enough = Mux(apart, known >= 1, known >= 2)
             prove(~enough | (other_word == complement(in_other, "in_other")), f"{name}: the bank of the last")
-        current = Mux(draining, (index == one) & (inner == number), mine)
+        current = Mux(draining, (index == taxel) & (inner == number), mine)
         read = inside.read.data[: config.sum_bits].as_signed()
         if name != "integral":
             wanted = Mux(operation == Operation.PREVIOUS, Mux(apart, now, before), Mux(begun, before, now))
@@ -266,7 +268,7 @@ def _windows(m: Module, config: AcceleratorConfig) -> None:
     if config.faults.fault_frames:
         prove(~of_one | (offered.masked == expected_masked), "masked as in the window's last frame")
         mask = Mux(draining, was_masked, masked)
-        prove(~(begun & (index == one)) | (offered.masked == mask), "masked, while hops are added")
+        prove(~(begun & (index == taxel)) | (offered.masked == mask), "masked, while hops are added")
 
 
 CLAIM = (

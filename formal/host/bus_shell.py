@@ -83,7 +83,7 @@ def answered_once(m: Module) -> None:
     # ---- samples
     arm = before(bus.w_stb & (bus.addr == Register.CONTROL) & bus.w_data[0], "arm")
     taxel, refused = Signal(range(LAST + 1), name="taxel_due"), Signal(name="refused")
-    one, two = _is(request, ShellRegister.SAMPLE, 1), _is(request, ShellRegister.SAMPLE_PAIR, 1)
+    single, pair = _is(request, ShellRegister.SAMPLE, 1), _is(request, ShellRegister.SAMPLE_PAIR, 1)
     stuck = frame.valid & ~frame.ready & dut.decision.valid & ~dut.decision.ready
     reads = request.done & _is(request, ShellRegister.DECISION, 0)
     m.d.sync += [
@@ -91,27 +91,30 @@ def answered_once(m: Module) -> None:
         refused.eq((refused | stuck) & ~arm & ~reads),
     ]
     prove(
-        ~frame.valid | request.valid & (one | two) & ~refused & ~request.done,
+        ~frame.valid | request.valid & (single | pair) & ~refused & ~request.done,
         "only samples, none while refused",
     )
     prove(~frame.valid | (frame.p.first == (taxel == 0)) & (frame.p.last == (taxel == LAST)), "marks")
     half = Mux(had == 0, request.w_data[:16], request.w_data[16:])
     prove(~frame.valid | (frame.p.sample.as_unsigned() == half), "which half")
-    whole = Mux(two, (had == 2) | (had == 1) & (taxel == 0), had == 1)
-    prove(~(request.done & (one | two)) | refused | whole, "as many as are asked for")
-    prove(~(request.done & ~(one | two)) | (had == 0), "no samples by other accesses")
+    whole = Mux(pair, (had == 2) | (had == 1) & (taxel == 0), had == 1)
+    prove(~(request.done & (single | pair)) | refused | whole, "as many as are asked for")
+    prove(~(request.done & ~(single | pair)) | (had == 0), "no samples by other accesses")
     prove(~before(stuck, "stuck_before") | request.done, "a wait that only the CPU could end is ended")
-    prove(~before(request.valid & ~request.done & ~one & ~two, "other") | request.done, "others take a cycle")
+    prove(
+        ~before(request.valid & ~request.done & ~single & ~pair, "other") | request.done,
+        "others take a cycle",
+    )
     # ---- for the induction
     prove((inside.taxel == taxel) & (inside.refusing == refused) & (taxel <= LAST), "reference")
-    prove(inside.second == ((had == 1) & ~request.done & ~refused & two & (taxel != 0)), "second")
+    prove(inside.second == ((had == 1) & ~request.done & ~refused & pair & (taxel != 0)), "second")
     prove((had <= 2) & (request.valid | request.done | ((had == 0) & ~struck)), "between accesses")
     prove((had != 2) | request.done, "two are enough")
     prove(~struck | request.done, "strobed, so answered")
-    prove((had == 0) | one | two, "whose samples")
-    prove((had != 1) | ~one | request.done, "one is enough")
+    prove((had == 0) | single | pair, "whose samples")
+    prove((had != 1) | ~single | request.done, "one is enough")
     prove((had == 0) | ~arm, "no ARM within")
-    prove(~((had == 1) & two & (taxel == 0)) | request.done | refused, "behind the last taxel one is enough")
+    prove(~((had == 1) & pair & (taxel == 0)) | request.done | refused, "behind the last taxel one is enough")
 
 
 @proof(

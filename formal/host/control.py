@@ -85,22 +85,22 @@ def _twins(m: Module):
     """Two of the same inputs, of which the second gets a write more where ``more`` is high, to any address;
     their insides. All that they give is the same, and so is their state, but for what is read and the
     faults."""
-    one, other = HostControl(CONFIG), HostControl(CONFIG)
-    inside, beside = opened_up(one, "one"), opened_up(other, "other")
-    free_inputs(one)
+    left, right = HostControl(CONFIG), HostControl(CONFIG)
+    inside, beside = opened_up(left, "one"), opened_up(right, "other")
+    free_inputs(left)
     more = Signal()
     free(more)
-    m.d.comb += [getattr(other, name).eq(getattr(one, name)) for name in INPUTS]
-    m.d.comb += [getattr(other.bus, name).eq(getattr(one.bus, name)) for name in ("addr", "w_data", "r_stb")]
-    m.d.comb += other.bus.w_stb.eq(one.bus.w_stb | more)
+    m.d.comb += [getattr(right, name).eq(getattr(left, name)) for name in INPUTS]
+    m.d.comb += [getattr(right.bus, name).eq(getattr(left.bus, name)) for name in ("addr", "w_data", "r_stb")]
+    m.d.comb += right.bus.w_stb.eq(left.bus.w_stb | more)
     for name in ("clear", "restart", "finish", "mask", "busy", "due"):
-        prove(getattr(one, name) == getattr(other, name), f"{name} is the same")
-    prove(one.load.enable == other.load.enable, "the same writes reach the memories")
-    differ = {id(inside.sticky), id(one.bus.r_data)}
+        prove(getattr(left, name) == getattr(right, name), f"{name} is the same")
+    prove(left.load.enable == right.load.enable, "the same writes reach the memories")
+    differ = {id(inside.sticky), id(left.bus.r_data)}
     for mine, its in zip(inside.registers, beside.registers, strict=True):
         if id(mine) not in differ:
             prove(mine == its, "the same state")
-    return one, other, inside, beside, more
+    return left, right, inside, beside, more
 
 
 @proof(
@@ -117,16 +117,16 @@ def _twins(m: Module):
     ),
 )
 def refused_write_changes_nothing(m: Module) -> None:
-    one, other, inside, _, refused = _twins(m)
-    assume(~refused | (inside.touch & ~one.bus.w_stb & (other.bus.addr == Register.MEMORY_DATA)))
+    left, right, inside, _, refused = _twins(m)
+    assume(~refused | (inside.touch & ~left.bus.w_stb & (right.bus.addr == Register.MEMORY_DATA)))
     prove(
-        ~one.load.enable | ((one.load.select == other.load.select) & (one.load.data == other.load.data)),
+        ~left.load.enable | ((left.load.select == right.load.select) & (left.load.data == right.load.data)),
         "the same memory and word",
     )
-    prove(one.load.address == other.load.address, "the same address")
+    prove(left.load.address == right.load.address, "the same address")
     unlike = Signal()
-    m.d.sync += unlike.eq(Mux(one.bus.r_stb, one.bus.addr == Register.FAULTS, unlike))
-    prove(unlike | (one.bus.r_data == other.bus.r_data), "every other register reads the same")
+    m.d.sync += unlike.eq(Mux(left.bus.r_stb, left.bus.addr == Register.FAULTS, unlike))
+    prove(unlike | (left.bus.r_data == right.bus.r_data), "every other register reads the same")
 
 
 @proof(
@@ -151,13 +151,13 @@ def refused_write_changes_nothing(m: Module) -> None:
     ),
 )
 def no_register_no_effect(m: Module) -> None:
-    one, other, inside, beside, stray = _twins(m)
-    nowhere = (one.bus.addr > Register.MEMORY_DATA) & (one.bus.addr != Register.MASK)
-    assume(~stray | (nowhere & ~one.bus.w_stb & ~one.bus.r_stb))
-    prove(~before(one.bus.r_stb & nowhere, "read_nothing") | (one.bus.r_data == 0), "it reads 0")
+    left, right, inside, beside, stray = _twins(m)
+    nowhere = (left.bus.addr > Register.MEMORY_DATA) & (left.bus.addr != Register.MASK)
+    assume(~stray | (nowhere & ~left.bus.w_stb & ~left.bus.r_stb))
+    prove(~before(left.bus.r_stb & nowhere, "read_nothing") | (left.bus.r_data == 0), "it reads 0")
     flag = beside.bits[Fault.ADDRESS]
     prove(
-        ~before(stray | other.bus.r_stb & nowhere & ~_commands(other, Control.CLEAR_FAULTS), "astray") | flag,
+        ~before(stray | right.bus.r_stb & nowhere & ~_commands(right, Control.CLEAR_FAULTS), "astray") | flag,
         "and sets its flag",
     )
     for fault, bit in inside.bits.items():

@@ -53,9 +53,9 @@ def values_stay(m: Module) -> None:
     with m.If(dut.write & (dut.source != memory) & (dut.write_address == place)):
         m.d.sync += [there.eq(1), value.eq(dut.write_value)]
     asked = Signal()
-    wanted = Signal(8)
+    expected = Signal(8)
     m.d.sync += [
         asked.eq(there & dut.read & (dut.source == memory) & (dut.read_address == place)),
-        wanted.eq(value),
+        expected.eq(value),
     ]
-    prove(~asked | (dut.value == wanted), "a value that is read is the one that was written last")
+    prove(~asked | (dut.value == expected), "a value that is read is the one that was written last")

@@ -151,12 +151,12 @@ class SpiPlan(Plan):
     def wires(self, chip: str) -> dict[str, str]:
         """Ports of a board, in the order in which they are wired, and what each goes to."""
         many = {"miso": self.lines, "cs_n": self.selects}
-        said = {"cs_n": "CS", "mosi": "data in", "miso": "data out", "sclk": "clock"}
+        functions = {"cs_n": "CS", "mosi": "data in", "miso": "data out", "sclk": "clock"}
         further = [(name, k) for name, count in many.items() for k in range(1, count)]
         wires = {}
-        for name, k in [*((name, 0) for name in said), *further]:
+        for name, k in [*((name, 0) for name in functions), *further]:
             wide = many.get(name, 1) > 1
-            wires[f"pins__{name}[{k}]" if wide else f"pins__{name}"] = f"{chip}, {said[name]}" + (
+            wires[f"pins__{name}[{k}]" if wide else f"pins__{name}"] = f"{chip}, {functions[name]}" + (
                 f" {k}" if wide else ""
             )
         return wires

@@ -441,12 +441,12 @@ class Image(Group):
             weighted = sum(1 for stage in self.stages() if stage.weights)
         except ValueError as error:
             yield "layers", str(error)
-        for field, wanted in (("weight_formats", weighted), ("map_formats", weighted - 1)):
+        for field, needed in (("weight_formats", weighted), ("map_formats", weighted - 1)):
             given = len(getattr(self, field))
-            if given != (wanted if self.weight_formats else 0):
+            if given != (needed if self.weight_formats else 0):
                 yield (
                     field,
-                    f"has {given} formats for {wanted} layers that have one; quantise the model again",
+                    f"has {given} formats for {needed} layers that have one; quantise the model again",
                 )
 
     def stages(self) -> tuple[Stage, ...]:

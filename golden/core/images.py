@@ -188,7 +188,7 @@ def stages_of(height: int, width: int, layers: Sequence[Layer]) -> tuple[Stage, 
     if len(layers) > MOST_LAYERS:
         raise ValueError(f"has {len(layers)} layers; take at most {MOST_LAYERS}")
     shape: Shape = (height, width, 1)
-    found: list[Stage] = []
+    stages: list[Stage] = []
     for number, layer in enumerate(layers):
         if isinstance(layer, Dense):
             result: Shape = (1, 1, layer.outputs)
@@ -202,10 +202,10 @@ def stages_of(height: int, width: int, layers: Sequence[Layer]) -> tuple[Stage, 
             raise ValueError("has a pool that follows no convolution; put one between, or leave the pool out")
         else:
             result = (-(-shape[0] // 2), -(-shape[1] // 2), shape[2])
-        found.append(Stage(number, layer, shape, result, number == len(layers) - 1))
+        stages.append(Stage(number, layer, shape, result, number == len(layers) - 1))
         shape = result
-    _check_room(found)
-    return tuple(found)
+    _check_room(stages)
+    return tuple(stages)
 
 
 def _check_room(stages: Sequence[Stage]) -> None:

@@ -74,17 +74,17 @@ def to_codes(
         return values.astype(np.int32), 0.0, ["samples are whole numbers and were taken as codes"]
     bounds = QFormat(16, 0, signed=low < 0)
     largest = max(abs(low), abs(high))
-    said = "as asked for"
+    origin = "as asked for"
     if scale is None:
         if largest < 1e-300:
             raise InputError(f"{source}: every sample is 0; nothing can be scaled")
-        scale, said = (
+        scale, origin = (
             round_step(HEADROOM * largest, bounds.max_code),
             f"twice the largest value of {largest:.6g} fits 16 bits",
         )
     codes = np.rint(values / scale)
     beyond = int(np.count_nonzero((codes < bounds.min_code) | (codes > bounds.max_code)))
-    notes = [f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {scale:.6g} ({said})"]
+    notes = [f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {scale:.6g} ({origin})"]
     if beyond:
         notes.append(f"{beyond} samples lie beyond 16 bits and were held at the end of the range")
     moves = np.subtract(*np.quantile(values[:: max(1, len(values) // 100_000)], [0.99, 0.01], axis=0)) / scale

@@ -53,16 +53,16 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
     arrays = _read(path, refuse)
     listed = ", ".join(arrays) or "none"
 
-    def find(what: str, asked: str | None = None, option: str = "") -> str:
+    def find(role: str, asked: str | None = None, option: str = "") -> str:
         """The array that an option names, or else the first of its usual names; only what an option can name
         must be there."""
         if asked is not None and asked not in arrays:
             refuse(f"{option} {asked}: the file has no such array; it has {listed}")
-        name = asked or next((name for name in NAMES[what] if name in arrays), "")
+        name = asked or next((name for name in NAMES[role] if name in arrays), "")
         if option and not name:
-            kind = "samples" if what == "samples" else "classes"
+            kind = "samples" if role == "samples" else "classes"
             refuse(
-                f"has no array of {kind} ({', '.join(NAMES[what][:3])}); it has {listed}: name it with "
+                f"has no array of {kind} ({', '.join(NAMES[role][:3])}); it has {listed}: name it with "
                 f"{option}"
             )
         return name

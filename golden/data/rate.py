@@ -21,9 +21,9 @@ def wrong_rate(recordings: Recordings) -> list[str]:
     rate, lengths = recordings.sample_rate_hz, recordings.lengths
     follow = "windows, latency and budgets follow the rate"
     for name, unit in DURATIONS.items():
-        told = np.asarray(recordings.groups.get(name, []), dtype=float) * unit
-        if len(told) and (told > 0).all():
-            measured = float(np.median(lengths / told))
+        stated_s = np.asarray(recordings.groups.get(name, []), dtype=float) * unit
+        if len(stated_s) and (stated_s > 0).all():
+            measured = float(np.median(lengths / stated_s))
             if abs(measured / rate - 1) > RATE_ERROR:
                 return [
                     f"the archive declares {rate:.4g} frames a second and its array {name} makes it "

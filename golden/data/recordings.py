@@ -62,6 +62,8 @@ class Recordings:
         Where they come from, for messages and the report.
     volt_per_code:
         What one code is worth, volt or the unit that real samples had; 0 when it is not known.
+    unit:
+        That unit, as the archive names it; "" where it does not.
     sample_bits, sample_signed:
         The A/D code's format.
     notes:
@@ -79,6 +81,7 @@ class Recordings:
     groups: Mapping[str, np.ndarray] = field(default_factory=dict)
     source: str = "recordings"
     volt_per_code: float = 0.0
+    unit: str = ""
     sample_bits: int = 16
     sample_signed: bool = False
     notes: tuple[str, ...] = ()
@@ -161,8 +164,8 @@ class Recordings:
         if class_names is None:
             most = int(labels.max(initial=0)) if labels.dtype.kind in "iu" else 0
             class_names = [f"class{index}" for index in range(min(most, MOST_NAMES) + 1)]
-        for name, given in (groups or {}).items():
-            values = array_of(given, f"{source}, group {name}")
+        for name, codes in (groups or {}).items():
+            values = array_of(codes, f"{source}, group {name}")
             if values.shape != (len(parts),) or values.dtype.kind not in GROUP_KINDS:
                 raise InputError(
                     f"{source}, group {name}: is {values.dtype} of shape {values.shape}; give a number or "
@@ -229,6 +232,7 @@ class Recordings:
             groups={name: values[indices] for name, values in self.groups.items()},
             source=self.source,
             volt_per_code=self.volt_per_code,
+            unit=self.unit,
             sample_bits=self.sample_bits,
             sample_signed=self.sample_signed,
             notes=self.notes,
@@ -340,8 +344,8 @@ def recordings_of(
             )
         with np.errstate(over="ignore"):  # long doubles beyond the range of float64 are refused as infinite
             samples = samples.astype(np.float64)
-        samples, volt, said = to_codes(samples, f"recordings '{source}', array samples", volt or scale)
-        notes = (*notes, *said)
+        samples, volt, scaling = to_codes(samples, f"recordings '{source}', array samples", volt or scale)
+        notes = (*notes, *scaling)
     low, high = int(samples.min()), int(samples.max())
     if low < -32768 or high > (32767 if low < 0 else 65535):
         refuse("samples", f"runs from {low} to {high}, beyond 16 bits; give -32768..32767 or 0..65535")
@@ -390,10 +394,19 @@ def recordings_of(
         groups=_groups(arrays, recordings) if groups is None else dict(groups),
         source=source,
         volt_per_code=volt,
+        unit=_unit(arrays),
         sample_bits=bits,
         sample_signed=signed,
         notes=tuple(notes),
     )
+
+
+def _unit(arrays: Mapping[str, np.ndarray]) -> str:
+    """What samples are in: the text of the array unit; volt where there is none and lsb_volt is."""
+    named = arrays.get("unit")
+    if named is not None and named.size == 1 and named.dtype.kind in "US":
+        return str(named.reshape(()).astype(str))
+    return "V" if "lsb_volt" in arrays else ""
 
 
 Refuse = Callable[[str, str], NoReturn]
@@ -546,8 +559,8 @@ def check_fit(recordings: Recordings, config: AcceleratorConfig) -> None:
         )
 
     if config.is_image and recordings.image_shape != (config.image.height, config.image.width):
-        given = recordings.image_shape
-        has = "no images" if given is None else f"images of {given[0]} x {given[1]} pixels"
+        shape = recordings.image_shape
+        has = "no images" if shape is None else f"images of {shape[0]} x {shape[1]} pixels"
         refuse(
             "array images",
             f"holds {has} and configuration '{config.name}' takes {config.image.height} x "

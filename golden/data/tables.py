@@ -258,37 +258,37 @@ def _common_rate(
 ) -> tuple[float, str]:
     """One rate for all recordings, and where it comes from, in words. units: of the time column in each
     recording, s (0: not said)."""
-    told: list[tuple[float, str]] = []
+    rates: list[tuple[float, str]] = []
     if time is not None:
         try:
             seconds = table.numbers([time])[:, 0]
             for rows, unit, name in zip(table.spans, units, names, strict=True):
                 rate = _rate(table, time, seconds[rows], rows, unit)
-                told += [] if rate is None else [(rate, name)]
+                rates += [] if rate is None else [(rate, name)]
         except InputError:
             if reading.rate_hz is None:
                 raise
-    middle = float(f"{np.median([rate for rate, _ in told]):.5g}") if told else 0.0
+    middle = float(f"{np.median([rate for rate, _ in rates]):.5g}") if rates else 0.0
     if reading.rate_hz is not None:
-        if not told or abs(middle / reading.rate_hz - 1) <= RATE_TOLERANCE:
+        if not rates or abs(middle / reading.rate_hz - 1) <= RATE_TOLERANCE:
             return reading.rate_hz, "the sample rate is as asked for"
         return (
             reading.rate_hz,
             f"the sample rate is as asked for, {reading.rate_hz:g} Hz; but the time columns say {middle:g} "
             "Hz",
         )
-    if not told and config is not None:
+    if not rates and config is not None:
         return (
             config.sensor.sample_rate_hz,
             f"there is no time column; the rate is that of configuration '{config.name}'",
         )
-    if not told:
+    if not rates:
         why = "have no time column, so their rate is not known"
         raise InputError(
             f"recordings '{table.place(0)}': {why}; write an archive with it, eskin convert SOURCE --rate "
             "HZ --out FILE.npz"
         )
-    (low, slow), (high, fast) = min(told), max(told)
+    (low, slow), (high, fast) = min(rates), max(rates)
     if high > (1 + RATE_TOLERANCE) * low:
         why = f"'{slow}' has {low:g} frames a second and '{fast}' {high:g}"
         raise InputError(
@@ -360,12 +360,12 @@ def load_folder(
     InputError
         Files that cannot be read, or that are not of one array and rate.
     """
-    for option, given in (
+    for option, value in (
         ("--recording", reading.recording),
         ("--class", reading.label),
         ("--group", reading.groups),
     ):
-        if given and not lvm:
+        if value and not lvm:
             why = f"{option} is for one long table; in a folder a file is a recording, a sub-folder a class"
             raise InputError(f"recordings '{folder}': {why}")
     if lvm and (config is None or config.sensor.volt_per_code <= 0):
@@ -378,8 +378,8 @@ def load_folder(
     )
     if not class_folders:
         raise InputError(
-            f"recordings '{folder}': has no sub-folder; put each class's .lvm files into a folder named "
-            "after the class"
+            f"recordings '{folder}': has no sub-folder; put each class's {'.lvm' if lvm else '.csv'} files into "
+            "a folder named after the class"
         )
     suffixes = (".lvm",) if lvm else SUFFIXES
     tables: list[Table] = []
@@ -516,7 +516,7 @@ def load_long_table(
         )
     lower = [name.lower() for name in table.names]
 
-    def column_of(asked: str | None, words: Sequence[str], option: str, what: str) -> int:
+    def column_of(asked: str | None, words: Sequence[str], option: str, role: str) -> int:
         named = (
             [table.find(asked, option)]
             if asked is not None
@@ -524,7 +524,7 @@ def load_long_table(
         )
         if not named:
             table.refuse(
-                f"has no column that says the {what} ({', '.join(words[:4])}, ...); name it with {option}", 0
+                f"has no column that says the {role} ({', '.join(words[:4])}, ...); name it with {option}", 0
             )
         table.check_filled(named[0], _MISSING)
         return named[0]

@@ -80,7 +80,7 @@ def _frame_tables(model: IntegerModel) -> list[Table]:
     weight = "int8_t" if config.weight_bits <= 8 else "int16_t"
     wide = _wide(config)
     mean, scale = (arrays[name].reshape(lengths, config.constants) for name in ("mean", "scale"))
-    shift = np.reshape(config.features.feature_shift, (lengths, config.kinds))
+    shift = np.reshape(config.features.feature_shift, (lengths, config.kinds)) + config.mean_frac
     tables = [
         _table("MEAN", mean, "of the normaliser", wide if wide == "int64_t" else "int32_t"),
         _table("SHIFT", shift, "of the normaliser", "uint8_t"),
@@ -121,7 +121,7 @@ def _wide(config: AcceleratorConfig) -> str:
     if "integral" in config.features.feature_kinds:
         bounds.append(config.integral_bound)
     # one bit to spare: a mean is taken off
-    return "int64_t" if max(config.sum_bits, *map(signed_bits, bounds)) > 31 else "int32_t"
+    return "int64_t" if max(config.sum_bits, *map(signed_bits, bounds)) + config.mean_frac > 31 else "int32_t"
 
 
 def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
@@ -198,6 +198,7 @@ def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
         "state_format": formats.state_format,
         "logit": formats.logit_format,
         "index": config.index_format,
+        "mean_unit": 1 << config.mean_frac,
         "sigmoid_shift": config.sigmoid_shift,
         "tanh_shift": config.tanh_shift,
         "value_shift": config.value_shift,

@@ -189,18 +189,18 @@ class TaxelPairs:
 # ---------------------------------------------------------------------- quiet stretches
 def lead_ins(bench: Bench) -> tuple[list[np.ndarray], list[int]]:
     """The quiet frames before each recording's touch, where there are enough of them, and whose they are."""
-    config, streams, which = bench.config, [], []
+    config, streams, origins = bench.config, [], []
     for i, onset in enumerate(bench.onsets):
         end = int(onset) - config.onset_rule.onset_mean_frames - config.windows.pretrigger_frames
         if end > config.rest_level.rest_frames + 2 * config.onset_rule.onset_mean_frames:
             streams.append(bench.clean.recording(i)[:end])
-            which.append(i)
+            origins.append(i)
     if not streams:  # recordings that begin in contact: the rest level with its noise, as far as there is any
-        streams, which = (
+        streams, origins = (
             [np.repeat(bench.clean.recording(0)[:1], config.rest_level.rest_frames + 512, axis=0)],
             [0],
         )
-    return streams, which
+    return streams, origins
 
 
 @dataclass(frozen=True)

@@ -122,7 +122,7 @@ def run_modes(
         """Why a mode does not apply; empty where it does."""
         if isinstance(mode.run, str) and simulated is None:
             return "needs a co-simulation"
-        return next((why for there, why in map(NEEDS.__getitem__, mode.needs) if not there(bench.config)), "")
+        return next((why for holds, why in map(NEEDS.__getitem__, mode.needs) if not holds(bench.config)), "")
 
     reasons = {mode.name: absent(mode) for mode in requested}
     ready = [mode for mode in requested if not reasons[mode.name]]

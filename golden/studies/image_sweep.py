@@ -187,8 +187,8 @@ def make_image_points(
     return expand(whole, source, FIELDS, "a grid for images", lambda fields: _point(recordings, fields))
 
 
-def _point(recordings: Recordings, wanted: Mapping[str, Any]) -> ImagePoint:
-    size, layers, bits, lanes, clock = (wanted[name] for name in FIELDS)
+def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
+    size, layers, bits, lanes, clock = (values[name] for name in FIELDS)
     if not isinstance(size, str):
         raise InputError(f"field size: is {size!r}; give height x width as text, as in '26x47'")
     if bits not in (4, 8) or isinstance(bits, bool):

@@ -206,7 +206,7 @@ def make_points(
     InputError
         An unknown field, or a combination that no accelerator has: before anything is trained.
     """
-    return expand(grids, source, FIELDS, "a grid", lambda wanted: _point(base, wanted))
+    return expand(grids, source, FIELDS, "a grid", lambda fields: _point(base, fields))
 
 
 def expand(
@@ -614,8 +614,8 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
             why = f"meets {' and '.join(words.values())}; no bound binds, nothing smaller was tried"
         else:
             why = f"the smallest that meets {' and '.join(words.values())}; the {' and the '.join(binding)} binds"
-        found = {"point": chosen, "name": record["name"], "met": True, "binding": binding, "misses": {}}
-        return found | {"sentence": f"{_says(record)}: {why}"}
+        verdict = {"point": chosen, "name": record["name"], "met": True, "binding": binding, "misses": {}}
+        return verdict | {"sentence": f"{_says(record)}: {why}"}
 
     def distance(record: Mapping[str, Any]) -> float:
         return sum(over / bounds[name] for name, over in miss(record, bounds).items())

@@ -868,17 +868,19 @@ def _cautions(judge: Judge, chosen: Judged, parts: Sequence[np.ndarray], record:
             "wrong: look at them "
             "with 'eskin inspect'"
         )
-    if chosen.config.rest_level.rest == "none":
-        frames = settling_frames(judge.recordings.sample_rate_hz)
-        levels = np.array([judge.recordings.recording(i)[:frames].mean(axis=0) for i in range(count)])
-        levels = (levels - levels.mean(axis=0)) / (levels.std(axis=0) + 1e-9)
-        labels, classes = judge.recordings.labels, len(judge.recordings.class_names)
-        alone = float((blocked_ridge(levels, labels, parts, classes) == labels).mean())
-        record["level_alone"] = alone
-        if (alone - 1 / classes) > LEVEL_TELLS * (1 - 1 / classes):
-            cautions.append(
-                f"the level of the first {frames} frames alone tells the class of {alone:.0%}: where each "
-                "class was recorded in a session "
-                "of its own that may be the session; if so, take the level off (--config with rest 'initial')"
-            )
+    frames = settling_frames(judge.recordings.sample_rate_hz)
+    levels = np.array([judge.recordings.recording(i)[:frames].mean(axis=0) for i in range(count)])
+    levels = (levels - levels.mean(axis=0)) / (levels.std(axis=0) + 1e-9)
+    labels, classes = judge.recordings.labels, len(judge.recordings.class_names)
+    alone = float((blocked_ridge(levels, labels, parts, classes) == labels).mean())
+    record["level_alone"] = alone
+    fix = "if so, take the level off (--config with rest 'initial')"
+    if chosen.config.rest_level.rest != "none":
+        fix = "the front end takes the level off, but not what else a session leaves: record classes in turn"
+    if (alone - 1 / classes) > LEVEL_TELLS * (1 - 1 / classes):
+        cautions.append(
+            f"the level of the first {frames} frames alone tells the class of {alone:.0%}: where each "
+            "class was recorded in a session "
+            f"of its own that may be the session; {fix}"
+        )
     return cautions

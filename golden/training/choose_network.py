@@ -53,6 +53,7 @@ from eskin.golden.training.crossval import FoldDecisions, Folds, Progress, Terms
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_models import train_image_model
+from eskin.golden.training.losses import Callback
 from eskin.golden.training.nested import Nested, fits, fixed_network, halved
 from eskin.golden.training.recipe import AS_RECORDED, Recipe, choose_recipe
 from eskin.golden.training.splits import default_splits, split_folds
@@ -239,10 +240,10 @@ def _linear_recipes(augments: bool) -> list[dict[str, Any]]:
     # augmenting is no gain where classes differ by their timing
     return [
         {},
-        {"name": "as recorded", **AS_RECORDED},
-        {"name": "as recorded, weak penalty", **weak},
+        {"name": "not augmented", **AS_RECORDED},
+        {"name": "not augmented, weak penalty", **weak},
         squares,
-        {**squares, "name": "least squares, as recorded", **AS_RECORDED},
+        {**squares, "name": "least squares, not augmented", **AS_RECORDED},
     ]
 
 
@@ -442,7 +443,8 @@ class _Choice:
                     "hardware": True,
                 }
             )
-            warnings += doubts.below_baselines(split, baselines, chosen="candidates" in self.notes)
+            network: dict[str, Any] = {"cell": config.network.cell, "hidden": config.network.hidden}
+            warnings += doubts.below_baselines(split, baselines, chosen="candidates" in self.notes, **network)
             warnings += doubts.lost_classes(split, recordings.class_names)
             if not self.chose:
                 continue
@@ -479,6 +481,7 @@ def train_chosen(
     widths: dict[str, Any] | None = None,
     plan: Plan | None = None,
     progress: Progress | None = None,
+    callback: Callback | None = None,
     of_images: dict[str, Any] | None = None,
     **of_network: Any,
 ) -> dict[str, Any]:
@@ -516,6 +519,8 @@ def train_chosen(
     check_units(wish.cell, wish.hidden, wish.weight_sets)
     common: dict[str, Any] = {"folds": folds, "seed": seed, "quantisation_aware": quantisation_aware}
     if recordings.image_shape:
+        if callback:
+            raise InputError("fit, callback: is for networks that read recordings; leave it out for images")
         options = (
             common | {"out": out, "cell": wish.cell, "group": group, "seeds": seeds or 1} | (of_images or {})
         )
@@ -569,6 +574,7 @@ def train_chosen(
         out=out,
         datasets=terms.datasets,
         progress=progress,
+        callback=callback,
         notes=lambda record: choice.compared(nested, record),
     )
 

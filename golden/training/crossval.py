@@ -261,8 +261,8 @@ def judge_pieces(
     return [outcomes[number] for number in range(len(pieces))]
 
 
-def named(progress: Progress | None, what: str) -> Callable[[int, int], None]:
-    return (lambda done, total: progress(what, done, total)) if progress else (lambda done, total: None)
+def named(progress: Progress | None, activity: str) -> Callable[[int, int], None]:
+    return (lambda done, total: progress(activity, done, total)) if progress else (lambda done, total: None)
 
 
 @dataclass(frozen=True)
@@ -351,7 +351,9 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
     def spread(key: str) -> float:
         return float(np.std([value for fold in per_fold for value in fold["by_seed"][key]]))
 
-    given = np.concatenate([run.integer_step[run.integer_step >= 0] for runs in decided for run in runs])
+    decided_steps = np.concatenate(
+        [run.integer_step[run.integer_step >= 0] for runs in decided for run in runs]
+    )
 
     errors = np.concatenate([run.logit_error for runs in decided for run in runs])
 
@@ -377,7 +379,7 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
             for k, (time, real, integer) in enumerate(zip(times, *steps, strict=True))
         ],
         "per_fold": per_fold,
-        "decision_time_s": float(np.mean(np.asarray(times)[given])) if len(given) else None,
+        "decision_time_s": float(np.mean(np.asarray(times)[decided_steps])) if len(decided_steps) else None,
         "logit_error": {"mean": float(errors.mean()), "max": float(errors.max())}
         if len(errors)
         else {"mean": None, "max": None},

@@ -15,6 +15,12 @@ from eskin.golden.training.yardsticks import neighbours_alike
 MOST_MISSED = 0.02
 """Share of recordings without an onset that goes without a word."""
 
+SIZES = (4, 8, 12, 16, 24, 32)
+"""Hidden units that are advised."""
+
+LOST = 0.005
+"""Accuracy that integers may lose without a word."""
+
 LUCK = 0.05
 """Share of shuffled labellings that may do as well as the right one without a word."""
 
@@ -24,7 +30,12 @@ def percent(share: float) -> str:
 
 
 def below_baselines(
-    split: Mapping[str, Any], baselines: Sequence[Mapping[str, Any]], *, chosen: bool
+    split: Mapping[str, Any],
+    baselines: Sequence[Mapping[str, Any]],
+    *,
+    chosen: bool,
+    cell: str = "gru",
+    hidden: int = 0,
 ) -> list[str]:
     """A sentence where the best baseline of a split's groups is more than its standard error above the
     network.
@@ -35,6 +46,8 @@ def below_baselines(
         A record of the cross-validation.
     chosen:
         The network was chosen among several sizes.
+    cell, hidden:
+        The network: the advice is the next larger one.
     """
     rivals = [row for row in baselines if list(row["groups"]) == list(split["groups"])]
     if not rivals:
@@ -45,14 +58,13 @@ def below_baselines(
         return []
     if best["name"].endswith("whole recordings"):
         fix = "look at onset and windows with 'eskin inspect', or give a front end of your own with --config"
-    elif best.get("hardware", True):
-        fix = (
-            "take the next larger network with --hidden, or --protocol thesis"
-            if chosen
-            else "try --cell auto"
-        )
     else:
-        fix = "no hardware for it here; try a larger --hidden"
+        sizes = [size for size in SIZES if size > (hidden if cell != "linear" else 0)]
+        larger = f"try --cell {'gru' if cell == 'linear' else cell} --hidden {sizes[0]}" if sizes else ""
+        if best.get("hardware", True):
+            fix = larger or "record more" if chosen else "try --cell auto"
+        else:
+            fix = f"no hardware for it here; {larger or 'no larger network is there'}"
     return [
         f"leaving out {left_out(split['groups'])}, the {best['name']} decides {percent(best['accuracy'])} "
         "rightly and the network "
@@ -82,6 +94,28 @@ def by_choice(split: Mapping[str, Any]) -> list[str]:
             "may be luck, so record more"
         )
     return sentences
+
+
+def lost_in_integers(splits: Sequence[Mapping[str, Any]], evaluated: Mapping[str, Any]) -> list[str]:
+    """Sentences where integers decide LOST worse than floats, with the stage that loses most and its fix.
+
+    Parameters
+    ----------
+    splits:
+        Records of the cross-validation.
+    evaluated:
+        Of `eskin.golden.training.evaluate.evaluate`: the network that was exported.
+    """
+    stage = evaluated["logit_error"].get("stage")
+    fixes = {"features": "--feature-bits 16", "accumulators": "--weight-bits 10", "gates": "--gate-bits 14"}
+    fix = fixes.get(stage, "--state-bits 16")
+    return [
+        f"leaving out {left_out(split['groups'])}, the integer network decides "
+        f"{percent(split['integer_accuracy'])} rightly and the float one {percent(split['float_accuracy'])}: most is "
+        f"lost in the {stage}; try 'eskin quantise MODEL {fix}'"
+        for split in splits
+        if split["float_accuracy"] - split["integer_accuracy"] > LOST and stage
+    ]
 
 
 def missed_onsets(touched: int, count: int) -> list[str]:

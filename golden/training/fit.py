@@ -16,7 +16,7 @@ from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.training.batches import Batches
 from eskin.golden.training.datasets import Dataset
 from eskin.golden.training.linear_fit import fit_least_squares, fit_linear
-from eskin.golden.training.losses import LossCurves, Progress, class_loss, descend, teacher_loss
+from eskin.golden.training.losses import LossCurves, Progress, Told, class_loss, descend, teacher_loss
 from eskin.golden.training.network import RecurrentClassifier
 from eskin.golden.training.quantise import IntegerNetwork, profile, quantise_model
 from eskin.golden.training.recipe import Recipe
@@ -41,7 +41,7 @@ def fit_networks(
     parts: list[np.ndarray],
     seed: int,
     progress: Progress,
-    curves: LossCurves | None = None,
+    curves: LossCurves | Told | None = None,
 ) -> list[FloatModel]:
     """One network for each part (rows of the touches to train on), all trained at once; deterministic by
     ``seed``.
@@ -77,7 +77,7 @@ def _fit_in_one_thread(
     parts: list[np.ndarray],
     seed: int,
     progress: Progress,
-    curves: LossCurves | None,
+    curves: LossCurves | Told | None,
 ) -> list[FloatModel]:
     generator = torch.Generator().manual_seed(seed)
     if not config.recurrent:
@@ -99,7 +99,7 @@ def _fit_together(
     parts: list[np.ndarray],
     generator: torch.Generator,
     progress: Progress,
-    curves: LossCurves | None,
+    curves: LossCurves | Told | None,
 ) -> list[FloatModel]:
     """A recurrent network for each part, all in one batch of networks."""
     network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)

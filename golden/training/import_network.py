@@ -37,7 +37,7 @@ from eskin.golden.training.torch_files import (
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
 
-KERAS_SUFFIX = ".npz"
+KERAS_SUFFIX, ONNX_SUFFIX = ".npz", ".onnx"
 ORDERS = {
     "torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")},
     "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")},
@@ -439,7 +439,7 @@ def import_network(
     ----------
     file:
         A torch state_dict or an ``.npz`` of Keras weights (``read_layers``); for a linear cell
-        ``read_linear``.
+        ``read_linear``; an ONNX file (`eskin.golden.training.import_onnx`), whose cell and reset are its own.
     config:
         Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden
         size follows the file. Of images: `eskin.golden.training.import_images.read_image_network`, for which
@@ -469,7 +469,21 @@ def import_network(
     """
     check_model_target(out)
     scale: dict[str, Any]
-    if config.is_image:
+    if Path(file).suffix == ONNX_SUFFIX:
+        from eskin.golden.training.import_onnx import convert_onnx, read_onnx
+
+        network = read_onnx(file)
+        if config.is_image:
+            raise InputError(
+                f"network '{file}': ONNX is read for networks of recordings, and configuration "
+                f"'{config.name}' is for images; give a torch state_dict"
+            )
+        _check_scale(mean, std)
+        config, arrays = convert_onnx(network, config, cell, reset)
+        kind, names = "ONNX", network.names
+        held = network.scale(config) if mean is None and recordings is None else None
+        scale = held or _normalisation(file, config, mean, std, recordings)
+    elif config.is_image:
         config, arrays, names = read_image_network(Path(file), config, mean, std)
         kind, scale = "torch state_dict", {"mean": mean, "std": std, "source": "given"}
     else:
@@ -477,6 +491,7 @@ def import_network(
             file, with_network(config, cell=cell, reset=reset), mean, std
         )
         scale = _normalisation(file, config, mean, std, recordings)
+    if not config.is_image:
         arrays |= {
             name: np.broadcast_to(scale[key], constants_shape(config))
             for name, key in (("mu", "mean"), ("sigma", "std"))
@@ -503,6 +518,16 @@ def _read_network(
 ) -> tuple[AcceleratorConfig, dict[str, np.ndarray], dict[str, str], str]:
     """The configuration with the file's sizes, the float network's arrays, where each comes from, and what
     the file is."""
+    _check_scale(mean, std)
+    if config.recurrent:
+        layers = read_layers(file)
+        kind = {"torch": "torch state_dict", "keras": "Keras weights"}[layers.kind]
+        return *convert(layers, config), dict(layers.names), kind
+    return *read_linear(file, config), {"weights": COEFFICIENTS, "bias": INTERCEPTS}, "logistic regression"
+
+
+def _check_scale(mean: float | None, std: float | None) -> None:
+    """Refuse one without the other, and what is no scale."""
     if (mean is None) != (std is None):
         raise InputError(
             f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to "
@@ -514,11 +539,6 @@ def _read_network(
                 f"--{name} {value:g}: is no {'spread above 0' if name == 'std' else 'finite number'}; give "
                 "codes"
             )
-    if config.recurrent:
-        layers = read_layers(file)
-        kind = {"torch": "torch state_dict", "keras": "Keras weights"}[layers.kind]
-        return *convert(layers, config), dict(layers.names), kind
-    return *read_linear(file, config), {"weights": COEFFICIENTS, "bias": INTERCEPTS}, "logistic regression"
 
 
 def _normalisation(

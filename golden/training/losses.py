@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 import torch
@@ -70,6 +71,34 @@ def teacher_loss(logits: torch.Tensor, teacher: torch.Tensor, counts: torch.Tens
     """(models) cross-entropy of the teacher's class probabilities, over the steps that count."""
     losses = -(teacher.double().softmax(-1) * logits.log_softmax(-1)).sum(-1)
     return (losses * counts).sum(dim=(1, 2)) / counts.sum(dim=(1, 2))
+
+
+Callback = Callable[[int, dict[str, float]], None]
+"""Called with (epoch, figures) while a network is trained."""
+
+
+class Told:
+    """Tells ``callback`` the mean ``loss`` since the epoch before, CURVE_POINTS times in a training; in place of
+    `LossCurves` where one network is trained."""
+
+    def __init__(self, callback: Callback) -> None:
+        self._callback, self._trained = callback, list[float]()
+        self.epoch = 0
+
+    def begin(self, share: slice) -> None:
+        """As of `LossCurves`."""
+
+    def note(self, done: int, total: int, loss: torch.Tensor, *_: Any) -> None:
+        """After each update: its ``loss`` (networks)."""
+        self._trained.append(float(loss.mean()))
+        if done * CURVE_POINTS // total != (done - 1) * CURVE_POINTS // total:
+            self.tell(loss=sum(self._trained) / len(self._trained))
+            self._trained = []
+
+    def tell(self, **figures: float) -> None:
+        """The next epoch, with ``figures``."""
+        self.epoch += 1
+        self._callback(self.epoch, figures)
 
 
 class LossCurves:

@@ -128,7 +128,7 @@ def yardsticks(
     parts = split_folds(recordings, groups, folds, None)
     vectors = SupportVectors()
     judged = Judge(recordings, parts, decide=vectors)(config)
-    progress("yardsticks", 1, 2)
+    progress("judged", 1, 2)
     x = raw_features(recordings)
     right = (
         blocked_ridge(
@@ -136,7 +136,7 @@ def yardsticks(
         )
         == recordings.labels
     )
-    progress("yardsticks", 2, 2)
+    progress("judged", 2, 2)
     common = {"groups": list(groups), "hardware": False}
     return [
         common

@@ -272,9 +272,16 @@ def _memories(folder: Path, process: Process, top: str, latches: bool) -> list[d
             kind = macro.name
         elif writes and latches and process.latch is not None and single and words >= WORDS_OF_A_LATCH_MEMORY:
             kind = "latches"
-        told = value.get("MEMID", name).lstrip("\\").removeprefix(f"{top}.")
+        memory_name = value.get("MEMID", name).lstrip("\\").removeprefix(f"{top}.")
         rows.append(
-            {"name": told, "words": words, "width": width, "bits": words * width, "kind": kind, "cell": name}
+            {
+                "name": memory_name,
+                "words": words,
+                "width": width,
+                "bits": words * width,
+                "kind": kind,
+                "cell": name,
+            }
         )
     return rows
 

@@ -74,10 +74,10 @@ def estimated(nets: Nets, foreign: Container[str] = ()) -> Slowest:
     return Slowest(1 / late, start, end, bool(foreign))
 
 
-def wire_load_of(library: Library, wanted: str) -> str:
+def wire_load_of(library: Library, preferred: str) -> str:
     """The library's wire load ``wanted``, or its middle one."""
     names = list(library.wire_loads)
-    return wanted if wanted in names else names[len(names) // 2] if names else ""
+    return preferred if preferred in names else names[len(names) // 2] if names else ""
 
 
 def slowest(

@@ -178,21 +178,24 @@ def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str,
         bit for name, net in module["netnames"].items() if name.startswith("$PACKER_") for bit in net["bits"]
     }
     for name, cell in module["cells"].items():
-        kind, counts, given = cell["type"], blocks[owner[name]], cell["parameters"]
+        kind, counts, parameters = cell["type"], blocks[owner[name]], cell["parameters"]
         if kind == "ICESTORM_LC":
             counts["cells"] += 1
-            counts["ff"] += given["DFF_ENABLE"].endswith("1")
-            counts["carry"] += given["CARRY_ENABLE"].endswith("1")
+            counts["ff"] += parameters["DFF_ENABLE"].endswith("1")
+            counts["carry"] += parameters["CARRY_ENABLE"].endswith("1")
             # The others: a flip-flop alone, a carry alone (unless a LUT has joined it), room between carry
             # chains.
-            joined = name.endswith("$CARRY") and given["LUT_INIT"][-16:] not in (UNUSED_LUT, FEED_THROUGH)
+            joined = name.endswith("$CARRY") and parameters["LUT_INIT"][-16:] not in (
+                UNUSED_LUT,
+                FEED_THROUGH,
+            )
             counts["lut"] += name.endswith("_LC") or (
                 joined and constants.isdisjoint(cell["connections"]["O"])
             )
         elif kind == "TRELLIS_COMB":
             counts["cells"] += 1
-            counts["carry"] += given.get("MODE") == "CCU2"
-            counts["lut"] += given.get("MODE", "LOGIC") == "LOGIC"
+            counts["carry"] += parameters.get("MODE") == "CCU2"
+            counts["lut"] += parameters.get("MODE", "LOGIC") == "LOGIC"
         elif kind in KINDS:
             counts[KINDS[kind]] += 1
     return {

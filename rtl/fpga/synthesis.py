@@ -209,7 +209,13 @@ class Netlist:
 
 
 def synthesise(
-    design, family: Family, folder: Path, *, top: str = "accelerator", keep: Sequence[str] = ()
+    design,
+    family: Family,
+    folder: Path,
+    *,
+    top: str = "accelerator",
+    keep: Sequence[str] = (),
+    verilog: Sequence[Path] = (),
 ) -> Netlist:
     """Netlist of ``design`` in ``folder`` (made if missing): TOP.il, TOP.json, TOP.v and what Yosys says.
 
@@ -221,6 +227,8 @@ def synthesise(
     keep:
         Paths of submodules across whose borders nothing is optimised, so that their cells can be told from
         the rest.
+    verilog:
+        Files with modules that the design instantiates.
 
     Raises
     ------
@@ -247,7 +255,10 @@ techmap -map {WHOLE_WORDS.name}
 {synth} -run map_ram:blif
 """
     hold = "".join(f"setattr -mod -set keep_hierarchy 1 {top}.{path}\n" for path in keep)
-    script = f"""read_rtlil {top}.il
+    (folder / "instances.v").write_text("".join(path.read_text() for path in verilog))
+    # -defer: a module is looked at with the parameters that it is used with
+    read = "read_verilog -defer instances.v\n" if verilog else ""
+    script = f"""{read}read_rtlil {top}.il
 hierarchy -top {top}
 proc
 design -push-copy

@@ -183,22 +183,26 @@ def _document(root: ElementTree.Element) -> str:
 def svd(registers: Iterable[Entry], version: str) -> str:
     """CMSIS-SVD 1.3: one peripheral at address 0, registers of 32 bits."""
 
-    def field(one: Field) -> Content:
-        return [("name", one.name), *_texts("description", one.text), ("bitRange", f"[{one.high}:{one.low}]")]
+    def field(bits: Field) -> Content:
+        return [
+            ("name", bits.name),
+            *_texts("description", bits.text),
+            ("bitRange", f"[{bits.high}:{bits.low}]"),
+        ]
 
-    def register(one: Entry) -> Content:
-        array = [("dim", one.count), ("dimIncrement", 4)] if one.count > 1 else []
-        known = sum((2 << bits.high) - (1 << bits.low) for bits in one.fields) if one.reset is not None else 0
+    def register(row: Entry) -> Content:
+        array = [("dim", row.count), ("dimIncrement", 4)] if row.count > 1 else []
+        mask = sum((2 << bits.high) - (1 << bits.low) for bits in row.fields) if row.reset is not None else 0
         return [
             *array,
-            ("name", one.name + ("[%s]" if array else "")),
-            ("description", one.sentence),
-            ("addressOffset", f"0x{4 * one.address:X}"),
-            ("access", ACCESS[one.access]),
-            ("resetValue", f"0x{one.reset or 0:X}"),
-            ("resetMask", f"0x{known:X}"),
-            *([("readAction", "modify")] if one.access == "ro" and one.effect else []),
-            ("fields", [("field", field(bits)) for bits in one.fields]),
+            ("name", row.name + ("[%s]" if array else "")),
+            ("description", row.sentence),
+            ("addressOffset", f"0x{4 * row.address:X}"),
+            ("access", ACCESS[row.access]),
+            ("resetValue", f"0x{row.reset or 0:X}"),
+            ("resetMask", f"0x{mask:X}"),
+            *([("readAction", "modify")] if row.access == "ro" and row.effect else []),
+            ("fields", [("field", field(bits)) for bits in row.fields]),
         ]
 
     block = [("offset", 0), ("size", f"0x{RANGE:X}"), ("usage", "registers")]
@@ -207,7 +211,7 @@ def svd(registers: Iterable[Entry], version: str) -> str:
         ("description", "Accelerator for touches of a tactile array"),
         ("baseAddress", "0x0"),
         ("addressBlock", block),
-        ("registers", [("register", register(one)) for one in registers]),
+        ("registers", [("register", register(row)) for row in registers]),
     ]
     device = [
         ("name", "eskin"),
@@ -248,28 +252,28 @@ def ip_xact(
     def named(vendor: str, library: str, name: str, release: str) -> str:
         return f"vendor={vendor} library={library} name={name} version={release}"
 
-    def field(one: Field, access: str, volatile: bool, action: str) -> Content:
-        reset = [] if one.reset is None else [("resets", [("reset", [("value", f"'h{one.reset:X}")])])]
+    def field(bits: Field, access: str, volatile: bool, action: str) -> Content:
+        reset = [] if bits.reset is None else [("resets", [("reset", [("value", f"'h{bits.reset:X}")])])]
         return [
-            ("name", one.name),
-            *_texts("description", one.text),
-            ("bitOffset", one.low),
+            ("name", bits.name),
+            *_texts("description", bits.text),
+            ("bitOffset", bits.low),
             *reset,
-            ("bitWidth", one.width),
+            ("bitWidth", bits.width),
             *([("volatile", "true")] if volatile else []),
             ("access", ACCESS[access]),
             *_texts("readAction", action),
         ]
 
-    def register(one: Entry) -> Content:
-        action = "modify" if one.access == "ro" and one.effect else ""
+    def register(row: Entry) -> Content:
+        action = "modify" if row.access == "ro" and row.effect else ""
         return [
-            ("name", one.name),
-            ("description", one.sentence),
-            *([("dim", one.count)] if one.count > 1 else []),
-            ("addressOffset", f"'h{4 * one.address:X}"),
+            ("name", row.name),
+            ("description", row.sentence),
+            *([("dim", row.count)] if row.count > 1 else []),
+            ("addressOffset", f"'h{4 * row.address:X}"),
             ("size", DEVICE_WIDTH),
-            *[("field", field(bits, one.access, one.access == "ro", action)) for bits in one.fields],
+            *[("field", field(bits, row.access, row.access == "ro", action)) for bits in row.fields],
         ]
 
     block = [
@@ -278,7 +282,7 @@ def ip_xact(
         ("range", RANGE),
         ("width", DEVICE_WIDTH),
         ("usage", "register"),
-        *[("register", register(one)) for one in registers],
+        *[("register", register(row)) for row in registers],
     ]
 
     def port(name: str, way: str, bits: int) -> Content:
@@ -333,14 +337,14 @@ def markdown() -> str:
     """Every register that a design may have, as a table."""
     lines = ["| word | byte | register | access | holds |", "| --- | --- | --- | --- | --- |"]
     for register in (*Register, *InterfaceRegister, *ShellRegister, *TeachRegister):
-        one = entry(register)
+        row = entry(register)
         bits = [
             f"{field.high}..{field.low} {field.name}" if field.width > 1 else f"{field.low} {field.name}"
-            for field in one.fields
+            for field in row.fields
             if field.name != "VALUE"
         ]
-        told = " ".join([one.sentence, f"Bits: {', '.join(bits)}."] if bits else [one.sentence])
+        sentence = " ".join([row.sentence, f"Bits: {', '.join(bits)}."] if bits else [row.sentence])
         lines.append(
-            f"| 0x{one.address:02X} | 0x{4 * one.address:03X} | {one.name} | {one.access} | {told} |"
+            f"| 0x{row.address:02X} | 0x{4 * row.address:03X} | {row.name} | {row.access} | {sentence} |"
         )
     return "\n".join(lines)

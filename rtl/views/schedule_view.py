@@ -106,22 +106,22 @@ def _compact(plan: CompactSchedule) -> Iterator[Span]:
     ):
         work, name, done = unit_at[first].work, unit_at[first].name, list(group)
         rows, begin = isinstance(work, RowBlock), done[0].cycle
-        what = " + ".join(map(" ".join, work.terms)) if isinstance(work, RowBlock) else _formula(work)
+        work_text = " + ".join(map(" ".join, work.terms)) if isinstance(work, RowBlock) else _formula(work)
         length = done[-1].cycle + done[-1].cycles - begin
-        yield Span(LANES if rows else ELEMENTS, name, False, begin, length, 1, what, index, index)
+        yield Span(LANES if rows else ELEMENTS, name, False, begin, length, 1, work_text, index, index)
         for entry in done:
             instruction = entry.instruction
             if instruction.op != Op.STORE:
                 continue
             if instruction.kind == Kind.INDEX:
-                unit, what = TABLE, f"{'tanh' if instruction.tanh else 'sigmoid'} of {name}"
+                unit, work_text = TABLE, f"{'tanh' if instruction.tanh else 'sigmoid'} of {name}"
             elif instruction.kind == Kind.LOGIT:
-                unit, what = CLASSIFIER, "logit"
+                unit, work_text = CLASSIFIER, "logit"
             elif isinstance(work, ElementOp) and work.state and not instruction.table:
-                unit, what = STATE, work.state
+                unit, work_text = STATE, work.state
             else:
                 continue
-            yield Span(unit, name, False, entry.cycle, 1, 1, what, index, index)
+            yield Span(unit, name, False, entry.cycle, 1, 1, work_text, index, index)
 
 
 def _single(plan: Schedule) -> Iterator[Span]:

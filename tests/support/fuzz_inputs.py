@@ -32,6 +32,7 @@ from eskin.cli.main import app
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.groups import Interface
 from eskin.golden.data.recordings import Recordings
+from eskin.golden.export.onnx_file import write_onnx
 from eskin.golden.model.image_network import random_images
 from eskin.golden.model.model import FloatModel, random_integer_model
 from tests.support import result_case
@@ -112,6 +113,7 @@ def make_corpus(folder: Path) -> Path:
     (folder / "grid.json").write_text('{"hidden": [4, 6], "cell": ["gru", "lstm"]}')
     layers: torch.nn.Module = torch.nn.ModuleDict({"cell": torch.nn.GRU(4, 4), "head": torch.nn.Linear(4, 2)})
     torch.save(layers.state_dict(), folder / "network.pt")
+    write_onnx(FloatModel(config, result_case.float_model().arrays), folder / "network.onnx")
     rng = np.random.default_rng(1)
     np.savez(
         folder / "keras.npz",
@@ -468,6 +470,7 @@ generate @ --out design
 generate @ --out design --lanes #
 schedule @
 export @ --to c --out design
+export @ --to onnx --out design
 export @ --to c --out keep --data ../in/recordings.npz
 energy @ --data ../in/recordings.npz
 stability @ --data ../in/recordings.npz
@@ -514,6 +517,8 @@ READERS = {
     "--config ../in/config.json",
     "network.pt": "import @ --out made --config ../in/config.json --mean # --std #",
     "keras.npz": "import @ --out made --config ../in/config.json --mean # --std #",
+    "network.onnx": "import @ --out made\nimport @ --out made --config ../in/config.json --mean # --std #\n"
+    "import @ --out made --data ../in/recordings.npz",
     "result": "report result",
     "images.npz": IMAGES,
     "image_model": MODEL.replace("recordings.npz", "images.npz"),

@@ -2,6 +2,17 @@
 
 #define FIELD(word, name) (((word) & ESKIN_##name##_MASK) >> ESKIN_##name##_SHIFT)
 
+#ifdef ESKIN_BASE
+static uint32_t get(const eskin_hw *hw, uint32_t offset) {
+    (void)hw;
+    return *(volatile uint32_t *)(uintptr_t)(ESKIN_BASE + offset);
+}
+
+static void put(const eskin_hw *hw, uint32_t offset, uint32_t word) {
+    (void)hw;
+    *(volatile uint32_t *)(uintptr_t)(ESKIN_BASE + offset) = word;
+}
+#else
 static uint32_t get(const eskin_hw *hw, uint32_t offset) {
     return hw->read ? hw->read(hw->context, offset) : hw->base[offset / 4];
 }
@@ -13,16 +24,21 @@ static void put(const eskin_hw *hw, uint32_t offset, uint32_t word) {
         hw->base[offset / 4] = word;
     }
 }
+#endif
 
 int eskin_hw_present(const eskin_hw *hw) {
     return get(hw, ESKIN_ID_OFFSET) == ESKIN_ID_VALUE && get(hw, ESKIN_VERSION_OFFSET) == ESKIN_VERSION_VALUE;
 }
 
-void eskin_hw_load(eskin_hw *hw, const uint32_t *writes, size_t count) {
-    eskin_hw_arm(hw); /* a memory takes no write while a touch is open */
+int eskin_hw_load(eskin_hw *hw, const uint32_t *writes, size_t count) {
+    if (get(hw, ESKIN_STATUS_OFFSET) & ESKIN_STATUS_TOUCH) {
+        eskin_hw_arm(hw); /* a memory takes no write while a touch is open; otherwise ARM would start a converter */
+    }
+    eskin_hw_clear_faults(hw);
     for (size_t k = 0; k < count; k++) {
         put(hw, writes[k] >> 16 << 2, writes[k] & 0xFFFFu);
     }
+    return (eskin_hw_faults(hw) & ESKIN_FAULT_WRITE_REFUSED) == 0;
 }
 
 void eskin_hw_arm(eskin_hw *hw) {
@@ -31,14 +47,36 @@ void eskin_hw_arm(eskin_hw *hw) {
 }
 
 #ifdef ESKIN_SAMPLE
+static int frame_is_in(eskin_hw *hw) {
+    uint32_t next = get(hw, ESKIN_NEXT_TAXEL_OFFSET);
+    hw->next = FIELD(next, NEXT_TAXEL_TAXEL);
+    return next == 0;
+}
+
 int eskin_hw_frame(eskin_hw *hw, const uint16_t *codes) {
     for (uint32_t k = hw->next; k < ESKIN_FRAME_TAXELS; k += 2) {
         uint32_t second = k + 1 < ESKIN_FRAME_TAXELS ? codes[k + 1] : 0;
         put(hw, ESKIN_SAMPLE_PAIR_OFFSET, codes[k] | second << 16);
     }
-    uint32_t next = get(hw, ESKIN_NEXT_TAXEL_OFFSET);
-    hw->next = FIELD(next, NEXT_TAXEL_TAXEL);
-    return next == 0;
+    return frame_is_in(hw);
+}
+
+int eskin_hw_frame_pairs(eskin_hw *hw, const uint32_t *pairs) {
+    if (hw->next == 0) { /* so often that the compiler should know the count */
+        for (uint32_t k = 0; k < ESKIN_FRAME_TAXELS; k += 2) {
+            put(hw, ESKIN_SAMPLE_PAIR_OFFSET, pairs[k / 2]);
+        }
+    } else {
+        uint32_t k = hw->next;
+        if (k & 1) { /* the first of its pair is in */
+            put(hw, ESKIN_SAMPLE_OFFSET, pairs[k / 2] >> 16);
+            k++;
+        }
+        for (; k < ESKIN_FRAME_TAXELS; k += 2) {
+            put(hw, ESKIN_SAMPLE_PAIR_OFFSET, pairs[k / 2]);
+        }
+    }
+    return frame_is_in(hw);
 }
 #endif
 

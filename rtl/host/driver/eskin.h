@@ -22,7 +22,8 @@
 extern "C" {
 #endif
 
-/* Where the registers are: at base, or behind read and write, which get context and a byte offset. */
+/* Where the registers are: at base, or behind read and write, which get context and a byte offset. Compiled with
+ * -DESKIN_BASE=0x30000000u they are there, and none of the three is looked at: fewer instructions. */
 typedef struct {
     volatile uint32_t *base;
     uint32_t (*read)(void *context, uint32_t offset);
@@ -41,8 +42,10 @@ typedef struct {
 /* 1 where a device with this register map answers. */
 int eskin_hw_present(const eskin_hw *hw);
 
-/* Ends whatever it is at and carries out writes, each address << 16 | word: the model of load.h. */
-void eskin_hw_load(eskin_hw *hw, const uint32_t *writes, size_t count);
+/* Ends an open touch and carries out writes, each address << 16 | word: the model of load.h. 1: it is in. 0: a
+ * converter feeds since an earlier eskin_hw_arm(), and a touch opened meanwhile; then call it again. No decision means
+ * anything before the next eskin_hw_arm(). */
+int eskin_hw_load(eskin_hw *hw, const uint32_t *writes, size_t count);
 
 /* Begins a recording; faults and decisions of the one before are gone. */
 void eskin_hw_arm(eskin_hw *hw);
@@ -51,6 +54,9 @@ void eskin_hw_arm(eskin_hw *hw);
 /* Feeds a frame of ESKIN_FRAME_TAXELS codes (two's complement). 1: it is in. 0: decisions have to be taken first;
  * then call it again with the same frame, which goes on where it stopped. */
 int eskin_hw_frame(eskin_hw *hw, const uint16_t *codes);
+
+/* The same of a frame that lies as the register takes it, two codes a word, the first in the low half: faster. */
+int eskin_hw_frame_pairs(eskin_hw *hw, const uint32_t *pairs);
 #endif
 
 /* The recording has ended: an open touch is decided as partial. It is over when eskin_hw_busy() is 0. */

@@ -423,3 +423,23 @@ def test_accuracy_against_time_is_float_and_integer(made):
 )
 def test_figures_in_words(shown, text):
     assert shown.replace("\u00a0", " ") == text
+
+
+def test_events_are_a_raster_units_are_the_archives_and_kinds_have_names(made):
+    result = Result.load(made)
+    trace = dict(result.trace)
+    raw = draw_trace(trace, result.config, "pF").axes[0]
+    assert raw.get_ylabel() == "pF from rest" and len(raw.lines) > CONFIG.sensor.taxels
+    assert draw_trace(trace, result.config).axes[0].get_ylabel() == "mV from rest"
+    trace["samples"] = np.zeros_like(trace["samples"])
+    trace["samples"][5, 2] = 1
+    raw = draw_trace(trace, result.config).axes[0]
+    (dots,) = (line for line in raw.lines if line.get_marker() == "|")
+    assert dots.get_ydata().tolist() == [2] and raw.get_ylabel() == "taxel"
+    both = result.config.replace(feature_kinds=("mean", "activity"), feature_shift=())
+    trace["features"] = np.repeat(trace["features"], 2, axis=1)
+    trace["features"][:, 1::2] = 7
+    panel = draw_trace(trace, both).axes[1]
+    assert [label.get_text() for label in panel.get_yticklabels()] == ["mean", "activity"]
+    shown = panel.images[0].get_array()
+    assert (shown[CONFIG.sensor.taxels :] == both.formats.feature_format.to_real(7)).all()

@@ -40,6 +40,8 @@ RING = AcceleratorConfig.of(
     decision="vote", fault_frames=4, masked_taxels=(1,), hidden=5,
 )  # fmt: skip
 """Three windows end with the onset and three with the last frame; taxels fail in between."""
+EVENTS = RING.replace(sample_bits=2, band_low=1, band_high=2, fault_frames=0)
+"""Codes of two levels: means with fraction bits."""
 
 
 def model_of(config: AcceleratorConfig, seed: int) -> IntegerModel:
@@ -72,7 +74,7 @@ def test_random_models_decide_as_the_golden_one(tmp_path_factory, config, seed):
     assert verdict(folder, *SANITIZED) == f"{count} decisions compared, 0 different\n"
 
 
-@pytest.mark.parametrize("config", [IMAGES, RING], ids=["image", "ring"])
+@pytest.mark.parametrize("config", [IMAGES, RING, EVENTS], ids=["image", "ring", "events"])
 def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path):
     count = exported(config, 3, tmp_path / "c")["decisions"]
     assert count > 3

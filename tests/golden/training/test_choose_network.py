@@ -210,7 +210,7 @@ def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_aug
         (True, False),
     ]
     assert [recipe.penalty for recipe in recipes] == [1.0, 1.0, choosing.WEAK_PENALTY, 1.0, 1.0]
-    assert [recipe.name for recipe in recipes[1:3]] == ["as recorded", "as recorded, weak penalty"]
+    assert [recipe.name for recipe in recipes[1:3]] == ["not augmented", "not augmented, weak penalty"]
 
 
 # ---------------------------------------------------------------------- training what was chosen

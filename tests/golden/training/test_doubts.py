@@ -49,8 +49,10 @@ def test_a_network_below_its_best_baseline():
         and "2.5 points" in sentence
         and "--cell auto" in sentence
     )
-    (sentence,) = doubts.below_baselines(split(), [baseline(0.93)], chosen=True)
-    assert "--hidden" in sentence and "--cell auto" not in sentence
+    (sentence,) = doubts.below_baselines(split(), [baseline(0.93)], chosen=True, hidden=8)
+    assert "--cell gru --hidden 12" in sentence and "--cell auto" not in sentence
+    (sentence,) = doubts.below_baselines(split(), [baseline(0.93)], chosen=True, cell="linear", hidden=12)
+    assert "--cell gru --hidden 4" in sentence
     (sentence,) = doubts.below_baselines(
         split(), [baseline(0.93, "RBF-SVM on the same features", False)], chosen=True
     )

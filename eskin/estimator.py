@@ -1,0 +1,73 @@
+"""What scikit-learn calls an estimator: parameters, clones, tags, probabilities."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+import numpy as np
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
+
+
+class Estimator:
+    """The words that scikit-learn's tools ask a classifier for; scikit-learn itself is loaded by ``tags`` alone.
+
+    A class that has them keeps its parameters by `_keep`, and says what follows from them in ``_configure``.
+    """
+
+    _parameters: Record
+
+    def _configure(self) -> None:
+        """What follows from the parameters."""
+
+    def _keep(self, **parameters: Any) -> None:
+        self._parameters = parameters
+        self._configure()
+
+    def get_params(self, deep: bool = True) -> Record:
+        """The parameters as they were given; ``deep`` says nothing here, no parameter has its own."""
+        return dict(self._parameters)
+
+    def set_params(self, **parameters: Any) -> Self:
+        """Other parameters for the next `fit`.
+
+        Raises
+        ------
+        InputError
+            One that there is not, or of a wrong value; all are as before then.
+        """
+        if unknown := sorted(set(parameters) - set(self._parameters)):
+            raise InputError(
+                f"model: has no parameter '{unknown[0]}'; it has {', '.join(sorted(self._parameters))}"
+            )
+        before = self._parameters
+        try:
+            self._keep(**(before | parameters))
+        except InputError:
+            self._keep(**before)
+            raise
+        return self
+
+    def __sklearn_tags__(self) -> Any:
+        """A classifier of recordings of any length, which a two-dimensional array of features is not."""
+        from sklearn.utils import ClassifierTags, InputTags, Tags, TargetTags
+
+        return Tags(
+            estimator_type="classifier",
+            target_tags=TargetTags(required=True),
+            classifier_tags=ClassifierTags(),
+            input_tags=InputTags(two_d_array=False, three_d_array=True),
+            no_validation=True,
+        )
+
+
+def probabilities(scores: np.ndarray, *, votes: bool) -> np.ndarray:
+    """Shares of ``scores`` (n, C) that add up to 1: of votes their shares, else exp(score) over the sum of all; rows
+    that are not a number give equal shares."""
+    known = np.where(np.isnan(scores), 0.0, scores)
+    if votes:
+        shares = known + (known.sum(axis=1, keepdims=True) == 0)
+    else:
+        shares = np.exp(known - known.max(axis=1, keepdims=True))
+    return shares / shares.sum(axis=1, keepdims=True)

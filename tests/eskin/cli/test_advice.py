@@ -1,0 +1,51 @@
+"""Each advice of a doubt is something that the command line takes."""
+
+from __future__ import annotations
+
+from typer.main import get_command
+
+import eskin.cli.main  # noqa: F401  registers the verbs
+from eskin.cli.common import PANELS, app
+from eskin.golden.core.config import PRESETS
+from eskin.golden.model.model import with_network
+from eskin.golden.model.stage_error import STAGES
+from eskin.golden.training import doubts
+from tests.golden.training.test_doubts import baseline, split
+from tests.support.table import each_row
+
+RIVALS = [("linear classifier on the same features", True), ("RBF-SVM on the same features", False)]
+
+
+@each_row("verb", ["run", "train"])
+@each_row(("name", "hardware"), RIVALS)
+@each_row(("cell", "hidden"), [("linear", 12), ("gru", 8), ("lstm", 24), ("gru", 32)])
+def test_every_advice_is_something_that_the_verbs_take(verb, name, hardware, cell, hidden):
+    """The options of the sentence are options of both verbs, and the network is one that there is."""
+    options = {opt for parameter in get_command(app).commands[verb].params for opt in parameter.opts}
+    for chosen in (True, False):
+        (sentence,) = doubts.below_baselines(
+            split(), [baseline(0.93, name, hardware)], chosen=chosen, cell=cell, hidden=hidden
+        )
+        words = sentence.replace(";", " ").split()
+        assert {word for word in words if word.startswith("--")} <= options
+        if "--hidden" in words:
+            advised = int(words[words.index("--hidden") + 1])
+            assert advised > (hidden if cell != "linear" else 0)
+            with_network(PRESETS["thesis"], cell=words[words.index("--cell") + 1], hidden=advised)
+
+
+def test_what_integers_lose_names_the_stage_and_an_option_of_quantise():
+    evaluated = {"logit_error": {"mean": 0.1, "max": 2.0, "stage": "features"}}
+    assert doubts.lost_in_integers([split() | {"float_accuracy": 0.9049}], evaluated) == []
+    options = {opt for parameter in get_command(app).commands["quantise"].params for opt in parameter.opts}
+    for stage in STAGES:
+        evaluated["logit_error"]["stage"] = stage
+        (sentence,) = doubts.lost_in_integers([split() | {"float_accuracy": 0.95}], evaluated)
+        assert stage in sentence and "95.0 %" in sentence
+        assert {word for word in sentence.replace("'", " ").split() if word.startswith("--")} <= options
+
+
+def test_every_verb_is_in_one_group_of_the_help():
+    verbs = get_command(app).commands
+    grouped = [verb for verbs in PANELS.values() for verb in verbs]
+    assert sorted(grouped) == sorted(command.callback.__name__ for command in verbs.values())

@@ -1,0 +1,117 @@
+"""A model in scikit-learn's hands: clones, cross-validation, grids, pipelines on lists of recordings; callbacks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.base import clone, is_classifier
+from sklearn.model_selection import GridSearchCV, cross_val_score
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import FunctionTransformer
+from sklearn.utils import get_tags
+from sklearn.utils.validation import check_is_fitted
+
+import eskin
+from eskin.estimator import probabilities
+from tests.support.touch_scenes import SMALL, scene
+
+LINEAR = SMALL.replace(cell="linear", decision="last")
+
+
+@pytest.fixture(scope="module")
+def lists():
+    """(recordings as a list of arrays of several lengths, labels)."""
+    recordings = scene(40)
+    return [recordings.recording(index) for index in range(len(recordings))], recordings.labels
+
+
+@pytest.fixture(scope="module")
+def fitted(lists):
+    return eskin.Model(LINEAR, folds=0).fit(*lists)
+
+
+def test_parameters_go_in_and_out():
+    model = eskin.Model(SMALL, cell="gru", hidden=6, folds=2, sample_rate_hz=500.0)
+    twin = clone(model)
+    assert twin is not model and twin.get_params() == model.get_params()
+    assert twin.set_params(hidden=8, cell="lstm") is twin and twin.get_params()["hidden"] == 8
+    assert twin._options["hidden"] == 8 and model._options["hidden"] == 6
+    with pytest.raises(eskin.InputError, match="has no parameter 'units'; it has cell, config"):
+        model.set_params(units=3)
+    with pytest.raises(eskin.InputError, match="no_such_preset"):
+        model.set_params(config="no_such_preset")
+    assert model.get_params()["config"] is SMALL
+
+
+def test_tags_and_whether_it_is_fitted(fitted):
+    tags = get_tags(fitted)
+    assert is_classifier(fitted) and not tags.input_tags.two_d_array and tags.target_tags.required
+    check_is_fitted(fitted)
+    with pytest.raises(Exception, match="not fitted"):
+        check_is_fitted(clone(fitted))
+
+
+def test_shares_add_up_and_follow_the_decision(fitted, lists):
+    shares, decision = fitted.predict_proba(lists[0]), fitted.predict(lists[0])
+    assert np.allclose(shares.sum(axis=1), 1) and (shares > 0).all()
+    decided = decision >= 0
+    assert (shares[decided].argmax(axis=1) == decision[decided]).all() and not decided.all()
+    assert np.ptp(shares[~decided], axis=1).max() == 0
+    logits = fitted.decision_function(lists[0])[decided]
+    ratio = np.exp(logits[:, 0] - logits[:, 1])
+    assert np.allclose(shares[decided][:, 0] / shares[decided][:, 1], ratio)
+    votes = probabilities(np.array([[3.0, 1, 0], [np.nan] * 3]), votes=True)
+    assert np.allclose(votes, [[0.75, 0.25, 0], [1 / 3] * 3])
+
+
+def test_cross_validation_of_a_list_of_recordings(lists):
+    scores = cross_val_score(eskin.Model(LINEAR, folds=0), *lists, cv=2, error_score="raise")
+    assert scores.shape == (2,) and scores.min() > 0.7
+    again = cross_val_score(
+        eskin.Model(LINEAR, folds=0), *lists, cv=2, scoring="accuracy", error_score="raise"
+    )
+    assert np.allclose(scores, again)
+
+
+def test_a_grid_and_a_pipeline(lists):
+    louder = FunctionTransformer(lambda recordings: [array + 1 for array in recordings], validate=False)
+    pipeline = make_pipeline(louder, eskin.Model(LINEAR, folds=0))
+    grid = GridSearchCV(pipeline, {"model__seed": [0, 1]}, cv=2, error_score="raise").fit(*lists)
+    assert grid.best_params_["model__seed"] in (0, 1) and grid.score(*lists) > 0.7
+    assert grid.predict(lists[0]).shape == (len(lists[0]),)
+
+
+def test_labels_by_name_and_of_a_table(lists):
+    names = np.array(["tap", "hold"])[lists[1] % 2]
+    config = LINEAR.replace(class_names=("hold", "tap"))
+    model = eskin.Model(config, folds=0).fit(lists[0], names)
+    assert model.classes_.tolist() == ["hold", "tap"] and model.score(lists[0], names) > 0.7
+    with pytest.raises(eskin.InputError, match="label 'push' is no class; there are hold, tap"):
+        eskin.Model(config, folds=0).fit(lists[0], np.where(names == "tap", "push", names))
+    parts = [
+        pd.DataFrame(array, columns=list("abcd"[: array.shape[1]])).assign(
+            recording=number, label=names[number]
+        )
+        for number, array in enumerate(lists[0][:20])
+    ]
+    table = pd.concat([part.assign(time=np.arange(len(part)) / 500.0) for part in parts])
+    of_table = eskin.Model(cell="linear", folds=2).fit(table)
+    assert sorted(of_table.classes_.tolist()) == ["hold", "tap"]
+
+
+def test_the_callback_gets_epochs_and_figures_and_may_end_it(lists):
+    seen: list[tuple[int, dict]] = []
+    eskin.Model(SMALL, folds=0).fit(*lists, callback=lambda *told: seen.append(told))
+    assert [epoch for epoch, _ in seen] == list(range(1, 22))
+    losses = [figures["loss"] for _, figures in seen[:-1]]
+    assert losses[-1] < 0.7 * losses[0] and 0.7 < seen[-1][1]["accuracy"] <= 1
+
+    class Enough(Exception):
+        pass
+
+    def end(epoch: int, figures: dict[str, float]) -> None:
+        raise Enough
+
+    with pytest.raises(Enough):
+        eskin.Model(LINEAR, folds=0).fit(*lists, callback=end)

@@ -1,0 +1,61 @@
+"""examples/soc: the simulated system decides as the golden model, and a run that does not is told from one that does."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "soc"
+WORDS = [1 | 3 << 7 | 749 << 15, 2 | 19 << 7 | 16383 << 15 | 1 << 29 | 1 << 31]
+LINES = [
+    "class 01 margin 00749 step 003 global 0 partial 0 unsure 0 time 0000815277 us",
+    "class 02 margin 16383 step 019 global 1 partial 0 unsure 1 time 0001815277 us",
+]
+END = "cycles 8000 works 800 most 500 missed 0 violations 0"
+
+
+@pytest.fixture(autouse=True)
+def installed():
+    pytest.importorskip("ziglang", reason="ziglang (extra soc) is not installed")
+
+
+def compare(folder, lines):
+    (folder / "expected.txt").write_text("".join(f"{word:08x}\n" for word in WORDS))
+    (folder / "simulation.f").write_text("-GFRAMES=2\n-GPERIOD=4000\n")
+    (folder / "said.txt").write_text("\n".join(["ready", *lines]) + "\n")
+    call = [sys.executable, "build.py", "compare", str(folder / "said.txt"), "--out", str(folder)]
+    done = subprocess.run(call, cwd=EXAMPLE, capture_output=True, text=True, timeout=120)
+    return done.returncode, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("lines", "said"),
+    [
+        ([*LINES, END], "2 decisions compared, 0 differ"),
+        ([LINES[0].replace("00749", "00750"), LINES[1], END], "2 decisions compared, 1 differ"),
+        ([LINES[0], END], "2 decisions compared, 1 differ"),
+        ([*LINES, LINES[1], END], "3 decisions compared, 1 differ"),
+        ([*LINES, "faults 00008", END], "1 faults told"),
+        ([*LINES, END.replace("missed 0", "missed 1")], "1 frames missed"),
+        (LINES, "did not come to its end"),
+    ],
+    ids=["same", "other", "missing", "too-many", "fault", "late", "broken-off"],
+)
+def test_each_decision_is_compared(tmp_path, lines, said):
+    status, text = compare(tmp_path, lines)
+    assert said in text and status == (lines != [*LINES, END])
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_a_recording_each_way_through_the_simulated_system():
+    call = ["make", "sim", "RECORDINGS=1"]
+    done = subprocess.run(call, cwd=EXAMPLE, capture_output=True, text=True, timeout=3600)
+    counts = re.findall(r"(converter|cpu): (\d+) decisions compared, (\d+) differ", done.stdout)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert [name for name, *_ in counts] == ["converter", "cpu"]
+    assert all(int(compared) > 0 and differ == "0" for _, compared, differ in counts)

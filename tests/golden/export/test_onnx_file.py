@@ -1,0 +1,263 @@
+"""ONNX in and out: what torch, eskin and files made by hand hold is taken as it is, or refused with the node's
+name."""
+
+from __future__ import annotations
+
+import io
+import warnings
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from onnx import TensorProto, helper, numpy_helper
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+from eskin.golden.export.onnx_file import largest_difference, onnx_model, write_onnx
+from eskin.golden.model.model import FloatModel, constants_shape, network_shapes
+from eskin.golden.training.import_network import import_network
+from eskin.golden.training.import_onnx import OPERATORS, read_onnx
+from eskin.verbs.export_job import export_onnx
+from tests.support.table import each_row
+
+CONFIG = AcceleratorConfig.of(
+    taxels=4, sample_rate_hz=500.0, rest="tracked", rest_frames=8, onset="baseline", onset_mean_frames=4,
+    onset_check_frames=4, window_mode="free", pretrigger_frames=0, hop=8, window=16, steps=5, hidden=6,
+    class_names=("press", "stroke", "tap"), rearm_frames=16,
+)  # fmt: skip
+WIDE = {"state_format": QFormat(4, 12)}
+CELLS = {
+    "linear": {"cell": "linear", "decision": "last"},
+    "linear, one set": {"cell": "linear", "decision": "last", "weight_sets": "one"},
+    "before": {},
+    "after": {"reset": "after", **WIDE},
+    "lstm": {"cell": "lstm", **WIDE},
+    "hard": {"gate_activation": "hard_sigmoid"},
+}
+
+
+def model_of(config: AcceleratorConfig, seed: int = 1) -> FloatModel:
+    rng = np.random.default_rng(seed)
+    arrays = {name: rng.normal(0, 0.5, shape) for name, shape in network_shapes(config, real=True).items()}
+    scale = {"mu": np.full(constants_shape(config), 3.0), "sigma": np.full(constants_shape(config), 7.0)}
+    return FloatModel(config, arrays | scale)
+
+
+def taken(file, tmp_path, config=CONFIG, **options) -> FloatModel:
+    import_network(file, config, out=tmp_path / "made", **{"mean": 0.0, "std": 1.0, **options})
+    return FloatModel.load(tmp_path / "made")
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_what_is_exported_comes_back(cell, tmp_path):
+    model = model_of(CONFIG.replace(**CELLS[cell]))
+    file = write_onnx(model, tmp_path / "net.onnx")
+    again = taken(file, tmp_path, mean=None, std=None)  # scale, cell and sizes are the file's
+    features = np.random.default_rng(2).normal(size=(7, 5, 4))
+    assert largest_difference(model, file, features) < 1e-5
+    assert np.abs(model.forward(features)[1] - again.forward(features)[1]).max() < 1e-5
+    assert again.arrays["mu"] == 3 and again.arrays["sigma"] == 7
+    assert again.config.network.cell == model.config.network.cell
+
+
+@pytest.mark.parametrize("cell", ["linear", "after", "lstm"])
+def test_a_hundred_recordings_through_onnxruntime(cell, tmp_path):
+    model = model_of(CONFIG.replace(**CELLS[cell]))
+    result = export_onnx(model, tmp_path / "net")
+    assert result["touches"] == 100 and result["passed"] and result["difference"] < 1e-5
+
+
+def from_torch(layer: str, opset: int, tmp_path, last: bool = True, **options):
+    """(file, logits of features (5, 4)) of a network as torch writes it."""
+    torch.manual_seed(3)
+
+    class Net(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.cell = getattr(torch.nn, layer)(4, 6, batch_first=True, **options)
+            self.head = torch.nn.Linear(6 * (1 + options.get("bidirectional", False)), 3)
+
+        def forward(self, x):
+            states = self.cell(x)[0]
+            return self.head(states[:, -1] if last else states)
+
+    net, file = Net().eval(), io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.onnx.export(net, (torch.zeros(1, 5, 4),), file, dynamo=False, opset_version=opset)
+    (tmp_path / "net.onnx").write_bytes(file.getvalue())
+    return tmp_path / "net.onnx", lambda x: net(torch.from_numpy(x.astype(np.float32))).detach().numpy()
+
+
+@pytest.mark.parametrize("opset", [9, 13, 17])
+@pytest.mark.parametrize("layer", ["GRU", "LSTM"])
+def test_torch_to_onnx_to_eskin_to_onnx(layer, opset, tmp_path):
+    file, logits = from_torch(layer, opset, tmp_path, last=opset != 13)
+    model = taken(file, tmp_path)
+    features = np.random.default_rng(2).normal(size=(3, 5, 4))
+    assert np.abs(model.forward(features)[1][:, -1] - logits(features).reshape(3, -1, 3)[:, -1]).max() < 1e-5
+    assert model.config.network.reset == ("after" if layer == "GRU" else "before")
+    assert largest_difference(model, write_onnx(model, tmp_path / "again.onnx"), features) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"num_layers": 2}, "second recurrent layer"), ({"bidirectional": True}, "runs bidirectional")],
+)
+def test_torch_networks_that_are_more_are_refused(options, said, tmp_path):
+    with pytest.raises(InputError, match=rf"node '.+' of type GRU: .*{said}"):
+        taken(from_torch("GRU", 17, tmp_path, **options)[0], tmp_path)
+    assert not (tmp_path / "made").exists()
+
+
+def edited(change, tmp_path, cell="after"):
+    """An exported file, changed: ``change`` gets the model."""
+    made = onnx_model(model_of(CONFIG.replace(**CELLS[cell])))
+    del made.metadata_props[:]
+    change(made)
+    (tmp_path / "net.onnx").write_bytes(made.SerializeToString())
+    return tmp_path / "net.onnx"
+
+
+def node(made, name):
+    return next(node for node in made.graph.node if node.name == name)
+
+
+def first_step(made):
+    del made.graph.node[-1]
+    made.graph.initializer.append(numpy_helper.from_array(np.array(0), "zero"))
+    made.graph.node.append(helper.make_node("Gather", ["by_step", "zero"], ["logits"], "first", axis=0))
+
+
+def start(made):
+    made.graph.initializer.append(numpy_helper.from_array(np.ones((1, 1, 6), np.float32), "h0"))
+    node(made, "cell").input.extend(["", "h0"])
+
+
+def bomb(made):
+    made.graph.initializer.append(numpy_helper.from_array(np.array([10**6, 10**6]), "much"))
+    made.graph.node.insert(0, helper.make_node("ConstantOfShape", ["much"], ["zeros"], "bomb"))
+
+
+def external(made):
+    tensor = made.graph.initializer[0]
+    tensor.data_location = TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value="../../etc/passwd")
+
+
+def wide(made):
+    made.graph.initializer.append(TensorProto(name="huge", data_type=TensorProto.FLOAT, dims=[1 << 40]))
+
+
+def not_numbers(made):
+    made.graph.initializer[0].raw_data = np.full(18, np.nan, np.float32).tobytes()
+
+
+@each_row(
+    ("change", "said"),
+    [
+        (first_step, "output 'logits': is not the dense layer behind the last step"),
+        (lambda made: setattr(made.opset_import[0], "version", 99), "has opset 99"),
+        (lambda made: setattr(made.opset_import[0], "version", 3), "has opset 3"),
+        (lambda made: made.graph.node.append(helper.make_node("Softmax", ["logits"], ["p"], "soft")), "node 'soft' of type Softmax"),
+        (lambda made: setattr(node(made, "cell"), "domain", "mine"), "node 'cell' of type GRU: is none of those"),
+        (lambda made: node(made, "cell").attribute.append(helper.make_attribute("clip", 3.0)), "node 'cell' of type GRU: has clip"),
+        (lambda made: node(made, "cell").attribute.append(helper.make_attribute("activations", ["Tanh", "Relu"])), "activations Tanh, Relu"),
+        (lambda made: node(made, "cell").input.extend(["lengths"]), "has sequence_lens"),
+        (start, "starts from a state that is not 0"),
+        (bomb, "node 'bomb' of type ConstantOfShape: cannot be computed"),
+        (external, "lies in another file"),
+        (wide, "tensor 'huge': has shape"),
+        (not_numbers, "no finite numbers"),
+        (lambda made: made.graph.input.append(helper.make_tensor_value_info("h0", 1, [1])), "has 2 inputs"),
+        (lambda made: node(made, "steps_behind_batch").attribute[0].ints.__setitem__(0, 2), "steps_behind_batch"),
+        (lambda made: node(made, "readout").input.__setitem__(1, "features"), "computes its weights"),
+        (lambda made: setattr(made.graph.input[0].type.tensor_type.shape.dim[1], "dim_value", 9), None),
+        (lambda made: made.graph.input[0].type.tensor_type.shape.dim[1].ClearField("dim_value"), None),
+        (lambda made: made.graph.input[0].type.tensor_type.shape.dim.pop(), "has shape"),
+    ],
+)  # fmt: skip
+def test_what_is_something_else_is_refused_by_name(change, said, tmp_path):
+    file = edited(change, tmp_path)
+    if said is None:
+        assert taken(file, tmp_path).config.network.hidden == 6
+        return
+    with pytest.raises(InputError, match=said) as refusal:
+        taken(file, tmp_path)
+    assert len(str(refusal.value)) < 400 and not (tmp_path / "made").exists()
+
+
+@each_row(
+    ("config", "options", "said"),
+    [
+        (CONFIG.replace(taxels=5), {}, "has 4 inputs and configuration"),
+        (CONFIG.replace(class_names=("a", "b")), {}, "has 3 classes and configuration"),
+        (CONFIG, {"cell": "lstm"}, "--cell lstm: .* is of gru"),
+        (CONFIG, {"reset": "before"}, "--reset before: .* is of after"),
+        (CONFIG, {"mean": None}, "--mean: is missing"),
+    ],
+)
+def test_what_does_not_go_with_the_file_is_said(config, options, said, tmp_path):
+    with pytest.raises(InputError, match=said):
+        taken(edited(lambda made: None, tmp_path), tmp_path, config, **options)
+
+
+@pytest.mark.parametrize("after", [False, True])
+def test_keras_layouts(after, tmp_path):
+    """As converters write Keras: steps first, weights transposed in nodes' constants, MatMul and Add, layout 1."""
+    rng, hidden = np.random.default_rng(5), 6
+    arrays = {"W": (1, 18, 4), "R": (1, 18, 6), "B": (1, 36), "D": (6, 3), "d": (3,)}
+    tensors = [
+        numpy_helper.from_array(rng.normal(0, 0.5, size).astype("f4"), name) for name, size in arrays.items()
+    ]
+    tensors.append(numpy_helper.from_array(np.array([0]), "axis"))
+    nodes = [
+        helper.make_node("GRU", ["x", "W", "R", "B"], ["y", "h"], "gru", hidden_size=hidden, linear_before_reset=int(after), layout=1),
+        helper.make_node("Reshape", ["h", "shape"], ["s"], "reshape"),
+        helper.make_node("MatMul", ["s", "D"], ["m"], "matmul"),
+        helper.make_node("Add", ["d", "m"], ["out"], "add"),
+    ]  # fmt: skip
+    tensors.append(numpy_helper.from_array(np.array([-1, hidden]), "shape"))
+    info = helper.make_tensor_value_info
+    graph = helper.make_graph(
+        nodes, "keras", [info("x", 1, ["N", 5, 4])], [info("out", 1, ["N", 3])], tensors
+    )
+    file = tmp_path / "net.onnx"
+    file.write_bytes(
+        helper.make_model(graph, opset_imports=[helper.make_opsetid("", 14)]).SerializeToString()
+    )
+    model = taken(file, tmp_path)
+    assert model.config.network.reset == ("after" if after else "before")
+    from onnx.reference import ReferenceEvaluator
+
+    features = rng.normal(size=(1, 5, 4)).astype("f4")
+    made = onnx.load_model(str(file))
+    gru = made.graph.node[0].attribute  # onnx's own evaluator knows layout 0 alone
+    gru.remove(next(entry for entry in gru if entry.name == "layout"))
+    made.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 5
+    (logits,) = ReferenceEvaluator(made).run(None, {"x": features.swapaxes(0, 1)})
+    assert np.abs(model.forward(features.astype(float))[1][0, -1] - logits[0]).max() < 1e-5
+
+
+def test_damaged_files_are_one_sentence(tmp_path):
+    data, rng = edited(lambda made: None, tmp_path).read_bytes(), np.random.default_rng(6)
+    for trial in range(150):
+        changed = bytearray(data)
+        for place in rng.integers(0, len(data), rng.integers(1, 6)):
+            changed[place] = rng.integers(256)
+        file = tmp_path / "bad.onnx"
+        file.write_bytes(bytes(changed[: rng.integers(len(data))] if trial % 4 == 0 else changed))
+        try:
+            read_onnx(file)
+            taken(file, tmp_path)
+        except InputError as error:
+            assert len(str(error)) < 500
+
+
+def test_images_are_refused():
+    images = AcceleratorConfig.of_image(8, 8, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
+    with pytest.raises(InputError, match="is a network for images"):
+        onnx_model(FloatModel(images, {n: np.zeros(s) for n, s in network_shapes(images, real=True).items()}))
+    assert "If" not in OPERATORS and "Loop" not in OPERATORS
