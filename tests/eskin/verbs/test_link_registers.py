@@ -1,4 +1,4 @@
-"""cosim/link_registers.py: the C driver plays recordings into the simulated board, over its serial line."""
+"""eskin/verbs/link_registers.py: the C driver plays recordings into the simulated board, over its serial line."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from pathlib import Path
 
 from eskin.cosim.device import Design, Device
 from eskin.cosim.link import Link
-from eskin.cosim.link_registers import LinkRegisters
 from eskin.cosim.pin_port import PinPort
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.model import random_integer_model
@@ -14,6 +13,7 @@ from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import generate, register_map
+from eskin.verbs.link_registers import LinkRegisters
 from tests.support.c_driver import Driver
 from tests.support.link_flow import TIMEOUT_BYTES
 from tests.support.result_case import CONFIG
