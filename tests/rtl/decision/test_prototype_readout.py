@@ -47,6 +47,7 @@ class Player:
         async def bench(ctx):
             await self.load(ctx)
             await act(ctx)
+            await ctx.tick()  # the watch has seen the last command
             await self.rest(ctx)
             assert self.refused == self.expected_refused
 
