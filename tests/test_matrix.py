@@ -106,6 +106,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ()),
+    "build --synthesis-only": ("build {model} --synthesis-only gatemate --out {out}/netlist", ()),
     "build icestick": ("build {model} --target icestick --out {out}/board", ("image",)),
     "replay": ("replay {model} --data {data} --port {port} --baud 2000000", ("early", "image")),
     "watch": ("watch {model} --data {data} --terminal --speed max --once", ("rom", "image")),

@@ -47,6 +47,7 @@ from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.verbs.build_job import weights_sentence
 from eskin.verbs.flow import expected_of
 from eskin.verbs.generate_job import generate_design
 from eskin.verbs.milestones import Milestones
@@ -248,6 +249,9 @@ class _Steps:
         generated = self.stage(
             "Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder)
         )
+
+        if not config.is_image:
+            self.say(weights_sentence(config))
 
         def simulate(
             name: str, numbers: np.ndarray, played: Recordings, job: Callable[..., Record | None]

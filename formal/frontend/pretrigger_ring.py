@@ -89,7 +89,12 @@ def masked_with_their_beats(m: Module) -> None:
             "(held == counted)",
             depth=14,
         ),
-        Bug("passing goes on behind the touch", "passing.eq(touch & ~ends &", "passing.eq(touch &", depth=14),
+        Bug(
+            "a beat passes that the reader does not take",
+            "passing & self.i.valid & self.o.ready",
+            "passing & self.i.valid",
+            depth=14,
+        ),
         Bug("what passes is written too", "written & ~passes", "written", depth=14),
     ),
 )

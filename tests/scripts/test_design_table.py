@@ -1,9 +1,15 @@
-"""scripts/design_table.py: the table of designs; the cycles of three of them are held here, cells of one."""
+"""scripts/design_table.py: the table of designs; the cycles of three of them are held here, cells of one, and
+a row of docs/boards.md."""
+
+from pathlib import Path
 
 import pytest
 
 from eskin.golden.core.config import PRESETS
+from eskin.golden.model.model import random_integer_model
+from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
+from eskin.verbs import build_job
 from scripts import design_table
 from tests.support.table import each_row
 
@@ -44,3 +50,31 @@ def test_a_row_a_design_as_soon_as_it_is_known(monkeypatch, capsys):
 def test_cells_of_the_thesis_design():
     cells, memories, _, touch, quiet, step, *_ = design_table.placed(PRESETS["thesis"].with_lanes(4, "dsp"))
     assert int(cells) <= 806 and memories == "29 + 0" and (touch, quiet, step) == ("23.2", "19.0", "285")
+
+
+LEAN = dict.fromkeys(("weight_format", "recurrent_format", "dense_format"), "SQ(2,6)") | dict(
+    bias_format="SQ(2,14)",
+    dense_bias_format="SQ(0,16)",
+    feature_format="SQ(4,12)",
+    logit_format="SQ(7,9)",
+    feature_shift=(8, 8),
+    aligned_means=True,
+)
+"""What ``eskin quantise --lean`` chooses for the thesis configuration."""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_the_smallest_row_of_the_boards_is_of_the_present_design():
+    page = Path(__file__).resolve().parents[2] / "docs" / "boards.md"
+    row = next(
+        line for line in page.read_text().splitlines() if line.startswith("| iCE40UP5K | 1 dsp | no |")
+    )
+    config = PRESETS["thesis"].replace(**LEAN).with_lanes(1, "dsp")
+    arrays = random_integer_model(config.replace(aligned_means=False), 1).arrays
+    arrays = {**arrays, "mean": arrays["mean"] >> 8 << 8}
+    board = target("icebreaker")
+    request = build_job.BuildRequest(config=config, arrays=arrays, target=board, link=False, seeds=1)
+    built = build_job.build(request)[0]
+    written = tuple(int(cell) for cell in row.split("|")[4:7])
+    assert (built["logic_cells"], built["dsp"], built["bram"]) == written

@@ -475,6 +475,7 @@ export @ --to c --out keep --data ../in/recordings.npz
 energy @ --data ../in/recordings.npz
 stability @ --data ../in/recordings.npz
 build @ --target icebreaker
+build @ --synthesis-only $ --lanes #
 build @ --target # --converter $ --standalone
 asic @ --pdk ihp-sg13g2 --liberty ../in/cells.lib
 replay @ --port /dev/null --baud 2000000 --data ../in/recordings.npz
