@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from eskin.estimator import Estimator, probabilities
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import Prefer
 from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.core.jobs import Record
 from eskin.golden.data.load import load_recordings
@@ -91,6 +92,10 @@ class Model(Estimator):
         For `fit`: folds of the cross-validation, 0 for none.
     seed : int
         For `fit`: of the model that is kept.
+    prefer : {"energy", "cells", "latency"}
+        For `fit`: what is least in the candidate taken, of those level with the best.
+    fits : str or None
+        For `fit`: the board that has to hold it; None: the icebreaker where anything level fits it.
     sample_rate_hz : float or None
         For `fit`: frames a second of lists of arrays; None: the configuration's, where one is given.
 
@@ -122,6 +127,8 @@ class Model(Estimator):
         groups: Sequence[str] | str | None = None,
         folds: int = 5,
         seed: int = 0,
+        prefer: Prefer = "energy",
+        fits: str | None = None,
         sample_rate_hz: float | None = None,
     ) -> None:
         self._keep(
@@ -131,6 +138,8 @@ class Model(Estimator):
             groups=groups,
             folds=folds,
             seed=seed,
+            prefer=prefer,
+            fits=fits,
             sample_rate_hz=sample_rate_hz,
         )
         self._integer: IntegerModel | None = None
@@ -223,6 +232,7 @@ class Model(Estimator):
         """
         from eskin.golden.training.choose_network import train_chosen
         from eskin.golden.training.quantise import quantise
+        from eskin.verbs.cost import market
 
         if isinstance(recordings, str | Path) or type(recordings).__name__ == "DataFrame":
             recordings = load_recordings(recordings, config=self._asked)
@@ -230,8 +240,15 @@ class Model(Estimator):
             recordings = self._of_arrays(recordings, labels, sample_rate_hz)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
+            prices = market(self._parameters["prefer"], self._parameters["fits"])
             train_chosen(
-                recordings, self._asked, out=folder, progress=progress, callback=callback, **self._options
+                recordings,
+                self._asked,
+                prices,
+                out=folder,
+                progress=progress,
+                callback=callback,
+                **self._options,
             )
             quantise(folder)
             fitted = Model.load(folder)

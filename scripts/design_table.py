@@ -63,7 +63,7 @@ def placed(config: AcceleratorConfig) -> tuple[str, ...]:
         f"{built['bram']} + {built['spram']}",
         ", ".join(f"{1e-6 * hertz:.1f}" for hertz in built["seeds"].values()),
         f"{activity['frame_cycles']:.1f}",
-        f"{activity['quiet_cycles']:.1f}",
+        f"{activity['quiet_frame_cycles']:.1f}",
         f"{activity['step_cycles']}",
         f"{1e6 * touch_j:.2f} uJ",
         f"{1e6 * stopped['idle_w']:.1f} uW",

@@ -74,6 +74,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "inspect": ("inspect {data} --config {config} --out {out}/picture.png", ("linear", "image")),
     "convert": ("convert {data} --out {out}/converted.npz", ("linear", "image")),
     "train": (f"train {JUDGED} --folds 2 --out {{out}}/model", ("lstm", "image")),
+    "train --fits": (
+        f"train {JUDGED} --folds 2 --prefer latency --fits ulx3s --out {{out}}/model",
+        ("linear",),
+    ),
     "import": (
         "import {weights} --config {config} {scale} --out {out}/model",
         ("linear", "gru-before", "gru-after", "image"),
@@ -147,6 +151,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
 it on all."""
 
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
+    (("train --fits",), ("image",), "--fits: networks for images have none"),
     (("quantise --logit-error",), ("image",), "--logit-error: is for models that read recordings"),
     (
         ("generate --streams",),

@@ -473,9 +473,7 @@ def _result(
     needed_hz = max(
         [lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))]
     )
-    activity = scheduled_activity(
-        config, step_cycles(config), *mean_frame_cycles(config), total["ff"], total["dsp"]
-    )
+    activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), total["dsp"])
     return {
         "target": target.name,
         "device": target.device,

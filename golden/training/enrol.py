@@ -25,6 +25,7 @@ import numpy as np
 import torch
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import Market
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.folds import grouped_folds
 from eskin.golden.data.recordings import Recordings, check_fit
@@ -43,7 +44,7 @@ from eskin.golden.model.pipeline import by_recording, decide_touches, run
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.batches import Batches, TouchPool
-from eskin.golden.training.choose_front_end import choose, field_of
+from eskin.golden.training.choose_front_end import cheapest, field_of
 from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
 from eskin.golden.training.losses import Progress, class_loss, descend
@@ -527,7 +528,11 @@ class Question:
 
 
 def front_ends_without(
-    recordings: Recordings, values: Mapping[str, np.ndarray], groups: Sequence[str], **network: Any
+    recordings: Recordings,
+    values: Mapping[str, np.ndarray],
+    groups: Sequence[str],
+    market: Market,
+    **network: Any,
 ) -> list[AcceleratorConfig]:
     """For each value of ``groups`` the front end that is chosen without its recordings, with the network
     asked for (`with_network`).
@@ -542,7 +547,7 @@ def front_ends_without(
         rows = np.flatnonzero(~np.isin(field.numbers, np.concatenate([values[value] for value in part])))
         with one_thread():
             (judged,) = field.judged(rows, groups)
-        chosen |= dict.fromkeys(part, with_network(choose(judged).config, **network))
+        chosen |= dict.fromkeys(part, with_network(cheapest(judged, market).config, **network))
     return [chosen[value] for value in values]
 
 

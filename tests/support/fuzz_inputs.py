@@ -442,6 +442,7 @@ inspect @ --config pvdf
 train --data @ --out made
 train --data @ --out made --config ../in/config.json
 train --data @ --out made --config thesis
+train --data @ --out made --prefer cells --fits icestick
 evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @ --out page
 cosim ../in/model --data @

@@ -79,7 +79,7 @@ def test_a_later_decision_waits_with_less_down_to_the_clock_that_takes_the_frame
     config = PRESETS["thesis"].replace(feature_shift=(10, 9))
     assert limits(config)["decision"] == 1 / 3000
     assert limits(config.replace(decide_within_s=0.005))["decision"] == 0.005
-    activity = scheduled_activity(config, 199, 23.2, 19, 500, 7)
+    activity = scheduled_activity(config, 199, 23.2, 19, 7)
     cycles = {"frame_max": 71, "step_max": 199, "decision_latency_max": 204}
     rows = waiting(config, "iCE40UP5K", activity, cycles)
     assert [row["clock_hz"] for row in rows] == [612e3, 408e3, 306e3] + [213e3] * (len(rows) - 3)
