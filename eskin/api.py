@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from eskin.estimator import Estimator, probabilities
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import Prefer
 from eskin.golden.core.errors import InputError, array_of
 from eskin.golden.core.jobs import Record
 from eskin.golden.data.load import load_recordings
@@ -60,9 +61,13 @@ class ClassNames(np.ndarray):
     name the last class."""
 
     def __getitem__(self, index: Any) -> Any:
-        if np.asarray(index).dtype.kind not in "iu":  # slices and masks
+        numbers = np.asarray(index)
+        if numbers.dtype.kind not in "iu" or (numbers >= len(self)).any():  # slices, masks, no class at all
             return super().__getitem__(index)
         return np.append(np.asarray(self), NO_CLASS)[index]
+
+    def __iter__(self) -> Any:
+        return iter(np.asarray(self))
 
 
 class Model(Estimator):
@@ -91,6 +96,10 @@ class Model(Estimator):
         For `fit`: folds of the cross-validation, 0 for none.
     seed : int
         For `fit`: of the model that is kept.
+    prefer : {"energy", "cells", "latency"}
+        For `fit`: what is least in the candidate taken, of those level with the best.
+    fits : str or None
+        For `fit`: the board that has to hold it; None: the icebreaker where anything level fits it.
     sample_rate_hz : float or None
         For `fit`: frames a second of lists of arrays; None: the configuration's, where one is given.
 
@@ -122,6 +131,8 @@ class Model(Estimator):
         groups: Sequence[str] | str | None = None,
         folds: int = 5,
         seed: int = 0,
+        prefer: Prefer = "energy",
+        fits: str | None = None,
         sample_rate_hz: float | None = None,
     ) -> None:
         self._keep(
@@ -131,6 +142,8 @@ class Model(Estimator):
             groups=groups,
             folds=folds,
             seed=seed,
+            prefer=prefer,
+            fits=fits,
             sample_rate_hz=sample_rate_hz,
         )
         self._integer: IntegerModel | None = None
@@ -223,6 +236,7 @@ class Model(Estimator):
         """
         from eskin.golden.training.choose_network import train_chosen
         from eskin.golden.training.quantise import quantise
+        from eskin.verbs.cost import market
 
         if isinstance(recordings, str | Path) or type(recordings).__name__ == "DataFrame":
             recordings = load_recordings(recordings, config=self._asked)
@@ -230,8 +244,15 @@ class Model(Estimator):
             recordings = self._of_arrays(recordings, labels, sample_rate_hz)
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "model"
+            prices = market(self._parameters["prefer"], self._parameters["fits"])
             train_chosen(
-                recordings, self._asked, out=folder, progress=progress, callback=callback, **self._options
+                recordings,
+                self._asked,
+                prices,
+                out=folder,
+                progress=progress,
+                callback=callback,
+                **self._options,
             )
             quantise(folder)
             fitted = Model.load(folder)
@@ -396,7 +417,7 @@ class Model(Estimator):
         if labels is None:
             if not isinstance(frames, Recordings):
                 raise InputError(f"{verb}: arrays do not say their classes; give labels, or Recordings")
-            check_fit(frames, self.config)
+            frames = frames.of_classes(self.config.network.class_names, "the model")
             labels = frames.labels
         indices = self._indices(labels, verb)
         if indices.shape != (len(each),):

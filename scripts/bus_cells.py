@@ -1,18 +1,22 @@
-"""What a bus shell costs: cells of the whole design less those of the bare one, one table.
+"""What a bus shell costs: cells of the whole design less those of the bare one, and its clock, one table.
 
-``python -m scripts.bus_cells`` prints it: Yosys' counts on an iCE40 UP5K before placement, preset ``thesis`` on
-one lane. The network's numbers are random: nothing depends on them.
+``python -m scripts.bus_cells [ROW ...]`` prints it, or its rows of these names: Yosys' counts on an iCE40 UP5K before
+placement, preset ``thesis`` on one lane, and the highest clock of one placement (seed 1) with registers around all
+ports. The network's numbers are random: nothing depends on them.
 """
 
 from __future__ import annotations
 
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.model.model import random_integer_model
-from eskin.rtl.fpga.synthesis import ICE40_DSP, Chain, synthesise
+from eskin.rtl.fpga.implementation import place
+from eskin.rtl.fpga.synthesis import ICE40_DSP, Chain, Harness, PoweredOn, synthesise
+from eskin.rtl.fpga.targets import target
 from eskin.rtl.top.bus_top import BusTop
 
 ROWS: dict[str, dict[str, Any]] = {
@@ -32,15 +36,27 @@ def cells(design: Any) -> tuple[int, int]:
     return counts["SB_LUT4"], sum(count for name, count in counts.items() if name.startswith("SB_DFF"))
 
 
+def clock_mhz(design: Any) -> float:
+    """Of one placement."""
+    board = target("icebreaker")
+    pins = dict(
+        zip(("clk", "shift_in", "capture", "shift_out"), (board.clock_pin, *board.pins), strict=False)
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        netlist = synthesise(PoweredOn(Harness(design)), ICE40_DSP, Path(folder))
+        return place(netlist, board, pins, Path(folder) / "placed", seed=1).fmax_hz / 1e6
+
+
 def main() -> None:
     """Print the table, a row as soon as it is known."""
     config = random_integer_model(PRESETS["thesis"].replace(lanes=1), 1).config
     bare = cells(Chain(config))
-    print("| shell | LUT | flip-flops |\n| --- | --: | --: |")
-    print(f"| none (the whole design) | {bare[0]} | {bare[1]} |", flush=True)
-    for name, options in ROWS.items():
-        lut, ff = cells(BusTop(config, **options))
-        print(f"| {name} | {lut - bare[0]} | {ff - bare[1]} |", flush=True)
+    print("| shell | LUT | flip-flops | MHz |\n| --- | --: | --: | --: |")
+    print(f"| none (the whole design) | {bare[0]} | {bare[1]} | {clock_mhz(Chain(config)):.1f} |", flush=True)
+    for name in sys.argv[1:] or ROWS:
+        lut, ff = cells(BusTop(config, **ROWS[name]))
+        mhz = clock_mhz(BusTop(config, **ROWS[name]))
+        print(f"| {name} | {lut - bare[0]} | {ff - bare[1]} | {mhz:.1f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -73,9 +73,7 @@ def row_of(name: str, config: AcceleratorConfig, candidates: Sequence[dict[str, 
     """A row of `COLUMNS`."""
     config = random_integer_model(config.replace(lanes=LANES, lane_type="dsp", feature_shift=()), 1).config
     cells, plan, board = synthesised(config), schedule(config), target(BOARD)
-    activity = scheduled_activity(
-        config, plan.step_cycles, *mean_frame_cycles(config), cells["ff"], cells["dsp"]
-    )
+    activity = scheduled_activity(config, plan.step_cycles, *mean_frame_cycles(config), cells["dsp"])
     energy = estimate(config, board.device, activity, lowest_clock_hz(config))
     called = f"GRU {config.network.hidden}" if config.recurrent else "linear"
     counts = (str(cells[kind]) for kind in ("lut", "ff", "dsp", "bram", "spram"))

@@ -23,6 +23,7 @@ from eskin.golden.training.widths import (
     ladder,
     measure,
 )
+from eskin.verbs.cost import market
 
 SETS = (
     ("pvdf_indent", "pvdf", ("seq",)),
@@ -69,7 +70,8 @@ def main() -> None:
     print(HEAD)
     for name, preset, groups in SETS:
         recordings = load_recordings(folder / name / "recordings.npz")
-        config = configure(recordings, None if preset is None else AcceleratorConfig.load(preset)).config
+        asked = None if preset is None else AcceleratorConfig.load(preset)
+        config = configure(recordings, asked, market()).config
         cases = fold_cases(recordings, config, [groups])
         headroom = feature_headroom(cases)
         print(f"## {name}, {' and '.join(groups)} left out ({len(cases)} folds)\n")

@@ -74,6 +74,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "inspect": ("inspect {data} --config {config} --out {out}/picture.png", ("linear", "image")),
     "convert": ("convert {data} --out {out}/converted.npz", ("linear", "image")),
     "train": (f"train {JUDGED} --folds 2 --out {{out}}/model", ("lstm", "image")),
+    "train --fits": (
+        f"train {JUDGED} --folds 2 --prefer latency --fits ulx3s --out {{out}}/model",
+        ("linear",),
+    ),
     "import": (
         "import {weights} --config {config} {scale} --out {out}/model",
         ("linear", "gru-before", "gru-after", "image"),
@@ -86,7 +90,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "quantise --logit-error": ("quantise {model} --data {data} --logit-error 5 --group person", ("image",)),
     "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
     "compare": ("compare {model} --out {out}", ("gru-after", "image")),
-    "generate": ("generate {model} --out {out}/design", ("rom", "converter", "image")),
+    "generate": ("generate {model} --out {out}/design", ("rom", "converter", "prototypes", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
     "generate --streams": ("generate {model} --bus apb --fifo 4 --streams axis --out {out}/design", ()),
     "export --to c": ("export {model} --to c --out {out}/c", ("linear", "image")),
@@ -106,6 +110,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ()),
+    "build --synthesis-only": ("build {model} --synthesis-only gatemate --out {out}/netlist", ()),
     "build icestick": ("build {model} --target icestick --out {out}/board", ("image",)),
     "replay": ("replay {model} --data {data} --port {port} --baud 2000000", ("early", "image")),
     "watch": ("watch {model} --data {data} --terminal --speed max --once", ("rom", "image")),
@@ -146,6 +151,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
 it on all."""
 
 REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
+    (("train --fits",), ("image",), "--fits: networks for images have none"),
     (("quantise --logit-error",), ("image",), "--logit-error: is for models that read recordings"),
     (
         ("generate --streams",),
@@ -164,30 +170,6 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         ("enrol --teach",),
         tuple(kind for kind in KINDS if kind not in ("prototypes", "image")),
         "field readout: is 'dense', which is trained and not taught",
-    ),
-    (
-        (
-            *(
-                "generate",
-                "generate --bus",
-                "generate --streams",
-                "schedule",
-                "schedule --complexity",
-                "cosim",
-            ),
-            *(
-                "cosim netlist",
-                "build",
-                "build icestick",
-                "replay",
-                "watch --simulate",
-                "stability",
-                "energy",
-            ),
-            "asic",
-        ),
-        ("prototypes",),
-        "field readout: is 'prototypes', of which there is no hardware yet",
     ),
     (("export --to onnx",), ("image",), "is a network for images, which export --to onnx does not take"),
     (("export --to onnx",), ("prototypes",), "field readout: is 'prototypes', which ONNX does not have"),

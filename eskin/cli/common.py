@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from eskin.golden.core.cost import Prefer
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target, write_json
 from eskin.golden.core.jobs import Progress, Record
@@ -142,8 +143,8 @@ if not console.is_terminal:  # a file or a pipe has no width: tables are not bro
 messages = Console(stderr=True)
 
 DATA = (
-    "An .npz archive, a folder of .csv, .lvm or .png files (one sub-folder a class), a long .csv table, a "
-    ".mat file, or the word synthetic."
+    "An .npz archive, a folder of .csv, .parquet, .lvm or .png files or logs (one sub-folder a class), a long "
+    ".csv or .parquet table, a .mat or .h5 file, or the word synthetic."
 )
 
 SEED_MAX = 2**31 - 1
@@ -243,15 +244,24 @@ def show_text(text: str) -> None:
             say(part)
 
 
-def fitting_config(recordings, user_config, groups=None, folds: int = 5, nested: bool = False):
+def fitting_config(
+    recordings, user_config, groups=None, folds: int = 5, *, nested: bool = False, prices=None
+):
     """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are
     printed."""
     from eskin.golden.training.choice_table import front_end_table, front_end_words
     from eskin.golden.training.choose_front_end import configure
+    from eskin.verbs.cost import market
 
     with progress_bars() as report:
         front_end = configure(
-            recordings, user_config, groups=groups, folds=folds, nested=nested, progress=report
+            recordings,
+            user_config,
+            prices or market(),
+            groups=groups,
+            folds=folds,
+            nested=nested,
+            progress=report,
         )
     for reason in front_end.reasons:
         warn(f"configuration: {reason}")
@@ -274,6 +284,7 @@ def recordings_for(data: str, config):
     from eskin.golden.data.recordings import check_fit
 
     recordings = load_recordings(data, config=config)
+    recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
     check_fit(recordings, config)
     return recordings
 
@@ -290,6 +301,21 @@ CellOption = Annotated[
     ),
 ]
 HiddenOption = Annotated[int | None, option("Hidden units.")]
+PreferOption = Annotated[
+    Prefer,
+    option(
+        "What is to be least in the candidate taken, of those level with the best: energy of a touch, logic "
+        "cells, or latency from the last sample to the decision."
+    ),
+]
+FitsOption = Annotated[
+    str | None,
+    option(
+        "The board that has to hold the design; what does not fit it is no candidate. Default: the "
+        "icebreaker, where anything level with the best fits it.",
+        metavar="BOARD",
+    ),
+]
 GroupOption = Annotated[str | None, option("Group arrays A[,B..] that stay on one side of a split.")]
 TrainingSeeds = Annotated[
     int | None, option("Seeds of the cross-validation; default: 3, of images 1.", min=1, max=100)

@@ -310,13 +310,38 @@ def build(
     table: Annotated[
         bool, option("Build for every part, and with several lanes, and print one table.", "--table")
     ] = False,
+    synthesis_only: Annotated[
+        str | None,
+        option(
+            "Count the cells of another family and write its netlist, without a bitstream: gatemate, xilinx "
+            "(7 series) or intel (Cyclone V).",
+            metavar="FAMILY",
+        ),
+    ] = None,
 ) -> None:
     """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the
     clock each budget needs."""
     from eskin.golden.studies.converter_power import in_words
+    from eskin.rtl.fpga.synthesis import counted_family
     from eskin.rtl.fpga.targets import target as board
     from eskin.verbs import build_job as job
 
+    if synthesis_only is not None:
+        given = (target, class_pins, converter, baud, clock)
+        if table or stimulator or standalone or flash or not link or seed != 1 or seeds != 1 or any(given):
+            raise InputError(
+                "--synthesis-only: places nothing; it goes with --lanes, --lane-type and --out alone"
+            )
+        family = counted_family(synthesis_only)
+        folder = out or job.COUNTED / family.name
+        job.check_out(folder)
+        with progress_bars() as report:
+            report("synthesis", 0, 1)
+            counted, netlist = job.synthesis_only(integer_model(model), family, lanes, lane_type)
+            report("synthesis", 1, 1)
+        job.write(counted, None, netlist, folder)
+        show("synthesis", **counted, folder=folder)
+        return
     if table == (target is not None):
         raise InputError(
             "--table: goes through the boards by itself; leave out --target"

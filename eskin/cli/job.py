@@ -11,8 +11,10 @@ from eskin.cli.common import (
     CellOption,
     ConfigOption,
     DataOption,
+    FitsOption,
     GroupOption,
     HiddenOption,
+    PreferOption,
     TrainingSeeds,
     app,
     argument,
@@ -41,6 +43,8 @@ def run(
     cell: CellOption = None,
     hidden: HiddenOption = None,
     seeds: TrainingSeeds = None,
+    prefer: PreferOption = "energy",
+    fits: FitsOption = None,
     test: Annotated[
         str | None, option("Recordings held back: judged once, shown apart.", metavar="HELD")
     ] = None,
@@ -62,6 +66,8 @@ def run(
         cell=cell,
         hidden=hidden,
         seeds=seeds,
+        prefer=prefer,
+        fits=fits,
         test=test,
         name=name,
         console=messages,

@@ -15,10 +15,12 @@ from eskin.cli.common import (
     ConfigOption,
     DaskOption,
     DataOption,
+    FitsOption,
     GroupOption,
     HiddenOption,
     JsonOption,
     ModelArgument,
+    PreferOption,
     TrainingSeeds,
     app,
     argument,
@@ -85,6 +87,8 @@ def train(
     group: GroupOption = None,
     seed: Annotated[int, option("First seed, that of the model written.", min=0, max=SEED_MAX)] = 0,
     seeds: TrainingSeeds = None,
+    prefer: PreferOption = "energy",
+    fits: FitsOption = None,
     protocol: Annotated[
         Protocol, option("The default recipe; robust: taxels may fail; or the thesis's.")
     ] = "default",
@@ -108,12 +112,14 @@ def train(
     its folder."""
     from eskin.golden.core.memo import Memo
     from eskin.golden.model.model import check_model_target
-    from eskin.golden.training.choice_table import network_name
+    from eskin.golden.training.choice_table import front_end_brief, network_name
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.image_models import KEPT
     from eskin.golden.training.splits import split_folds
+    from eskin.verbs.cost import market
 
     check_units(cell, hidden, weight_sets)
+    prices = market(prefer, fits)
     widths = _widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)
     if widths and not quantisation_aware:
         raise InputError(
@@ -128,12 +134,13 @@ def train(
     plan = (
         None
         if recordings.image_shape
-        else fitting_config(recordings, user_config, groups, folds, nested=True)
+        else fitting_config(recordings, user_config, groups, folds, nested=True, prices=prices)
     )
     with progress_bars() as report:
         record = train_chosen(
             recordings,
             user_config,
+            prices,
             plan=plan,
             out=out,
             cell=cell,
@@ -151,7 +158,7 @@ def train(
             progress=report,
             of_images={"keep": Memo(KEPT), "workers": jobs},
         )
-    show("train", **record, network_name=network_name, out=out)
+    show("train", **record, network_name=network_name, front_end_brief=front_end_brief, out=out)
 
 
 def _widths(*bits: int | None) -> dict[str, int]:

@@ -31,14 +31,22 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import pareto
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import ArchiveError, read_arrays, replacing
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.jobs import Record
 from eskin.golden.model.model import describe_formats
-from eskin.golden.training.choice_table import front_end_table, front_end_words, network_name, unseen
+from eskin.golden.training.choice_table import (
+    front_end_brief,
+    front_end_table,
+    front_end_words,
+    kinds_of,
+    network_name,
+    unseen,
+)
 from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
-from eskin.pages.views import GAP, hertz, page, percent, tables, words, write_text
+from eskin.pages.views import GAP, page, percent, tables, words, write_text
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -471,33 +479,62 @@ def _draw_raw(
     )
 
 
-def draw_candidates(rows: Sequence[Record], clock_hz: float) -> Figure:
-    """Accuracy of each network tried against its multiplies a touch and its latency, with the band of one
-    standard error of the best."""
-    best = max(rows, key=lambda row: row["accuracy"])
-    # of fits of one size, which lie on each other, the one taken or else the best; the table has all
-    ordered = sorted(rows, key=lambda row: (row["chosen"], row["accuracy"]))
-    rows = list({(row["cell"], row["hidden"]): row for row in ordered}.values())
-    costs = {"multiplies a touch": [row["multiplies_touch"] for row in rows]}
-    if all("decision_cycles" in row for row in rows):
-        label = f"features to decision (µs at {hertz(clock_hz)}, {rows[0]['lanes']} lanes)"
-        costs[label] = [1e6 * row["decision_cycles"] / clock_hz for row in rows]
-    figure, panels = panel_row(len(costs), 10.4, 3.3)
-    for axes, (label, positions) in zip(panels, costs.items(), strict=True):
-        axes.axhspan(best["accuracy"] - best["standard_error"], best["accuracy"], color="#E8E8E8", zorder=0)
-        for row, position in zip(rows, positions, strict=True):
-            bars = share_bars([row["accuracy"]], [row["standard_error"]])
-            style = {"markersize": 8, "color": INTEGER_COLOUR} if row["chosen"] else {"color": FLOAT_COLOUR}
-            axes.errorbar(position, row["accuracy"], yerr=bars, fmt="o", capsize=3, **style)
-            name = network_name(row)
-            text = f"{name}, taken" if row["chosen"] else name
-            where: Record = {"textcoords": "offset points", "va": "top", "fontsize": 8}
-            axes.annotate(text, (position, row["accuracy"]), (7, -3), **where)
-        axes.margins(x=0.25, y=0.15)
+COSTS = {
+    "energy_touch_j": ("energy of a touch (µJ)", 1e6),
+    "decision_time_s": ("time to the decision (s)", 1),
+}
+"""What accuracy is drawn against: key of a candidate, label, factor."""
+
+
+def draw_candidates(rows: Sequence[Record]) -> Figure:
+    """Accuracy of every candidate against energy of a touch and against the time to the decision, with the
+    front of those that none beats in both; the taken one is named, and those of the front. What fits the
+    board is filled."""
+    board = next((row["fits"] for row in rows if row["fits"]), None)
+    figure, panels = panel_row(len(COSTS), 10.4, 3.6)
+    for axes, (key, (label, factor)) in zip(panels, COSTS.items(), strict=True):
+        shown = [row for row in rows if row[key] is not None]
+        front = pareto(shown, key)
+        line = [(factor * shown[index][key], shown[index]["accuracy"]) for index in front]
+        axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
+        named: set[tuple[float, float]] = set()
+        for index, row in sorted(
+            enumerate(shown), key=lambda item: (not item[1]["chosen"], item[0] not in front)
+        ):
+            place = factor * row[key], row["accuracy"]
+            colour = INTEGER_COLOUR if row["chosen"] else FLOAT_COLOUR
+            axes.errorbar(
+                *place,
+                yerr=share_bars([row["accuracy"]], [row["standard_error"]]),
+                fmt="o",
+                capsize=2,
+                elinewidth=0.8,
+                color=colour,
+                markersize=9 if row["chosen"] else 6,
+                markerfacecolor=colour if row["fits"] else "white",
+                zorder=3 if row["chosen"] else 2,
+            )
+            if (row["chosen"] or index in front) and place not in named:
+                text = f"{network_name(row)}, {kinds_of(row)}" + (": taken" if row["chosen"] else "")
+                # the taken one's name stands above its point, the others' below
+                up, weight = (6, "bold") if row["chosen"] else (-6, "normal")
+                right = place[0] > np.sqrt(min(p for p, _ in line) * max(factor * r[key] for r in shown))
+                where: Record = {
+                    "xytext": (-6 if right else 6, up),
+                    "ha": "right" if right else "left",
+                    "va": "bottom" if row["chosen"] else "top",
+                    "textcoords": "offset points",
+                    "fontsize": 8,
+                    "fontweight": weight,
+                }
+                axes.annotate(text, place, **where)
+                named.add(place)
+        axes.margins(x=0.15, y=0.15)
         cost_axis(axes)
         axes.set_xlabel(label)
     axes = panels[0]
-    axes.set(title="grey: within one standard error of the best", ylabel="accuracy, integer, cross-validated")
+    filled = f"filled: fits the {board}" if board else "hollow: fits no board"
+    axes.set(title=f"grey: the best at each cost; {filled}", ylabel="accuracy, integer, cross-validated")
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     return figure
@@ -532,12 +569,21 @@ def _values(result: Result) -> Record:
         "split_name": _split_name,
         "things": result.things,
         "unseen": unseen,
+        "candidates": [] if result.config.is_image else _candidates(result.run),
+        "network_name": network_name,
+        "front_end_brief": front_end_brief,
     }
+
+
+def _candidates(run: Record) -> list[Record]:
+    """The candidates; none where an earlier version judged them, which did not ask what they cost."""
+    rows = run.get("candidates") or []
+    return rows if run.get("images") or all("energy_touch_j" in row for row in rows) else []
 
 
 def _render(result: Result) -> str:
     splits, config, run = result.training["cross_validation"], result.config, result.run
-    candidates = run.get("candidates") or []
+    candidates = _candidates(run)
     names = config.network.class_names
     with rc_context(STYLE):
         drawn: dict[str, Figure | None] = {"confusion": draw_confusion(splits, names, result.things)}
@@ -546,7 +592,7 @@ def _render(result: Result) -> str:
                 "trace": draw_trace(result.trace, config, run["data"].get("unit", "V")),
                 "steps": draw_step_accuracy(splits, config.opens_at_once),
                 "training": draw_training(splits),
-                "candidates": draw_candidates(candidates, config.hardware.clock_hz) if candidates else None,
+                "candidates": draw_candidates(candidates) if candidates else None,
             }
         charts = {name: svg(figure) for name, figure in drawn.items() if figure}
     values = _values(result)
@@ -570,7 +616,6 @@ def _render(result: Result) -> str:
         **values,
         name=run.get("name") or _short_name(run["data"]["source"]),
         runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
-        network_name=network_name,
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],
         baselines=run.get("baselines", []),

@@ -12,8 +12,9 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from eskin.golden.core.cost import pareto
 from eskin.golden.core.jobs import Record
-from eskin.golden.studies.sweep import cell_name, network_name, pareto, split_name
+from eskin.golden.studies.sweep import cell_name, network_name, split_name
 from eskin.pages.charts import STYLE, cost_axis, share_bars
 
 COLOURS = (

@@ -26,6 +26,8 @@ from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.pages.baselines_chart import chart
 from eskin.rtl.views.schedule_view import save_figure
+from eskin.verbs.cost import CODE as COST
+from eskin.verbs.cost import market
 
 CACHE = Path("build/baseline_runs")
 """Finished runs by content, safe to delete."""
@@ -75,14 +77,14 @@ def front_end(
 ) -> tuple[AcceleratorConfig, list[str]]:
     """The front end asked for, or the one chosen by evidence, which is kept too; and the reasons."""
     if user_config is not None:
-        choice = configure(recordings, user_config, groups=group, folds=folds, progress=progress)
+        choice = configure(recordings, user_config, market(), groups=group, folds=folds, progress=progress)
         return choice.config, list(choice.reasons)
     key = content_key(
-        "front end", code_version(*COMMON), recordings, None if group is None else list(group), folds
+        "front end", code_version(*COMMON, *COST), recordings, None if group is None else list(group), folds
     )
 
     def choose() -> Record:
-        choice = configure(recordings, None, groups=group, folds=folds, progress=progress)
+        choice = configure(recordings, None, market(), groups=group, folds=folds, progress=progress)
         return {"config": choice.config.to_dict(), "reasons": list(choice.reasons)}
 
     choice = Memo(cache).remembered(key, choose)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from amaranth.back import rtlil
+from amaranth.lib.wiring import Component
 
 from eskin.cosim.latency import COUNT_OF, limits
 from eskin.golden.core.config import AcceleratorConfig
@@ -22,13 +23,14 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing_folder, write_json
 from eskin.golden.core.jobs import Progress, Record
 from eskin.golden.core.memo import Memo, code_version, content_key
+from eskin.golden.model.model import IntegerModel
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.pages.views import words, write_text
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
-from eskin.rtl.fpga.synthesis import Netlist, PoweredOn, synthesise
+from eskin.rtl.fpga.synthesis import Chain, Family, Netlist, counted, synthesise
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.fpga.wiring import Wiring
@@ -51,6 +53,9 @@ from eskin.rtl.top.skin_top import refuse_standalone
 
 CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""
+
+COUNTED = Path("build/synthesis")
+"""Where netlists of families without a bitstream are written by default, a folder a family."""
 
 BOARDS = Path("build/board")
 """Where builds are written by default, a folder a board."""
@@ -76,6 +81,9 @@ TABLE_ROWS = (
 
 LARGEST = "ulx3s"
 """The board with the largest part."""
+
+BLOCKS = {"iCE40UP5K": 30, "LFE5U-25F": 56}
+"""Block memories of the parts of the boards that are advised."""
 
 SEEDS_WORTH_TRYING = 5
 
@@ -273,7 +281,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     report("synthesis", 0, 1)
     netlist, key = _netlist(
         lambda: wiring.design(images, request.wanted_hz, rate),
-        target,
+        target.family,
         tuple(filter(None, [border])),
         request.cache,
     )
@@ -312,6 +320,47 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
         result["flash_image"] = image = flash_image(config, request.arrays)
         result["flash"] = {"image": FLASH_IMAGE, "offset": FLASH_OFFSET, "bytes": len(image)}
     return result, best.bitstream, netlist.verilog
+
+
+def synthesis_only(
+    model: IntegerModel, family: Family, lanes: int | None, lane_type: str | None, *, cache: Path = CACHE
+) -> tuple[Record, Path]:
+    """The accelerator, onset to decision, in the cells of a family for which there is no bitstream: the result and
+    the netlist as Verilog.
+
+    Raises
+    ------
+    InputError
+        Lanes that there are not.
+    """
+    if lane_type == "dsp":
+        raise InputError(
+            "--lane-type dsp: is made of an iCE40's multipliers; leave it out, or give plain or serial"
+        )
+    config = model.config.with_lanes(
+        lanes, lane_type or ("plain" if model.config.hardware.lane_type == "dsp" else None)
+    )
+    if config.is_image:
+        refuse_hardware(config)
+    images = None if config.hardware.loadable else memory_images(config, model.arrays)
+    netlist = _netlist(lambda: Chain(config, images), family, (), cache)[0]
+    result = {
+        "synthesis_only": family.name,
+        "lanes": config.hardware.lanes,
+        "lane_type": config.hardware.lane_type,
+        "link": False,
+        **counted(netlist.cells),
+        "cell_types": netlist.cells,
+        "cycles": {
+            "step": step_cycles(config),
+            "step_ideal": config.step_ideal,
+            "decision": decision_cycles(config),
+        },
+        "lowest_clock_hz": lowest_clock_hz(config),
+        "bitstream": None,
+        "tools": _versions(),
+    }
+    return result, netlist.verilog
 
 
 def default_baud(clock_hz: float) -> float:
@@ -360,8 +409,8 @@ def link_of(folder: Path) -> tuple[int, int, Any]:
         ) from None
     if not with_link:
         raise InputError(
-            f"--build {folder}: was built with --no-link, so no host can talk to it; build it anew without "
-            "that option"
+            f"--build {folder}: was built with --no-link or --synthesis-only, so no host can talk to it; build it "
+            "anew without that option"
         )
     return rate, *lanes
 
@@ -370,12 +419,13 @@ FLASH_IMAGE = "flash.bin"
 """What a build writes for the board's flash."""
 
 
-def write(result: Record, bitstream: Path, netlist: Path, out: Path) -> None:
+def write(result: Record, bitstream: Path | None, netlist: Path, out: Path) -> None:
     """Write the folder in one exchange: the bitstream, netlist.v, build.json; the image for the flash."""
     image = result.pop("flash_image", None)
     check_out(out)
     with replacing_folder(out) as folder:
-        shutil.copyfile(bitstream, folder / result["bitstream"])
+        if bitstream is not None:
+            shutil.copyfile(bitstream, folder / result["bitstream"])
         shutil.copyfile(netlist, folder / "netlist.v")
         if image is not None:
             (folder / FLASH_IMAGE).write_bytes(image)
@@ -423,9 +473,7 @@ def _result(
     needed_hz = max(
         [lowest_clock_hz(config), *(row["needed_clock_hz"] for row in _budgets(config, wanted_hz))]
     )
-    activity = scheduled_activity(
-        config, step_cycles(config), *mean_frame_cycles(config), total["ff"], total["dsp"]
-    )
+    activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), total["dsp"])
     return {
         "target": target.name,
         "device": target.device,
@@ -516,6 +564,34 @@ def _lacks(short: Mapping[str, tuple[int, int]]) -> str:
     )
 
 
+def weights_sentence(config: AcceleratorConfig) -> str:
+    """Whether the weights alone fit a board, which, and what would: known before anything is simulated."""
+    short: list[str] = []
+    helps = ["take a smaller --hidden"]
+    for name in ("icebreaker", LARGEST):
+        target = board(name)
+        available = BLOCKS[target.device]
+        try:
+            made = suited(config, target)
+        except InputError:  # formats that its multipliers do not take
+            made = config.with_lanes(lane_type="plain")
+        if config.recurrent and lanes_in_large_memories(
+            spared := made.replace(spare_blocks=True), target.family.name, 1
+        ):
+            made = spared
+        needed = _weight_blocks(made, target)
+        if not config.recurrent and not short:
+            helps = _fewer_weights(made, target, needed, available)
+        of = f"{needed} of {available} block memories of the {name}"
+        if needed <= available:
+            instead = f", and {short[0]}, which is too many ({'; '.join(helps)})" if short else ""
+            return (
+                f"the weights take {of}{instead}; 'eskin build MODEL --target {name}' tells whether all fits"
+            )
+        short.append(of)
+    return f"no board here holds the weights, which take {' and '.join(short)}: {'; '.join(helps)}"
+
+
 def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, available: int) -> list[str]:
     """What of a linear cell's weights fits a part whose block memories do not hold them, the rest of the
     design as it is."""
@@ -575,14 +651,12 @@ def _versions() -> dict[str, str]:
 
 
 def _netlist(
-    design: Callable[[], PoweredOn], target: Target, keep: tuple[str, ...], cache: Path
+    design: Callable[[], Component], family: Family, keep: tuple[str, ...], cache: Path
 ) -> tuple[Netlist, str]:
-    text = rtlil.convert(design(), name=TOP, platform=target.family.name, emit_src=False)
-    key = content_key(text, str(target.family), code_version("rtl"))
-    folder = Memo(cache).folder(
-        key, lambda fresh: synthesise(design(), target.family, fresh, top=TOP, keep=keep)
-    )
-    return Netlist.of(folder, target.family, TOP), key
+    text = rtlil.convert(design(), name=TOP, platform=family.name, emit_src=False)
+    key = content_key(text, str(family), code_version("rtl"))
+    folder = Memo(cache).folder(key, lambda fresh: synthesise(design(), family, fresh, top=TOP, keep=keep))
+    return Netlist.of(folder, family, TOP), key
 
 
 def _placement(

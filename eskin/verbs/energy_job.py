@@ -113,7 +113,7 @@ def measure(
     cycles = results[0]["registers"]["LONGEST"] + logit_to_decision(config) - 1
     if config.is_image:
         cycles = results[0]["cycles"]["decision_latency_max"]
-    frame_cycles, quiet_cycles = mean_frame_cycles(config)
+    frame_cycles, quiet_frame_cycles = mean_frame_cycles(config)
     activity = energy.counted_activity(
         config,
         *counts,
@@ -121,7 +121,7 @@ def measure(
         steps=results[0]["steps"],
         recordings=len(recordings),
         frame_cycles=frame_cycles,
-        quiet_cycles=quiet_cycles,
+        quiet_frame_cycles=quiet_frame_cycles,
         step_cycles=cycles,
     )
     exact = lowest["bit_exact"] and all(result["bit_exact"] for result in results)

@@ -18,10 +18,12 @@ from eskin.golden.model.model import with_network
 from eskin.golden.training import enrol
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.enrol import Question
+from eskin.verbs.cost import CODE as COST
+from eskin.verbs.cost import market
 
 CACHE = Path("build/enrolments")
 """Finished seeds by content, safe to delete."""
-CODE = partial(code_version, "golden")
+CODE = partial(code_version, "golden", *COST)
 
 
 def judge(recordings: Recordings, question: Question) -> list[Record]:
@@ -32,7 +34,8 @@ def judge(recordings: Recordings, question: Question) -> list[Record]:
 def choose(shared: tuple[Recordings, list[str], Record], values: dict[str, np.ndarray]) -> list[Record]:
     """The configuration chosen without each value's recordings; in a worker."""
     recordings, group, network = shared
-    return [config.to_dict() for config in enrol.front_ends_without(recordings, values, group, **network)]
+    configs = enrol.front_ends_without(recordings, values, group, market(), **network)
+    return [config.to_dict() for config in configs]
 
 
 def evaluate(
@@ -87,7 +90,7 @@ def evaluate(
     content, keep = content_key(CODE(), recordings, list(group)), Memo(cache)
     network: Record = {"cell": cell, "reset": reset, "hidden": hidden}
     if config is not None:
-        configs = [with_network(configure(recordings, config).config, **network)] * len(values)
+        configs = [with_network(configure(recordings, config, market()).config, **network)] * len(values)
     else:
         pieces = {content_key(content, network): values}
         (chosen,) = jobs.results(

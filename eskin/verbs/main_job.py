@@ -27,6 +27,7 @@ from rich.progress import Progress as Bars
 
 from eskin.cosim import flow, latency
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import Market, Prefer
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import exchange, write_json
 from eskin.golden.core.jobs import Progress, Record
@@ -46,7 +47,10 @@ from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.image_passes import plan_of
-from eskin.rtl.program.schedule import frame_cycles, schedule
+from eskin.rtl.program.schedule import frame_cycles
+from eskin.verbs.build_job import weights_sentence
+from eskin.verbs.cost import CODE as COST
+from eskin.verbs.cost import market
 from eskin.verbs.flow import expected_of
 from eskin.verbs.generate_job import generate_design
 from eskin.verbs.milestones import Milestones
@@ -78,6 +82,8 @@ def run(
     cell: str | None = None,
     hidden: int | None = None,
     seeds: int | None = None,
+    prefer: Prefer = "energy",
+    fits: str | None = None,
     test: str | None = None,
     name: str | None = None,
     console: Console | None = None,
@@ -103,6 +109,9 @@ def run(
         The network; None: chosen too where ``config`` is None (``eskin.golden.training.choose_network``).
     seeds:
         How many the cross-validation takes, from ``seed`` on; None: 3, of images 1.
+    prefer, fits:
+        What is least in the candidate taken, of those level with the best; the board that has to hold it
+        (None: the icebreaker where anything level fits it).
     test:
         Recordings held back, as ``data``: the finished network is judged on them once, and nothing is chosen
         on them.
@@ -139,10 +148,12 @@ def run(
         with stages("recordings"):  # before the work folder is made: bad input leaves nothing behind
             loaded = load_recordings(data, config=user_config)
             choose_network.check_units(cell, hidden)
+            prices = market(prefer, fits)
         with stages("configuration") as notify:  # what does not work is refused here
             held = load_recordings(test, config=user_config) if test else None
             if held is not None:
                 check_alike(held, loaded)
+                held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
             if group:
                 split_folds(loaded, group, 5, None)
             if loaded.image_shape:
@@ -150,14 +161,17 @@ def run(
             plan = (
                 None
                 if loaded.image_shape
-                else configure(loaded, user_config, groups=group, nested=True, progress=notify)
+                else configure(loaded, user_config, prices, groups=group, nested=True, progress=notify)
             )
             seeds = seeds or (1 if loaded.image_shape else 3)
             network = {"group": group and list(group), "cell": cell, "hidden": hidden, "seeds": seeds}
             planned = plan.config if plan else user_config
-            base = [loaded.content, planned and planned.to_dict(), seed, user_config is None, network]
+            wished = [planned and planned.to_dict(), user_config is None, network, prefer, fits]
+            base = [loaded.content, seed, *wished]
         with _Work(out) as work:
-            steps = _Steps(loaded, held, user_config, plan, network, seed, work, stages, base, say, name)
+            steps = _Steps(
+                loaded, held, user_config, prices, plan, network, seed, work, stages, base, say, name
+            )
             result = work.folder / "result"
             record = steps.all(recordings, result, begin)
             with stages("report"):
@@ -187,7 +201,7 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
     InputError
         Naming what differs.
     """
-    for name in ("taxels", "image_shape", "sample_rate_hz", "class_names"):
+    for name in ("taxels", "image_shape", "sample_rate_hz"):
         here, there = getattr(held, name), getattr(recordings, name)
         if here != there:
             raise InputError(
@@ -204,6 +218,7 @@ class _Steps:
     recordings: Recordings
     held: Recordings | None
     user_config: AcceleratorConfig | None
+    prices: Market
     plan: Plan | None
     network: Record
     seed: int
@@ -229,7 +244,7 @@ class _Steps:
     def all(self, count: int | None, result: Path, begin: float) -> Record:
         """Run every stage, co-simulating ``count`` recordings, and fill ``result`` with all but the page. The
         record, as in run.json."""
-        trained = self.stage("training", GOLDEN, None, self._train)
+        trained = self.stage("training", (*GOLDEN, *COST), None, self._train)
         quantised = self.stage(
             "quantisation", GOLDEN, None, lambda folder, _: self._quantise(trained, folder)
         )
@@ -248,6 +263,9 @@ class _Steps:
         generated = self.stage(
             "Verilog", ("golden", "rtl"), None, lambda folder, _: self._generate(model, folder)
         )
+
+        if not config.is_image:
+            self.say(weights_sentence(config))
 
         def simulate(
             name: str, numbers: np.ndarray, played: Recordings, job: Callable[..., Record | None]
@@ -294,7 +312,7 @@ class _Steps:
             clock_hz = lowest["clock_hz"] if lowest and lowest["passed"] else None
             record |= {
                 "front_end": training.get("front_end"),
-                "candidates": self._with_cycles(training),
+                "candidates": training.get("candidates"),
                 "lowest_clock_hz": clock_hz,
             }
         write_json(result / RESULT_MARK, record)
@@ -336,28 +354,12 @@ class _Steps:
         choose_network.train_chosen(
             self.recordings,
             self.user_config,
+            self.prices,
             out=folder / "model",
             seed=self.seed,
             progress=notify,
             **options,
         )
-
-    def _with_cycles(self, training: Record) -> list[Record] | None:
-        """The candidates with decision_cycles: from a window's features to its decision on the lanes of this
-        run, off each program."""
-        if training.get("candidates") is None:
-            return None
-        # formats as before quantisation: those of one cell's network may not do for another's, and no cycle
-        # depends on them
-        trained = AcceleratorConfig.from_dict(training["config"], "training record, field config")
-        rows = []
-        for row in training["candidates"]:
-            candidate = choose_network.network(trained, row["cell"], row["hidden"] or None)
-            rows.append(
-                row
-                | {"decision_cycles": schedule(candidate).decision_cycles, "lanes": candidate.hardware.lanes}
-            )
-        return rows
 
     def _quantise(self, trained: Path, folder: Path) -> None:
         shutil.copytree(trained / "model", folder / "model")

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,16 +17,15 @@ from eskin.golden.core.jobs import Jobs, Progress, Record
 from eskin.golden.core.memo import Memo, code_version
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.studies import sweep as sweeping
-from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.golden.training.image_models import KEPT
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.golden.training.train_images import CODE as IMAGE_CODE
 from eskin.pages import sweep_charts
-from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
+from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
-from eskin.rtl.views.complexity import register_bits
 from eskin.rtl.views.schedule_view import save_figure, write_csv
+from eskin.verbs.cost import estimated
 
 CACHE = Path("build/sweep_points")
 """Finished trainings by content; shared by all sweeps, safe to delete."""
@@ -37,33 +36,23 @@ CODE = partial(code_version, "golden")
 PART = "iCE40UP5K"
 """Whose energy is estimated: the only part with published measurements. Its clock may stop between
 samples."""
-_registers = lru_cache(maxsize=64)(register_bits)
 
 RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
 
 
-def cost_of(config: AcceleratorConfig, base: AcceleratorConfig) -> dict[str, float]:
+def cost_of(config: AcceleratorConfig) -> dict[str, float]:
     """Cycles and energies (joule) of a point, as ``eskin.golden.studies.sweep.sweep`` takes them.
 
     compute_j: of the steps of a touch, or of an image. energy_j: of an image the same, waiting for it left
     out; of a touch from its first frame to its last, waiting included, with an outside clock that runs, at
-    any rate, only while there is work. The registers are those of ``base`` on the same lanes: cell, units and
-    bits change their number by a few, and elaborating every point would take minutes.
+    any rate, only while there is work.
     """
-    hardware = config.hardware
-    registers = _registers(
-        base.replace(clock_hz=hardware.clock_hz).with_lanes(hardware.lanes, hardware.lane_type)
-    )
-    multipliers = 0 if hardware.lane_type == "serial" else hardware.lanes
-    step = step_cycles(config)
-    activity = scheduled_activity(config, step, *mean_frame_cycles(config), registers, multipliers)
-    energy = estimate(config, PART, activity, hardware.clock_hz)
+    energy = estimated(config, PART)
     compute_j = energy["per_touch_j"]
-    energy_j = compute_j if config.is_image else energy["choices"][1]["touch_j"]
     return {
-        "cycles_step": step,
+        "cycles_step": step_cycles(config),
         "cycles_decision": decision_cycles(config),
-        "energy_j": energy_j,
+        "energy_j": compute_j if config.is_image else energy["choices"][1]["touch_j"],
         "compute_j": compute_j,
     }
 
@@ -156,12 +145,11 @@ def run(
     for name in (RESULT, TABLE, CONFIG):
         check_target(out / name)
     images = isinstance(request, ImageSweepRequest)
-    base = request.base if isinstance(request, sweeping.SweepRequest) else request.points[0].config
     code = IMAGE_CODE if images else CODE
     result = sweeping.sweep(
         recordings,
         request,
-        cost_of=lambda config: cost_of(config, base),
+        cost_of=cost_of,
         jobs=Jobs(workers=workers, dask=dask, progress=progress, version=code),
         keep=Memo(cache or (KEPT if images else CACHE)),
         version=json.dumps([recordings.content, code()]),

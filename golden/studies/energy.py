@@ -206,7 +206,7 @@ class Activity:
     """What the hardware does, averages of co-simulated recordings.
 
     step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles,
-    quiet_cycles: of a frame of a touch, and of another one. frame_toggles: of a frame, in the rest.
+    quiet_frame_cycles: of a frame of a touch, and of another one. frame_toggles: of a frame, in the rest.
     idle_toggles: a cycle without work. ram_reads, large_uses: a cycle, of block memories and of the large
     ones of one port. source: how it was found. recordings: how many were counted.
     """
@@ -215,7 +215,7 @@ class Activity:
     step_toggles: float
     step_multiplies: float
     frame_cycles: float
-    quiet_cycles: float
+    quiet_frame_cycles: float
     frame_toggles: float
     idle_toggles: float
     ram_reads: float
@@ -227,21 +227,22 @@ class Activity:
 CHOICE = ("name", "clock_hz", "idle_w", "average_w", "hours", "touch_j", "touches")
 """Keys of a choice of `estimate`."""
 COMPUTE_BLOCKS = ("cell", "classifier")
-REGISTER_SHARE, IDLE_TOGGLES = 0.125, 4.0
-"""For an uncounted design: share of its register bits that change in a busy cycle, register bits that change
-in an idle one."""
+STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 32.0, 12.0, 37.0, 4.0
+"""For an uncounted design: register bits that change in a cycle of a step, in one of a frame, in one of a
+frame that an onset detector sees, beyond that, and in one without work. All but the last are fitted to
+counted netlists (``python -m scripts.cost_model``)."""
 
 
 def counted_activity(
     config: AcceleratorConfig,
     full: Mapping[str, Any],
-    slow: Mapping[str, Any],
+    slow: Mapping[str, Any] | None,
     *,
     frames: int,
     steps: int,
     step_cycles: float,
     frame_cycles: float,
-    quiet_cycles: float,
+    quiet_frame_cycles: float,
     recordings: int,
 ) -> Activity:
     """Activity from two runs over the same recordings, at full pace and slower, which differ in idle cycles
@@ -251,23 +252,26 @@ def counted_activity(
     ----------
     full, slow:
         cycles, toggles (by block), multiplies, ram_reads, large_uses of each run (eskin.cosim.activity.Count
-        as a mapping).
+        as a mapping). Without a slower run idle cycles are taken to toggle IDLE_TOGGLES bits.
     frames, steps:
         In all, of one run.
-    step_cycles, frame_cycles, quiet_cycles:
+    step_cycles, frame_cycles, quiet_frame_cycles:
         Most cycles of a step; cycles of a frame of a touch, and of another one.
     """
-    idle = max(
-        0.0,
-        (sum(slow["toggles"].values()) - sum(full["toggles"].values())) / (slow["cycles"] - full["cycles"]),
-    )
+    idle = IDLE_TOGGLES
+    if slow:
+        idle = max(
+            0.0,
+            (sum(slow["toggles"].values()) - sum(full["toggles"].values()))
+            / (slow["cycles"] - full["cycles"]),
+        )
     compute = sum(full["toggles"].get(block, 0) for block in COMPUTE_BLOCKS)
     return Activity(
         step_cycles=step_cycles,
         step_toggles=compute / steps,
         step_multiplies=full["multiplies"] / steps,
         frame_cycles=frame_cycles,
-        quiet_cycles=quiet_cycles,
+        quiet_frame_cycles=quiet_frame_cycles,
         frame_toggles=(sum(full["toggles"].values()) - compute) / frames,
         idle_toggles=idle,
         ram_reads=full["ram_reads"] / full["cycles"],
@@ -281,29 +285,27 @@ def scheduled_activity(
     config: AcceleratorConfig,
     step_cycles: int,
     frame_cycles: float,
-    quiet_cycles: float,
-    registers: int,
+    quiet_frame_cycles: float,
     multipliers: int,
 ) -> Activity:
-    """Activity for a build without recordings: cycles of the schedule, every multiplier busy as often as
-    there are products, an eighth of the register bits changing in a busy cycle.
+    """Activity of a design that was not counted: cycles of the schedule, every multiplier busy as often as
+    there are products, STEP_TOGGLES and FRAME_TOGGLES (with ONSET_TOGGLES) register bits changing in a busy cycle.
 
     Parameters
     ----------
-    step_cycles, frame_cycles, quiet_cycles:
-        Of the schedule. registers, multipliers: cells of the netlist (a design without multipliers multiplies
-        in its logic).
+    step_cycles, frame_cycles, quiet_frame_cycles:
+        Of the schedule. multipliers: cells of the netlist (a design without them multiplies in its logic).
     """
     return Activity(
         step_cycles=step_cycles,
-        step_toggles=REGISTER_SHARE * registers * step_cycles,
+        step_toggles=STEP_TOGGLES * step_cycles,
         step_multiplies=(config.multiplies + config.inputs) if multipliers else 0,
         frame_cycles=frame_cycles,
-        quiet_cycles=quiet_cycles,
-        frame_toggles=REGISTER_SHARE * registers * frame_cycles,
+        quiet_frame_cycles=quiet_frame_cycles,
+        frame_toggles=(FRAME_TOGGLES + ONSET_TOGGLES * (not config.opens_at_once)) * frame_cycles,
         idle_toggles=IDLE_TOGGLES,
         ram_reads=0.0,
-        source=f"cycles of the schedule; {REGISTER_SHARE:g} of the register bits taken to change in a busy cycle",
+        source="cycles of the schedule; register bits that change in a busy cycle as fitted to counted netlists",
     )
 
 
@@ -346,9 +348,9 @@ def estimate(
     on = part.static_w + clock_hz * (part.clock_j + idle_toggles) + rate * switching
     rows = [("outside clock, always on", clock_hz, on, steps * switched)]
     if part.clock_stops:
-        stopped = part.static_w + rate * (activity.quiet_cycles * part.clock_j + switching)
+        stopped = part.static_w + rate * (activity.quiet_frame_cycles * part.clock_j + switching)
         touch_adds = (
-            steps * per_step + frames * (activity.frame_cycles - activity.quiet_cycles) * part.clock_j
+            steps * per_step + frames * (activity.frame_cycles - activity.quiet_frame_cycles) * part.clock_j
         )
         rows.append(("outside clock, stops between samples", clock_hz, stopped, touch_adds))
     for hertz, watt in sorted(part.oscillator_w.items()):

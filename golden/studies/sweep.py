@@ -21,6 +21,7 @@ import numpy as np
 
 from eskin.golden.baselines.rows import judge_baseline
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import pareto
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.groups import Network
 from eskin.golden.core.jobs import Jobs
@@ -521,27 +522,6 @@ def _record(point: Any, splits: list[dict[str, Any]], cost: Mapping[str, float])
         "on_front": False,
         "splits": splits,
     }
-
-
-def pareto(
-    records: Sequence[Mapping[str, Any]],
-    cost: str,
-    accuracy: Callable[[Mapping[str, Any]], float] | None = None,
-) -> list[int]:
-    """Indices of the records that none beats in one of ``cost`` (less) and accuracy (more) without losing in
-    the other; by cost."""
-    gain = accuracy or (lambda record: record["accuracy"])
-    order = sorted(range(len(records)), key=lambda i: (records[i][cost], -gain(records[i])))
-    front: list[int] = []
-    for i in order:
-        last = records[front[-1]] if front else None
-        if (
-            last is None
-            or gain(records[i]) > gain(last)
-            or (gain(records[i]), records[i][cost]) == (gain(last), last[cost])
-        ):
-            front.append(i)
-    return front
 
 
 def size(record: Mapping[str, Any]) -> tuple:

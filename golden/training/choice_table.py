@@ -29,6 +29,16 @@ def front_end_words(row: dict[str, Any]) -> str:
     return f"{preset}{rest}, {gate}, {windows}, {'+'.join(row['feature_kinds'])}{activity}, {scale}"
 
 
+def front_end_brief(row: dict[str, Any]) -> str:
+    """Windows and kinds of feature of a row of ``candidates``, out of its ``front_end``."""
+    return ", ".join(row["front_end"].split(", ")[2:4])
+
+
+def kinds_of(row: dict[str, Any]) -> str:
+    """The kinds of feature of a row of ``candidates``."""
+    return row["front_end"].split(", ")[3].partition(" ")[0]
+
+
 def front_end_table(record: dict[str, Any]) -> list[dict[str, Any]]:
     """The rows to show, ROWS at most: the chosen one, the best, and the best of every gate, kind of feature,
     scale and set of windows."""

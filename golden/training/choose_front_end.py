@@ -14,11 +14,14 @@ the classifier has not seen:
 
 The search goes by coordinates: every gate with two sets of windows on means, those that are not far behind
 with all sets; kinds of feature and scales on the best SURVIVORS; then windows and thresholds again around the
-best. All are judged on the same recordings.
+best; then, from the cheapest that is level, fewer kinds and fewer and shorter windows as long as they are
+level too. All are judged on the same recordings.
 
-**The choice.** Level with the best are all candidates whose shortfall is below TIE standard errors of the
-paired difference over recordings, and of these the simplest is taken (``simplicity``). These accuracies
-belong to a selection among many, so they rank front ends and are no figure of unseen recordings;
+**The choice.** Level with the best are all candidates whose shortfall is at most TIE standard errors of the
+paired difference over recordings, and of these the cheapest is taken (`eskin.golden.core.cost.Market`, with a
+linear cell behind it). A network may need more than that classifier saw, or less: the best one and the
+cheapest of fewer kinds stand on the shortlist, on which networks are tried too. These accuracies belong to a
+selection among many, so they rank front ends and are no figure of unseen recordings;
 ``eskin.golden.training.nested`` gives one, from a `Field` of candidates that no label picked.
 """
 
@@ -33,10 +36,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.cost import Market
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.model import normaliser_constants
+from eskin.golden.model.model import normaliser_constants, with_network
 from eskin.golden.model.preprocess import FirstTouches, cut_windows, first_touches, normalise, real_features
 from eskin.golden.training.choice_table import front_end_words, left_out
 from eskin.golden.training.datasets import scaling
@@ -53,8 +57,11 @@ from eskin.golden.training.derive import (
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.splits import split_folds
 
-TIE = 0.5
-"""Standard errors of the paired difference below which two candidates are level."""
+TIE = 1.0
+"""Standard errors of the paired difference up to which two candidates are level."""
+
+DESCENT = 12
+"""Cheaper neighbours that are judged at most."""
 
 SURVIVORS = 3
 """Pairs of gate and windows on which kinds of feature and scales are tried."""
@@ -90,16 +97,19 @@ class Plan:
     the split to choose by.
 
     reasons: in words. record: of the choice (None: asked for). rivals: of other gates, that a recurrent
-    network may do better on (``rivals_of``). split, split_from: of ``choose_split``. field: candidates to
-    choose from inside folds, where that was asked for.
+    network may do better on (``rivals_of``). shortlist: those that networks are tried on, the cheapest
+    first, ``config`` among them (``shortlist_of``). split, split_from: of ``choose_split``. field: candidates
+    to choose from inside folds, where that was asked for. market: what candidates cost.
     """
 
     config: AcceleratorConfig
     reasons: list[str]
     split: list[str]
     split_from: str
+    market: Market
     record: dict[str, Any] | None = None
     rivals: tuple[AcceleratorConfig, ...] = ()
+    shortlist: tuple[AcceleratorConfig, ...] = ()
     field: Field | None = None
 
     def with_chosen(self, config: AcceleratorConfig) -> Plan:
@@ -118,6 +128,7 @@ class Plan:
 def configure(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
+    market: Market,
     *,
     groups: Sequence[str] | None = None,
     folds: int = 5,
@@ -140,7 +151,9 @@ def configure(
     if recordings.image_shape:
         derive_config(recordings)  # which refuses images
     if requested is None:
-        return choose_front_end(recordings, groups=groups, folds=folds, nested=nested, progress=progress)
+        return choose_front_end(
+            recordings, market, groups=groups, folds=folds, nested=nested, progress=progress
+        )
     reasons = [f"'{requested.name}', as asked for"]
     if requested == PRESETS.get(requested.name) and requested.network.class_names != recordings.class_names:
         try:
@@ -155,7 +168,7 @@ def configure(
         looked_at = recordings.evenly(_how_many(recordings))
         field = Field.empty(recordings, looked_at)
         field.add(Judge(recordings.subset(looked_at), []), looked_at, [requested])
-    return Plan(requested, reasons, split, split_from, field=field)
+    return Plan(requested, reasons, split, split_from, market, shortlist=(requested,), field=field)
 
 
 def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[list[str], str]:
@@ -316,9 +329,9 @@ def behind(best: Judgement, rival: Judgement) -> tuple[float, float]:
 
 
 def is_level(best: Judgement, rival: Judgement) -> bool:
-    """The shortfall is none, or below TIE standard errors of the paired difference."""
+    """The shortfall is none, or at most TIE standard errors of the paired difference."""
     shortfall, error = behind(best, rival)
-    return shortfall <= 0 or shortfall < TIE * error
+    return shortfall <= TIE * error * (1 + 1e-9)  # one recording lost, none won: exactly one
 
 
 def most_accurate(candidates: Sequence[Any]) -> Any:
@@ -332,30 +345,44 @@ def first_or_best(judged: Sequence[Judged]) -> Judged:
     return judged[0] if is_level(best, judged[0]) else best
 
 
-def simplicity(config: AcceleratorConfig) -> tuple:
-    """Smaller is simpler, in this order: kinds of feature (and the mean before others), no rest level before
-    an initial before a tracked one, a gate that opens at once, fewer inputs in all windows, one scale for the
-    array, a preset, a touch that ends sooner."""
-    return (
-        len(config.features.feature_kinds),
-        config.features.feature_kinds != ("mean",),
-        ("none", "initial", "tracked").index(config.rest_level.rest),
-        not config.opens_at_once,
-        config.windows.steps * config.inputs,
-        config.features.feature_scale == "taxel",
-        config.name not in PRESETS,
-        config.last_frame,
-        config.onset_rule.onset_threshold,
-    )
+def with_linear(config: AcceleratorConfig) -> AcceleratorConfig:
+    """The front end with the network that it is priced with: a linear cell, or its own where that has no room
+    for the weights."""
+    try:
+        return with_network(config, cell="linear")
+    except InputError:
+        return config
 
 
-def choose(judged: Sequence[Judged]) -> Judged:
-    """The simplest of those that are level with the best."""
+def cheapest(
+    judged: Sequence[Judged],
+    market: Market,
+    priced: Callable[[AcceleratorConfig], AcceleratorConfig] = with_linear,
+) -> Judged:
+    """The cheapest of those that are level with the best, ``priced`` as a whole design."""
     best = most_accurate(judged)
-    return min(
-        (candidate for candidate in judged if is_level(best, candidate)),
-        key=lambda candidate: (simplicity(candidate.config), -candidate.accuracy),
-    )
+    level = [candidate for candidate in judged if is_level(best, candidate)]
+    return market.cheapest(level, lambda candidate: priced(candidate.config))
+
+
+def price_of(config: AcceleratorConfig, market: Market) -> tuple[float, ...]:
+    """What front ends are ordered by: their price with a linear cell."""
+    return market.price(with_linear(config))
+
+
+def shortlist_of(judged: Sequence[Judged], chosen: Judged, market: Market) -> tuple[AcceleratorConfig, ...]:
+    """Front ends to try networks on, the cheapest first: the chosen one; the best, of as many the cheapest;
+    and of each smaller number of kinds the cheapest that is level with the best of that number, unless it is
+    HOPELESS."""
+    best = most_accurate(judged)
+    top = [candidate for candidate in judged if candidate.accuracy == best.accuracy]
+    listed = [chosen, min(top, key=lambda candidate: price_of(candidate.config, market))]
+    for kinds in range(1, chosen.config.kinds):
+        fewer = [candidate for candidate in judged if candidate.config.kinds == kinds]
+        if fewer and chosen.accuracy - most_accurate(fewer).accuracy <= HOPELESS:
+            listed.append(cheapest(fewer, market))
+    configs = dict.fromkeys(candidate.config for candidate in listed)
+    return tuple(sorted(configs, key=lambda config: price_of(config, market)))
 
 
 def _common_length(recordings: Recordings, touches: FirstTouches) -> int:
@@ -420,10 +447,7 @@ class Judge:
 
     def all(self, configs: Iterable[AcceleratorConfig]) -> list[Judged]:
         """Each judged, best first."""
-        return sorted(
-            (self(config) for config in configs),
-            key=lambda candidate: (-candidate.accuracy, simplicity(candidate.config)),
-        )
+        return sorted((self(config) for config in configs), key=lambda candidate: -candidate.accuracy)
 
     def features(self, config: AcceleratorConfig) -> tuple[np.ndarray, np.ndarray]:
         """(recordings with a completed window, their features); none where features hardly move: no
@@ -606,6 +630,7 @@ def knee_of(touches: FirstTouches) -> int:
 # ---------------------------------------------------------------------- the choice
 def choose_front_end(
     recordings: Recordings,
+    market: Market,
     *,
     groups: Sequence[str] | None = None,
     folds: int = 5,
@@ -657,9 +682,11 @@ def choose_front_end(
             [*why, "too few recordings to judge front ends on, so this is a guess by rules"],
             split,
             split_from,
+            market,
+            shortlist=(guess,),
         )
 
-    about = 70
+    about = 80
     judge = Judge(
         judged_on,
         parts,
@@ -667,14 +694,15 @@ def choose_front_end(
     )
     field = Field.empty(recordings, looked_at) if nested else None
     with one_thread():
-        chosen = _search(judge, recordings, _windows(judge, recordings, base, field, looked_at))
-    record = _record(judge, chosen, judged_on, split, split_from, len(parts)) | {
+        chosen = _search(judge, market, _windows(judge, recordings, base, field, looked_at))
+    record = _record(judge, chosen, market, judged_on, split, split_from, len(parts)) | {
         "recordings": len(recordings),
         "wall_s": time.perf_counter() - began,
     }
     reasons += [_in_words(record), *_cautions(judge, chosen, parts, record)]
-    rivals = rivals_of(list(judge.judged.values()), chosen)
-    return Plan(chosen.config, reasons, split, split_from, record, rivals, field)
+    candidates = _candidates(judge, market)
+    rivals, listed = rivals_of(candidates, chosen), shortlist_of(candidates, chosen, market)
+    return Plan(chosen.config, reasons, split, split_from, market, record, rivals, listed, field)
 
 
 def field_of(recordings: Recordings) -> Field:
@@ -742,7 +770,7 @@ def _windows(
     return of_gate + [[preset] for preset in presets]
 
 
-def _search(judge: Judge, recordings: Recordings, of_gate: list[list[AcceleratorConfig]]) -> Judged:
+def _search(judge: Judge, market: Market, of_gate: list[list[AcceleratorConfig]]) -> Judged:
     """The search by coordinates; everything judged stays in ``judge``."""
     presets = [configs[0] for configs in of_gate if configs[0].name in PRESETS]
     of_gate = of_gate[: len(of_gate) - len(presets)]
@@ -765,7 +793,52 @@ def _search(judge: Judge, recordings: Recordings, of_gate: list[list[Accelerator
         threshold = best.onset_rule.onset_threshold
         around += [_valid(best, onset_threshold=max(1, round(threshold * factor))) for factor in (0.7, 1.4)]
     judge.all(config for config in around if config is not None)
-    return choose(list(judge.judged.values()))
+    _descend(judge, market)
+    return cheapest(_candidates(judge, market), market)
+
+
+def _candidates(judge: Judge, market: Market) -> list[Judged]:
+    """What was judged, best first, down to where a named board has its best: those before do not fit it.
+
+    Raises
+    ------
+    InputError
+        Nothing fits the named board.
+    """
+    ordered = sorted(judge.judged.values(), key=lambda candidate: -candidate.accuracy)
+    for number, candidate in enumerate(ordered):
+        if market.is_candidate(with_linear(candidate.config)):
+            return ordered[number:]
+    raise InputError(
+        f"--fits {market.board}: holds none of the {len(ordered)} front ends that were judged, not even with "
+        "a linear cell; name a larger board"
+    )
+
+
+def _descend(judge: Judge, market: Market) -> None:
+    """From the cheapest that is level to its cheaper neighbours, as long as one of them is level: fewer
+    kinds, two thirds of the windows, windows of two thirds the length."""
+    left = DESCENT
+    while True:
+        at = cheapest(_candidates(judge, market), market).config
+        windows, kinds = at.windows, at.features.feature_kinds
+        tried: list[AcceleratorConfig | None] = []
+        if len(kinds) > 1:
+            tried += [_valid(at, feature_kinds=tuple(k for k in kinds if k != kind)) for kind in kinds]
+        if windows.window_mode == "free":
+            shorter = max(2 * windows.hop // 3 // 8 * 8, 4)
+            block = block_of(shorter) if at.features.activity_block > 1 else 1
+            tried.append(_valid(at, steps=max(2 * windows.steps // 3, 1)))
+            tried.append(_valid(at, hop=shorter, window=2 * shorter, activity_block=block))
+        new = [
+            config
+            for config in tried
+            if config and config not in judge.judged and price_of(config, market) < price_of(at, market)
+        ][:left]
+        left -= len(new)
+        judge.all(new)
+        if not new or cheapest(_candidates(judge, market), market).config == at:
+            return
 
 
 def _near(best: Judged, rival: Judged) -> bool:
@@ -826,10 +899,16 @@ def describe(candidate: Judged, best: Judged) -> dict[str, Any]:
 
 
 def _record(
-    judge: Judge, chosen: Judged, recordings: Recordings, split: list[str], split_from: str, folds: int
+    judge: Judge,
+    chosen: Judged,
+    market: Market,
+    recordings: Recordings,
+    split: list[str],
+    split_from: str,
+    folds: int,
 ) -> dict[str, Any]:
     ordered = sorted(
-        judge.judged.values(), key=lambda candidate: (-candidate.accuracy, simplicity(candidate.config))
+        judge.judged.values(), key=lambda candidate: (-candidate.accuracy, price_of(candidate.config, market))
     )
     best = ordered[0]
     return {
@@ -840,8 +919,8 @@ def _record(
         "folds": folds,
         "recordings_looked_at": len(recordings),
         "judged_by": "ridge regression on the integer front end's features of all windows, cross-validated",
-        "tie": f"shortfall below {TIE:g} standard errors of the paired difference over recordings; ties go "
-        "to the simpler",
+        "tie": f"shortfall of at most {TIE:g} standard error of the paired difference over recordings; ties "
+        f"go to what is least in {market.prefer}",
     }
 
 

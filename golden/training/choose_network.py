@@ -1,24 +1,26 @@
-"""The smallest network that is enough, chosen by evidence: ``--cell auto``, and what ``train`` and ``run`` do
-without --cell and --config.
+"""The cheapest front end and network that are enough, chosen by evidence: ``--cell auto``, and what ``train``
+and ``run`` do without --cell and --config.
 
-Candidates are the linear cell and GRUs of 4, 8 and 12 units, and of 16 where 12 is not level: where it lies
-more than a standard error below the best, or is still that much better than 8. Each is cross-validated on the
-chosen front end, all folds at once, in the integers that it would be quantised to, with one seed, and with
-two more where it can still be taken. Taken is the one with the fewest multiplies a touch (steps times
-multiplies a step) of those within one standard error of the best. The standard error is that of the best
-one's accuracy over recordings, each recording's being the mean over seeds: it says how far the figure would
-move with other recordings like these, not how far it would with other groups.
+Candidates are the linear cell on each front end of the plan's shortlist and GRUs of 4, 8 and 12 units on one,
+and of 16 where 12 is not level: where it lies more than a standard error below the best, or is still that
+much better than 8. Each is cross-validated, all folds at once, in the integers that it would be quantised to,
+with one seed, and with two more where it can still be taken. Taken is the cheapest, by the plan's `Market`,
+of those that are level with the best: behind by at most one standard error of the paired difference over
+recordings, each recording's being the mean over seeds. That says how far the difference would move with other
+recordings like these, not how far it would with other groups.
 
-The front end was chosen by a linear classifier, which sees all windows at once; where rivals of another gate
-are not hopeless, a GRU 12 is cross-validated on the best of each (``recurrent_front_end``), and the recurrent
-candidates stand on the one it does best on.
+The shortlist was made by a linear classifier, which sees all windows at once; a recurrent network may do with
+fewer kinds of feature, or better with another gate. A GRU 12 is cross-validated on the shortlist and on the
+best of each other gate that is not hopeless (``recurrent_front_end``); the recurrent candidates stand on the
+cheapest of those that are level.
 
 A linear cell is fitted as a logistic regression and by least squares (``eskin.golden.training.linear_fit``):
 which one does better depends on how many touches there are for its weights. Where the recipe augments
 touches, which helps or harms by what tells the classes apart, both are fitted to touches as they were
-recorded too; and a logistic regression of these with a weaker penalty. All cost the same. Of equal cost the
-first in this order that is level with the most accurate is taken, so logistic regressions, whose margins are
-logarithms of odds, come before least squares.
+recorded too; and a logistic regression of these with a weaker penalty. All cost the same, so all are tried on
+the cheapest front end and the best of them on the others. Of equal cost the first in this order that is
+level with the most accurate is taken, so logistic regressions, whose margins are logarithms of odds, come
+before least squares.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import Market
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import NETWORKS
 from eskin.golden.data.rate import wrong_rate
@@ -43,8 +46,8 @@ from eskin.golden.training.choose_front_end import (
     Judge,
     Judged,
     Plan,
+    cheapest,
     configure,
-    first_or_best,
     is_level,
     most_accurate,
     row_of,
@@ -61,7 +64,10 @@ from eskin.golden.training.train import TrainingRequest, train
 
 GRU_UNITS, LARGER_UNITS = (4, 8, 12), 16
 LEVEL = 1.0
-"""Standard errors within which a smaller network is enough."""
+"""Standard errors of an accuracy by which a larger network must be better to be tried further."""
+
+TRIED_RECURRENT = 4
+"""Front ends that a recurrent network is tried on."""
 
 OUT_OF_REACH = 3.0
 """Standard errors behind another candidate, with one seed, from which a network is not looked at any
@@ -73,6 +79,13 @@ where 1 reaches 97.2 %, leaving conditions out, and 92.6 against 89.0 % leaving 
 both, 100 level."""
 
 AUTO = "auto"
+
+LEAST = {
+    "energy": "takes the least energy a touch ({energy_touch_j:.3g} J)",
+    "cells": "takes the fewest logic cells ({cells})",
+    "latency": "has the shortest way from the last sample to the decision ({latency_s:.3g} s)",
+}
+"""What a preference is, in words."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +115,7 @@ class Candidate:
         """Multiplies of all steps."""
         return self.config.windows.steps * self.config.multiplies
 
-    def row(self, chosen: bool) -> dict[str, Any]:
+    def row(self, chosen: bool, market: Market) -> dict[str, Any]:
         """What training.json says of it."""
         config = self.config
         return {
@@ -113,6 +126,7 @@ class Candidate:
             "standard_error": self.standard_error,
             "float_accuracy": self.record["float_accuracy"],
             "agreement": self.record["agreement"],
+            **market.row(config),
             "multiplies_touch": self.multiplies_touch,
             "multiplies_step": config.multiplies,
             "parameters": config.parameter_count,
@@ -137,17 +151,14 @@ def network(config: AcceleratorConfig, cell: str, hidden: int | None) -> Acceler
     return changed if changed.recurrent else changed.replace(decision="last")
 
 
-def smallest_enough(candidates: Sequence[Candidate]) -> Candidate:
-    """The fewest multiplies a touch of those within LEVEL standard errors of the best; of as many, the first
-    that is level with the most accurate (``eskin.golden.training.choose_front_end.is_level``)."""
+def cheapest_enough(candidates: Sequence[Candidate], market: Market) -> Candidate:
+    """The cheapest of those that are level with the best
+    (``eskin.golden.training.choose_front_end.is_level``); of as cheap ones the first that is level with the
+    most accurate of them."""
     best = most_accurate(candidates)
-    enough = [
-        candidate
-        for candidate in candidates
-        if candidate.accuracy >= best.accuracy - LEVEL * best.standard_error
-    ]
-    least = min(candidate.multiplies_touch for candidate in enough)
-    alike = [candidate for candidate in enough if candidate.multiplies_touch == least]
+    enough = [candidate for candidate in candidates if is_level(best, candidate)]
+    taken = market.cheapest(enough, lambda candidate: candidate.config)
+    alike = [candidate for candidate in enough if candidate.config == taken.config]
     return next(candidate for candidate in alike if is_level(most_accurate(alike), candidate))
 
 
@@ -197,26 +208,25 @@ def cross_validate_network(
 
 
 def recurrent_front_end(
-    terms: Terms, front_ends: Sequence[AcceleratorConfig]
+    terms: Terms, front_ends: Sequence[AcceleratorConfig], market: Market
 ) -> tuple[AcceleratorConfig, list[dict[str, Any]]]:
-    """The front end for a recurrent network: of these the one on which it does best, and a row for each that
-    was tried.
+    """The front end for a recurrent network: of these the cheapest that is level with the one on which it
+    does best, and a row for each that was tried.
 
     Each trains the configuration's network, a GRU 12 as it is derived, the first seed, half the recipe's
-    updates. The first one stays where it is level with the best, by
-    ``eskin.golden.training.choose_front_end.is_level``, or so near 100 % that none can be better by a
-    standard error; of the others the best is taken.
+    updates; the cheapest first, and none behind one that is so near 100 % that no other can be better by a
+    standard error.
     """
     tried: list[Candidate] = []
-    for number, config in enumerate(front_ends, 1):
+    for number, config in enumerate(sorted(front_ends, key=market.price), 1):
         recipe = halved((config, choose_recipe(config, terms.protocol)))[1]
         progress = terms.called(f"front end {number} of {len(front_ends)}")
         own = dataclasses.replace(terms, seeds=terms.seeds[:1], widths={}, progress=progress)
         tried.append(cross_validate_network(own, config, recipe))
-        if settled(tried[0]):
+        if settled(tried[-1]):
             break
     judged = [Judged(candidate.config, candidate.correct, 0) for candidate in tried]
-    taken = first_or_best(judged)
+    taken = cheapest(judged, market, lambda config: config)
     rows = [
         {
             "front_end": front_end_words(row_of(candidate.config)),
@@ -248,28 +258,36 @@ def _linear_recipes(augments: bool) -> list[dict[str, Any]]:
 
 
 def choose_network(
-    terms: Terms, config: AcceleratorConfig, recurrent: AcceleratorConfig | None = None
+    terms: Terms,
+    front_ends: Sequence[AcceleratorConfig],
+    market: Market,
+    recurrent: AcceleratorConfig | None = None,
 ) -> tuple[Candidate, list[dict[str, Any]]]:
-    """Judge the candidates and take one: it, and the rows of training.json, in the order of size. The linear
-    cell stands on ``config``'s front end, the others on that of ``recurrent`` where there is one.
+    """Judge the candidates and take one: it, and the rows of training.json. Linear cells stand on each of
+    ``front_ends``, the cheapest first, the others on ``recurrent``, by default the first of them.
 
     One that cannot be taken is judged with the first seed alone: it is OUT_OF_REACH behind another, or one
-    that is smaller is ``settled``.
+    that is cheaper is ``settled``. A dearer front end is then not tried at all, nor what does not fit a board
+    that was named.
 
     Raises
     ------
     InputError
-        As ``split_folds``; where no candidate fits an accelerator.
+        As ``split_folds``; where no candidate fits an accelerator, or the named board.
     """
     candidates: list[Candidate] = []
+    recurrent = recurrent or front_ends[0]
 
-    def judge(cell: str, hidden: int | None = None, **changes: Any) -> Candidate | None:
-        """The candidate; None: it is too wide for an accelerator, or has no such recipe."""
-        on = config if cell == "linear" or recurrent is None else recurrent
+    def judge(
+        cell: str, on: AcceleratorConfig, hidden: int | None = None, **changes: Any
+    ) -> Candidate | None:
+        """The candidate; None: it is too wide for an accelerator or the board, or has no such recipe."""
         try:
             tried = network(on, cell, hidden)
             recipe = dataclasses.replace(choose_recipe(tried, terms.protocol), **changes)
         except InputError:
+            return None
+        if not market.is_candidate(tried):
             return None
         progress = terms.called(f"{cell} {hidden}" if hidden else cell)
         own = dataclasses.replace(terms, progress=progress)
@@ -284,26 +302,34 @@ def choose_network(
 
     def in_reach(first: Candidate) -> bool:
         if any(
-            settled(candidate) and candidate.multiplies_touch < first.multiplies_touch
+            settled(candidate) and market.price(candidate.config) < market.price(first.config)
             for candidate in candidates
         ):
             return False
         best = max((candidate.accuracy for candidate in candidates), default=0.0)
         return best - first.accuracy <= OUT_OF_REACH * first.standard_error
 
-    if linear := judge("linear"):
-        for changes in _linear_recipes(linear.recipe.augments)[1:]:
-            judge("linear", **changes)
-    units = [hidden for hidden in GRU_UNITS if judge("gru", hidden)]
+    recipes: list[dict[str, Any]] = []
+    for on in front_ends:
+        if any(map(settled, candidates)):
+            break
+        if recipes:
+            judge("linear", on, **recipes[candidates.index(most_accurate(candidates[: len(recipes)]))])
+        elif linear := judge("linear", on):
+            recipes = [{}]
+            for changes in _linear_recipes(linear.recipe.augments)[1:]:
+                recipes += [changes] if judge("linear", on, **changes) else []
+    units = [hidden for hidden in GRU_UNITS if judge("gru", recurrent, hidden)]
     if not candidates:
+        fits = f" and the board {market.board}" if market.named else ""
         raise InputError(
-            f"configuration '{config.name}': no network of the candidates fits it; name one with --cell and "
-            "--hidden"
+            f"configuration '{front_ends[0].name}': no network of the candidates fits it{fits}; name one "
+            "with --cell and --hidden"
         )
     if len(units) > 1 and goes_on(candidates):
-        judge("gru", LARGER_UNITS)
-    chosen = smallest_enough(candidates)
-    return chosen, [candidate.row(candidate is chosen) for candidate in candidates]
+        judge("gru", recurrent, LARGER_UNITS)
+    chosen = cheapest_enough(candidates, market)
+    return chosen, [candidate.row(candidate is chosen, market) for candidate in candidates]
 
 
 def splits_to_report(
@@ -369,6 +395,11 @@ class _Choice:
             self._choose_network(recurrent)
         elif not self.chooses:
             self.plan, self.config = self.plan.with_chosen(recurrent), self.wish.on(recurrent)
+        if not self.plan.market.is_candidate(self.config):
+            raise InputError(
+                f"--fits {self.plan.market.board}: does not hold {self.config.network.cell} on the front end "
+                "asked for or chosen; name a larger board, or leave the network open"
+            )
         if self.plan.record:
             self.notes["front_end"] = self.plan.record | {"for_recurrent": of_recurrent}
             if row_of(self.plan.config) != row_of(self.linear):
@@ -379,25 +410,28 @@ class _Choice:
 
     def _recurrent_front_end(self) -> tuple[AcceleratorConfig, list[dict[str, Any]]]:
         plan, wish = self.plan, self.wish
-        front_ends = (plan.config, *plan.rivals)
+        listed = dict.fromkeys((plan.config, *plan.shortlist[:1], *plan.rivals, *plan.shortlist))
+        front_ends = list(listed)[:TRIED_RECURRENT]
         resized = wish.front_end(plan.config) != plan.config
         fixed = self.config.network
         if len(front_ends) < 2 or not self.terms.folds or not self.config.recurrent or wish.reset or resized:
             return plan.config, []
         tried = [with_network(config, cell=fixed.cell, hidden=fixed.hidden) for config in front_ends]
-        config, rows = recurrent_front_end(self.terms, tried)
+        config, rows = recurrent_front_end(self.terms, tried, plan.market)
         return front_ends[tried.index(config)], rows
 
     def _choose_network(self, recurrent: AcceleratorConfig) -> None:
-        on = self.wish.front_end(recurrent)
-        chosen, rows = choose_network(self.terms, self.config, on)
-        self.plan = self.plan.with_chosen(recurrent if chosen.front_end == on else self.linear)
+        on = {self.wish.front_end(config): config for config in (*self.plan.shortlist, recurrent)}
+        listed = list(dict.fromkeys(map(self.wish.front_end, self.plan.shortlist)))
+        chosen, rows = choose_network(self.terms, listed, self.plan.market, self.wish.front_end(recurrent))
+        self.plan = self.plan.with_chosen(on[chosen.front_end])
         self.config, self.recipe, self.notes["candidates"] = chosen.config, chosen.recipe, rows
         self.judged = [chosen.record]
+        row = next(row for row in rows if row["chosen"])
         self.reasons.append(
             f"network chosen among {len(rows)}, leaving out {left_out(self.plan.split)} "
-            f"({self.plan.split_from}): {network_name(chosen.row(True))} needs the fewest multiplies a touch "
-            f"({chosen.multiplies_touch}) of those within one standard error (over recordings) of the best"
+            f"({self.plan.split_from}): {network_name(row)} {LEAST[self.plan.market.prefer].format(**row)} of "
+            "those within one standard error (of the paired difference over recordings) of the best"
         )
 
     def nested(self) -> Nested | None:
@@ -415,7 +449,7 @@ class _Choice:
             squares = {"squares": True, "name": "least squares", **AS_RECORDED}
             networks = [fixed_network(linear.on, protocol, **squares), fixed_network(gru.on, protocol)]
             networks = [candidate for candidate in networks if fits(candidate, self.linear)]
-        return Nested(self.terms, field, networks)
+        return Nested(self.terms, field, networks, self.plan.market)
 
     @property
     def chose(self) -> bool:
@@ -470,6 +504,7 @@ class _Choice:
 def train_chosen(
     recordings: Recordings,
     asked: AcceleratorConfig | None,
+    market: Market,
     *,
     out: str | Path,
     group: Sequence[str] | None = None,
@@ -491,6 +526,8 @@ def train_chosen(
     ----------
     asked:
         The configuration that was asked for; None: the front end is chosen (``choose_front_end``).
+    market:
+        What candidates cost, and what is wished of the one that is taken.
     plan:
         What ``configure`` gave for these recordings, when it is at hand; with a field, for figures of folds
         that chose nothing.
@@ -524,20 +561,26 @@ def train_chosen(
         options = (
             common | {"out": out, "cell": wish.cell, "group": group, "seeds": seeds or 1} | (of_images or {})
         )
-        return _train_on_images(recordings, asked, wish, protocol, dict(widths or {}), options, progress)
+        return _train_on_images(
+            recordings, asked, market, wish, protocol, dict(widths or {}), options, progress
+        )
     if wish.cell in NETWORKS:
         raise InputError(
             f"--cell {wish.cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
             "linear or auto"
         )
-    plan = plan or configure(recordings, asked, groups=group, folds=folds, nested=True, progress=progress)
+    plan = plan or configure(
+        recordings, asked, market, groups=group, folds=folds, nested=True, progress=progress
+    )
     if wish.cell == AUTO and not folds:
         raise InputError(
             "--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or "
             "linear"
         )
     if wish.weight_sets is not None:
-        plan = dataclasses.replace(plan, config=plan.config.replace(weight_sets=wish.weight_sets))
+        weights = {"weight_sets": wish.weight_sets}
+        listed = tuple(config.replace(**weights) for config in plan.shortlist)
+        plan = dataclasses.replace(plan, config=plan.config.replace(**weights), shortlist=listed)
     terms = Terms(
         recordings=recordings,
         groups=plan.split,
@@ -582,6 +625,7 @@ def train_chosen(
 def _train_on_images(
     recordings: Recordings,
     requested: AcceleratorConfig | None,
+    market: Market,
     wish: Wish,
     protocol: str,
     widths: dict[str, Any],
@@ -592,6 +636,7 @@ def _train_on_images(
     images do not have."""
     bits = widths.pop("weight_bits", None)
     not_of_images = dataclasses.asdict(dataclasses.replace(wish, cell=None)) | widths
+    not_of_images |= {"fits": market.named or None, "prefer": market.prefer != "energy" or None}
     options_set = [name for name, value in not_of_images.items() if value is not None]
     if options_set or protocol != "default":
         name = options_set[0].replace("_", "-") if options_set else "protocol"

@@ -25,6 +25,7 @@ import numpy as np
 import torch
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import Market
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.folds import grouped_folds
 from eskin.golden.data.recordings import Recordings, check_fit
@@ -43,7 +44,7 @@ from eskin.golden.model.pipeline import by_recording, decide_touches, run
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.batches import Batches, TouchPool
-from eskin.golden.training.choose_front_end import choose, field_of
+from eskin.golden.training.choose_front_end import cheapest, field_of
 from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
 from eskin.golden.training.losses import Progress, class_loss, descend
@@ -231,29 +232,6 @@ def fit(
 
 
 # ---------------------------------------------------------------------- recordings
-def known_classes(few: Recordings, config: AcceleratorConfig) -> Recordings:
-    """``few`` with the classes of ``config``, whose names may stand in another order and be more than ``few``
-    has.
-
-    Raises
-    ------
-    InputError
-        A class that the configuration does not have.
-    """
-    names = config.network.class_names
-    unknown = [
-        few.class_names[label] for label in np.unique(few.labels) if few.class_names[label] not in names
-    ]
-    if unknown:
-        raise InputError(
-            f"recordings '{few.source}', array class_names: has recordings of {unknown[0]}, and the model "
-            f"knows {', '.join(names)}; "
-            "enrolment adds no class: leave those recordings out, or train a new model"
-        )
-    where = np.array([names.index(name) if name in names else -1 for name in few.class_names])
-    return dataclasses.replace(few, labels=where[few.labels], class_names=names)
-
-
 def joined(few: Recordings, old: Recordings | None) -> Recordings:
     """``few``, and after them ``old``, as one set without groups."""
     if old is None:
@@ -341,7 +319,7 @@ def enrol(
         )
     pair, record = load_pair(model_dir), load_training(model_dir)
     config = pair.integer.config
-    few = known_classes(few, config)
+    few = few.of_classes(config.network.class_names, "the model")
     for recordings in (few, old):
         if recordings is not None:
             check_fit(recordings, config)
@@ -478,7 +456,7 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> dic
     check_model_target(out)
     model, record = IntegerModel.load(model_dir), load_training(model_dir)
     check_teachable(model.config)
-    few = known_classes(few, model.config)
+    few = few.of_classes(model.config.network.class_names, "the model")
     check_fit(few, model.config)
     after, counts = teach_recordings(model, few)
     names = model.config.network.class_names
@@ -527,7 +505,11 @@ class Question:
 
 
 def front_ends_without(
-    recordings: Recordings, values: Mapping[str, np.ndarray], groups: Sequence[str], **network: Any
+    recordings: Recordings,
+    values: Mapping[str, np.ndarray],
+    groups: Sequence[str],
+    market: Market,
+    **network: Any,
 ) -> list[AcceleratorConfig]:
     """For each value of ``groups`` the front end that is chosen without its recordings, with the network
     asked for (`with_network`).
@@ -542,7 +524,7 @@ def front_ends_without(
         rows = np.flatnonzero(~np.isin(field.numbers, np.concatenate([values[value] for value in part])))
         with one_thread():
             (judged,) = field.judged(rows, groups)
-        chosen |= dict.fromkeys(part, with_network(choose(judged).config, **network))
+        chosen |= dict.fromkeys(part, with_network(cheapest(judged, market).config, **network))
     return [chosen[value] for value in values]
 
 

@@ -6,11 +6,13 @@ and two classes the best of eighty front ends is 60 to 75 % right. Here each fol
 that looks at a label, by a cheaper choice of the same kind:
 
 - *front end*: of a `eskin.golden.training.choose_front_end.Field`, which no label picked, by ridge regression
-  on folds of the training part, NESTED_ON recordings at most. A recurrent network that was asked for may
-  stand on a rival of another gate: half its updates on one inner fold decide.
-- *network*: the one that was asked for; else the linear cell by least squares, or a GRU 8 (half the updates,
-  one seed) where it is better on the inner folds by more than a standard error, and not tried where it cannot
-  be.
+  on folds of the training part, NESTED_ON recordings at most: the cheapest that is level with the best. A
+  recurrent network that was asked for may stand on a rival of another gate: half its updates on one inner
+  fold decide.
+- *network*: the one that was asked for; else of the linear cell by least squares, on that front end and on
+  the best one, and a GRU 8 (half the updates, one seed) on the cheapest of the shortlist, the cheapest that
+  is level with the best on the inner folds. The GRU is not tried where it can be neither better by a standard
+  error nor cheaper.
 - the network chosen is trained on the whole training part with the full recipe, quantised, and judged on the
   fold.
 
@@ -33,16 +35,19 @@ import numpy as np
 from sklearn.kernel_ridge import KernelRidge
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import Market
 from eskin.golden.core.errors import InputError
 from eskin.golden.training.choice_table import front_end_words, network_name
 from eskin.golden.training.choose_front_end import (
     Field,
     Judged,
-    choose,
+    cheapest,
     first_or_best,
     inner_folds,
+    most_accurate,
     rivals_of,
     row_of,
+    shortlist_of,
 )
 from eskin.golden.training.crossval import (
     FoldDecisions,
@@ -72,13 +77,14 @@ Network = Callable[[AcceleratorConfig], tuple[AcceleratorConfig, Recipe]]
 class Nested:
     """How the choice is made again.
 
-    terms: with the groups that the choice leaves out. networks: candidates, the simplest first; a linear one
-    among several is judged by the ridge regression that judges the front ends.
+    terms: with the groups that the choice leaves out. networks: the one asked for, or the linear one and a
+    recurrent one. market: what they cost.
     """
 
     terms: Terms
     field: Field
     networks: Sequence[Network]
+    market: Market
 
     def record(self, split: Sequence[str]) -> dict[str, Any]:
         """The figure of one split, and how it came about.
@@ -151,39 +157,65 @@ class Nested:
     ) -> list[tuple[AcceleratorConfig, Recipe]]:
         """Configuration and recipe of each training part."""
         first, *others = self.networks
-        judged = [[candidate for candidate in of_part if fits(first, candidate.config)] for of_part in judged]
+        judged = [
+            [
+                candidate
+                for candidate in of_part
+                if fits(first, candidate.config) and self.market.is_candidate(first(candidate.config)[0])
+            ]
+            for of_part in judged
+        ]
         if not all(judged):
             raise InputError("the network asked for fits none of the front ends; name another")
-        best = [choose(of_part) for of_part in judged]
         if others:
-            return self._linear_or_recurrent(parts, best, first, others[-1])
+            return self._cheapest_networks(parts, judged, first, others[-1])
+        best = [cheapest(of_part, self.market) for of_part in judged]
         configs = [candidate.config for candidate in best]
         if first(configs[0])[0].recurrent:
             configs = self._recurrent_front_ends(parts, judged, best, first)
         return [first(config) for config in configs]
 
-    def _linear_or_recurrent(
-        self, parts: Sequence[np.ndarray], best: Sequence[Judged], linear: Network, recurrent: Network
+    def _cheapest_networks(
+        self, parts: Sequence[np.ndarray], judged: Sequence[list[Judged]], linear: Network, recurrent: Network
     ) -> list[tuple[AcceleratorConfig, Recipe]]:
-        """The recurrent network where it is better on the inner folds by more than a standard error; it is
-        not tried where it cannot be."""
+        """Of each part the cheapest network that is level with the best on the inner folds."""
+        tried = [self._tried(of_part, linear, recurrent) for of_part in judged]
         inner = [
-            self._inner(part)
-            if fits(recurrent, candidate.config) and 1 - candidate.accuracy > candidate.standard_error
-            else []
-            for part, candidate in zip(parts, best, strict=True)
+            self._inner(part) if len(networks) > 1 else []
+            for part, networks in zip(parts, tried, strict=True)
         ]
-        tried = [
-            recurrent(candidate.config) for candidate, pairs in zip(best, inner, strict=True) for _ in pairs
+        work = [
+            (network, pair)
+            for networks, pairs in zip(tried, inner, strict=True)
+            for network in networks
+            for pair in pairs
         ]
-        right = self._right(tried, [pair for pairs in inner for pair in pairs])
+        right = self._right([network for network, _ in work], [pair for _, pair in work])
         chosen = []
-        for candidate, pairs in zip(best, inner, strict=True):
-            outcome = np.concatenate([next(right) for _ in pairs]) if pairs else np.zeros(1)
-            error = max(float(part.std() / np.sqrt(len(part))) for part in (outcome, candidate.correct))
-            better = outcome.mean() - candidate.correct.mean() > error
-            chosen.append((recurrent if pairs and better else linear)(candidate.config))
+        for networks, pairs in zip(tried, inner, strict=True):
+            outcomes = [np.concatenate([next(right) for _ in pairs]) for _ in networks if pairs]
+            candidates = [
+                Judged(config, outcome, 0) for (config, _), outcome in zip(networks, outcomes, strict=False)
+            ]
+            taken = cheapest(candidates, self.market, lambda config: config) if candidates else None
+            chosen.append(networks[candidates.index(taken) if taken else 0])
         return chosen
+
+    def _tried(
+        self, judged: list[Judged], linear: Network, recurrent: Network
+    ) -> list[tuple[AcceleratorConfig, Recipe]]:
+        """The networks of one part that inner folds decide on."""
+        ridge = cheapest(judged, self.market)
+        listed = shortlist_of(judged, ridge, self.market)
+        best = most_accurate([candidate for candidate in judged if candidate.config in listed])
+        networks = [linear(config) for config in dict.fromkeys((ridge.config, best.config))]
+        at = next((config for config in listed if fits(recurrent, config)), None)
+        if at is not None:
+            network = recurrent(at)
+            better = 1 - best.accuracy > best.standard_error
+            if better or self.market.price(network[0]) < self.market.price(networks[0][0]):
+                networks.append(network)
+        return [network for network in networks if self.market.is_candidate(network[0])]
 
     def _recurrent_front_ends(
         self,
@@ -234,7 +266,7 @@ class Nested:
         for test, rows, of_part in zip(tests, seen, judged, strict=True):
             asked = np.flatnonzero(np.isin(self.field.numbers, test))
             for number, of_labelling in enumerate(of_part):
-                touched, gram = of_config[choose(of_labelling).config]
+                touched, gram = of_config[cheapest(of_labelling, self.market).config]
                 train, unseen = (
                     np.flatnonzero(np.isin(touched, rows)),
                     np.flatnonzero(np.isin(touched, asked)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
 from eskin.rtl.common.collisions import open_collisions, without_contents
 from eskin.rtl.fpga.tools import ToolError, run_tool
 from eskin.rtl.host.control import bus_signature
@@ -80,6 +81,57 @@ ECP5 = Family(
 )
 
 
+COUNTED_FAMILIES = {
+    "gatemate": Family(
+        name="gatemate",
+        synth="synth_gatemate -noiopad -noclkbuf",
+        dsp="CC_MULT",
+        library="+/gatemate/cells_sim.v +/gatemate/cells_bb.v",
+    ),
+    "xilinx": Family(
+        name="xilinx",
+        synth="synth_xilinx -family xc7 -flatten -noiopad -noclkbuf",
+        dsp="DSP48E1",
+        library="+/xilinx/cells_sim.v +/xilinx/cells_xtra.v",
+    ),
+    "intel": Family(
+        name="intel",
+        synth="synth_intel_alm -family cyclonev -noiopad -noclkbuf",
+        dsp="MISTRAL_MUL",
+        library="+/intel_alm/common/alm_sim.v +/intel_alm/common/dff_sim.v",
+    ),
+}
+"""Families whose cells are counted and nothing more: Cologne Chip GateMate, AMD 7 series, Intel Cyclone V."""
+
+
+def counted_family(name: str) -> Family:
+    """One of `COUNTED_FAMILIES`; InputError: there is none of that name."""
+    if name not in COUNTED_FAMILIES:
+        raise InputError(f"--synthesis-only {name}: is no family; use one of {', '.join(COUNTED_FAMILIES)}")
+    return COUNTED_FAMILIES[name]
+
+
+COUNTED_CELLS = {
+    "lut": ("CC_LUT", "CC_L2T", "LUT", "INV", "MISTRAL_ALUT", "MISTRAL_NOT"),
+    "carry": ("CC_ADDF", "CARRY4", "MISTRAL_ALUT_ARITH"),
+    "ff": ("CC_DFF", "FD", "MISTRAL_FF"),
+    "dsp": ("CC_MULT", "DSP48E1", "MISTRAL_MUL"),
+    "bram": ("CC_BRAM", "RAMB", "MISTRAL_M10K"),
+    "lutram": ("RAM32", "RAM64", "RAM128", "RAM256", "MISTRAL_MLAB", "SRL"),
+}
+"""How the names of the cells begin that a column counts; the longest beginning wins."""
+
+
+def counted(cells: Mapping[str, int]) -> dict[str, int]:
+    """``cells`` by the columns of `COUNTED_CELLS`, and what has none as ``other``."""
+    places = {begin: column for column, begins in COUNTED_CELLS.items() for begin in begins}
+    columns = dict.fromkeys([*COUNTED_CELLS, "other"], 0)
+    for cell, count in cells.items():
+        begin = max((begin for begin in places if cell.startswith(begin)), key=len, default="")
+        columns[places.get(begin, "other")] += count
+    return columns
+
+
 WHOLE_WORDS = Path(__file__).with_name("whole_words.v")
 """A techmap that saves a logic cell for each block memory of an iCE40."""
 
@@ -116,20 +168,20 @@ class Chain(wiring.Component):
 
 
 class Harness(wiring.Component):
-    """`Chain` behind four pins, for parts that have fewer pins than it has ports: an area and timing figure
+    """A design behind four pins, for parts that have fewer pins than it has ports: an area and timing figure
     needs registers on both sides.
 
     Members
     -------
     shift_in : In(1)
-        Next bit of the chain's inputs, which are one shift register.
+        Next bit of the design's inputs, which are one shift register.
     capture : In(1)
-        Take all of the chain's outputs; otherwise they go out bit by bit.
+        Take all of its outputs; otherwise they go out bit by bit.
     shift_out : Out(1)
     """
 
-    def __init__(self, config: AcceleratorConfig, images=None) -> None:
-        self._chain = Chain(config, images, readable=False)
+    def __init__(self, design: wiring.Component) -> None:
+        self._chain = design
         super().__init__({"shift_in": In(1), "capture": In(1), "shift_out": Out(1)})
 
     def elaborate(self, platform):

@@ -9,7 +9,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.converters import converter_plan
 from eskin.golden.core.errors import InputError
 from eskin.rtl.fpga.open_drain import OpenDrain
-from eskin.rtl.fpga.synthesis import Harness, PoweredOn
+from eskin.rtl.fpga.synthesis import Chain, Harness, PoweredOn
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.interface.i2c_master import I2C_PINS
@@ -62,7 +62,7 @@ class Wiring:
             shared = skin.signature.members["pins"].signature == I2C_PINS
             return PoweredOn(OpenDrain(skin) if shared else skin, hold)
         if not self.link or baud is None:
-            return PoweredOn(Harness(self.config, images))
+            return PoweredOn(Harness(Chain(self.config, images, readable=False)))
         top = BoardTop(self.config, images, clock_hz=clock_hz, baud=baud, class_pins=self.shown)
         return PoweredOn(top, hold)
 

@@ -2,25 +2,21 @@
 memory bits by memory.
 
 Cycles and weights are read off the program, memory bits off the memories of the elaborated design: nothing
-here is a formula that could drift from the hardware. Registers are counted alone (`register_bits`), not in
-these sweeps.
+here is a formula that could drift from the hardware.
 """
 
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from amaranth.back import rtlil
 from amaranth.hdl import Fragment, MemoryInstance, Shape
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.top.accelerator import Accelerator
-from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.views.schedule_view import cell_name, lanes_name, resized, save_figure, summary, write_csv
 
 TAXELS = (4, 8, 16, 32, 48, 64, 96, 128, 160)
@@ -49,17 +45,6 @@ def memories(config: AcceleratorConfig) -> dict[str, tuple[int, int]]:
     return dict(_walk(Fragment.get(_accelerator(config), None), ()))
 
 
-def register_bits(config: AcceleratorConfig) -> int:
-    """Bits of all registers of the accelerator before synthesis; the output registers of its memories are not
-    counted."""
-    text = rtlil.convert(
-        make_accelerator(config) if config.is_image else _accelerator(config),
-        name="accelerator",
-        emit_src=False,
-    )
-    return sum(map(int, re.findall(r"cell \$a?dff \S+\n\s*parameter \\WIDTH (\d+)", text)))
-
-
 def _accelerator(config: AcceleratorConfig) -> Accelerator:
     # Neither the shifts of the normaliser nor who fills the memories changes their sizes; presets have no
     # shifts before quantising.
@@ -68,6 +53,36 @@ def _accelerator(config: AcceleratorConfig) -> Accelerator:
             feature_shift=config.features.feature_shift or (0,) * len(config.feature_units), loadable=True
         )
     )
+
+
+def block_memories(config: AcceleratorConfig, family: str, shapes: Sequence[tuple[int, int]]) -> int:
+    """Block memories of the accelerator on a family of FPGAs: each memory, once for every port that reads it,
+    cut into blocks of the shape (words, bits) that needs fewest. Memories that are asked to be made of
+    something else, or hold so few words that they are, and columns of a ROM that never change need none."""
+    return sum(
+        readers * min(-(-words // depth) * -(-bits // width) for depth, width in shapes)
+        for bits, words, readers in _blocks(Fragment.get(_accelerator(config), family))
+    )
+
+
+FEW_BITS, FEW_WORDS = 68, 64
+"""A memory of so many bits is made of flip-flops where nothing asks for more, a ROM of so many words of
+LUTs."""
+
+
+def _blocks(fragment: Fragment) -> Iterator[tuple[int, int, int]]:
+    """(bits of a word, words, ports that read) of each memory that block memories hold."""
+    if isinstance(fragment, MemoryInstance):
+        data, style = fragment._data, fragment._attrs.get("ram_style", "auto")
+        bits = Shape.cast(data.shape).width
+        if not fragment._write_ports:
+            words, stuck = data.init._raw, (1 << data.depth) - 1
+            columns = [sum((word >> bit & 1) << n for n, word in enumerate(words)) for bit in range(bits)]
+            bits = 0 if data.depth <= FEW_WORDS else sum(column not in (0, stuck) for column in columns)
+        if style == "block" or (style == "auto" and bits * data.depth > FEW_BITS):
+            yield bits, data.depth, len(fragment._read_ports)
+    for inner, _, _ in fragment.subfragments:
+        yield from _blocks(inner)
 
 
 def _walk(fragment: Fragment, path: tuple[str, ...]) -> Iterator[tuple[str, tuple[int, int]]]:

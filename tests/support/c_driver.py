@@ -57,17 +57,22 @@ class Driver:
             words.append(sum(getattr(decision, name) << low for low, name in place))
         return words
 
+    def frame(self, frame, pairs=False):
+        """Give a frame; decisions that had to be taken before it went in."""
+        codes, words = [int(code) & 0xFFFF for code in frame] + [0xABCD] * (len(frame) % 2), []
+        codes = (ctypes.c_uint16 * len(codes))(*codes)
+        while not self("frame_pairs" if pairs else "frame", codes):
+            self.refused += 1
+            words += self.decisions()
+        return words
+
     def play(self, frames, asks=lambda: True, pairs=False):
         """Decisions of a recording; taken where ``asks`` says so, and where the device takes no more frames.
         ``pairs``: a frame lies as SAMPLE_PAIR takes it."""
         words = []
         self("arm")
         for frame in frames:
-            codes = [int(code) & 0xFFFF for code in frame] + [0xABCD] * (len(frame) % 2)
-            codes = (ctypes.c_uint16 * len(codes))(*codes)
-            while not self("frame_pairs" if pairs else "frame", codes):
-                self.refused += 1
-                words += self.decisions()
+            words += self.frame(frame, pairs)
             if asks():
                 words += self.decisions()
         self("finish")

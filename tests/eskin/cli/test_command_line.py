@@ -523,7 +523,7 @@ OTHER_DATA = {
     ),
     "other classes": (
         dict(class_names=np.array(["a", "b"])),
-        "array class_names: is a, b and configuration 'small' has rough, smooth",
+        "array class_names: has recordings of a, and configuration 'small' knows rough, smooth",
     ),
 }
 

@@ -16,6 +16,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import write_json
 from eskin.pages.report import (
     Result,
+    draw_candidates,
     draw_confusion,
     draw_step_accuracy,
     draw_trace,
@@ -73,6 +74,40 @@ def table_row(page: Page, first: str) -> str:
     """The words that follow a row's first cell."""
     words = plain(page.text)
     return words[words.index(first) + len(first) :][:120]
+
+
+def judged(cell: str, hidden: int, accuracy: float, energy_j: float, **changes) -> dict:
+    words = "no rest level, open at once, 6 windows of 32 every 16, mean, one scale"
+    row = {"cell": cell, "hidden": hidden, "recipe": "linear", "accuracy": accuracy, "standard_error": 0.01}
+    row |= {"energy_touch_j": energy_j, "cells": 900, "block_memories": 12, "latency_s": 2e-6}
+    row |= {"fits": "icebreaker", "decision_time_s": 0.25, "front_end": words, "chosen": False}
+    return row | changes
+
+
+def test_candidates_stand_against_their_cost_on_the_first_screen(result):
+    rows = [
+        judged("linear", 0, 0.90, 1e-6),
+        judged("gru", 4, 0.96, 2e-6, chosen=True),
+        judged("gru", 8, 0.95, 3e-6, fits=None, decision_time_s=None),
+    ]
+    figure = draw_candidates(rows)
+    energy, time = figure.axes
+    assert [text.get_text() for text in energy.texts] == ["GRU 4, mean: taken", "linear, mean"]
+    assert [text.get_text() for text in time.texts] == ["GRU 4, mean: taken"]
+    faces = {
+        line.get_xdata()[0]: line.get_markerfacecolor() for line in energy.lines if line.get_marker() == "o"
+    }
+    assert [x for x, face in faces.items() if face == "white"] == pytest.approx([3.0])
+    assert energy.get_xlabel() == "energy of a touch (µJ)" and "fits the icebreaker" in energy.get_title()
+    edit(result / "run.json", candidates=rows)
+    page = Page(write_report(result))
+    text = plain(page.text)
+    assert text.index("Accuracy against cost") < text.index("decided on folds integer")
+    assert table_row(page, "GRU 4 6 windows of 32 every 16, mean").startswith(" 96.0 %")
+    assert "candidates, integer, cross-validated" in summary(result)
+    older = [{"cell": "linear", "hidden": 0, "accuracy": 0.9}]  # before cost was asked for
+    edit(result / "run.json", candidates=older)
+    assert "Accuracy against cost" not in Page(write_report(result)).text
 
 
 def test_the_training_curve_is_drawn_of_trained_networks_only(result):

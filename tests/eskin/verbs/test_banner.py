@@ -11,6 +11,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training.choose_network import train_chosen
 from eskin.pages.report import write_report
+from tests.support.prices import priced
 from tests.support.result_case import edit, make_result
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -53,7 +54,9 @@ def trained(kind: str, monkeypatch, folder) -> list[str]:
     few = {name: dataclasses.replace(recipe, updates=updates) for name, recipe in recipes.RECIPES.items()}
     monkeypatch.setattr(recipes, "RECIPES", few)
     recordings = {"lost onsets": lost_onsets, "lost class": lost_class}.get(kind, sound)()
-    return train_chosen(recordings, SMALL, out=folder, cell="gru", group=GROUPS, folds=3, seeds=1)["warnings"]
+    return train_chosen(recordings, SMALL, priced(), out=folder, cell="gru", group=GROUPS, folds=3, seeds=1)[
+        "warnings"
+    ]
 
 
 @each_row("kind", [*SAYS, "sound"])

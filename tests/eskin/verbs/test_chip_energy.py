@@ -150,7 +150,7 @@ def test_a_chip_beside_the_boards(tmp_path):
         ram_reads=1.0,
         step_cycles=200,
         frame_cycles=39,
-        quiet_cycles=19,
+        quiet_frame_cycles=19,
         source="counted",
     )
     board = {"name": "board", "bit_exact": True, **estimate(CONFIG, "iCE40UP5K", activity, 1e6)}

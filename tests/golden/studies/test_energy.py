@@ -31,7 +31,7 @@ ACTIVITY = Activity(
     step_toggles=30_000,
     step_multiplies=1_200,
     frame_cycles=16,
-    quiet_cycles=12,
+    quiet_frame_cycles=12,
     frame_toggles=900,
     idle_toggles=3,
     ram_reads=20,
@@ -100,25 +100,23 @@ def test_the_fit_meets_what_the_source_measured():
 def test_idle_toggles_are_what_two_runs_differ_by():
     full = {"cycles": 1000, "toggles": {"cell": 400, "classifier": 40, "ring": 600}, "multiplies": 300}
     slow = {"cycles": 3000, "toggles": {"cell": 410, "classifier": 40, "ring": 4590}, "multiplies": 300}
-    counts = dict(frames=60, steps=4, step_cycles=77, frame_cycles=39, quiet_cycles=19, recordings=1)
+    counts = dict(frames=60, steps=4, step_cycles=77, frame_cycles=39, quiet_frame_cycles=19, recordings=1)
     activity = counted_activity(CONFIG, full | {"ram_reads": 5000, "large_uses": 1500}, slow, **counts)
     steps = (activity.step_cycles, activity.step_toggles, activity.step_multiplies)
     assert steps == (77, 110, 75) and (activity.ram_reads, activity.large_uses) == (5, 1.5)
-    assert (activity.frame_cycles, activity.quiet_cycles) == (39, 19)
+    assert (activity.frame_cycles, activity.quiet_frame_cycles) == (39, 19)
     assert (activity.frame_toggles, activity.idle_toggles) == (10, 2)
 
 
 def test_an_uncounted_build_says_so():
-    energy = estimate(
-        CONFIG, "iCE40UP5K", scheduled_activity(CONFIG, 197, 23, 19, registers=600, multipliers=7), 1e6
-    )
+    energy = estimate(CONFIG, "iCE40UP5K", scheduled_activity(CONFIG, 197, 23, 19, multipliers=7), 1e6)
     assert (
         "cycles of the schedule" in energy["method"] and energy["band"] == 2.0 and energy["per_touch_j"] > 0
     )
     assert (
-        estimate(CONFIG, "iCE40HX1K", scheduled_activity(CONFIG, 8568, 23, 19, 600, 0), 26e6)[
-            "per_touch_parts_j"
-        ]["multiplies"]
+        estimate(CONFIG, "iCE40HX1K", scheduled_activity(CONFIG, 8568, 23, 19, 0), 26e6)["per_touch_parts_j"][
+            "multiplies"
+        ]
         == 0
     )
 

@@ -18,10 +18,12 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.jobs import Jobs
 from eskin.golden.core.memo import Memo
 from eskin.golden.studies import sweep as sweeping
+from eskin.golden.studies.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
 from eskin.golden.training import recipe as recipes
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, schedule, step_cycles
 from eskin.rtl.views.complexity import cost
 from eskin.verbs import sweep_job
+from eskin.verbs.cost import cost_of
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, archived, scene
 
@@ -337,25 +339,29 @@ def test_one_seed_has_no_spread_and_the_error_of_a_share(by_seed, spread, error)
 
 
 # ---------------------------------------------------------------------- energy
-def test_energy_of_a_touch_by_hand(monkeypatch):
-    """151 uW at rest, 52 pJ a cycle, 24 pJ a multiply, 0.2 pJ a toggle; an eighth of 800 registers toggles in
-    a cycle with work."""
-    monkeypatch.setattr(sweep_job, "_registers", lambda config: 800)
+def test_energy_of_a_touch_by_hand():
+    """151 uW at rest, 52 pJ a cycle, 24 pJ a multiply, 0.2 pJ a toggle."""
     cycles = step_cycles(SMALL)
     frames, seconds = 70, 0.07
     frame, quiet = ((70 - 6) * (4 + 7) + 6 * (3 * 4 + 7)) / 70, 4 + 7
     assert SMALL.last_frame == frames and mean_frame_cycles(SMALL) == (pytest.approx(frame), quiet)
     multiplies = 3 * 6 * (4 + 6) + 2 * 6 + 3 * 6
-    busy = 0.2e-12 * 800 / 8
+    of_step, of_frame = (
+        52e-12 + 0.2e-12 * toggles for toggles in (STEP_TOGGLES, FRAME_TOGGLES + ONSET_TOGGLES)
+    )
     made = 6 * 24e-12 * (multiplies + 4)
-    stopped = 151e-6 * seconds + frames * frame * (52e-12 + busy) + 6 * cycles * (52e-12 + busy) + made
-    found = sweep_job.cost_of(SMALL, SMALL)
-    assert found["energy_j"] == pytest.approx(stopped)
-    assert found["compute_j"] == pytest.approx(6 * cycles * (52e-12 + busy) + made)
+    touch = frames * frame * of_frame + 6 * cycles * of_step + made
+    found = sweep_job.cost_of(SMALL)
+    assert found["energy_j"] == pytest.approx(151e-6 * seconds + touch)
+    assert found["compute_j"] == pytest.approx(6 * cycles * of_step + made)
     serial = SMALL.with_lanes(1, "serial")
     cycles = step_cycles(serial)
     # no multiplier to be charged
-    assert sweep_job.cost_of(serial, SMALL)["compute_j"] == pytest.approx(6 * cycles * (52e-12 + busy))
+    assert sweep_job.cost_of(serial)["compute_j"] == pytest.approx(6 * cycles * of_step)
+    # on the lanes that suit the board, without waiting
+    suited = SMALL.with_lanes(4, "dsp")
+    touch = frames * frame * of_frame + 6 * step_cycles(suited) * of_step + made
+    assert cost_of(SMALL).energy_touch_j == pytest.approx(touch)
 
 
 # ---------------------------------------------------------------------- the verb

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.cost import Cost
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel
@@ -19,10 +20,10 @@ from eskin.golden.training.choice_table import network_name
 from eskin.golden.training.choose_front_end import choose_front_end
 from eskin.golden.training.choose_network import (
     Candidate,
+    cheapest_enough,
     check_units,
     goes_on,
     network,
-    smallest_enough,
     splits_to_report,
     train_chosen,
 )
@@ -30,6 +31,7 @@ from eskin.golden.training.crossval import Terms
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.quantise import quantise
 from tests.support.gripped_scene import gripped_recordings
+from tests.support.prices import priced
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
@@ -67,12 +69,70 @@ def terms_of(recordings: Recordings) -> Terms:
 
 
 # ---------------------------------------------------------------------- the rule
-def test_the_fewest_multiplies_within_a_standard_error_of_the_best():
-    small, middle, large = candidate("gru", 4, 86), candidate("gru", 8, 88), candidate("gru", 12, 90)
-    assert large.standard_error == pytest.approx(np.sqrt(0.09 / 99))  # 3.0 points
-    assert smallest_enough([small, middle, large]) is middle
-    assert smallest_enough([candidate("gru", 4, 87), middle, large]).config.network.hidden == 4
-    assert smallest_enough([small, candidate("gru", 8, 84), large]) is large
+def lost(cell: str, hidden: int | None, right: int, won: int, of: int = 100) -> Candidate:
+    """``right`` in all; ``won`` that one which is right on the first 90 is not, and so many more lost."""
+    made = candidate(cell, hidden, right, of)
+    return dataclasses.replace(made, correct=np.roll(made.correct, 90 - right + won))
+
+
+def test_the_cheapest_within_a_standard_error_of_the_paired_difference():
+    """90 of 100 are right at best; what loses 3 and wins none is 1.7 standard errors behind, what loses 6 and
+    wins 3 is one: 3 of sqrt(9)."""
+    large, market = candidate("gru", 12, 90), priced()
+    nested, won = candidate("gru", 4, 87), lost("gru", 4, 87, 3)
+    assert large.standard_error == pytest.approx(np.sqrt(0.09 / 99))  # 3.0 points: unpaired, both would do
+    assert cheapest_enough([nested, large], market) is large
+    assert cheapest_enough([won, large], market) is won
+    assert cheapest_enough([candidate("gru", 4, 89), large], market).config.network.hidden == 4
+    assert cheapest_enough([lost("gru", 4, 86, 3), large], market) is large
+
+
+def test_what_is_least_is_what_is_preferred_and_the_board_has_the_say():
+    linear, small, large = candidate("linear", None, 90), candidate("gru", 4, 90), candidate("gru", 8, 90)
+    rows = {
+        linear.config: Cost(energy_touch_j=3.0, cells=30, latency_s=2.0, touch_s=1.0),
+        small.config: Cost(energy_touch_j=1.0, cells=30, latency_s=3.0, touch_s=1.0),
+        large.config: Cost(energy_touch_j=2.0, cells=20, latency_s=3.0, touch_s=0.5),
+    }
+    taken = {"energy": small, "cells": large, "latency": linear}
+    for prefer, expected in taken.items():
+        market = priced(cost_of=rows.__getitem__, prefer=prefer)
+        assert cheapest_enough([linear, small, large], market) is expected, prefer
+    holds = priced(cost_of=rows.__getitem__, fits=lambda config: config == linear.config)
+    assert cheapest_enough([linear, small, large], holds) is linear
+    nothing = priced(cost_of=rows.__getitem__, fits=lambda config: False)
+    assert cheapest_enough([linear, small, large], nothing) is small
+    row = small.row(True, nothing)
+    assert row["fits"] is None and (row["energy_touch_j"], row["cells"], row["latency_s"]) == (1.0, 30, 3.0)
+    assert row["block_memories"] == 1 and row["chosen"] is True
+
+
+def test_what_does_not_fit_a_named_board_is_not_judged(gripped, monkeypatch):
+    def judged(terms, config, recipe, goes_on):
+        return dataclasses.replace(candidate("linear", None, 90), config=config, recipe=recipe)
+
+    monkeypatch.setattr(choosing, "cross_validate_network", judged)
+    small = priced(named=True, fits=lambda config: not config.recurrent)
+    rows = choosing.choose_network(terms_of(gripped), [CONFIG], small)[1]
+    assert {row["cell"] for row in rows} == {"linear"} and all(row["fits"] for row in rows)
+    with pytest.raises(InputError, match="no network of the candidates fits it and the board icebreaker"):
+        choosing.choose_network(terms_of(gripped), [CONFIG], priced(named=True, fits=lambda config: False))
+
+
+def test_a_dearer_front_end_is_tried_with_the_best_fit_and_not_behind_a_settled_one(gripped, monkeypatch):
+    dear = CONFIG.replace(steps=8)
+    for right, where in ((90, [CONFIG] * 3 + [dear]), (100, [CONFIG] * 3)):
+        tried = []
+
+        def judged(terms, config, recipe, goes_on, right=right, tried=tried):
+            tried.append((config, recipe.name))
+            return dataclasses.replace(candidate("linear", None, right), config=config, recipe=recipe)
+
+        monkeypatch.setattr(choosing, "cross_validate_network", judged)
+        monkeypatch.setattr(choosing, "GRU_UNITS", ())
+        choosing.choose_network(terms_of(gripped), [CONFIG, dear], priced())
+        assert [config.windows.steps for config, _ in tried] == [config.windows.steps for config in where]
+        assert right == 100 or tried[-1][1] == tried[0][1]
 
 
 def test_of_equal_cost_the_more_accurate_is_taken():
@@ -80,12 +140,17 @@ def test_of_equal_cost_the_more_accurate_is_taken():
         candidate("linear", None, 90, recipe="linear"),
         candidate("linear", None, 91, recipe="least squares"),
     )
-    assert smallest_enough([plain, squares]) is squares and smallest_enough([squares, plain]) is squares
-    level = dataclasses.replace(plain, correct=np.roll(plain.correct, 3))  # loses 4 recordings and wins 3
-    assert smallest_enough([level, squares]) is level and smallest_enough([squares, level]) is squares
+    plain = dataclasses.replace(plain, correct=np.roll(squares.correct, 0) * (np.arange(100) > 2))
+    market = priced()
+    assert cheapest_enough([plain, squares], market) is squares
+    assert cheapest_enough([squares, plain], market) is squares
+    level = lost("linear", None, 90, 3)  # loses 4 recordings and wins 3
+    level = dataclasses.replace(level, recipe=plain.recipe)
+    assert cheapest_enough([level, squares], market) is level
+    assert cheapest_enough([squares, level], market) is squares
     assert (
-        network_name(squares.row(True)) == "linear (least squares)"
-        and network_name(plain.row(False)) == "linear"
+        network_name(squares.row(True, market)) == "linear (least squares)"
+        and network_name(plain.row(False, market)) == "linear"
     )
     assert squares.multiplies_touch == 6 * 12 * 3 and candidate("gru", 8, 1).multiplies_touch == 6 * (
         3 * 8 * 20 + 16 + 24
@@ -152,7 +217,9 @@ def test_no_error_in_the_recordings_is_not_a_standard_error_of_nothing():
         candidate("linear", None, 998, 1000),
     )
     assert perfect.standard_error == choosing.least_error(1000) == pytest.approx(0.00099800, rel=1e-3)
-    assert smallest_enough([perfect, near]) is near and smallest_enough([perfect, behind]) is perfect
+    assert cheapest_enough([perfect, behind], priced()) is perfect
+    one = candidate("linear", None, 999, 1000)
+    assert cheapest_enough([perfect, one], priced()) is one  # one lost of so many is exactly one
     assert choosing.settled(near) is False and choosing.settled(perfect)
 
 
@@ -167,7 +234,7 @@ def test_what_cannot_be_taken_is_judged_with_one_seed(gripped, monkeypatch):
             return dataclasses.replace(first, record=first.record | {"seeds": list(seeds)})
 
         monkeypatch.setattr(choosing, "cross_validate_network", judged)
-        rows = choosing.choose_network(terms_of(gripped), CONFIG)[1]
+        rows = choosing.choose_network(terms_of(gripped), [CONFIG], priced())[1]
         return {(row["cell"], row["hidden"]): row["seeds"] for row in rows}
 
     linear, four, eight, twelve, sixteen = ("linear", 0), ("gru", 4), ("gru", 8), ("gru", 12), ("gru", 16)
@@ -188,7 +255,7 @@ def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_aug
 
     monkeypatch.setattr(choosing, "cross_validate_network", judged)
     monkeypatch.setattr(choosing, "GRU_UNITS", ())
-    choosing.choose_network(terms_of(gripped), CONFIG)
+    choosing.choose_network(terms_of(gripped), [CONFIG], priced())
     assert [recipe.name for recipe in recipes] == ["linear", "weak penalty", "least squares"] and not any(
         recipe.augments for recipe in recipes
     )
@@ -201,7 +268,7 @@ def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_aug
         onset_check_frames=2,
         rearm_frames=32,
     )
-    choosing.choose_network(terms_of(gripped), touched)
+    choosing.choose_network(terms_of(gripped), [touched], priced())
     assert [(recipe.squares, recipe.augments) for recipe in recipes] == [
         (False, True),
         (False, False),
@@ -215,7 +282,7 @@ def test_a_linear_cell_is_fitted_to_touches_as_recorded_too_where_the_recipe_aug
 
 # ---------------------------------------------------------------------- training what was chosen
 def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
-    record = train_chosen(gripped, None, out=tmp_path / "m", folds=2, seeds=1)
+    record = train_chosen(gripped, None, priced(), out=tmp_path / "m", folds=2, seeds=1)
     rows = record["candidates"]
     assert [(row["cell"], row["hidden"]) for row in rows][:6] == [
         *[("linear", 0)] * 3,
@@ -225,8 +292,9 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
     ]
     (chosen,) = (row for row in rows if row["chosen"])
     best = max(rows, key=lambda row: row["accuracy"])
-    enough = [row for row in rows if row["accuracy"] >= best["accuracy"] - best["standard_error"]]
-    assert chosen["multiplies_touch"] == min(row["multiplies_touch"] for row in enough)
+    certain = [row for row in rows if row["accuracy"] == best["accuracy"]]
+    assert chosen["energy_touch_j"] <= min(row["energy_touch_j"] for row in certain)
+    assert all(row["fits"] == "icebreaker" for row in rows)
     # recurrent ones had 6 updates
     assert chosen["cell"] == "linear" == record["config"]["network"]["cell"] and chosen["accuracy"] > 0.9
     assert [split["groups"] for split in record["cross_validation"]] == [["person"]]
@@ -239,7 +307,7 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
 
 
 def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, quick, tmp_path):
-    record = train_chosen(gripped, None, out=tmp_path / "m", hidden=5, folds=2, seeds=1)
+    record = train_chosen(gripped, None, priced(), out=tmp_path / "m", hidden=5, folds=2, seeds=1)
     assert "candidates" not in record and (
         record["config"]["network"]["cell"],
         record["config"]["network"]["hidden"],
@@ -249,24 +317,26 @@ def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, qui
 
 
 def test_steps_change_the_front_end_that_was_chosen(gripped, quick, tmp_path):
-    record = train_chosen(gripped, None, out=tmp_path / "m", hidden=4, steps=3, folds=2, seeds=1)
+    record = train_chosen(gripped, None, priced(), out=tmp_path / "m", hidden=4, steps=3, folds=2, seeds=1)
     assert record["config"]["windows"]["steps"] == 3 != record["front_end"]["chosen"]["steps"]
 
 
 def test_one_set_of_weights_for_all_windows_on_request(gripped, quick, tmp_path):
     record = train_chosen(
-        gripped, CONFIG, out=tmp_path / "m", cell="linear", weight_sets="one", folds=2, seeds=1
+        gripped, CONFIG, priced(), out=tmp_path / "m", cell="linear", weight_sets="one", folds=2, seeds=1
     )
     assert record["config"]["network"]["weight_sets"] == "one" and record["parameters"] == 12 * 3 + 3
     assert FloatModel.load(tmp_path / "m").arrays["V"].shape == (1, 3, 12)
     for options in (dict(cell="gru"), dict(hidden=4), {}):  # CONFIG's own cell is a GRU
         with pytest.raises(InputError, match="--weight-sets one: only a linear cell has them"):
-            train_chosen(gripped, CONFIG, out=tmp_path / "n", weight_sets="one", folds=2, seeds=1, **options)
+            train_chosen(
+                gripped, CONFIG, priced(), out=tmp_path / "n", weight_sets="one", folds=2, seeds=1, **options
+            )
     assert not (tmp_path / "n").exists()
 
 
 def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):
-    record = train_chosen(gripped, CONFIG, out=tmp_path / "m", cell="auto", folds=2, seeds=1)
+    record = train_chosen(gripped, CONFIG, priced(), out=tmp_path / "m", cell="auto", folds=2, seeds=1)
     assert (
         record["config"]["windows"] == CONFIG.to_dict()["windows"]
         and record["config"]["network"]["cell"] == "linear"
@@ -276,7 +346,7 @@ def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_pa
 
 def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
     config = CONFIG.replace(hidden=4)
-    record = train_chosen(gripped, config, out=tmp_path / "a", folds=2, seeds=1)
+    record = train_chosen(gripped, config, priced(), out=tmp_path / "a", folds=2, seeds=1)
     plain = train.train(gripped, config, train.TrainingRequest(folds=2, seeds=1), out=tmp_path / "b")
     alone, other = (FloatModel.load(tmp_path / name) for name in "ab")
     assert (
@@ -291,14 +361,14 @@ def test_a_configuration_alone_gives_what_train_gives(gripped, quick, tmp_path):
 
 
 def test_without_folds_nothing_is_compared_and_the_network_is_the_usual_one(gripped, quick, tmp_path):
-    record = train_chosen(gripped, None, out=tmp_path / "m", folds=0)
+    record = train_chosen(gripped, None, priced(), out=tmp_path / "m", folds=0)
     assert (
         record["config"]["network"]["cell"] == "gru"
         and record["config"]["network"]["hidden"] == 12
         and record["cross_validation"] == []
     )
     with pytest.raises(InputError, match="--cell auto: needs folds"):
-        train_chosen(gripped, None, out=tmp_path / "n", cell="auto", folds=0)
+        train_chosen(gripped, None, priced(), out=tmp_path / "n", cell="auto", folds=0)
 
 
 def test_a_recurrent_network_may_stand_on_another_front_end(gripped, monkeypatch):
@@ -313,14 +383,14 @@ def test_a_recurrent_network_may_stand_on_another_front_end(gripped, monkeypatch
         )
 
     monkeypatch.setattr(choosing, "cross_validate_network", judged)
-    taken, rows = choosing.recurrent_front_end(terms_of(gripped), [CONFIG, other])
+    taken, rows = choosing.recurrent_front_end(terms_of(gripped), [CONFIG, other], priced())
     assert taken == other and [row["chosen"] for row in rows] == [False, True]
     right |= {CONFIG: 90, other: 91}  # 5 recordings are lost and 6 won
-    assert choosing.recurrent_front_end(terms_of(gripped), [CONFIG, other])[0] == CONFIG
+    assert choosing.recurrent_front_end(terms_of(gripped), [CONFIG, other], priced())[0] == CONFIG
 
 
 def test_rivals_are_of_other_gates_and_the_record_follows_the_choice(gripped):
-    front_end = choose_front_end(gripped)
+    front_end = choose_front_end(gripped, priced())
     for rival in front_end.rivals:
         assert (rival.rest_level.rest, rival.onset_rule.onset) != (
             front_end.config.rest_level.rest,

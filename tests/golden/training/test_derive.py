@@ -15,6 +15,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.derive import derive_config
+from tests.support.prices import priced
 from tests.support.table import each_row
 
 
@@ -198,7 +199,7 @@ def test_the_fast_and_wide_sensor_gets_a_clock_that_can_take_it(make_recordings)
 
 def test_a_preset_takes_the_classes_of_the_recordings_and_a_file_does_not(make_recordings):
     recordings = make_recordings(taxels=8, sample_rate_hz=2000.0)
-    front_end = configure(recordings, PRESETS["pvdf"])
+    front_end = configure(recordings, PRESETS["pvdf"], priced())
     assert (
         front_end.config == PRESETS["pvdf"].replace(class_names=("class0", "class1"))
         and "class0, class1" in front_end.reasons[1]
@@ -208,6 +209,6 @@ def test_a_preset_takes_the_classes_of_the_recordings_and_a_file_does_not(make_r
     with pytest.raises(
         InputError, match="array class_names: is class0, class1 and configuration 'mine' has Cube3"
     ):
-        configure(recordings, own)
+        configure(recordings, own, priced())
     with pytest.raises(InputError, match="has 8 taxels and configuration 'fabric', field taxels, has 16"):
-        configure(recordings, PRESETS["fabric"])
+        configure(recordings, PRESETS["fabric"], priced())

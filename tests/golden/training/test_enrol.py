@@ -19,6 +19,7 @@ from eskin.golden.training import recipe
 from eskin.golden.training.enrol import Question, enrol, judge, summary, teach_folder
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train import TrainingRequest, train
+from tests.support.prices import priced
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
@@ -356,7 +357,7 @@ def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
     mounting = np.arange(len(BOTH)) // 3 % 3
     three = dataclasses.replace(BOTH, groups={"mounting": mounting})
     values = enrolling.group_values(three, ["mounting"], [1])
-    configs = enrolling.front_ends_without(three, values, ["mounting"], cell="lstm", hidden=4)
+    configs = enrolling.front_ends_without(three, values, ["mounting"], priced(), cell="lstm", hidden=4)
     assert configs[0] == configs[2] and {
         (config.network.cell, config.network.hidden) for config in configs
     } == {("lstm", 4)}
@@ -368,7 +369,10 @@ def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
         "field_of",
         lambda mixed: dataclasses.replace(field, recordings=mixed.subset(field.numbers)),
     )
-    assert enrolling.front_ends_without(mixed, values, ["mounting"], cell="lstm", hidden=4)[1] == configs[1]
+    assert (
+        enrolling.front_ends_without(mixed, values, ["mounting"], priced(), cell="lstm", hidden=4)[1]
+        == configs[1]
+    )
 
 
 # ---------------------------------------------------------------------- taught, not trained

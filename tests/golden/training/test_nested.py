@@ -20,6 +20,7 @@ from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.nested import SHUFFLES, Nested, fixed_network, shuffles
 from eskin.golden.training.splits import split_folds
 from tests.support.gripped_scene import gripped_recordings
+from tests.support.prices import priced
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,7 @@ def gripped() -> tuple[Recordings, Field]:
 def nested_of(recordings: Recordings, field: Field, *cells: str) -> Nested:
     networks = [fixed_network(lambda on, cell=cell: with_network(on, cell=cell), "default") for cell in cells]
     terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
-    return Nested(terms, field, networks)
+    return Nested(terms, field, networks, priced())
 
 
 @pytest.mark.parametrize(
@@ -75,7 +76,7 @@ def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
         1000.0,
         {"person": np.arange(60) % 5},
     )
-    record = train_chosen(noise, None, out=tmp_path / "m", cell="linear")
+    record = train_chosen(noise, None, priced(), out=tmp_path / "m", cell="linear")
     (split,) = record["cross_validation"]
     nested, chosen = split["nested"], record["front_end"]["chosen"]["accuracy"]
     assert chosen > 0.65 and split["integer_accuracy"] > 0.6 and nested["integer_accuracy"] < 0.6
@@ -103,7 +104,7 @@ def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
 @pytest.mark.slow
 def test_classes_that_are_there_are_found_and_luck_is_far(gripped, quick, tmp_path):
     recordings, _ = gripped
-    record = train_chosen(recordings, None, out=tmp_path / "m", folds=4, seeds=1)
+    record = train_chosen(recordings, None, priced(), out=tmp_path / "m", folds=4, seeds=1)
     nested = record["cross_validation"][0]["nested"]
     assert nested["integer_accuracy"] > 0.9 and nested["shuffled"]["as_good"] == pytest.approx(
         1 / (1 + SHUFFLES)
@@ -114,10 +115,10 @@ def test_classes_that_are_there_are_found_and_luck_is_far(gripped, quick, tmp_pa
 
 def test_where_nothing_is_chosen_the_figure_is_as_it_was(gripped, quick, tmp_path):
     recordings, _ = gripped
-    asked = with_network(configure(recordings, None).config, cell="linear")
-    (split,) = train_chosen(recordings, asked, out=tmp_path / "m", group=["person"], folds=2, seeds=1)[
-        "cross_validation"
-    ]
+    asked = with_network(configure(recordings, None, priced()).config, cell="linear")
+    (split,) = train_chosen(
+        recordings, asked, priced(), out=tmp_path / "m", group=["person"], folds=2, seeds=1
+    )["cross_validation"]
     assert "nested" not in split
 
 
@@ -126,7 +127,7 @@ def test_without_a_figure_the_choice_is_not_called_unseen(gripped, quick, monkey
         raise InputError("no room")
 
     monkeypatch.setattr(Nested, "record", failing)
-    record = train_chosen(gripped[0], None, out=tmp_path / "m", cell="linear", folds=2, seeds=1)
+    record = train_chosen(gripped[0], None, priced(), out=tmp_path / "m", cell="linear", folds=2, seeds=1)
     (split,) = record["cross_validation"]
     assert split["nested"] is None and unseen(split) is split
     assert "leaving out person, there is no figure of folds that chose nothing: no room" in record["warnings"]

@@ -39,6 +39,7 @@ from eskin.golden.training.train_images import (
     tune_network,
 )
 from tests.support.image_scenes import SHAPES, shapes
+from tests.support.prices import priced
 from tests.support.table import each_row
 
 LAYERS = ("conv 3 4", "pool", "conv 3 6", "pool", "dense 3")
@@ -302,6 +303,8 @@ def test_auto_takes_the_smallest_that_is_level():
             {"cell": "tactnet", "widths": {"weight_bits": 6}},
             "--weight-bits 6: networks for images have weights of 4 or 8 bits",
         ),
+        ({"market": priced(named=True)}, "--fits: networks for images have none"),
+        ({"market": priced(prefer="cells")}, "--prefer: networks for images have none"),
         ({"cell": "auto", "folds": 0}, "--cell auto: needs folds"),
         (
             {"asked": config()},
@@ -312,7 +315,9 @@ def test_auto_takes_the_smallest_that_is_level():
 def test_what_images_do_not_have_is_refused_before_any_work(tmp_path, options, words):
     scene = shapes(3, 0, (8, 9))
     with pytest.raises(InputError, match=words) as refused:
-        train_chosen(scene, options.pop("asked", None), out=tmp_path / "m", **options)
+        train_chosen(
+            scene, options.pop("asked", None), options.pop("market", priced()), out=tmp_path / "m", **options
+        )
     assert "\n" not in str(refused.value) and not (tmp_path / "m").exists()
 
 

@@ -18,12 +18,14 @@ from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
 from eskin.cli import main as command_line
+from eskin.golden.core.config import PRESETS
+from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import random_integer_model
 from eskin.pages.views import tables
 from eskin.rtl.fpga import blocks
 from eskin.rtl.fpga import wiring as wired
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
-from eskin.rtl.fpga.synthesis import ICE40_DSP, Netlist, PoweredOn, synthesise
+from eskin.rtl.fpga.synthesis import COUNTED_CELLS, ICE40_DSP, Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.top.board_top import BoardTop
@@ -323,6 +325,18 @@ BLOCKS_SHORT = [
 ]
 
 
+def test_weights_that_no_board_holds_are_told_before_anything_is_simulated():
+    names = tuple(f"c{k}" for k in range(32))
+    large = PRESETS["thesis"].replace(cell="linear", taxels=156, class_names=names)
+    assert "icebreaker; 'eskin build" in job.weights_sentence(PRESETS["thesis"])
+    assert "icebreaker; 'eskin build" in job.weights_sentence(large.replace(weight_sets="one"))
+    said = job.weights_sentence(large)
+    assert "of 30 block memories of the icebreaker, which is too many" in said and "weight_sets one" in said
+    assert said.startswith("the weights take 52 of 56 block memories of the ulx3s")
+    said = job.weights_sentence(large.replace(dense_format=QFormat(4, 12)))
+    assert said.startswith("no board here holds the weights") and "of 30" in said and "of 56" in said
+
+
 FEWER = [  # shortage by lanes, asked, lanes tried
     ({4: {"multipliers": (9, 8)}}, False, [4, 3]),
     ({4: {"multipliers": (10, 8)}, 2: {"logic cells": (6000, 5280)}}, False, [4, 2, 1]),
@@ -385,6 +399,32 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(
     assert tried == [config, config.replace(spare_blocks=True)][: 1 + again]
 
 
+@pytest.mark.parametrize(
+    ("family", "cell"),
+    [
+        ("gatemate", "CC_MULT"),
+        pytest.param("xilinx", "DSP48E1", marks=pytest.mark.slow),
+        pytest.param("intel", "MISTRAL_MUL", marks=pytest.mark.slow),
+    ],
+)
+@pytest.mark.timeout(900)
+def test_cells_of_other_families_are_counted_and_no_bitstream_is_claimed(
+    call, folder, monkeypatch, family, cell
+):
+    if family == "gatemate":  # the accelerator itself takes long
+        monkeypatch.setattr(job, "Chain", lambda *_: Tiny())
+    status, said, err = call("--synthesis-only", family)
+    made = folder / "build" / "synthesis" / family
+    assert status == 0 and sorted(path.name for path in made.iterdir()) == ["build.json", "netlist.v"], err
+    result = json.loads((made / "build.json").read_text())
+    columns = (*COUNTED_CELLS, "other")
+    assert sum(result[column] for column in columns) == sum(result["cell_types"].values())
+    of_type = sum(count for name, count in result["cell_types"].items() if name.startswith(cell))
+    assert 0 < of_type == result["dsp"] and result["lut"] and result["ff"] and result["bitstream"] is None
+    assert (made / "netlist.v").read_text().count(f"  {cell}") == of_type
+    assert "no bitstream is made" in said and "MHz" not in said.split("lowest clock")[0]
+
+
 @each_row(
     ("words", "said"),
     [
@@ -399,6 +439,10 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(
         ),
         (("--target", "icebreaker", "--out", "model"), "is the input model"),
         (("--target", "icebreaker", "--baud", "5e6"), "baud 5e+06"),
+        (("--synthesis-only", "lattice"), "is no family; use one of gatemate, xilinx, intel"),
+        (("--synthesis-only", "intel", "--seeds", "2"), "--synthesis-only: places nothing"),
+        (("--synthesis-only", "intel", "--lane-type", "dsp"), "--lane-type dsp: is made of an iCE40's"),
+        (("--synthesis-only", "xilinx", "--out", "model"), "is the input model"),
     ],
 )
 def test_a_mistake_is_one_sentence(call, words, said):

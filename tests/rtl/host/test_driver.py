@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
-from eskin.cosim.device import Design, Device
 from eskin.golden.core.config import PRESETS
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
+from eskin.golden.model.prototypes import forget, taught_in_use
+from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import Control, Event, Fault, Register, Status
+from tests.golden.model.test_prototypes import taught_model
 from tests.support.c_driver import STRICT, Driver
+from tests.support.driver_board import Board
+from tests.support.touch_scenes import scene
 
 CONFIG = PRESETS["thesis"].replace(
     taxels=5,
@@ -31,7 +34,6 @@ CONFIG = PRESETS["thesis"].replace(
     lanes=1,
     onset_threshold=5,
 )
-BUILDS = Path("build") / "driver_builds"
 
 
 @pytest.fixture(scope="module")
@@ -79,51 +81,15 @@ def test_compiles_for_small_processors(design, target):
     )
 
 
-class Board:
-    """The Verilated shell behind the driver's read and write functions: Wishbone cycles at its ports."""
-
-    def __init__(self, folder):
-        verilog = (folder / "eskin_wishbone.sv").read_text()
-        self.device = Device(Design(verilog, BUILDS, "this test", top="eskin_wishbone"))
-        self.device.reset()
-        self.driver = Driver(folder, self.read, self.write)
-
-    def _access(self, offset, word):
-        put, device = self.device.put, self.device
-        for name, value in (
-            ("cyc", 1),
-            ("stb", 1),
-            ("we", word is not None),
-            ("adr", offset),
-            ("sel", 15),
-            ("dat_w", word or 0),
-        ):
-            put(f"wb_{name}", int(value))
-        for _ in range(5000):
-            device.cycle()
-            if device.get("wb_ack"):
-                break
-        else:
-            raise AssertionError(f"no answer at {offset:#x}")
-        value = device.get("wb_dat_r")
-        device.cycle()
-        put("wb_stb", 0)
-        return value
-
-    def read(self, offset):
-        return self._access(offset, None)
-
-    def write(self, offset, word):
-        self._access(offset, word)
-
-
-def plays(model, design, recordings, lazy=False, pairs=False):
-    """Every decision of the recordings through driver and shell is the golden model's; how many there are."""
+def plays(model, design, recordings, lazy=False, pairs=False, **options):
+    """Every decision of the recordings through driver and shell is the golden model's; how many there are, and the
+    cycles. ``options`` of `Board`."""
     rows, offsets = run(model, recordings).streams["decision"]
-    board = Board(design)
+    board = Board(design, **options)
     driver = board.driver
     assert driver("present") and driver.load()
     driver("enable", Event.DECISION, 0)
+    begin = board.device.state.cycle
     for number in range(len(recordings)):
         samples = recordings.samples[slice(*recordings.offsets[number : number + 2])]
         expected = [decision_word(model.config, row) for row in rows[slice(*offsets[number : number + 2])]]
@@ -131,29 +97,34 @@ def plays(model, design, recordings, lazy=False, pairs=False):
         assert driver.play(samples, asks, pairs) == expected
         assert not driver("faults") & ~(Fault.OVERRUN if lazy else 0)
     assert bool(driver.refused) == lazy
+    cycles = board.device.state.cycle - begin
     driver("enable", 0, 0)
     board.device.cycle(4)
     assert not board.device.get("irq")
-    return len(rows)
+    return len(rows), cycles
 
 
 @pytest.mark.parametrize("pairs", [False, True], ids=["codes", "pairs"])
 @pytest.mark.parametrize("lazy", [False, True], ids=["interrupt", "lazy"])
 def test_recordings_decide_as_the_model_does(model, design, lazy, pairs):
     length = CONFIG.rest_level.rest_frames + CONFIG.last_frame + 4 * CONFIG.windows.hop
-    assert plays(
-        model, design, random_recordings(model.config, [length, length // 2, length, length], 5), lazy, pairs
-    )
+    recordings = random_recordings(model.config, [length, length // 2, length, length], 5)
+    assert plays(model, design, recordings, lazy, pairs)[0]
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("bus", ["wishbone", "apb", "axi4lite"])
 @pytest.mark.parametrize(("preset", "data"), [("pvdf", "pvdf_indent"), ("fabric", "fabric_slide")])
-def test_real_recordings_decide_as_the_model_does(shared_data, tmp_path, preset, data):
+def test_real_recordings_decide_as_the_model_does(shared_data, tmp_path, bus, preset, data):
+    """Ten of each data set, with pauses at random."""
     model = random_integer_model(PRESETS[preset].replace(feature_shift=(), lanes=1), 3)
     recordings = load_recordings(shared_data / data / "recordings.npz", config=model.config)
-    folder = generate(model.config, model.arrays, tmp_path / "design", bus="wishbone")
-    chosen = range(0, len(recordings), len(recordings) // 4)
-    assert plays(model, folder, recordings.subset(list(chosen)), pairs=True)
+    recordings = recordings.subset(recordings.evenly(10))
+    folder = generate(model.config, model.arrays, tmp_path / "design", bus=bus)
+    count, cycles = plays(model, folder, recordings, pairs=preset == "pvdf", bus=bus, seed=1, pause=0.3)
+    print(f"{bus}, {preset}: {count} decisions equal, {cycles / len(recordings.samples):.1f} cycles a frame")
+    assert count
 
 
 class Registers:
@@ -207,3 +178,37 @@ def test_registers_are_as_the_files_describe_them(design):
             board.driver("clear_faults")
             assert board.read(offset) == 0
             assert board.driver("faults") == (Fault.ADDRESS if offset < 0x100 else 0), hex(offset)
+
+
+def test_touches_are_taught_and_forgotten_through_the_driver(tmp_path):
+    model = forget(taught_model("gru"))
+    board = Board(generate(model.config, model.arrays, tmp_path / "design", bus="wishbone"))
+    assert board.driver.load()
+    stream, recordings = Stream(model), scene(12, seed=6)
+    seen = []
+    for index in range(2, 12):
+        stream.arm()
+        if index == 4:
+            board.driver("teach", 2, 1)
+            stream.teach(2, following=True)
+        samples = recordings.recording(index)
+        expected = [*stream.push(samples), *stream.finish()]
+        words = [decision_word(model.config, decision.row()) for decision in expected]
+        assert board.driver.play(samples) == words
+        seen += words
+        label = index % 3
+        if index == 9:
+            board.driver("forget", label, 0)
+            stream.forget(label)
+        else:
+            board.driver("teach", label, 0)
+            stream.teach(label)
+        while board.driver("busy"):
+            pass
+        assert board.driver("taught") == taught_in_use(stream.model).sum() and not board.driver(
+            "teaching_refused"
+        )
+    board.driver("teach", 3, 0)  # no such class
+    assert board.driver("teaching_refused") and len(seen) > 60
+    board.driver("forget", 0, 1)
+    assert board.driver("taught") == 0

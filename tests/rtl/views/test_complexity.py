@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -112,23 +112,39 @@ def test_the_verb_writes_what_was_counted(monkeypatch, tmp_path, capsys):
     assert all(str(point["step_cycles"]) in shown for sweep in sweeps.values() for point in sweep)
 
 
-def test_register_bits_are_those_of_registers_alone(monkeypatch):
+def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
+    """A 24-bit memory takes two blocks of 256 x 16, one of 300 words too; two readers double it; of a ROM
+    columns that stay take nothing, a short one is made of LUTs; few bits become flip-flops unless a block is asked for."""
+
     class Small(wiring.Component):
         def __init__(self):
             super().__init__({"i": In(5), "o": Out(9)})
 
         def elaborate(self, platform):
             m = Module()
-            m.submodules.memory = memory = Memory(shape=9, depth=8, init=[])
-            read, held, wide = memory.read_port(), Signal(3), Signal(12)
-            m.d.comb += [read.addr.eq(held), self.o.eq(read.data ^ wide)]
-            m.d.sync += held.eq(self.i)
-            with m.If(self.i[0]):
-                m.d.sync += wide.eq(wide + self.i)
+            attributes = [{}, {}, {}, {"ram_style": "block"}, {"ram_style": "huge"}]
+            shapes = [(24, 16), (9, 300), (16, 6), (16, 6), (16, 600)]
+            for number, ((width, depth), asked) in enumerate(zip(shapes, attributes, strict=True)):
+                m.submodules[f"memory_{number}"] = memory = Memory(
+                    shape=width, depth=depth, init=[], attrs=asked
+                )
+                memory.read_port()
+                memory.write_port()
+            memory.read_port()  # the huge one
+            rom = Memory(shape=40, depth=128, init=[(word << 8) | (word << 20) | 5 for word in range(128)])
+            m.submodules.rom = rom
+            rom.read_port()
+            m.submodules.short = short = Memory(shape=40, depth=64, init=range(64))
+            short.read_port()
+            two = Memory(shape=16, depth=32, init=[])
+            m.submodules.two = two
+            two.write_port()
+            two.read_port(), two.read_port()
             return m
 
     monkeypatch.setattr(complexity, "_accelerator", lambda config: Small())
-    assert complexity.register_bits(PRESETS["pvdf"]) == 15
+    shapes = ((256, 16), (512, 8), (1024, 4), (2048, 2))
+    assert complexity.block_memories(PRESETS["pvdf"], "ice40", shapes) == 2 + 2 + 0 + 1 + 0 + 1 + 2
 
 
 def test_the_compact_engines_memories_count_under_names_too():

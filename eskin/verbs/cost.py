@@ -1,0 +1,116 @@
+"""What a design costs before it is made: the one model that the choice of `train` and `run` and the sweep ask.
+
+    E(touch) = frames * cycles of a frame * (e_clock + (FRAME_TOGGLES + ONSET_TOGGLES) * e_toggle)
+             + steps * (cycles of a step * (e_clock + STEP_TOGGLES * e_toggle) + multiplies * e_multiply)
+
+Cycles are those of the schedule, e_... those of `eskin.golden.studies.energy`. Cells are a sum over what the
+design has. These constants are fitted to counted netlists by ``python -m scripts.cost_model``, which prints
+how far they are off (docs/energy.md). Block memories are those of the elaborated design.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache, partial
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import PREFERENCES, Cost, Market, Prefer
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
+from eskin.golden.studies.energy import estimate, scheduled_activity
+from eskin.rtl.fpga.targets import TARGETS, Target
+from eskin.rtl.fpga.targets import target as find_target
+from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
+from eskin.rtl.views.complexity import block_memories
+from eskin.verbs.build_job import suited
+
+CODE = ("rtl", "verbs/cost.py")
+"""What these figures depend on, beside golden."""
+BOARD = "icebreaker"
+"""The board that candidates are priced on unless another is named."""
+CELLS = {"always": 808, "onset": 290, "recurrent": -112, "activity": 181, "integral": 367}
+"""Logic cells of what a design has."""
+LINK_CELLS, LINK_BLOCKS = 471, 1
+"""What the host's link adds."""
+ROOM = {"iCE40UP5K": (5280, 30), "iCE40HX1K": (1280, 16), "iCE40LP1K": (1280, 16), "LFE5U-25F": (24288, 56)}
+"""Logic cells and block memories of the parts."""
+
+
+@lru_cache(maxsize=4096)
+def cost_of(config: AcceleratorConfig, board: str = BOARD) -> Cost:
+    """The cost of a configuration on the lanes that suit the board."""
+    target = find_target(board)
+    config = suited(config, target)
+    energy = estimated(config, target.device)
+    return Cost(
+        energy_touch_j=energy["per_touch_j"] + energy["preprocessing_per_touch_j"],
+        cells=cells_of(config),
+        latency_s=decision_cycles(config) / target.clock_hz,
+        touch_s=config.last_frame / config.sensor.sample_rate_hz,
+    )
+
+
+def estimated(config: AcceleratorConfig, part: str) -> Record:
+    """`eskin.golden.studies.energy.estimate` of a design on its own lanes, by the cycles of its schedule."""
+    multipliers = 0 if config.hardware.lane_type == "serial" else config.hardware.lanes
+    activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), multipliers)
+    return estimate(config, part, activity, config.hardware.clock_hz)
+
+
+def parts_of(config: AcceleratorConfig) -> dict[str, float]:
+    """How many of each of CELLS the design has."""
+    kinds, early = config.features.feature_kinds, not config.opens_at_once
+    return {
+        "always": 1,
+        "onset": early,
+        "recurrent": config.recurrent,
+        "activity": "activity" in kinds,
+        "integral": "integral" in kinds,
+    }
+
+
+def cells_of(config: AcceleratorConfig) -> int:
+    """Logic cells, onset to decision, by CELLS."""
+    return round(sum(CELLS[name] * count for name, count in parts_of(config).items()))
+
+
+@lru_cache(maxsize=1024)
+def blocks_of(config: AcceleratorConfig, board: str = BOARD) -> int:
+    """Block memories, onset to decision."""
+    target: Target = find_target(board)
+    return block_memories(suited(config, target), target.family.name, target.family.blocks)
+
+
+def fits(config: AcceleratorConfig, board: str = BOARD) -> bool:
+    """The board holds the design with its link, on as many lanes as it has multipliers for; weights of a
+    recurrent cell may lie in large memories."""
+    target = find_target(board)
+    cells, blocks = ROOM[target.device]
+    if cells_of(config) + LINK_CELLS > cells:
+        return False
+    return any(
+        blocks_of(made, board) + LINK_BLOCKS <= blocks
+        for made in (config, config.replace(spare_blocks=True))
+        if made.recurrent or made is config
+    )
+
+
+def market(prefer: Prefer = "energy", board: str | None = None) -> Market:
+    """What candidates cost on the named board, which then has to hold them, or on BOARD.
+
+    Raises
+    ------
+    InputError
+        No such board or preference.
+    """
+    for option, value, known in (("prefer", prefer, PREFERENCES), ("fits", board or BOARD, TARGETS)):
+        if value not in known:
+            raise InputError(f"--{option} {value}: is not known; use one of {', '.join(known)}")
+    name = board or BOARD
+    return Market(
+        cost_of=partial(cost_of, board=name),
+        blocks_of=partial(blocks_of, board=name),
+        fits=partial(fits, board=name),
+        board=name,
+        prefer=prefer,
+        named=board is not None,
+    )

@@ -1,0 +1,96 @@
+"""What a whole design costs, front end included, as the choice of front end and network asks for it.
+
+Energy, cells and latency follow from a configuration by a formula; block memories take the elaborated design,
+so they are counted only where they decide. Golden knows no hardware: the figures come from
+``eskin.verbs.cost``, through the functions of a `Market`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeVar, get_args
+
+from eskin.golden.core.config import AcceleratorConfig
+
+Prefer = Literal["energy", "cells", "latency"]
+"""What the cheapest of several level candidates is cheapest in."""
+PREFERENCES: tuple[Prefer, ...] = get_args(Prefer)
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cost:
+    """energy_touch_j: of a touch, from its first frame to its decision, joule. cells: logic cells, onset to
+    decision. latency_s: from the last sample to the decision, at the board's clock. touch_s: from the onset
+    to the last sample."""
+
+    energy_touch_j: float
+    cells: int
+    latency_s: float
+    touch_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Market:
+    """What candidates cost, and what is wished of the one that is taken.
+
+    cost_of, blocks_of, fits: of a configuration its `Cost`, its block memories, and whether ``board`` holds
+    it. prefer: what is to be least. named: only what fits ``board`` is a candidate; otherwise the board has
+    the say where anything level fits it.
+    """
+
+    cost_of: Callable[[AcceleratorConfig], Cost]
+    blocks_of: Callable[[AcceleratorConfig], int]
+    fits: Callable[[AcceleratorConfig], bool]
+    board: str
+    prefer: Prefer = "energy"
+    named: bool = False
+
+    def price(self, config: AcceleratorConfig) -> tuple[float, ...]:
+        """What is to be least; where that is equal, energy, then the time to the decision."""
+        cost = self.cost_of(config)
+        first = {"energy": cost.energy_touch_j, "cells": cost.cells, "latency": cost.latency_s}[self.prefer]
+        return (first, cost.energy_touch_j, cost.touch_s)
+
+    def is_candidate(self, config: AcceleratorConfig) -> bool:
+        """False where a board was named that does not hold it."""
+        return not self.named or self.fits(config)
+
+    def cheapest(self, level: Sequence[T], config_of: Callable[[T], AcceleratorConfig]) -> T:
+        """The first of the cheapest that fits the board; of all, where none does."""
+        ordered = sorted(level, key=lambda candidate: self.price(config_of(candidate)))
+        return next((candidate for candidate in ordered if self.fits(config_of(candidate))), ordered[0])
+
+    def row(self, config: AcceleratorConfig) -> dict[str, Any]:
+        """The keys of a candidate in training.json."""
+        cost = self.cost_of(config)
+        return {
+            "energy_touch_j": cost.energy_touch_j,
+            "cells": cost.cells,
+            "block_memories": self.blocks_of(config),
+            "latency_s": cost.latency_s,
+            "fits": self.board if self.fits(config) else None,
+        }
+
+
+def pareto(
+    records: Sequence[Mapping[str, Any]],
+    cost: str,
+    accuracy: Callable[[Mapping[str, Any]], float] | None = None,
+) -> list[int]:
+    """Indices of the records that none beats in one of ``cost`` (less) and accuracy (more) without losing in
+    the other; by cost."""
+    gain = accuracy or (lambda record: record["accuracy"])
+    order = sorted(range(len(records)), key=lambda i: (records[i][cost], -gain(records[i])))
+    front: list[int] = []
+    for i in order:
+        last = records[front[-1]] if front else None
+        if (
+            last is None
+            or gain(records[i]) > gain(last)
+            or (gain(records[i]), records[i][cost]) == (gain(last), last[cost])
+        ):
+            front.append(i)
+    return front

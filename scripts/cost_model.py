@@ -1,0 +1,260 @@
+"""Counted netlists of many shapes, and the constants of the cost model that they give.
+
+``python -m scripts.cost_model`` prints a row for each of DESIGNS, then the constants and how far the model
+with them is off, each design also by constants that it did not give. One recording with a whole touch is
+played into the netlist of the board; what was counted before is kept. ``--fit FILE`` reads the rows out of a
+document instead, which takes a second.
+
+Weights and signals are random: the model is of shapes, not of what was learnt.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.cosim import flow
+from eskin.cosim.activity import instrument, read_count
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.jobs import Record
+from eskin.golden.core.memo import Memo, code_version, content_key
+from eskin.golden.data.recordings import Recordings
+from eskin.golden.model.model import random_integer_model, with_network
+from eskin.golden.studies.energy import PARTS, counted_activity, estimate
+from eskin.rtl.fpga.blocks import block_of
+from eskin.rtl.fpga.generate import generate
+from eskin.rtl.fpga.targets import target
+from eskin.rtl.program.schedule import mean_frame_cycles, step_cycles
+from eskin.rtl.program.timing import logit_to_decision
+from eskin.verbs.build_job import suited
+from eskin.verbs.chip_energy import with_touches
+from eskin.verbs.cost import BOARD, CELLS, blocks_of, parts_of
+from eskin.verbs.flow import BUILD, expected_of, netlist_of
+
+TRACKED: Record = dict(rest="tracked", rest_frames=64, onset="baseline", onset_threshold=60)
+AT_ONCE: Record = dict(rest="none", rest_frames=0, onset="immediate")
+ALL = ("mean", "activity", "integral")
+
+
+def _design(taxels: int, classes: int, hop: int, steps: int, cell: str, hidden: int | None, **of: Any) -> Any:
+    names = tuple(f"class{number}" for number in range(classes))
+    config = AcceleratorConfig.of(
+        name="counted",
+        taxels=taxels,
+        sample_rate_hz=1000.0,
+        sample_bits=16,
+        window_mode="free",
+        pretrigger_frames=0,
+        hop=hop,
+        window=2 * hop,
+        steps=steps,
+        class_names=names,
+        **of,
+    )
+    return with_network(config, cell=cell, hidden=hidden)
+
+
+DESIGNS: dict[str, AcceleratorConfig] = {
+    "16 taxels, mean, linear": _design(16, 3, 48, 10, "linear", None, **TRACKED),
+    "16 taxels, mean, GRU 8": _design(16, 3, 24, 20, "gru", 8, **TRACKED),
+    "8 taxels, mean + activity, linear": _design(
+        8, 5, 64, 20, "linear", None, feature_kinds=ALL[:2], activity_block=16, **TRACKED
+    ),
+    "8 taxels, all kinds, GRU 4": _design(8, 5, 32, 10, "gru", 4, feature_kinds=ALL, **TRACKED),
+    "19 taxels, mean, linear, at once": _design(19, 20, 28, 19, "linear", None, **AT_ONCE),
+    "32 taxels, mean, GRU 12": _design(32, 4, 32, 10, "gru", 12, **TRACKED),
+    "4 taxels, all kinds, linear": _design(4, 2, 64, 20, "linear", None, feature_kinds=ALL, **TRACKED),
+    "64 taxels, mean, linear": _design(64, 7, 16, 10, "linear", None, **TRACKED),
+    "12 taxels, mean + integral, LSTM 6": _design(
+        12, 3, 40, 8, "lstm", 6, feature_kinds=("mean", "integral"), **AT_ONCE
+    ),
+    "16 taxels, all kinds, GRU 16": _design(16, 6, 32, 20, "gru", 16, feature_kinds=ALL, **TRACKED),
+    "thesis": PRESETS["thesis"],
+    "pvdf preset, GRU 12": PRESETS["pvdf"],
+}
+"""Shapes that no data set of the project has given, but for the two presets."""
+
+COLUMNS = (
+    "frames",
+    "cycles a frame",
+    "steps",
+    "cycles a step",
+    "multiplies a step",
+    "toggles a frame",
+    "toggles a step",
+    "counted uJ",
+    "LUT",
+    "block memories",
+)
+
+
+def played(config: AcceleratorConfig) -> Recordings:
+    """One recording with a whole touch: rest and noise, then a slow swing of every taxel."""
+    rng, sensor = np.random.default_rng(1), config.sensor
+    quiet = config.rest_level.rest_frames + 3 * config.windows.hop + config.windows.pretrigger_frames
+    frames = quiet + config.last_frame + 3 * config.windows.hop
+    since = np.maximum(np.arange(frames) - quiet, 0)[:, None] / config.last_frame
+    phase, depth = rng.uniform(0, 2 * np.pi, sensor.taxels), rng.uniform(0.5, 1.5, sensor.taxels)
+    swing = np.minimum(40 * since, 1) * (2 + np.sin(12 * since + phase)) * depth
+    strength = 4.0 * config.onset_rule.onset_threshold
+    codes = (1 << (sensor.sample_bits - 1)) + strength * swing + rng.normal(0, 4, (frames, sensor.taxels))
+    return Recordings(
+        np.rint(codes).astype(np.int32),
+        np.array([0, frames]),
+        np.zeros(1, int),
+        config.network.class_names,
+        sensor.sample_rate_hz,
+    )
+
+
+def counted(name: str, config: AcceleratorConfig) -> Record:
+    """The row of a design: `COLUMNS`, and the name.
+
+    Raises
+    ------
+    RuntimeError
+        The netlist differs from the model.
+    """
+    model = random_integer_model(suited(config, target(BOARD)), 1)
+    config = model.config
+    numbers, recordings = with_touches(model, played(config), 1)
+    hardware, cells = netlist_of(config, model.arrays, BOARD, probes=False)
+    with tempfile.TemporaryDirectory() as folder:
+        work = Path(folder)
+        design = generate(config, model.arrays, work / "design")
+        vectors = expected_of(model, recordings, work / "vectors.npz", numbers)
+        (work / "counted.v").write_text(instrument(hardware.sources[0].read_text(), block_of))
+        hardware = dataclasses.replace(hardware, sources=(work / "counted.v", *hardware.sources[1:]))
+        result = flow.cosim(
+            design, vectors, hardware=hardware, work=work / "full", builds=BUILD / "simulators"
+        )
+        count = dataclasses.asdict(read_count(work / "full"))
+    if not result["bit_exact"]:
+        raise RuntimeError(f"{name}: the netlist differs from the model")
+    touch, quiet = mean_frame_cycles(config)
+    activity = counted_activity(
+        config,
+        count,
+        None,
+        frames=result["frames"],
+        steps=result["steps"],
+        recordings=1,
+        step_cycles=result["registers"]["LONGEST"] + logit_to_decision(config) - 1,
+        frame_cycles=touch,
+        quiet_frame_cycles=quiet,
+    )
+    energy = estimate(config, target(BOARD).device, activity, config.hardware.clock_hz)
+    joule = energy["per_touch_j"] + energy["preprocessing_per_touch_j"]
+    figures = (
+        config.last_frame,
+        touch,
+        config.windows.steps,
+        step_cycles(config),
+        activity.step_multiplies,
+        activity.frame_toggles,
+        activity.step_toggles,
+        1e6 * joule,
+        cells["SB_LUT4"],
+        sum(number for kind, number in cells.items() if kind.startswith("SB_RAM40_4K")),
+    )
+    return dict(zip(COLUMNS, figures, strict=True))
+
+
+def rows(names: Sequence[str]) -> dict[str, Record]:
+    """The rows of those designs, printed as soon as they are known, from the memo where they are in it."""
+    keep = Memo(BUILD / "cost_rows")
+    print("| design | " + " | ".join(COLUMNS) + " |\n|---|" + "--:|" * len(COLUMNS), flush=True)
+    made = {}
+    for name in names:
+        key = content_key(DESIGNS[name].to_dict(), code_version("golden", "rtl", "cosim"))
+
+        def make(folder: Path, name: str = name) -> None:
+            (folder / "row.json").write_text(json.dumps(counted(name, DESIGNS[name])))
+
+        made[name] = json.loads((keep.folder(key, make) / "row.json").read_text())
+        print(
+            f"| {name} | " + " | ".join(f"{made[name][column]:.4g}" for column in COLUMNS) + " |", flush=True
+        )
+    return made
+
+
+def read_rows(document: str) -> dict[str, Record]:
+    """The rows of `rows` that a document holds."""
+    found = {}
+    for line in document.splitlines():
+        name, *cells = (cell.strip() for cell in line.strip("|").split("|"))
+        if name in DESIGNS and len(cells) == len(COLUMNS):
+            found[name] = dict(zip(COLUMNS, map(float, cells), strict=True))
+    return found
+
+
+def fit(counted_rows: dict[str, Record]) -> tuple[np.ndarray, np.ndarray]:
+    """(STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES), and CELLS in their order: least squares of the errors as shares."""
+    part = PARTS[target(BOARD).device]
+    cycles, multiplies, joule, has, cells = [], [], [], [], []
+    for name, row in counted_rows.items():
+        config = suited(DESIGNS[name], target(BOARD))
+        frames, steps = (row[what] * row[f"cycles a {what[:-1]}"] for what in ("frames", "steps"))
+        products = row["steps"] * (config.multiplies + config.inputs)
+        cycles.append([steps, frames, frames * (not config.opens_at_once)])
+        multiplies.append((steps + frames) * part.clock_j + products * part.multiply_j)
+        joule.append(1e-6 * row["counted uJ"])
+        has.append(list(parts_of(config).values()))
+        cells.append(row["LUT"])
+    energy, count = np.array(joule), np.array(cells)
+    left = 1 - np.array(multiplies) / energy
+    toggles = np.linalg.lstsq(np.array(cycles) * part.toggle_j / energy[:, None], left, rcond=None)[0]
+    of_cells = np.linalg.lstsq(np.array(has) / count[:, None], np.ones(len(count)), rcond=None)[0]
+    return toggles, of_cells
+
+
+def errors(counted_rows: dict[str, Record], constants: tuple[np.ndarray, np.ndarray], name: str) -> Any:
+    """How far energy and cells of a design are off with these constants, as shares of what was counted."""
+    part, row, config = PARTS[target(BOARD).device], counted_rows[name], suited(DESIGNS[name], target(BOARD))
+    (step, frame, onset), of_cells = constants
+    frame += onset * (not config.opens_at_once)
+    joule = row["frames"] * row["cycles a frame"] * (part.clock_j + frame * part.toggle_j)
+    joule += row["steps"] * row["cycles a step"] * (part.clock_j + step * part.toggle_j)
+    joule += row["steps"] * (config.multiplies + config.inputs) * part.multiply_j
+    cells = float(np.dot(of_cells, list(parts_of(config).values())))
+    return 1e6 * joule / row["counted uJ"] - 1, cells / row["LUT"] - 1
+
+
+def show(counted_rows: dict[str, Record]) -> None:
+    """Print the constants and how far they are off."""
+    constants = fit(counted_rows)
+    print("\nSTEP_TOGGLES {:.0f}, FRAME_TOGGLES {:.0f}, ONSET_TOGGLES {:.0f}".format(*constants[0]))
+    print(
+        "CELLS " + ", ".join(f"{name} {count:.1f}" for name, count in zip(CELLS, constants[1], strict=True))
+    )
+    print(
+        "\n| design | energy | by the others | LUT | by the others | block memories |\n|---|--:|--:|--:|--:|--:|"
+    )
+    for name, row in counted_rows.items():
+        others = {other: row for other, row in counted_rows.items() if other != name}
+        pairs = (errors(counted_rows, constants, name), errors(counted_rows, fit(others), name))
+        shares = [f"{100 * pair[which]:+.1f} %" for which in (0, 1) for pair in pairs]
+        blocks = f"{blocks_of(DESIGNS[name], BOARD)} of {row['block memories']:.0f}"
+        print(f"| {name} | " + " | ".join([*shares, blocks]) + " |", flush=True)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print rows, constants and errors."""
+    parser = argparse.ArgumentParser(
+        description=__doc__.splitlines()[0], epilog="example: --fit docs/energy.md"
+    )
+    parser.add_argument("--designs", nargs="*", default=list(DESIGNS), help="by name (default: all)")
+    parser.add_argument("--fit", type=Path, metavar="FILE", help="take the rows of a document")
+    asked = parser.parse_args(arguments)
+    show(read_rows(asked.fit.read_text()) if asked.fit else rows(asked.designs))
+
+
+if __name__ == "__main__":
+    main()

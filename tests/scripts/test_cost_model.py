@@ -1,0 +1,35 @@
+"""The constants of the cost model are those of the counted netlists in the documents, and good to 10 %."""
+
+import numpy as np
+import pytest
+
+from eskin.golden.studies.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
+from eskin.verbs.cost import CELLS, blocks_of, cost_of
+from scripts.cost_model import DESIGNS, errors, fit, read_rows
+from scripts.docs_site import ROOT
+
+
+@pytest.fixture(scope="module")
+def counted():
+    return read_rows((ROOT / "docs/energy.md").read_text())
+
+
+def test_the_constants_are_those_of_the_counted_netlists(counted):
+    toggles, cells = fit(counted)
+    assert tuple(np.round(toggles)) == (STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES)
+    assert list(CELLS.values()) == [round(count) for count in cells]
+
+
+def test_energy_is_at_most_a_tenth_off_with_a_design_and_without_it(counted):
+    for name, row in counted.items():
+        energy, cells = errors(counted, fit(counted), name)
+        others = {other: row for other, row in counted.items() if other != name}
+        assert max(abs(energy), abs(errors(counted, fit(others), name)[0])) < 0.1, name
+        estimated = cost_of(DESIGNS[name])
+        assert estimated.energy_touch_j == pytest.approx(1e-6 * row["counted uJ"] * (1 + energy), rel=0.01)
+        assert estimated.cells == pytest.approx(row["LUT"] * (1 + cells), rel=0.01), name
+
+
+def test_block_memories_are_those_of_the_netlists(counted):
+    for name, row in counted.items():
+        assert blocks_of(DESIGNS[name]) == row["block memories"], name

@@ -1,0 +1,26 @@
+"""Prices that a test can work out in its head, without any hardware: multiplies of a touch and frames."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.cost import Cost, Market
+
+
+def cost_by_size(config: AcceleratorConfig) -> Cost:
+    """A nanojoule a multiply of a touch and a taxel of a frame and kind, a cell a multiply of a step, a
+    microsecond a class."""
+    work = config.windows.steps * config.multiplies + config.last_frame * config.inputs
+    return Cost(
+        energy_touch_j=1e-9 * work,
+        cells=config.multiplies,
+        latency_s=1e-6 * config.classes,
+        touch_s=config.last_frame / config.sensor.sample_rate_hz,
+    )
+
+
+def priced(**changes: Any) -> Market:
+    """A market of `cost_by_size`, in which every board holds everything."""
+    options: dict[str, Any] = {"blocks_of": lambda config: 1, "fits": lambda config: True}
+    return Market(**{"cost_of": cost_by_size, "board": "icebreaker", **options, **changes})
