@@ -61,9 +61,13 @@ class ClassNames(np.ndarray):
     name the last class."""
 
     def __getitem__(self, index: Any) -> Any:
-        if np.asarray(index).dtype.kind not in "iu":  # slices and masks
+        numbers = np.asarray(index)
+        if numbers.dtype.kind not in "iu" or (numbers >= len(self)).any():  # slices, masks, no class at all
             return super().__getitem__(index)
         return np.append(np.asarray(self), NO_CLASS)[index]
+
+    def __iter__(self) -> Any:
+        return iter(np.asarray(self))
 
 
 class Model(Estimator):
@@ -413,7 +417,7 @@ class Model(Estimator):
         if labels is None:
             if not isinstance(frames, Recordings):
                 raise InputError(f"{verb}: arrays do not say their classes; give labels, or Recordings")
-            check_fit(frames, self.config)
+            frames = frames.of_classes(self.config.network.class_names, "the model")
             labels = frames.labels
         indices = self._indices(labels, verb)
         if indices.shape != (len(each),):

@@ -3,7 +3,7 @@ one.
 
 ``python -m scripts.design_table [SCENE ...]`` prints it: for each SCENE (as of `scripts.cell_table`) a GRU of
 12 with 1 and 4 DSP lanes and a linear cell with 4 on an iCE40 UP5K, and with ``--liberty`` a GRU with 4 lanes
-and ROMs on a chip. The network's numbers are random: nothing depends on them.
+and ROMs on a chip; and the first of them as plain C on a microcontroller. The network's numbers are random: nothing depends on them.
 
 Cells are placed ones, onset to decision without the link; memories block and large ones; MHz those of the
 placements with seeds 1 to 3. Cycles are those of the schedule. Energy and power are the estimate of ``eskin
@@ -14,15 +14,17 @@ chip its leakage.
 from __future__ import annotations
 
 import argparse
+import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.vectors import random_recordings
 from eskin.golden.training.choose_network import network
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import mean_frame_cycles, step_cycles
-from eskin.verbs import asic_job, build_job
+from eskin.verbs import asic_job, build_job, energy_job
 from scripts.cell_table import BOARD, scene
 
 SCENES = ("thesis", "synthetic", "pvdf")
@@ -89,6 +91,27 @@ def on_a_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) -> t
     )
 
 
+def in_software(config: AcceleratorConfig) -> tuple[str, ...]:
+    """The same as plain C on a microcontroller, in cycles of its core; a recording made up, which costs what others
+    do."""
+    model = random_integer_model(config, 1)
+    settling, again = config.rest_level.rest_frames, config.onset_rule.rearm_frames
+    played = random_recordings(config, [settling + 2 * config.last_frame + 2 * again], 1)
+    with tempfile.TemporaryDirectory() as work:
+        (row,) = energy_job.in_software(model, played, Path(work) / "c")
+    cycles = row["cycles"]
+    return (
+        row["core"],
+        "-",
+        "-",
+        f"{cycles['frame']:.0f}",
+        f"{cycles['quiet']:.0f}",
+        f"{cycles['step']:.0f}",
+        f"{1e6 * row['per_touch_j']:.0f} uJ",
+        f"{1e6 * row['idle_w']:.1f} uW",
+    )
+
+
 def rows(scenes: Sequence[str], pdk: str, liberty: Sequence[Path]) -> Iterator[tuple[str, ...]]:
     """Rows of `COLUMNS`, each as soon as it is known."""
     for name, front, _ in map(scene, scenes):
@@ -96,6 +119,7 @@ def rows(scenes: Sequence[str], pdk: str, liberty: Sequence[Path]) -> Iterator[t
         for cell, hidden, lanes in (("gru", 12, 1), ("gru", 12, LANES), ("linear", None, LANES)):
             config = network(front, cell, hidden).with_lanes(lanes, "dsp")
             yield f"{name}, {cell}, P = {lanes}", *placed(config)
+        yield f"{name}, gru, software", *in_software(network(front, "gru", 12))
         if liberty:
             yield f"{name}, gru, chip", *on_a_chip(network(front, "gru", 12), pdk, liberty)
 

@@ -144,6 +144,7 @@ def bounded_memory():
     resource.setrlimit(resource.RLIMIT_AS, limits)
 
 
+@pytest.mark.timeout(0 if LONG else 180)
 @pytest.mark.parametrize("call", CALLS)
 @examples(30, 1000)
 @given(odd=ODD)

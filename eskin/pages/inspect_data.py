@@ -50,7 +50,7 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     Returns
     -------
     dict with source, recordings, sample_min, sample_max, classes (name -> recordings), groups (name -> number
-    of values).
+    of values), values (arrays of another value in each recording, which are no groups).
 
     Of recordings also frames, taxels, sample_rate_hz, sample_format, volt_per_code, unit, lengths (min, median,
     max; frames), taxel (list of min, max, deviation (codes), held (``held_shares``), state: ok, constant,
@@ -61,6 +61,7 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     equal to an earlier one), silent_rows, silent_columns (those that are the same in every pixel of every
     image), networks (name -> multiplies an image), reasons (what the loader chose).
     """
+    values = {name: len(np.unique(array)) for name, array in recordings.groups.items()}
     common = {
         "source": recordings.source,
         "recordings": len(recordings),
@@ -70,7 +71,8 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
             name: int(count)
             for name, count in zip(recordings.class_names, recordings.class_counts, strict=True)
         },
-        "groups": {name: len(np.unique(values)) for name, values in recordings.groups.items()},
+        "groups": {name: count for name, count in values.items() if count < len(recordings)},
+        "values": [name for name, count in values.items() if count == len(recordings)],
     }
     return common | (_of_images(recordings) if recordings.image_shape else _of_recordings(recordings, config))
 
@@ -194,7 +196,7 @@ def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
     lost = sum(frame < 0 for frame in onsets or ())
     if len(order) > LISTED:
         order = (order[: lost + LISTED // 2] + order[lost:][-(LISTED // 2) :])[:LISTED]
-    groups = {name: count for name, count in figures["groups"].items() if 2 <= count < figures["recordings"]}
+    groups = {name: count for name, count in figures["groups"].items() if count >= 2}
     states = [row["state"] for row in figures["taxel"]]
     return {
         "of_classes": of_classes,

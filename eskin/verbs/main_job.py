@@ -153,6 +153,7 @@ def run(
             held = load_recordings(test, config=user_config) if test else None
             if held is not None:
                 check_alike(held, loaded)
+                held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
             if group:
                 split_folds(loaded, group, 5, None)
             if loaded.image_shape:
@@ -200,7 +201,7 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
     InputError
         Naming what differs.
     """
-    for name in ("taxels", "image_shape", "sample_rate_hz", "class_names"):
+    for name in ("taxels", "image_shape", "sample_rate_hz"):
         here, there = getattr(held, name), getattr(recordings, name)
         if here != there:
             raise InputError(

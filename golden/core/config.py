@@ -304,6 +304,20 @@ class AcceleratorConfig:
                 "taught",
                 f"is {rule.taught} for each of {self.classes} classes; {MOST_TAUGHT} places in all are there",
             )
+        if not self.hardware.loadable:
+            yield (
+                "loadable",
+                "is false, and the memory of prototypes is one that the host fills; set it true, or quantise without "
+                "--readout",
+            )
+        places = self.classes * (rule.prototypes + rule.taught) + 1
+        if self.windows.steps * places * self.trajectory_width + self.classes > 1 << 16:
+            yield (
+                "prototypes",
+                f"is {rule.prototypes} with {rule.taught} taught ones for each of {self.classes} classes; touches "
+                f"of {self.windows.steps} steps of {self.trajectory_width} values are too many then for a memory "
+                "of 65536: use fewer",
+            )
         if rule.unknown_above and self.network.decision == "vote":
             yield (
                 "unknown_above",

@@ -53,7 +53,11 @@ def save_archive(recordings: Recordings, path: str | Path) -> None:
         "class_names": np.array(recordings.class_names, dtype=np.str_),
         "sample_rate_hz": np.array(recordings.sample_rate_hz),
         **({"lsb_volt": np.array(recordings.volt_per_code)} if recordings.volt_per_code else {}),
-        **({"unit": np.array(recordings.unit)} if recordings.unit not in ("", "V") else {}),
+        **(
+            {"unit": np.array(recordings.unit)}
+            if recordings.unit != ("V" if recordings.volt_per_code else "")
+            else {}
+        ),
         **recordings.groups,
     }
     with replacing(path) as temporary, temporary.open("wb") as file:

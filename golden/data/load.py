@@ -6,22 +6,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data import frames
+from eskin.golden.core.errors import InputError, without_extra
+from eskin.golden.data import frames, hdf5
 from eskin.golden.data.archive import load_archive
+from eskin.golden.data.logs import is_log
 from eskin.golden.data.matlab import load_matlab
 from eskin.golden.data.pictures import is_picture_folder, load_picture_folder
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.scene import scene_of, synthetic_recordings
-from eskin.golden.data.tables import SUFFIXES, is_table_folder, load_folder, load_long_table
+from eskin.golden.data.tables import PARQUET, SUFFIXES, is_table_folder, load_folder, load_long_table
 from eskin.golden.data.text import Reading
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FORMS = (
-    "an .npz archive, a folder of .csv, .lvm or .png files by class, a long .csv table, a .mat file or the "
-    "word synthetic"
+    "an .npz archive, a folder by class of .csv, .parquet, .lvm or .png files or logs, a long .csv or .parquet "
+    "table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic"
 )
 
 
@@ -31,8 +32,9 @@ def load_recordings(
     config: AcceleratorConfig | None = None,
     reading: Reading | None = None,
 ) -> Recordings:
-    """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder of ``.csv``,
-    ``.lvm`` or ``.png`` files by class, one long table, a ``.mat`` file, or the word ``synthetic``.
+    """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder by class of
+    ``.csv``, ``.parquet``, ``.lvm`` or ``.png`` files or logs, one long table, a ``.mat`` or HDF5 file, a log,
+    or the word ``synthetic``.
 
     Parameters
     ----------
@@ -60,7 +62,13 @@ def load_recordings(
     if str(data) == "synthetic":
         return synthetic_recordings() if config is None else scene_of(config)
     path = Path(data)
+    if reading.labels is not None and not is_log(path):
+        raise InputError(
+            f"recordings '{path}': --labels is for one log, a .mcap file or a ROS bag; leave it out"
+        )
     try:
+        if is_log(path) and path.exists():
+            return load_long_table(path, reading, config)
         if path.is_dir() and is_picture_folder(path):
             return load_picture_folder(path)
         if path.is_dir():
@@ -72,9 +80,20 @@ def load_recordings(
             return load_matlab(path, reading, config)
         if path.suffix == frames.SUFFIX and path.is_file():
             return frames.load_frames(path)
-        if path.suffix.lower() in SUFFIXES:
+        if path.suffix.lower() in hdf5.SUFFIXES and path.is_file():
+            return hdf5.load_hdf5(path, reading, config)
+        if path.suffix.lower() in (*SUFFIXES, PARQUET):
             return load_long_table(path, reading, config)
+        if path.suffix != ".npz":
+            raise InputError(
+                f"recordings '{path}': ends in '{path.suffix}', which is no format of recordings; give {FORMS}"
+            )
         return load_archive(path, reading.scale or (config.sensor.volt_per_code or None if config else None))
+    except ModuleNotFoundError as error:
+        sentence = without_extra(error)
+        if sentence is None:
+            raise
+        raise InputError(f"recordings '{path}': {sentence}") from None
     except OSError as error:
         raise InputError(
             f"recordings '{path}': cannot be read ({error.strerror or error}); check the path and its "

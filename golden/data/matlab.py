@@ -3,8 +3,6 @@ arrays."""
 
 from __future__ import annotations
 
-import subprocess
-import sys
 import zlib
 from collections.abc import Callable
 from itertools import pairwise
@@ -16,9 +14,9 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.codes import place_of
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.tables import assemble, natural
-from eskin.golden.data.text import MOST_BYTES, Reading
+from eskin.golden.data.recordings import Recordings, natural
+from eskin.golden.data.tables import assemble
+from eskin.golden.data.text import MOST_BYTES, Reading, check_unpacked, comes_back
 
 Refuse = Callable[..., NoReturn]
 NAMES = {
@@ -27,11 +25,9 @@ NAMES = {
     "labels": ("labels", "label", "y", "Y", "classes", "class", "target"),
     "class_names": ("class_names", "classNames", "classnames", "names"),
     "rate": ("sample_rate_hz", "fs", "Fs", "FS", "rate", "sample_rate", "sampleRate"),
+    "unit": ("unit", "units", "sample_unit"),
 }
 """What an array may be called, in the order of preference."""
-UNPACKED_BYTES, MOST_TIMES = 128 << 20, 50
-"""What a file may unpack to in any case, and beyond it how many times its own size: recordings shrink to a
-half or a tenth."""
 TRIAL = "import sys; from scipy.io.matlab import loadmat; loadmat(sys.argv[1], appendmat=False)"
 
 
@@ -50,7 +46,30 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
     def refuse(why: str, array: str = "") -> NoReturn:
         raise InputError(f"recordings '{path}'{f', array {array}' if array else ''}: {why}")
 
-    arrays = _read(path, refuse)
+    return recordings_of_arrays(_read(path, refuse), path, reading, config, refuse)
+
+
+def recordings_of_arrays(
+    arrays: dict[str, np.ndarray],
+    path: Path,
+    reading: Reading,
+    config: AcceleratorConfig | None,
+    refuse: Refuse,
+    *,
+    counts_from_one: bool = True,
+) -> Recordings:
+    """Recordings of arrays that are called as people call them (NAMES).
+
+    Parameters
+    ----------
+    counts_from_one:
+        Labels that are numbers from 1 to less than the number of class names count from 1, as in MATLAB.
+
+    Raises
+    ------
+    InputError
+        By ``refuse``: an array is missing or does not fit.
+    """
     listed = ", ".join(arrays) or "none"
 
     def find(role: str, asked: str | None = None, option: str = "") -> str:
@@ -70,6 +89,7 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
     samples = find("samples", reading.samples, "--samples")
     labels = find("labels", reading.label, "--class")
     offsets, rate_name, names = find("offsets"), find("rate"), find("class_names")
+    unit = find("unit")
     parts, notes = _parts(arrays[samples], arrays[offsets] if offsets else None, samples, refuse)
     rate = reading.rate_hz
     if rate is None and rate_name:
@@ -85,8 +105,10 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
             )
         rate = config.sensor.sample_rate_hz
         notes.append(f"there is no rate in the file; it is that of configuration '{config.name}'")
-    codes, class_names = _classes(arrays[labels], arrays.get(names), len(parts), labels, names, notes, refuse)
-    used = (samples, labels, offsets, rate_name, names)
+    codes, class_names = _classes(
+        arrays[labels], arrays.get(names), len(parts), labels, names, notes, refuse, counts_from_one
+    )
+    used = (samples, labels, offsets, rate_name, names, unit)
     others = [name for name in arrays if name not in used and name in (reading.groups or arrays)]
     columns = {name: _column(arrays[name]) for name in others}
     groups = {
@@ -106,7 +128,9 @@ def load_matlab(path: Path, reading: Reading, config: AcceleratorConfig | None) 
         notes.append(f"groups: {', '.join(groups)}")
     ends = np.cumsum([0, *map(len, parts)])
     values = np.concatenate(parts)
-    return assemble(values, ends, codes, class_names, rate, groups, str(path), reading.scale, config, notes)
+    said = arrays[unit].ravel() if unit else np.array([])
+    return assemble(values, ends, codes, class_names, rate, groups, str(path), reading.scale, config, notes,
+                    str(said[0]) if said.dtype.kind == "U" and said.size == 1 else "")  # fmt: skip
 
 
 def _read(path: Path, refuse) -> dict[str, np.ndarray]:
@@ -118,16 +142,9 @@ def _read(path: Path, refuse) -> dict[str, np.ndarray]:
     raw = path.read_bytes()
     if raw[:8] == b"\x89HDF\r\n\x1a\n" or b"MATLAB 7.3" in raw[:128]:
         refuse("is of version 7.3 (HDF5); save it in MATLAB with save(..., '-v7')")
-    unpacked = _unpacked_bytes(raw)
-    if unpacked > max(UNPACKED_BYTES, MOST_TIMES * size):
-        refuse(
-            f"has {size} bytes and unpacks to {unpacked / 1e6:.0f} MB, which recordings do not; save it "
-            "again with save(..., '-v6')"
-        )
-    # scipy's compiled reader ends its process on some damaged files: a child shows whether it comes back
-    trial = subprocess.run([sys.executable, "-c", TRIAL, str(path)], capture_output=True)
+    check_unpacked(path, _unpacked_bytes(raw), "save it again with save(..., '-v6')", refuse)
     try:
-        if trial.returncode < 0:
+        if not comes_back(TRIAL, path):
             raise ValueError
         loaded = loadmat(path, appendmat=False)
     except Exception as error:  # a damaged file can fail anywhere inside scipy's and zlib's readers
@@ -194,8 +211,8 @@ def _parts(
     elif samples.ndim == 2 and samples.size:
         if offsets is None:
             refuse(
-                "is one table and there is no array offsets that says where recordings begin; make it a "
-                "cell array of recordings",
+                "is one table and there is no array offsets that says where recordings begin; add it, or "
+                "give every recording a cell or dataset of its own",
                 name,
             )
         bounds = _column(offsets)
@@ -231,6 +248,7 @@ def _classes(
     names_name: str,
     notes: list[str],
     refuse: Callable[..., NoReturn],
+    counts_from_one: bool,
 ) -> tuple[list[int], list[str]]:
     """Class indices and names, of labels that are names, or numbers from 0 or, as MATLAB counts, from 1."""
     values = _column(labels)
@@ -250,8 +268,8 @@ def _classes(
     if listed is None:
         numbers, codes = np.unique(values, return_inverse=True)
         return codes.tolist(), [f"class{number}" for number in numbers]
-    if values.min() >= 1 and values.max() <= len(listed):
-        notes.append("classes are numbered from 1, as in MATLAB")
+    if values.min() >= 1 and values.max() <= len(listed) and (counts_from_one or values.max() == len(listed)):
+        notes.append("classes are numbered from 1")
         values = values - 1
     if values.min() < 0 or values.max() >= len(listed):
         refuse(

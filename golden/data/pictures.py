@@ -12,11 +12,16 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings, recordings_of
 
 SUFFIX = ".png"
+RECORDED = (".csv", ".tsv", ".txt", ".lvm", ".parquet", ".mcap", ".db3", ".bag")
+"""Files that are recordings themselves."""
 
 
 def is_picture_folder(path: Path) -> bool:
-    """True when a sub-folder of ``path`` holds PNG files."""
-    return any(_pictures(folder) for folder in path.iterdir() if folder.is_dir())
+    """True when a sub-folder of ``path`` holds PNG files, and none a file of recordings beside which they are
+    plots."""
+    folders = [folder for folder in path.iterdir() if folder.is_dir()]
+    beside = any(file.suffix.lower() in RECORDED for folder in folders for file in folder.iterdir())
+    return not beside and any(map(_pictures, folders))
 
 
 def load_picture_folder(path: Path) -> Recordings:

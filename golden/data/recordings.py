@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -36,7 +37,7 @@ MOST_NAMES = 1 << 12
 GROUP_KINDS = "iubUSf"
 """Kinds of numpy types that a group may have: numbers and text."""
 
-RESERVED = (*NOT_GROUPS, "file", "allow_pickle")
+RESERVED = (*NOT_GROUPS, "unit", "file", "allow_pickle")
 """Names that no group may have: an archive's own, and what ``numpy.savez_compressed`` calls its arguments."""
 
 
@@ -130,11 +131,11 @@ class Recordings:
             One recording (frames, taxels), or several: a list of such, or an array (recordings, frames,
             taxels). Integers are A/D codes.
         labels:
-            The class index of each; None: all are 0.
+            The class of each, by index or by name; None: all are 0.
         sample_rate_hz:
             Frames a second.
         class_names:
-            Default: class0, class1 and so on, as many as the labels name.
+            Default: the labels' own names; of indices class0, class1 and so on.
         groups:
             Name -> one value a recording.
         scale:
@@ -161,9 +162,14 @@ class Recordings:
         labels = (
             np.zeros(len(parts), dtype=np.int64) if labels is None else array_of(labels, f"{source}, labels")
         )
-        if class_names is None:
+        if labels.dtype.kind == "O" and all(isinstance(label, str) for label in labels.ravel()):
+            labels = labels.astype(np.str_)  # as pandas has text
+        if class_names is None and labels.dtype.kind not in "US":
             most = int(labels.max(initial=0)) if labels.dtype.kind in "iu" else 0
             class_names = [f"class{index}" for index in range(min(most, MOST_NAMES) + 1)]
+        named = (
+            {} if class_names is None else {"class_names": array_of(class_names, f"{source}, class_names")}
+        )
         for name, codes in (groups or {}).items():
             values = array_of(codes, f"{source}, group {name}")
             if values.shape != (len(parts),) or values.dtype.kind not in GROUP_KINDS:
@@ -176,7 +182,7 @@ class Recordings:
                 "samples": np.concatenate(parts),
                 "offsets": np.cumsum([0, *(len(part) for part in parts)]),
                 "labels": labels,
-                "class_names": array_of(class_names, f"{source}, class_names"),
+                **named,
                 "sample_rate_hz": array_of(
                     sample_rate_hz, f"{source}, sample_rate_hz", "give one number, in hertz"
                 ),
@@ -223,21 +229,32 @@ class Recordings:
         indices = np.asarray(indices, dtype=np.int64)
         if not len(indices):
             raise InputError(f"{self.source}: a subset of no recordings was asked for; ask for at least one")
-        return Recordings(
+        return dataclasses.replace(
+            self,
             samples=np.concatenate([self.recording(i) for i in indices]),
             offsets=np.concatenate([[0], np.cumsum(self.lengths[indices])]),
             labels=self.labels[indices],
-            class_names=self.class_names,
-            sample_rate_hz=self.sample_rate_hz,
             groups={name: values[indices] for name, values in self.groups.items()},
-            source=self.source,
-            volt_per_code=self.volt_per_code,
-            unit=self.unit,
-            sample_bits=self.sample_bits,
-            sample_signed=self.sample_signed,
-            notes=self.notes,
-            image_shape=self.image_shape,
         )
+
+    def of_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
+        """These recordings with the classes of ``whose``: a set may lack some of them, or list them in
+        another order.
+
+        Raises
+        ------
+        InputError
+            A recording is of none of them.
+        """
+        place = np.array([names.index(name) if name in names else -1 for name in self.class_names])
+        unknown = np.flatnonzero(place[self.labels] < 0)
+        if len(unknown):
+            raise InputError(
+                f"recordings '{self.source}', array class_names: has recordings of "
+                f"{self.class_names[self.labels[unknown[0]]]}, and {whose} knows {', '.join(names)}; leave "
+                "those recordings out, or use a model of the same task"
+            )
+        return dataclasses.replace(self, labels=place[self.labels], class_names=names)
 
     def evenly(self, n: int) -> np.ndarray:
         """Indices (ascending) of ``n`` recordings: the same every time, spread over the classes and over each
@@ -310,6 +327,7 @@ def recordings_of(
 
     if "images" in arrays and "samples" not in arrays:
         return _images(arrays, source, groups, notes, refuse)
+    arrays = _with_names(arrays)
     for name in ARCHIVE_ARRAYS:
         if name not in arrays:
             refuse(name, f"is missing; an archive holds {', '.join(ARCHIVE_ARRAYS)}")
@@ -412,6 +430,27 @@ def _unit(arrays: Mapping[str, np.ndarray]) -> str:
 Refuse = Callable[[str, str], NoReturn]
 
 
+def natural(name: str) -> list:
+    """A key that sorts mat2 before mat10."""
+    digits = ((part.lstrip("0"), part) for part in re.split(r"(\d+)", name) if part)
+    return [(0, len(number), number) if part.isdecimal() else (1, 0, part) for number, part in digits]
+
+
+def _with_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Labels that are text name the classes where nothing else does."""
+    labels = arrays.get("labels")
+    if labels is None or labels.dtype.kind not in "US":
+        return arrays
+    if labels.dtype.kind == "S":
+        words = [word.decode("utf-8", "replace") for word in labels.ravel().tolist()]
+        arrays = arrays | {"labels": (labels := np.array(words, dtype=np.str_).reshape(labels.shape))}
+    if "class_names" in arrays:
+        return arrays
+    return arrays | {
+        "class_names": np.array(sorted(set(labels.ravel().tolist()), key=natural), dtype=np.str_)
+    }
+
+
 def _classes(
     arrays: Mapping[str, np.ndarray], recordings: int, refuse: Refuse
 ) -> tuple[tuple[str, ...], np.ndarray]:
@@ -436,11 +475,16 @@ def _classes(
             refuse("class_names", f"has the name {name} twice; names must differ")
 
     labels = arrays["labels"]
+    if labels.dtype.kind == "U" and labels.shape == (recordings,):
+        unknown = [label for label in labels.tolist() if label not in class_names]
+        if unknown:
+            refuse("labels", f"holds '{unknown[0][:40]}', which is none of the class names")
+        labels = np.array([class_names.index(label) for label in labels.tolist()])
     if labels.dtype.kind not in "iu" or labels.shape != (recordings,):
         refuse(
             "labels",
-            f"is {labels.dtype} of shape {labels.shape}; it must be integers of shape ({recordings},), one "
-            "a recording",
+            f"is {labels.dtype} of shape {labels.shape}; it must be integers, or names, of shape "
+            f"({recordings},), one a recording",
         )
     outside = (labels < 0) | (labels >= len(class_names))
     if outside.any():
@@ -469,6 +513,7 @@ def _images(
     refuse: Refuse,
 ) -> Recordings:
     """The recordings of an archive of images: an image each, its rows the frames."""
+    arrays = _with_names(dict(arrays))
     for name in IMAGE_ARRAYS:
         if name not in arrays:
             refuse(name, f"is missing; an archive of images holds {', '.join(IMAGE_ARRAYS)}")

@@ -8,24 +8,26 @@ network the class or the hour. What was understood stands in ``Recordings.notes`
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.codes import place_of, to_codes
-from eskin.golden.data.recordings import Recordings, recordings_of
-from eskin.golden.data.text import Reading, Table, read_table
+from eskin.golden.data.logs import is_log, read_log
+from eskin.golden.data.recordings import Recordings, natural, recordings_of
+from eskin.golden.data.text import Reading, Table, check_unpacked, read_table
 
 if TYPE_CHECKING:
     import pandas as pd
 
 SUFFIXES = (".csv", ".tsv", ".txt")
+PARQUET = ".parquet"
 RATE_TOLERANCE = 0.02
 LEAST_STEPS = 16
 """From so many frames on a column's course says something about what it is."""
@@ -131,6 +133,8 @@ def _meaning(
             )
         elif course == "level" and _same_split(values[table.starts], labels):
             leave_out(column, "tells the class, too,")
+        elif course == "level" and not means_other and _all_differ(values[table.starts]):
+            leave_out(column, "has another value in each recording, so is no group,")
         elif course == "level":
             groups.append(column)
             if not means_other:
@@ -197,6 +201,11 @@ def _is_clock(values: np.ndarray) -> bool:
     return bool(steps.min() >= 0 and (steps > 0).sum() >= 4 and np.abs(values - line).max() <= steps.max())
 
 
+def _all_differ(values: np.ndarray) -> bool:
+    """Whether every recording has a value of its own, so that nothing is left out with any."""
+    return len(np.unique(values)) == len(values) > 1
+
+
 def _same_split(values: np.ndarray, labels: np.ndarray) -> bool:
     """Whether values part recordings as the classes do."""
     pairs = set(zip(values.tolist(), labels.tolist(), strict=True))
@@ -210,6 +219,8 @@ def _unit(table: Table, time: int | None) -> float:
         return 0.0
     if table.frame[time].dtype.kind == "M":
         return 1.0
+    if table.units and table.unit([time]).lower() in _UNITS:
+        return _UNITS[table.unit([time]).lower()]
     match = _TIME.match(table.names[time])
     return (
         1.0
@@ -310,9 +321,10 @@ def assemble(
     scale: float | None,
     config: AcceleratorConfig | None,
     notes: Sequence[str],
+    unit: str = "",
 ) -> Recordings:
-    """Recordings of finite samples (frames, taxels): real ones become codes, by the configuration's
-    ``volt_per_code`` where it has one."""
+    """Recordings of finite samples (frames, taxels), in ``unit``: real ones become codes, by the
+    configuration's ``volt_per_code`` where it has one."""
     of_config = config.sensor.volt_per_code if config is not None and scale is None else 0.0
     if of_config > 0 and values.dtype.kind == "f" and not np.array_equal(values, np.rint(values)):
         scale = of_config
@@ -324,17 +336,20 @@ def assemble(
         "class_names": np.array(class_names, dtype=np.str_),
         "sample_rate_hz": np.array(rate),
         **({"lsb_volt": np.array(step)} if step else {}),
+        "unit": np.array(unit),
     }
     return recordings_of(arrays, source, groups=groups, notes=(*notes, *sentences))
 
 
+def _is_recording(path: Path) -> bool:
+    """Whether a file, or the folder of a bag, is a table of one recording in a folder by class."""
+    return path.suffix.lower() in (*SUFFIXES, PARQUET) or is_log(path)
+
+
 def is_table_folder(folder: Path) -> bool:
-    """Whether any sub-folder holds a text table."""
+    """Whether any sub-folder holds a table of text or Parquet, or a log."""
     return any(
-        file.suffix.lower() in SUFFIXES
-        for entry in _visible(folder)
-        if entry.is_dir()
-        for file in _visible(entry)
+        _is_recording(file) for entry in _visible(folder) if entry.is_dir() for file in _visible(entry)
     )
 
 
@@ -381,21 +396,22 @@ def load_folder(
             f"recordings '{folder}': has no sub-folder; put each class's {'.lvm' if lvm else '.csv'} files into "
             "a folder named after the class"
         )
-    suffixes = (".lvm",) if lvm else SUFFIXES
     tables: list[Table] = []
     labels, names, units, skipped = [], [], [], 0
     for label, class_folder in enumerate(class_folders):
         entries = sorted(_visible(class_folder), key=lambda entry: natural(entry.name))
-        files = [entry for entry in entries if entry.suffix.lower() in suffixes]
+        files = [
+            entry for entry in entries if (entry.suffix.lower() == ".lvm" if lvm else _is_recording(entry))
+        ]
         skipped += len(entries) - len(files)
         if not files:
-            kinds = ".lvm file" if lvm else ".csv, .tsv or .txt file"
+            kinds = ".lvm file" if lvm else ".csv, .tsv, .txt or .parquet file, or log"
             raise InputError(
                 f"recordings '{class_folder}': has no {kinds}; add the class's recordings or remove the "
                 "folder"
             )
         for file in files:
-            table = read_table(file, reading, lvm)
+            table = read_any(file, reading, lvm)
             chosen = _chosen(table, reading)
             time = 0 if lvm else _time_of(table, reading, chosen)
             units.append(1.0 if lvm else _unit(table, time))
@@ -422,7 +438,7 @@ def load_folder(
         why,
     ]
     if skipped:
-        notes.append(f"{skipped} files that are no .csv, .tsv or .txt were left out")
+        notes.append(f"{skipped} files that are no tables were left out")
     groups |= {table.names[column]: _whole(table, column) for column in meaning.groups}
     values = table.numbers(meaning.taxels)
     return assemble(
@@ -436,6 +452,7 @@ def load_folder(
         reading.scale,
         config,
         notes,
+        table.unit(meaning.taxels),
     )
 
 
@@ -487,6 +504,7 @@ def _volts_as_codes(
         groups=groups,
         source=source,
         volt_per_code=sensor.volt_per_code,
+        unit="V",
         sample_bits=sensor.sample_bits,
         sample_signed=sensor.sample_signed,
         notes=(note, f"volts became codes of {sensor.volt_per_code:g} V"),
@@ -507,7 +525,14 @@ def load_long_table(
         There is no header, no class or recording column, a value of them is missing, a group changes inside a
         recording, or rows of a recording do not stand together.
     """
-    table = read_table(data, reading) if isinstance(data, Path) else _of_frame(data)
+    table = read_any(data, reading) if isinstance(data, Path) else _of_frame(data, "DataFrame")
+    if isinstance(data, Path) and is_log(data):
+        if reading.label is None and reading.labels is None:
+            why = "says no classes; write an archive with them, eskin convert SOURCE --out FILE.npz with --class TOPIC"
+            table.refuse(
+                f"{why} or --labels TABLE.csv, or put each class's logs into a folder named after the class"
+            )
+        reading = replace(reading, label=None, recording=None)
     if not table.names:
         table.refuse(
             "has no header, so its columns have no names; add one, or make it a folder with a sub-folder a "
@@ -559,6 +584,8 @@ def load_long_table(
         key = np.unique(table.frame[column].astype(str), return_inverse=True)[1]
         inside = np.setdiff1d(np.flatnonzero(np.diff(key)) + 1, starts)
         if not len(inside):
+            if chosen and not asked and table.is_missing(column, _MISSING).any():
+                continue
             table.check_filled(column, _MISSING)
             groups.append(column)
             keys[column] = key
@@ -597,30 +624,63 @@ def load_long_table(
         reading.scale,
         config,
         notes,
+        table.unit(meaning.taxels),
     )
 
 
-def _of_frame(frame: pd.DataFrame) -> Table:
-    """A table of a DataFrame; an index that has a name is columns, too."""
+def read_any(path: Path, reading: Reading, lvm: bool = False) -> Table:
+    """The table of a file: text, Parquet or a log."""
+    if is_log(path):
+        return _of_frame(read_log(path, reading), str(path))
+    if path.suffix.lower() != PARQUET:
+        return read_table(path, reading, lvm)
+    from pyarrow import parquet
+
+    def refuse(why: str) -> NoReturn:
+        raise InputError(f"recordings '{path}': {why}")
+
+    import pandas as pd
+
+    try:
+        with parquet.ParquetFile(path) as file:
+            cells = file.metadata.num_rows * file.metadata.num_columns
+        check_unpacked(path, 8 * cells, "write it again, a row a frame", refuse)
+        return _of_frame(pd.read_parquet(path), str(path))
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file can fail anywhere inside the library
+        if isinstance(error, OSError) and error.errno:
+            raise
+        refuse("is damaged or no Parquet file; write it again")
+
+
+def _of_frame(frame: pd.DataFrame, source: str) -> Table:
+    """A table of a DataFrame; an index that has a name is columns, too. ``attrs["units"]``: the unit of all,
+    or of each column by its name."""
     if not len(frame) or not frame.shape[1]:
-        raise InputError("DataFrame: holds no row or no column; give one row a frame")
+        raise InputError(f"recordings '{source}': holds no row or no column; give one row a frame")
+    said = frame.attrs.get("units", "")
     frame = frame.reset_index() if any(name is not None for name in frame.index.names) else frame
     names = tuple(str(name) for name in frame.columns)
     frame = frame.set_axis(range(frame.shape[1]), axis=1).reset_index(drop=True)
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iufM")]:
         frame[column] = frame[column].astype(object).where(frame[column].notna(), "").astype(str)
-    return Table(frame, names, np.arange(1, len(frame) + 1), ("DataFrame",), np.array([0]))
+    units = [str(said.get(name, "")) if isinstance(said, Mapping) else str(said) for name in names]
+    lines = np.arange(1, len(frame) + 1)
+    return Table(frame, names, lines, (source,), np.array([0]), units=tuple(units) if any(units) else ())
 
 
 def _groups_of_names(stems: list[str]) -> dict[str, np.ndarray]:
-    """Groups that file names tell: parts of letters and a number that every name has."""
+    """Groups that file names tell: parts of letters and a number that every name has, unless they number the
+    files."""
     tokens = [dict(re.findall(r"(?:^|[_\-. ])([A-Za-z]+)(\d{1,18})(?=$|[_\-. ])", stem)) for stem in stems]
     everywhere = [word for word in tokens[0] if all(word in others for others in tokens)]
     called = {"p": "person", "t": "trial"}
-    return {
+    groups = {
         called.get(word.lower(), word.lower()): np.array([int(words[word]) for words in tokens])
         for word in everywhere
     }
+    return {name: values for name, values in groups.items() if name in _GROUPS or not _all_differ(values)}
 
 
 def _listed(table: Table, taxels: Sequence[int]) -> str:
@@ -653,9 +713,3 @@ def _whole(table: Table, column: int) -> np.ndarray:
         if np.array_equal(numbers, np.rint(numbers)) and np.abs(numbers).max() < 2**53
         else numbers
     )
-
-
-def natural(name: str) -> list:
-    """A key that sorts mat2 before mat10."""
-    digits = ((part.lstrip("0"), part) for part in re.split(r"(\d+)", name) if part)
-    return [(0, len(number), number) if part.isdecimal() else (1, 0, part) for number, part in digits]

@@ -8,8 +8,10 @@ file; what cannot be read for certain is refused with file, line and the option 
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
 from itertools import pairwise
@@ -26,6 +28,9 @@ if TYPE_CHECKING:
 
 DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 MOST_BYTES = 2 << 30
+UNPACKED_BYTES, MOST_TIMES = 128 << 20, 50
+"""What a file may unpack to in any case, and beyond it how many times its own size: recordings shrink to a
+half or a tenth."""
 LONGEST_LINE = 100_000
 """Letters; 256 taxels take 8000 at most."""
 
@@ -47,7 +52,8 @@ class Reading:
 
     rate_hz: frames a second. time, recording, label: columns, by name or by number from 1. columns: the
     taxels. groups: columns of a long table, or arrays of a .mat file. delimiter: what separates columns.
-    scale: what one code is worth. samples: array of a .mat file.
+    scale: what one code is worth. samples: array of a .mat or HDF5 file, topic of a log. labels: of a
+    log, a table of times.
     """
 
     rate_hz: float | None = None
@@ -59,6 +65,7 @@ class Reading:
     delimiter: str | None = None
     scale: float | None = None
     samples: str | None = None
+    labels: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -67,7 +74,7 @@ class Table:
 
     frame: the cells; columns are numbered from 0. names: the header, empty without one. lines (rows): numbers
     in the file, from 1. starts: the first row of each recording. sources: the file of each recording, or one
-    for all.
+    for all. units: of each column, where a row below the header says them.
     """
 
     frame: pd.DataFrame
@@ -76,6 +83,7 @@ class Table:
     sources: tuple[str, ...]
     starts: np.ndarray
     notes: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     @property
     def offsets(self) -> np.ndarray:
@@ -95,18 +103,31 @@ class Table:
         starts = np.cumsum([0, *(len(table.lines) for table in tables)])[:-1]
         frame = pd.concat([table.frame for table in tables], ignore_index=True)
         lines = np.concatenate([table.lines for table in tables])
-        return cls(frame, tables[0].names, lines, tuple(table.sources[0] for table in tables), starts)
+        sources = tuple(table.sources[0] for table in tables)
+        return cls(frame, tables[0].names, lines, sources, starts, units=tables[0].units)
 
     def only(self, columns: list[int]) -> Table:
         """The table with these columns, numbered anew."""
         frame = self.frame[columns].set_axis(range(len(columns)), axis=1)
-        return replace(
-            self, frame=frame, names=tuple(self.names[column] for column in columns) if self.names else ()
+        names, units = (
+            tuple(row[column] for column in columns) if row else () for row in (self.names, self.units)
         )
+        return replace(self, frame=frame, names=names, units=units)
+
+    def unit(self, columns: Sequence[int]) -> str:
+        """The one unit of columns: of the row below the header, or behind their names as in ``a (mV)``."""
+        behind = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
+        said = self.units or [match[1] if match else "" for match in behind]
+        units = {said[column].strip("()[] ") for column in columns} if said else {""}
+        return units.pop() if len(units) == 1 else ""
+
+    def is_missing(self, column: int, missing: Sequence[str]) -> np.ndarray:
+        """(rows) where a cell has no value, or one of the words for none."""
+        return self.frame[column].astype(str).str.lower().isin(missing).to_numpy()
 
     def check_filled(self, column: int, missing: Sequence[str]) -> None:
         """Refuse a column with a cell that has no value, or one of the words for none."""
-        empty = self.frame[column].astype(str).str.lower().isin(missing).to_numpy()
+        empty = self.is_missing(column, missing)
         if empty.any():
             row = int(np.argmax(empty))
             cell = self.frame[column].iloc[row]
@@ -206,6 +227,7 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
         raise InputError(f"recordings '{path}'{'' if line is None else f', line {line}'}: {why}")
 
     numbered = _lines(path, refuse)
+    notes: list[str] = []
     if lvm:
         numbered = _without_lvm_headers(numbered)
         if not numbered:
@@ -215,6 +237,8 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
             numbered.pop(0)
         if not numbered:
             refuse("holds no row; leave the file out or write it again")
+        if len(numbered) > 1 and numbered[-1][1].count('"') % 2:
+            notes.append(f"line {numbered.pop()[0]}, the last of '{path.name}', is cut off and was dropped")
         odd = next((number for number, line in numbered if line.count('"') % 2), None)
         if odd is not None:
             refuse("has a quotation mark without its partner; repair or remove the line", odd)
@@ -231,16 +255,21 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
     if lvm and delimiter == "," and not any("." in line for line in shown):
         refuse("commas may be decimal points or separators; separate the columns by tabs or semicolons")
     names: tuple[str, ...] = ()
-    notes: list[str] = []
+    units: tuple[str, ...] = ()
     if not lvm:
         first, *rest = (_split(line, delimiter) for line in shown[:3])
         if _is_header(first, rest[0] if rest else first):
             names = tuple(first)
             if not any(cell and not _NUMBER.fullmatch(cell) for cell in first):
                 notes.append(f"line {numbered[0][0]} numbers the columns and is their header")
-            units = len(rest) == 2 and not _numeric(rest[0]) and _numeric(rest[1])
-            header = numbered[0][0]
-            numbered = numbered[2 if units else 1 :]
+            header, below = (
+                numbered[0][0],
+                len(rest) == 2 and _numeric(rest[1]) and _is_second(first, rest[0]),
+            )
+            if below and len(rest[0]) == len(names):
+                names, units = _two_rows(names, tuple(rest[0]))
+                notes += [] if units else [f"lines {header} and {numbered[1][0]} are one header"]
+            numbered = numbered[2 if below else 1 :]
             if not numbered:
                 refuse("holds a header and no row; leave the file out or write it again", header)
     text, note = _without_commas(numbered, delimiter, refuse)
@@ -250,6 +279,9 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
         width = max(counts)
     else:
         width = len(names) or counts[0]
+        if len(counts) > 1 and counts[-1] < width:  # the writer was stopped inside the last row
+            notes.append(f"line {numbered[-1][0]}, the last of '{path.name}', is cut off and was dropped")
+            del numbered[-1], text[-1], counts[-1]
         for row, (line, count) in enumerate(zip(text, counts, strict=True)):
             if count == width + 1 and line.rstrip(" ").endswith(delimiter) and delimiter != " ":
                 text[row] = line.rstrip(" ")[:-1]
@@ -275,9 +307,8 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
     )
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iuf")]:
         frame[column] = frame[column].astype(str).str.strip()
-    table = Table(
-        frame, names, np.array([number for number, _ in numbered]), (str(path),), np.array([0]), tuple(notes)
-    )
+    lines = np.array([number for number, _ in numbered])
+    table = Table(frame, names, lines, (str(path),), np.array([0]), tuple(notes), units)
     return _frames_of_lvm(table) if lvm else table
 
 
@@ -351,6 +382,18 @@ def _frames_of_lvm(table: Table) -> Table:
     return made
 
 
+def check_unpacked(path: Path, unpacked: int, fix: str, refuse: Callable[..., NoReturn]) -> None:
+    """Refuse a file that unpacks to more than UNPACKED_BYTES and MOST_TIMES its size."""
+    size = path.stat().st_size
+    if unpacked > max(UNPACKED_BYTES, MOST_TIMES * size):
+        refuse(f"has {size} bytes and unpacks to {unpacked / 1e6:.0f} MB, which recordings do not; {fix}")
+
+
+def comes_back(trial: str, path: Path) -> bool:
+    """Whether Python comes back from a trial: compiled readers end their process on some damaged files."""
+    return subprocess.run([sys.executable, "-c", trial, str(path)], capture_output=True).returncode >= 0
+
+
 # ---------------------------------------------------------------------- the form of a file
 def _split(line: str, delimiter: str) -> list[str]:
     """The cells of a line; what stands between quotation marks is one."""
@@ -419,6 +462,24 @@ def _is_header(first: list[str], second: list[str]) -> bool:
         not _NUMBER.fullmatch(a) and _NUMBER.fullmatch(b) for a, b in zip(first, second, strict=False)
     )
     return not numbers or counts or below or len(filled) == 1
+
+
+def _is_second(first: list[str], second: list[str]) -> bool:
+    """Whether a second line belongs to the header: without a number, or, where the first does not tell the
+    columns apart, with an empty cell, which no frame has."""
+    return not _numeric(second) or (len(set(first)) < len(first) and not all(second))
+
+
+def _two_rows(first: tuple[str, ...], second: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names and units of two header rows: the second has units where the first alone tells the columns apart,
+    else both are the names, a blank cell meaning what stands left of it."""
+    blank = any(below and not above for above, below in zip(first, second, strict=True))
+    if len(set(first)) == len(first) and not blank:
+        return first, second
+    filled: list[str] = []
+    for cell in first:
+        filled.append(cell or (filled[-1] if filled else ""))
+    return tuple(" ".join(filter(None, pair)) for pair in zip(filled, second, strict=True)), ()
 
 
 def _without_commas(numbered: list[tuple[int, str]], delimiter: str, refuse) -> tuple[list[str], str]:

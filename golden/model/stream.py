@@ -210,7 +210,7 @@ class Stream:
         elif self._last is None:
             raise InputError("teach: no whole touch came before; touch, or give following=True before you do")
         else:
-            self.model = teach(self._integer(), self._last, label)
+            self.model, self._following = teach(self._integer(), self._last, label), None
 
     def forget(self, label: int | None = None) -> None:
         """Forget what class ``label`` was taught; None: every class.

@@ -232,29 +232,6 @@ def fit(
 
 
 # ---------------------------------------------------------------------- recordings
-def known_classes(few: Recordings, config: AcceleratorConfig) -> Recordings:
-    """``few`` with the classes of ``config``, whose names may stand in another order and be more than ``few``
-    has.
-
-    Raises
-    ------
-    InputError
-        A class that the configuration does not have.
-    """
-    names = config.network.class_names
-    unknown = [
-        few.class_names[label] for label in np.unique(few.labels) if few.class_names[label] not in names
-    ]
-    if unknown:
-        raise InputError(
-            f"recordings '{few.source}', array class_names: has recordings of {unknown[0]}, and the model "
-            f"knows {', '.join(names)}; "
-            "enrolment adds no class: leave those recordings out, or train a new model"
-        )
-    where = np.array([names.index(name) if name in names else -1 for name in few.class_names])
-    return dataclasses.replace(few, labels=where[few.labels], class_names=names)
-
-
 def joined(few: Recordings, old: Recordings | None) -> Recordings:
     """``few``, and after them ``old``, as one set without groups."""
     if old is None:
@@ -342,7 +319,7 @@ def enrol(
         )
     pair, record = load_pair(model_dir), load_training(model_dir)
     config = pair.integer.config
-    few = known_classes(few, config)
+    few = few.of_classes(config.network.class_names, "the model")
     for recordings in (few, old):
         if recordings is not None:
             check_fit(recordings, config)
@@ -479,7 +456,7 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> dic
     check_model_target(out)
     model, record = IntegerModel.load(model_dir), load_training(model_dir)
     check_teachable(model.config)
-    few = known_classes(few, model.config)
+    few = few.of_classes(model.config.network.class_names, "the model")
     check_fit(few, model.config)
     after, counts = teach_recordings(model, few)
     names = model.config.network.class_names

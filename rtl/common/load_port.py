@@ -7,14 +7,14 @@ from amaranth.lib.wiring import Out
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.program.image_passes import ImagePlan, plan_of
-from eskin.rtl.program.memory_map import ImageMemory, Memory
+from eskin.rtl.program.memory_map import ImageMemory, memories
 
 
 def load_lines(config: AcceleratorConfig) -> dict[int, int]:
     """The line of ``select`` that stands for a memory, by its value of MEMORY_SELECT."""
     if config.is_image:
         return image_lines(plan_of(config))
-    return {select: line for line, select in enumerate((*range(config.hardware.lanes), *Memory))}
+    return {select: line for line, select in enumerate((*range(config.hardware.lanes), *memories(config)))}
 
 
 def image_lines(plan: ImagePlan) -> dict[int, int]:

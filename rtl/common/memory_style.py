@@ -61,7 +61,13 @@ def short_of_blocks(config: AcceleratorConfig, platform: str | None) -> bool:
 def lanes_in_large_memories(config: AcceleratorConfig, platform: str | None, words: int) -> int:
     """How many lanes, from the first on, have their ``words`` weights in a large memory."""
     spared = short_of_blocks(config, platform) and config.hardware.loadable and words <= LARGE_WORDS
-    return min(config.hardware.lanes, LARGE_MEMORIES) if spared else 0
+    return min(config.hardware.lanes, LARGE_MEMORIES - config.has_prototypes) if spared else 0
+
+
+def prototypes_memory(config: AcceleratorConfig, platform: str | None, words: int) -> dict[str, int | str]:
+    """Attributes of the memory of prototypes, which has one port: a large memory where there is one."""
+    large = platform == SMALL_FAMILY and config.hardware.lane_type == "dsp" and words <= LARGE_WORDS
+    return NO_COLLISION | {"ram_style": "huge" if large else "block"}
 
 
 def means_memory(config: AcceleratorConfig, platform: str | None, words: int) -> dict[str, int | str]:

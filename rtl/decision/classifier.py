@@ -29,8 +29,8 @@ def below_threshold(config: AcceleratorConfig, margin: Signal) -> Value:
 
 
 class Classifier(wiring.Component):
-    """argmax and margin of each step's logits, and the global decision: the last step's, an early one or the
-    vote's (ties: lowest index).
+    """argmax and margin of each step's logits (or of other scores in ``score_format``), and the global
+    decision: the last step's, an early one or the vote's (ties: lowest index).
 
     Members
     -------
@@ -45,6 +45,8 @@ class Classifier(wiring.Component):
         marked partial.
     idle : Out(1)
         No logits under way, no decision waiting: logits are taken.
+    far : In(1), only with ``unknown_above``
+        The step's class is not like any that is known: its global decision is unsure.
     ended : Out(1)
         The last decision of a touch is taken in this cycle: its global one, or the last step's if the global
         one came early. Also when the recording ends after an early decision.
@@ -54,14 +56,13 @@ class Classifier(wiring.Component):
         self._config = config
         super().__init__(
             {
-                "logit": In(
-                    data.StructLayout({"valid": 1, "value": signed(config.formats.logit_format.width)})
-                ),
+                "logit": In(data.StructLayout({"valid": 1, "value": signed(config.score_format.width)})),
                 "o": Out(stream.Signature(decision_layout)),
                 "finish": In(1),
                 "idle": Out(1),
                 "ended": Out(1),
             }
+            | ({"far": In(1)} if config.readout_rule.unknown_above else {})
         )
 
     def elaborate(self, platform):
@@ -95,6 +96,9 @@ class Classifier(wiring.Component):
             m.d.sync += given.eq((given | (taken & is_global)) & ~self.ended)
         else:
             m.d.comb += [closes.eq(ends), self.ended.eq(taken & is_global)]
+        unsure = below_threshold(config, margin)
+        if config.readout_rule.unknown_above:
+            unsure |= self.far
         m.d.comb += [
             search.score.valid.eq(self.logit.valid),
             search.score.value.eq(self.logit.value ^ (1 << len(margin) - 1)),
@@ -105,7 +109,7 @@ class Classifier(wiring.Component):
             self.o.p.step.eq(step),
             self.o.p.is_global.eq(is_global),
             self.o.p.partial.eq(partial),
-            self.o.p.unsure.eq(is_global & below_threshold(config, margin)),
+            self.o.p.unsure.eq(is_global & unsure),
         ]
         m.d.sync += [
             step.eq(step + (step_done & begun)),

@@ -28,7 +28,7 @@ def search_signature(config: AcceleratorConfig) -> wiring.Signature:
     found : Out(1)
         Pulse: the search ends with this cycle.
     """
-    width = max(config.formats.logit_format.width, 10)  # votes are scores too
+    width = max(config.score_format.width, 10)  # votes are scores too
     return wiring.Signature(
         {
             "score": In(data.StructLayout({"valid": 1, "value": width})),

@@ -30,13 +30,14 @@ from eskin.rtl.program.memory_map import (
     Fault,
     ImageMemory,
     Measure,
-    Memory,
     Register,
     Status,
     interface_registers,
     load_writes,
+    memories,
     memory_images,
     memory_name,
+    teach_registers,
     words_per_entry,
 )
 from eskin.rtl.program.register_files import Entry, c_lines, entries, ip_xact, svd, system_rdl
@@ -156,12 +157,15 @@ def boot_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> 
 
 def register_map(config: AcceleratorConfig) -> dict[str, Any]:
     """The register map as plain values."""
-    named = ImageMemory if config.is_image else Memory
+    named = ImageMemory if config.is_image else memories(config)
     return {
         "id": ID_VALUE,
         "version": VERSION_VALUE,
         "versions": list(READABLE_VERSIONS),
-        "registers": {register.name: int(register) for register in (*Register, *interface_registers(config))},
+        "registers": {
+            register.name: int(register)
+            for register in (*Register, *interface_registers(config), *teach_registers(config))
+        },
         "bits": {
             register: {bit.name: int(bit) for bit in bits}
             for register, bits in (("CONTROL", Control), ("STATUS", Status), ("FAULTS", Fault))
@@ -270,7 +274,7 @@ def c_header(config: AcceleratorConfig, registers: Iterable[Entry] | None = None
     lines += ["", *(f"#define ESKIN_MEASURE_{measure.name} {int(measure)}u" for measure in Measure)]
     first = "16 bits of the convolutions' words each" if config.is_image else "lanes - 1: weights of a lane"
     lines += ["", f"#define ESKIN_LANES {config.hardware.lanes}u /* MEMORY_SELECT 0 .. {first} */"]
-    named = ImageMemory if config.is_image else Memory
+    named = ImageMemory if config.is_image else memories(config)
     lines += [f"#define ESKIN_MEMORY_{memory.name} 0x{int(memory):02X}u" for memory in named]
     return "\n".join([*lines, "", "#endif", ""])
 

@@ -11,7 +11,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.decision_queue import DecisionQueue
-from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister
+from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister, TeachRegister
 
 ADDRESS_BITS = 9
 """Of a byte address."""
@@ -73,6 +73,8 @@ class BusShell(wiring.Component):
         wiring.connect(m, wiring.flipped(self.decision), queue.i)
         acts, done, arming = Signal(), Signal(), Signal()
         inner = ~request.address[6]  # a register of the accelerator
+        if self._config.readout_rule.taught:
+            inner |= request.address[3:] == min(TeachRegister) >> 3
         own, place = request.address[3:] == FIRST >> 3, request.address[:3]
         writes, reads = request.write & request.whole, ~request.write
         ends: Value = ~done

@@ -14,7 +14,15 @@ from eskin.rtl.common.register_check import parity_wrong
 from eskin.rtl.host.cycle_counter import CycleCounter
 from eskin.rtl.host.memory_loader import MemoryLoader
 from eskin.rtl.host.recording_state import RecordingState
-from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Fault, Register, mapped, mask_words
+from eskin.rtl.program.memory_map import (
+    ID_VALUE,
+    VERSION_VALUE,
+    Fault,
+    Register,
+    TeachRegister,
+    mapped,
+    mask_words,
+)
 from eskin.rtl.program.memory_map import Control as Command
 
 INPUTS = (
@@ -38,6 +46,10 @@ INPUTS = (
     "detector_touch",
 )
 """Status bits from the other blocks."""
+
+
+TEACHING = {"teach": 1, "forget": 1, "label": 7, "option": 1, "locked": 1}
+"""Commands of a readout that is taught (`eskin.rtl.decision.prototype_readout`)."""
 
 
 FedBy = Literal["cpu", "sensor"]
@@ -96,6 +108,8 @@ class HostControl(wiring.Component):
         A word of a memory is wrong (``checksum``).
     hung : In(1)
         The chain hangs (``watchdog``): cleared as at ``arm``.
+    teach, forget, label, option, locked : Out, only with taught places
+        As of the readout; teaching_refused : In(1), taught : In(8): what register TAUGHT shows.
     due : Out(1)
         The recording is being finished, or the detector's touch and the one whose decision is due are not the
         same (``watchdog``).
@@ -123,6 +137,12 @@ class HostControl(wiring.Component):
                 "awake": Out(1),
                 **{name: In(1) for name in INPUTS},
                 **({"any_fault": Out(1)} if fed_by else {}),
+                **(
+                    {name: Out(width) for name, width in TEACHING.items()}
+                    | {"teaching_refused": In(1), "taught": In(8)}
+                    if config.readout_rule.taught
+                    else {}
+                ),
                 **(
                     {"flags": In(config.sensor.taxels), "raised": In(1)} if config.faults.fault_frames else {}
                 ),
@@ -158,7 +178,7 @@ class HostControl(wiring.Component):
             *(getattr(self, name).eq(getattr(state, name)) for name in ("finish", "busy", "due")),
             loader.data.eq(bus.w_data),
             loader.written.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),
-            loader.locked.eq(touch),
+            loader.locked.eq(touch | ~self.decider_idle if config.readout_rule.taught else touch),
             cycles.measure.eq(measure),
             cycles.clear.eq(self.clear),
             cycles.anew.eq(measured),
@@ -234,6 +254,19 @@ class HostControl(wiring.Component):
         }
         if config.faults.fault_frames:
             readable |= {Register.TAXEL_FAULTS + k: self.flags[16 * k :][:16] for k in range(len(masks))}
+        if config.readout_rule.taught:
+            refused = Signal()
+            with m.If(forgotten):
+                m.d.sync += refused.eq(0)
+            with m.If(self.teaching_refused):
+                m.d.sync += refused.eq(1)
+            m.d.comb += [
+                self.teach.eq(bus.w_stb & (bus.addr == TeachRegister.TEACH)),
+                self.forget.eq(bus.w_stb & (bus.addr == TeachRegister.FORGET)),
+                Cat(self.label, self.option).eq(bus.w_data[:8]),
+                self.locked.eq(touch),
+            ]
+            readable[TeachRegister.TAUGHT] = Cat(self.taught, refused)
         with m.If(bus.r_stb):
             m.d.sync += bus.r_data.eq(0)
             with m.Switch(bus.addr):

@@ -188,6 +188,30 @@ class InterfaceRegister(Described):
     STIM_WIDTH = 0x3B, "rw", "The stimulator's pulse width", WHOLE, None
 
 
+class TeachRegister(Described):
+    """Registers of a readout that is taught, only where a design has it (`teach_registers`)."""
+
+    TEACH = (
+        0x48,
+        "wo",
+        "That touch is of CLASS: the one that ended last, or (NEXT) the next one",
+        {"CLASS": (0, 6), "NEXT": (7, 7)},
+    )
+    FORGET = (
+        0x49,
+        "wo",
+        "Forget what CLASS, or (ALL) every class was taught",
+        {"CLASS": (0, 6), "ALL": (7, 7)},
+    )
+    TAUGHT = (
+        0x4A,
+        "ro",
+        "Places in use; REFUSED: a touch was not taught or nothing forgotten, since CLEAR_FAULTS",
+        {"IN_USE": (0, 7), "REFUSED": (8, 8)},
+        None,
+    )
+
+
 class ShellRegister(Described):
     """Registers of 32 bits that only a CPU behind a bus sees (`eskin.rtl.host.bus_shell`)."""
 
@@ -237,6 +261,14 @@ class Memory(IntEnum):
     ADDENDS = 0x40  # words of 2 x 16 bits (3 x 16 where the accumulator has more than 32), low word first
     CONSTANTS = 0x41
     MEANS = 0x42  # words of as many 16-bit words as a window sum needs, low word first: mean_places
+    PROTOTYPES = (
+        0x43  # codes of prototypes, and how many touches each class was taught; only where they decide
+    )
+
+
+def memories(config: AcceleratorConfig) -> list[Memory]:
+    """Those that the host loads beside the lanes' weights."""
+    return [memory for memory in Memory if memory != Memory.PROTOTYPES or config.has_prototypes]
 
 
 class ImageMemory(IntEnum):
@@ -279,6 +311,7 @@ def memory_images(
             0: code.weight_image(arrays),
             Memory.CONSTANTS: code.constant_image(arrays),
             Memory.MEANS: means,
+            **prototype_image(config, arrays),
         }
 
     def weight(number: int, lane: int, group: RowGroup, matrix: str, column: int) -> int:
@@ -314,6 +347,7 @@ def memory_images(
             constants += [0] * (layout.dense_offset(group.first_row) + op.index - len(constants))
             constants.append(weight(0, 0, group, group.block.terms[op.term][0], op.index))
     images[Memory.MEANS] = means
+    images |= prototype_image(config, arrays)
     if config.hardware.checksum:
         code = Microcode(plan)
         constants += [0] * (code.layout.constant_words - len(constants))
@@ -323,6 +357,35 @@ def memory_images(
         constants[layout.check_base : layout.check_base + len(checks)] = checks
         images[Memory.MEANS] = [mean_word(config, mean) for mean in images[Memory.MEANS]]
     return images
+
+
+def prototype_words(config: AcceleratorConfig) -> int:
+    """Codes of the memory PROTOTYPES: step by step, place by place (with taught places first that of the touch
+    under way; of each class the prototypes, then the taught places), value by value."""
+    rule = config.readout_rule
+    places = config.classes * (rule.prototypes + rule.taught) + (rule.taught > 0)
+    return config.windows.steps * places * config.trajectory_width
+
+
+def _prototype_words(config: AcceleratorConfig) -> dict[int, int]:
+    if not config.has_prototypes:
+        return {}
+    counts = config.classes if config.readout_rule.taught else 0
+    return {Memory.PROTOTYPES: prototype_words(config) + counts}
+
+
+def prototype_image(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:
+    """The memory PROTOTYPES, where there is one: the codes of `prototype_words`, then ``taught_count``."""
+    if not config.has_prototypes:
+        return {}
+    stored, counts = arrays["prototypes"], []
+    if config.readout_rule.taught:
+        stored = np.concatenate([stored, arrays["taught"]], axis=1)
+        counts = arrays["taught_count"].tolist()
+    codes = np.moveaxis(stored.reshape(-1, *stored.shape[2:]), 1, 0)  # (K, places, values)
+    own = codes[:, : int(bool(counts))] * 0
+    codes = np.concatenate([own, codes], axis=1) & (1 << config.readout_rule.state_code_bits) - 1
+    return {Memory.PROTOTYPES: codes.ravel().tolist() + counts}
 
 
 def image_memories(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:
@@ -391,11 +454,13 @@ def memory_words(config: AcceleratorConfig) -> dict[int, int]:
             0: plan.compact.weight_words,
             Memory.CONSTANTS: plan.compact.constant_words,
             Memory.MEANS: mean_count(config),
+            **_prototype_words(config),
         }
     return {lane: plan.weight_depth for lane in range(config.hardware.lanes)} | {
         Memory.ADDENDS: plan.addend_words,
         Memory.CONSTANTS: Layout(config, plan.program).constant_words,
         Memory.MEANS: mean_count(config),
+        **_prototype_words(config),
     }
 
 
@@ -432,7 +497,12 @@ def mapped(config: AcceleratorConfig) -> list[int]:
     single = [
         int(register) for register in Register if register not in (Register.MASK, Register.TAXEL_FAULTS)
     ]
-    return single + [first + k for first in several for k in words]
+    return single + [first + k for first in several for k in words] + [*map(int, teach_registers(config))]
+
+
+def teach_registers(config: AcceleratorConfig) -> list[TeachRegister]:
+    """Those of `mapped` that a taught readout has."""
+    return list(TeachRegister) if config.readout_rule.taught else []
 
 
 def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:

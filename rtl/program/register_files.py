@@ -15,9 +15,11 @@ from eskin.rtl.program.memory_map import (
     InterfaceRegister,
     Register,
     ShellRegister,
+    TeachRegister,
     interface_registers,
     mapped,
     mask_words,
+    teach_registers,
 )
 
 ACCESS = {"ro": "read-only", "wo": "write-only", "rw": "read-write"}
@@ -106,7 +108,7 @@ def entries(config: AcceleratorConfig, shell: bool = False, samples: bool = True
     behind = [register for register in ShellRegister if shell and (samples or register not in fed)]
     return [
         entry(register, several.get(int(register), 1), begin.get(int(register)))
-        for register in (*present, *interface_registers(config), *behind)
+        for register in (*present, *interface_registers(config), *behind, *teach_registers(config))
     ]
 
 
@@ -334,7 +336,7 @@ def ip_xact(
 def markdown() -> str:
     """Every register that a design may have, as a table."""
     lines = ["| word | byte | register | access | holds |", "| --- | --- | --- | --- | --- |"]
-    for register in (*Register, *InterfaceRegister, *ShellRegister):
+    for register in (*Register, *InterfaceRegister, *ShellRegister, *TeachRegister):
         row = entry(register)
         bits = [
             f"{field.high}..{field.low} {field.name}" if field.width > 1 else f"{field.low} {field.name}"

@@ -6,7 +6,6 @@ from functools import lru_cache
 from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
 from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.compact_program import compact_schedule
 from eskin.rtl.program.image_passes import plan_of
@@ -26,11 +25,6 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> A
     program of its own: a `eskin.rtl.program.compact_program.CompactSchedule` takes the place of a
     `eskin.rtl.program.scheduler.Schedule`.
     """
-    if config.has_prototypes:
-        raise InputError(
-            f"configuration '{config.name}', field readout: is 'prototypes', of which there is no hardware yet; "
-            "quantise the model without --readout"
-        )
     program = program or cell_program(config)
     if is_compact(config):
         return compact_schedule(config, program)

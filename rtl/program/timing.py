@@ -24,7 +24,17 @@ def logit_to_decision(config: AcceleratorConfig) -> int:
     The scores are read again, except in a linear cell: its steps are short, so the two largest scores are
     held as the logits come.
     """
-    return config.classes + 4 if config.recurrent else 3
+    return readout_cycles(config) + (config.classes + 4 if config.recurrent else 3)
+
+
+def readout_cycles(config: AcceleratorConfig) -> int:
+    """Cycles from a step's last logit to its last score, where prototypes decide: one a code, and one a value
+    and one more where touches are taught."""
+    if not config.has_prototypes:
+        return 0
+    rule, values = config.readout_rule, config.trajectory_width
+    places = config.classes * (rule.prototypes + rule.taught)
+    return places * values + (values + 1) * (rule.taught > 0) + 3
 
 
 def is_compact(config: AcceleratorConfig) -> bool:

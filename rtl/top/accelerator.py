@@ -15,10 +15,11 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.decision.classifier import Classifier
+from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.engine.compact_engine import make_engine
 from eskin.rtl.engine.engine import probe
 from eskin.rtl.frontend.front_end import FrontEnd
-from eskin.rtl.host.control import FedBy, HostControl, bus_signature
+from eskin.rtl.host.control import TEACHING, FedBy, HostControl, bus_signature
 from eskin.rtl.program.memory_map import Memory
 from eskin.rtl.top.clock_gate import gated
 from eskin.rtl.top.watchdog import Watchdog
@@ -92,6 +93,10 @@ class Accelerator(wiring.Component):
             Classifier(config),
             HostControl(config, self._fed_by),
         )
+        decider_idle, readout = classifier.idle, None
+        if config.has_prototypes:
+            readout = self._nearest(m, engine, classifier, control)
+            decider_idle = classifier.idle & readout.idle
         m.submodules.control = control
         if self._fed_by:
             m.d.comb += self.any_fault.eq(control.any_fault)
@@ -106,8 +111,8 @@ class Accelerator(wiring.Component):
         wiring.connect(m, wiring.flipped(self.bus), control.bus)
         m.d.comb += [
             front_end.mask.eq(control.mask),
-            classifier.logit.eq(engine.logit),
-            engine.decider_idle.eq(classifier.idle),
+            classifier.logit.eq(engine.logit if readout is None else readout.score),
+            engine.decider_idle.eq(decider_idle),
             classifier.finish.eq(control.finish),
             engine.blank.eq(front_end.blank),
             engine.load.select.eq(control.load.select),
@@ -163,7 +168,7 @@ class Accelerator(wiring.Component):
             control.slot_done.eq(engine.slot_done),
             control.step_done.eq(engine.step_done),
             control.global_taken.eq(classifier.ended),
-            control.decider_idle.eq(classifier.idle),
+            control.decider_idle.eq(decider_idle),
             control.check_failed.eq(engine.check_failed | front_end.wrong),
         ]
 
@@ -171,7 +176,7 @@ class Accelerator(wiring.Component):
             m.submodules.watchdog = watchdog = self.watching
             m.d.comb += [
                 watchdog.due.eq(
-                    (self.i.valid & ~self.i.ready) | engine.working | ~classifier.idle | control.due
+                    (self.i.valid & ~self.i.ready) | engine.working | ~decider_idle | control.due
                 ),
                 watchdog.done.eq(engine.step_done | self.o.valid | control.load.enable),
                 control.hung.eq(watchdog.hung),
@@ -180,7 +185,7 @@ class Accelerator(wiring.Component):
             # An upset may have changed their counts of steps. The reset lets every touch begin as the first
             # one did; a first step already under way would be lost.
             decided = Signal()
-            m.d.comb += begin_anew.eq(decided & ~engine.busy & ~engine.i.valid & classifier.idle)
+            m.d.comb += begin_anew.eq(decided & ~engine.busy & ~engine.i.valid & decider_idle)
             m.d.sync += decided.eq(
                 (decided | classifier.ended) & ~begin_anew & ~control.clear & ~engine.started
             )
@@ -197,8 +202,38 @@ class Accelerator(wiring.Component):
             self.probe.step.valid.eq(engine.step.valid),
             self.probe.step.value.eq(engine.step.value),
         ]
+        if readout is not None:
+            m.d.comb += readout.clear.eq(control.clear | begin_anew)
         needed = Signal()
         if config.hardware.clock_gate:
             due = 0 if self.watching is None else self.watching.due
             m.d.comb += needed.eq(ResetSignal() | self.i.valid | control.awake | due)
         return m, needed
+
+    def _nearest(
+        self, m: Module, engine: wiring.Component, classifier: Classifier, control: HostControl
+    ) -> PrototypeReadout:
+        """Prototypes in place of logits, wired to what they compare and to who decides."""
+        config = self._config
+        vector = engine.state if config.recurrent else engine.logit
+        m.submodules.readout = readout = PrototypeReadout(config)
+        m.d.comb += [
+            readout.vector.valid.eq(vector.valid),
+            readout.vector.value.eq(vector.value),
+            readout.logit_valid.eq(engine.logit.valid),
+            readout.step_done.eq(engine.step_done),
+            readout.ended.eq(classifier.ended),
+            readout.load.select.eq(control.load.select),
+            readout.load.address.eq(control.load.address),
+            readout.load.data.eq(control.load.data),
+            readout.load.enable.eq(control.load.enable),
+        ]
+        if config.readout_rule.unknown_above:
+            m.d.comb += classifier.far.eq(readout.far)
+        if config.readout_rule.taught:
+            m.d.comb += [
+                *(getattr(readout, name).eq(getattr(control, name)) for name in TEACHING),
+                control.teaching_refused.eq(readout.refused),
+                control.taught.eq(readout.in_use),
+            ]
+        return readout

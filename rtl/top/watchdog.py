@@ -7,9 +7,10 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.program.memory_map import prototype_words
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
-from eskin.rtl.program.timing import is_compact
+from eskin.rtl.program.timing import is_compact, readout_cycles
 
 QUIET_CYCLES = 64
 """Covers control's wait until nothing moves any more, and a decision's cycles apart from those per class."""
@@ -34,7 +35,8 @@ def longest_wait(config: AcceleratorConfig) -> int:
         if config.windows.window_mode == "touch"
         else 2 * frame_cycles(config)
     )
-    return held + 2 * step + 4 * config.classes + QUIET_CYCLES
+    pass_cycles = prototype_words(config) + config.windows.steps if config.readout_rule.taught else 0
+    return held + 2 * step + readout_cycles(config) + pass_cycles + 4 * config.classes + QUIET_CYCLES
 
 
 def bound(config: AcceleratorConfig) -> int:

@@ -167,7 +167,7 @@ def test_a_model_of_real_samples_takes_real_samples():
     arrays[3][5, 1] = np.nan
     with pytest.raises(eskin.InputError, match="holds nan"):
         trained.predict(arrays)
-    with pytest.raises(eskin.InputError, match="hold float64"):
+    with pytest.raises(eskin.InputError, match="hold values that are not a number"):
         stream.push(arrays[3])
 
 

@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 import torch
 import typer
+from rosbags.rosbag2 import StoragePlugin
 from scipy.io import loadmat, savemat
 
 from eskin.cli.main import app
@@ -35,7 +36,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.export.onnx_file import write_onnx
 from eskin.golden.model.image_network import random_images
 from eskin.golden.model.model import FloatModel, random_integer_model
-from tests.support import result_case
+from tests.support import doors, result_case
 from tests.support.image_scenes import random_image_model
 from tests.support.watched import KEPT
 
@@ -120,6 +121,24 @@ def make_corpus(folder: Path) -> Path:
         *(rng.normal(0, 0.5, shape) for shape in ((4, 12), (4, 12), (2, 12), (4, 2), (2,))),
     )
     _tables(folder, loaded)
+    few = Recordings.of(
+        [loaded.recording(index)[:60] for index in range(4)],
+        loaded.labels[:4],
+        class_names=loaded.class_names,
+        sample_rate_hz=500,
+        groups={"person": loaded.groups["person"][:4]},
+    )
+    doors.write_hdf5(few, folder / "r.h5")
+    doors.write_hdf5_by_dataset(few, folder / "sets.h5")
+    doors.long_table(few).to_parquet(folder / "table.parquet")
+    for plugin in StoragePlugin:
+        doors.write_bag(few, folder / "bag", "tactile_msgs/msg/TactileState", plugin)
+        next((folder / "bag").glob("bag.*")).rename(
+            folder / f"log.{plugin.name.lower()[:4].replace('sqli', 'db3')}"
+        )
+        shutil.rmtree(folder / "bag")
+    doors.write_bag(few, folder / "bag", plugin=StoragePlugin.SQLITE3)
+    (folder / "times.csv").write_text(doors.times_table(few))
     image = AcceleratorConfig.of_image(12, 14, ("conv 3 4", "pool", "dense 2"), ("cup", "ball"), name="small")
     integer = random_image_model(image, 1)
     _models(
@@ -465,6 +484,12 @@ convert @ --out deep/made.npz --columns a,b,c,d --group $ --class $
 convert @ --out keep --recording $ --group person --delimiter $
 convert @ --out made.npz --samples $ --scale # --class labels
 """
+LOG = """convert @ --out made.npz --class /touched
+convert @ --out made.npz --class /touched --samples /skin --rate 500
+convert @ --out made.npz --labels ../in/times.csv --columns $
+convert @ --out made.npz --class $ --samples $
+inspect @
+"""
 MODEL = """evaluate @ --data ../in/recordings.npz
 cosim @ --data ../in/recordings.npz
 generate @ --out design
@@ -513,6 +538,13 @@ READERS = {
     "csv": CONVERTED,
     "table.csv": CONVERTED,
     "r.mat": CONVERTED,
+    "r.h5": CONVERTED,
+    "sets.h5": CONVERTED,
+    "table.parquet": CONVERTED,
+    "log.mcap": LOG,
+    "log.db3": LOG,
+    "bag": LOG,
+    "times.csv": "convert ../in/log.mcap --out made.npz --labels @\nconvert ../in/log.mcap --out made.npz --labels @ --group $",
     "model": MODEL,
     "config.json": CONFIGURED,
     "grid.json": "sweep --data ../in/recordings.npz --grid @\nsweep --data ../in/recordings.npz --grid @ "
@@ -651,7 +683,8 @@ def _verbs() -> dict[str, Any]:
 
 GOOD = {
     "data": "../in/recordings.npz ../in/recordings.npz ../in/images.npz ../in/lvm ../in/csv synthetic",
-    "source": "../in/csv ../in/table.csv ../in/r.mat ../in/lvm",
+    "source": "../in/csv ../in/table.csv ../in/r.mat ../in/lvm ../in/r.h5 ../in/table.parquet ../in/log.mcap ../in/bag",
+    "labels": "../in/times.csv ../in/table.csv",
     "config": "../in/config.json pvdf thesis",
     "file": "../in/network.pt ../in/keras.npz",
     "folder": "../in/model",

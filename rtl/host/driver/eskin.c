@@ -113,3 +113,19 @@ void eskin_hw_mask(const eskin_hw *hw, const uint16_t *words) {
 uint32_t eskin_hw_faults(const eskin_hw *hw) { return get(hw, ESKIN_FAULTS_OFFSET); }
 
 void eskin_hw_clear_faults(const eskin_hw *hw) { put(hw, ESKIN_CONTROL_OFFSET, ESKIN_CONTROL_CLEAR_FAULTS); }
+
+#ifdef ESKIN_TEACH
+void eskin_hw_teach(const eskin_hw *hw, uint8_t cls, int next) {
+    put(hw, ESKIN_TEACH_OFFSET, cls | (next ? ESKIN_TEACH_NEXT_MASK : 0));
+}
+
+void eskin_hw_forget(const eskin_hw *hw, uint8_t cls, int all) {
+    put(hw, ESKIN_FORGET_OFFSET, cls | (all ? ESKIN_FORGET_ALL_MASK : 0));
+}
+
+uint32_t eskin_hw_taught(const eskin_hw *hw) { return FIELD(get(hw, ESKIN_TAUGHT_OFFSET), TAUGHT_IN_USE); }
+
+int eskin_hw_teaching_refused(const eskin_hw *hw) {
+    return (int)FIELD(get(hw, ESKIN_TAUGHT_OFFSET), TAUGHT_REFUSED);
+}
+#endif

@@ -77,6 +77,17 @@ void eskin_hw_mask(const eskin_hw *hw, const uint16_t *words);
 uint32_t eskin_hw_faults(const eskin_hw *hw);
 void eskin_hw_clear_faults(const eskin_hw *hw);
 
+#ifdef ESKIN_TEACH
+/* The touch that ended last, or (next) the next one, is of class cls. Its trajectory is written while eskin_hw_busy() is 1. */
+void eskin_hw_teach(const eskin_hw *hw, uint8_t cls, int next);
+/* Forgets what class cls, or (all) every class was taught. */
+void eskin_hw_forget(const eskin_hw *hw, uint8_t cls, int all);
+/* Places in use. */
+uint32_t eskin_hw_taught(const eskin_hw *hw);
+/* 1: since eskin_hw_clear_faults() one of these was refused: a touch is open, was not whole, or is being written. */
+int eskin_hw_teaching_refused(const eskin_hw *hw);
+#endif
+
 #ifdef __cplusplus
 }
 #endif

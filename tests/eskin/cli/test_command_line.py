@@ -521,10 +521,7 @@ OTHER_DATA = {
         dict(samples=np.ones((800, 6), np.uint16)),
         "array samples: has 6 taxels and configuration 'small'",
     ),
-    "other classes": (
-        dict(class_names=np.array(["a", "b"])),
-        "array class_names: is a, b and configuration 'small' has rough, smooth",
-    ),
+    "other classes": (dict(class_names=np.array(["a", "b"])), "array class_names: "),
 }
 
 

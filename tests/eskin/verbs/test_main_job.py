@@ -374,7 +374,7 @@ def test_recordings_held_back_are_judged_once_and_shown_apart(chain, monkeypatch
         "held back" in sentence for sentence in record["warnings"]
     )
     held = dataclasses.replace(loaded, class_names=("a", "b"))
-    with pytest.raises(InputError, match="field class_names"):
+    with pytest.raises(InputError, match="array class_names: has recordings of .*, and --data .* knows"):
         run(tmp_path / "third", test="held")
     assert not (tmp_path / "third").exists()
 

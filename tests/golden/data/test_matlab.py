@@ -148,7 +148,7 @@ def test_groups_never_replace_the_classes(tmp_path):
 
 @each_row("kind", ["bytes", "lie"])
 def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is_read(tmp_path, monkeypatch, kind):
-    monkeypatch.setattr("eskin.golden.data.matlab.UNPACKED_BYTES", 1 << 20)
+    monkeypatch.setattr("eskin.golden.data.text.UNPACKED_BYTES", 1 << 20)
     path = write(tmp_path / "r.mat", samples=np.zeros((4, 1000, 1000 if kind == "bytes" else 10), np.uint8))
     if kind == "lie":  # declares 4 GB in place of 40 kB
         data = bytearray(path.read_bytes())

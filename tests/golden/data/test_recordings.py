@@ -102,7 +102,10 @@ REFUSALS = [
     (dict(offsets=np.array([0, 8, 20, 31])), "array offsets: ends at 31 but samples has 30 frames"),
     (dict(offsets=np.array([0, 20, 8, 30])), "array offsets: falls after entry 1"),
     (dict(offsets=np.array([0, 20, 8, 30], np.uint64)), "array offsets: falls after entry 1"),
-    (dict(offsets=np.array([0, 4, 8, 20, 30])), r"array labels: .* must be integers of shape \(4,\)"),
+    (
+        dict(offsets=np.array([0, 4, 8, 20, 30])),
+        r"array labels: .* must be integers, or names, of shape \(4,\)",
+    ),
     (dict(offsets=np.array([0.0, 8, 20, 30])), "array offsets: is float64"),
     (dict(offsets=np.array([0, 8, 8, 30])), r"array offsets: makes recording 1 empty \(0 frames\)"),
     (

@@ -169,6 +169,7 @@ def test_a_stream_is_not_taught_during_a_touch():
             "field unknown_above: is set with decision 'vote'",
         ),
         ({}, RULE | {"unknown_above": 60000}, "field unknown_above: is 60000, and no touch"),
+        ({"loadable": False}, RULE, "field loadable: is false, and the memory of prototypes"),
         ({}, RULE | {"state_code_shift": 15}, "field state_code_shift: is 15 and the values have 14 bits"),
         ({}, RULE | {"state_code_bits": 2}, "field state_code_bits: is 2; it must lie in 3..8"),
     ],

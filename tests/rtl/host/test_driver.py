@@ -13,11 +13,15 @@ from eskin.golden.data.load import load_recordings
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
+from eskin.golden.model.prototypes import forget, taught_in_use
+from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import Control, Event, Fault, Register, Status
+from tests.golden.model.test_prototypes import taught_model
 from tests.support.c_driver import STRICT, Driver
 from tests.support.driver_board import Board
+from tests.support.touch_scenes import scene
 
 CONFIG = PRESETS["thesis"].replace(
     taxels=5,
@@ -175,3 +179,37 @@ def test_registers_are_as_the_files_describe_them(design):
             board.driver("clear_faults")
             assert board.read(offset) == 0
             assert board.driver("faults") == (Fault.ADDRESS if offset < 0x100 else 0), hex(offset)
+
+
+def test_touches_are_taught_and_forgotten_through_the_driver(tmp_path):
+    model = forget(taught_model("gru"))
+    board = Board(generate(model.config, model.arrays, tmp_path / "design", bus="wishbone"))
+    assert board.driver.load()
+    stream, recordings = Stream(model), scene(12, seed=6)
+    seen = []
+    for index in range(2, 12):
+        stream.arm()
+        if index == 4:
+            board.driver("teach", 2, 1)
+            stream.teach(2, following=True)
+        samples = recordings.recording(index)
+        expected = [*stream.push(samples), *stream.finish()]
+        words = [decision_word(model.config, decision.row()) for decision in expected]
+        assert board.driver.play(samples) == words
+        seen += words
+        label = index % 3
+        if index == 9:
+            board.driver("forget", label, 0)
+            stream.forget(label)
+        else:
+            board.driver("teach", label, 0)
+            stream.teach(label)
+        while board.driver("busy"):
+            pass
+        assert board.driver("taught") == taught_in_use(stream.model).sum() and not board.driver(
+            "teaching_refused"
+        )
+    board.driver("teach", 3, 0)  # no such class
+    assert board.driver("teaching_refused") and len(seen) > 60
+    board.driver("forget", 0, 1)
+    assert board.driver("taught") == 0

@@ -1,0 +1,180 @@
+"""Teaching: no prototype of training is changed, no touch is compared with a place that is half written, and every
+address is in range."""
+
+from __future__ import annotations
+
+from amaranth.hdl import Array, Module, Mux, Signal
+
+from eskin.golden.core.config import PRESETS
+from eskin.rtl.decision.prototype_readout import PrototypeReadout
+from eskin.rtl.program.memory_map import prototype_words
+from formal.proof import Bug, assume, free, free_inputs, opened_up, proof, prove
+
+CLASSES, TRAINED = 2, 1
+VALUES = CLASSES  # of a linear cell's step
+CLAIM = (
+    "writes that no host asked for go to the touch's own place and to taught ones; outside of a pass that teaches all "
+    "words of a place come from one touch, and in it nothing is compared; addresses are in range"
+)
+
+
+def _bug(name: str, old: str, new: str) -> Bug:
+    return Bug(name, old, new, depth=34)  # a touch, and a pass that teaches it
+
+
+@proof(
+    CLAIM,
+    depth=2,
+    reduced="2 classes, 1 step of a linear cell, 1 prototype and 1 taught place a class, 3 bits",
+    bugs=(
+        _bug(
+            "a prototype of training is overwritten",
+            "taught_before - taught) + rule.prototypes",
+            "taught_before - taught)",
+        ),
+        _bug("a new recording stops a pass", "self.clear & ~teaching & ~pass_begins", "self.clear"),
+        _bug("a pass ends early", "row_ends & (address == words - 1)", "body & last_unit & last_slot"),
+        _bug("it is taught while a touch is open", "free = ~self.locked & self.idle", "free = self.idle"),
+        _bug("idle while a pass goes on", "self.idle.eq(~(busy | teaching))", "self.idle.eq(~busy)"),
+    ),
+)
+def no_place_is_half_written(m: Module) -> None:
+    _whole_places(m, steps=1, taught=1)
+
+
+@proof(
+    CLAIM,
+    depth=2,
+    reduced="2 classes, 2 steps of a linear cell, 1 prototype and 2 taught places a class, 3 bits",
+    bugs=(
+        Bug(
+            "the counter goes on after a touch",
+            "m.d.sync += [address.eq(0), first.eq(1)]",
+            "m.d.sync += first.eq(1)",
+        ),
+    ),
+    quick=True,
+)
+def no_place_is_half_written_of_several_steps(m: Module) -> None:
+    _whole_places(m, steps=2, taught=2)
+
+
+def _whole_places(m: Module, *, steps: int, taught: int) -> None:
+    rule = {"prototypes": TRAINED, "taught": taught, "state_code_bits": 3, "state_code_shift": 12}
+    config = (
+        PRESETS["thesis"]
+        .replace(taxels=4, steps=steps, feature_shift=(4,), cell="linear", class_names=("a", "b"))
+        .with_readout(readout="prototypes", **rule)
+    )
+    places, words, whole = TRAINED + taught, prototype_words(config), steps
+    every = CLASSES * places
+    row_words = (every + 1) * VALUES
+    dut = PrototypeReadout(config)
+    inside = opened_up(dut)
+    driven = ("vector", "logit_valid", "load")
+    free_inputs(dut, but=driven)
+    free(dut.vector.valid, dut.vector.value, dut.load.enable, dut.load.address, dut.load.data)
+    m.d.comb += [dut.logit_valid.eq(dut.vector.valid), dut.load.select.eq(-1)]
+
+    # ---- as engine, classifier and host behave
+    given, done = Signal(range(VALUES)), Signal(range(whole + 1), name="steps_done")
+    last = given == VALUES - 1
+    assume(dut.step_done == (dut.vector.valid & last))
+    assume(~dut.vector.valid | (given != 0) | (dut.idle & (done != whole)))
+    assume(~dut.ended | (dut.idle & (given == 0) & (done != 0) & ~dut.vector.valid))
+    opened = dut.vector.valid | (given != 0) | (done != 0)
+    assume(~opened | dut.locked)
+    assume(
+        ~dut.load.enable
+        | (dut.idle & ~dut.locked & ~dut.teach & ~dut.forget & (dut.load.address < words + CLASSES))
+    )
+    assume(~(dut.teach & dut.forget))
+    with m.If(dut.vector.valid):
+        m.d.sync += [given.eq(Mux(last, 0, given + 1)), done.eq(done + last)]
+    with m.If(dut.ended | dut.clear):
+        m.d.sync += [given.eq(0), done.eq(0)]
+
+    # ---- what an address means
+    place_at = Array([(number % row_words) // VALUES for number in range(words)])  # 0: the touch's own
+    trained = Array([place != 0 and (place - 1) % places < TRAINED for place in range(every + 1)])
+    loads = dut.load.enable
+    own_write = inside.written
+    prove(~own_write | (inside.address < words), "a write in range")
+    prove(~inside.reading | (inside.address < words), "a read in range")
+    prove(~own_write | loads | ~trained[place_at[inside.address]], "prototypes of training stay")
+    prove((inside.asked < every) & (inside.kept < every), "sums in range")
+    prove(~(loads & own_write), "the host writes while nothing else does")
+
+    # ---- a pass that teaches writes all of one place, and nothing is compared meanwhile
+    wrote = Signal(range(whole * VALUES + 1))
+    taught_write = own_write & (place_at[inside.address] != 0)
+    m.d.sync += wrote.eq(Mux(inside.pass_begins, 0, wrote + taught_write))
+    prove(inside.teaching | (wrote == 0) | (wrote == whole * VALUES), "a place is written as a whole")
+    prove(
+        ~inside.teaching | ~(inside.comparing | inside.whole_place | inside.told),
+        "nothing is compared in a pass",
+    )
+    prove(~taught_write | inside.teaching, "a taught place is written in a pass alone")
+    prove(~dut.vector.valid | ~inside.teaching, "no touch comes in a pass")
+
+    # ---- for the induction: one thing at a time, and the address that belongs to it
+    phases = (inside.head, inside.gap, inside.body)
+    head, gap, body = phases
+    position = inside.label * places + inside.slot
+    before_step = done  # rows of the touch that are done, while none is under way
+    scanning = Signal()
+    m.d.sync += scanning.eq((scanning | dut.step_done) & ~inside.done & ~dut.clear)
+    prove(~(head & gap) & ~(head & body) & ~(gap & body), "one phase")
+    prove(~(inside.busy & inside.teaching), "a step or a pass")
+    prove(inside.busy == (scanning | (given != 0)), "busy")
+    prove((done <= whole) & ((given == 0) | (done != whole)), "done in range")
+    prove(~(scanning & (given != 0)), "the next step waits")
+    prove(~scanning | (done != 0), "a step that was given")
+    prove(~inside.teaching | ((done == 0) & (given == 0)), "no touch is open in a pass")
+    prove(body | ((inside.label == 0) & (inside.slot == 0)), "at the first place")
+    prove(head | body | (inside.unit == 0), "at the first value")
+    prove((inside.slot < places) & (inside.unit < VALUES) & (inside.label < CLASSES), "counters in range")
+    under_way = head | gap | body
+    prove(~under_way | scanning | inside.teaching, "phases belong to something")
+    prove(~inside.teaching | under_way, "a pass goes on")
+    rows = Signal(range(whole + 1), name="rows")  # of a pass
+    m.d.sync += rows.eq(Mux(inside.pass_begins, 0, rows + (inside.teaching & inside.row_ends)))
+    prove(~inside.teaching | (rows < whole), "rows of a pass")
+    row = Mux(inside.teaching, rows, before_step - (scanning & under_way))
+    inner = Mux(head, inside.unit, Mux(gap, VALUES, Mux(body, VALUES + position * VALUES + inside.unit, 0)))
+    prove(inside.address == row * row_words + inner, "the address")
+    place = (
+        inside.chosen * places
+        + TRAINED
+        + Mux(inside.taught_before < taught, inside.taught_before, inside.taught_before - taught)
+    )
+    passed = Mux(body, Mux(position > place, VALUES, Mux(position == place, inside.unit, 0)), 0)
+    prove(~inside.teaching | (wrote == rows * VALUES + passed), "words of the place")
+    # a class ends in the sums: where its last value is compared, its sum is whole, its score is told
+    ends = (
+        inside.comparing & inside.end_of & inside.last_of,
+        inside.whole_place & inside.last_done,
+        inside.told,
+    )
+    prove(~(ends[0] & ends[1]) & ~(ends[1] & ends[2]) & ~(ends[0] & ends[2]), "one class ends at a time")
+    told = inside.scores + sum(ends)
+    drained = scanning & ~under_way
+    prove(
+        Mux(body & scanning, told == inside.label, Mux(drained, told == CLASSES, told == 0)), "classes told"
+    )
+    prove(~drained | ends[0] | ends[1] | ends[2], "the last class comes")
+    prove(scanning | ~(inside.comparing | inside.whole_place | inside.told), "sums belong to a step")
+    prove(
+        ~body | ~scanning | ~ends[0] | ((inside.slot == 0) & (inside.unit == 0)),
+        "compared, then the next class",
+    )
+    prove(~body | ~scanning | ~ends[1] | ((inside.slot == 0) & (inside.unit == 1)), "whole, and one further")
+    prove(~body | ~scanning | ~ends[2] | ((inside.slot == 1) & (inside.unit == 0)), "told, and two further")
+    prove(~(head | gap) | ~(inside.comparing | inside.whole_place | inside.told), "a step begins at rest")
+    first_value = body & (inside.unit == 0)
+    prove(~inside.comparing | ~first_value | inside.end_of, "the last value of the place before")
+    prove(~inside.comparing | first_value | ~body | ~inside.end_of, "no last value within a place")
+    prove(
+        ~inside.comparing | ~first_value | (inside.last_of == (inside.slot == 0)),
+        "the last place of the class before",
+    )

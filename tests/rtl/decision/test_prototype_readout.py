@@ -1,0 +1,220 @@
+"""Distances, ties and what is unknown; teaching, forgetting and refusals: the block against the golden
+functions."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from amaranth.sim import Simulator
+
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model.prototypes import class_distances, forget, narrowed, taught_in_use, teach
+from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.decision.prototype_readout import PrototypeReadout
+from eskin.rtl.program.memory_map import Memory, memory_images
+from eskin.rtl.program.timing import readout_cycles
+
+
+def small_model(seed: int, cell: str = "gru", decision: str = "last", **rule: int) -> IntegerModel:
+    config = AcceleratorConfig.of(
+        taxels=4,
+        hidden=4,
+        steps=3,
+        cell=cell,
+        decision=decision,
+        class_names=("a", "b", "c"),
+        **{"readout": "prototypes", "prototypes": 2, "taught": 2, "state_code_bits": 4, "state_code_shift": 9}
+        | rule,
+    )
+    return random_integer_model(config, seed)
+
+
+class Player:
+    """Drives the block as engine, classifier and host do; ``model`` is what it must have become."""
+
+    def __init__(self, model: IntegerModel, seed: int, stall: float) -> None:
+        self.config, self.model, self.rng, self.stall = model.config, model, random.Random(seed), stall
+        self.dut = PrototypeReadout(model.config)
+        self.last: np.ndarray | None = None  # codes of the touch that ended last, if it was whole
+        self.following: int | None = None
+        self.refused = self.expected_refused = 0
+        self.latencies: set[int] = set()
+
+    def run(self, act) -> None:
+        async def bench(ctx):
+            await self.load(ctx)
+            await act(ctx)
+            await ctx.tick()  # the watch has seen the last command
+            await self.rest(ctx)
+            assert self.refused == self.expected_refused
+
+        async def watch(ctx):
+            while True:
+                _, _, refused = await ctx.tick().sample(self.dut.refused)
+                self.refused += refused
+
+        simulator = Simulator(self.dut)
+        simulator.add_clock(1e-6)
+        simulator.add_testbench(bench)
+        if self.config.readout_rule.taught:
+            simulator.add_testbench(watch, background=True)
+        simulator.run_until(0.1)
+        assert self.done
+
+    done = False
+
+    async def load(self, ctx) -> None:
+        select = 1 << load_lines(self.config)[Memory.PROTOTYPES]
+        image = memory_images(self.config, self.model.arrays)[Memory.PROTOTYPES]
+        for address, word in enumerate(image):
+            for name, value in (("select", select), ("address", address), ("data", word), ("enable", 1)):
+                ctx.set(getattr(self.dut.load, name), value)
+            await ctx.tick()
+        ctx.set(self.dut.load.enable, 0)
+
+    async def rest(self, ctx) -> None:
+        for _ in range(2000):
+            if ctx.get(self.dut.idle):
+                self.done = True
+                return
+            await ctx.tick()
+        raise AssertionError("it never becomes idle")
+
+    async def pulse(self, ctx, **signals: int) -> None:
+        for name, value in signals.items():
+            ctx.set(getattr(self.dut, name), value)
+        await ctx.tick()
+        for name in signals:
+            if name != "locked":
+                ctx.set(getattr(self.dut, name), 0)
+
+    async def touch(self, ctx, steps: int, *, cut: bool = False) -> None:
+        """A touch of ``steps`` steps, as it is decided or (``cut``) as a new recording drops it."""
+        dut, config, rule = self.dut, self.config, self.config.readout_rule
+        fmt, whole = config.trajectory_format, steps == config.windows.steps
+        values = np.array(
+            [
+                [self.rng.randint(fmt.min_code, fmt.max_code) for _ in range(config.trajectory_width)]
+                for _ in range(steps)
+            ]
+        )
+        codes = narrowed(config, values)
+        distances = class_distances(self.model, codes[None])[0]
+        if rule.taught:
+            ctx.set(dut.locked, 1)
+        for k in range(steps):
+            for number, value in enumerate(values[k].tolist()):
+                last = number == len(values[k]) - 1
+                ctx.set(dut.vector, {"valid": 1, "value": value})
+                if not config.recurrent:
+                    ctx.set(dut.logit_valid, 1)
+                    ctx.set(dut.step_done, last)
+                await ctx.tick()
+                ctx.set(dut.vector, {"valid": 0, "value": 0})
+                ctx.set(dut.logit_valid, 0)
+                while not last and self.rng.random() < self.stall:
+                    await ctx.tick()
+            for number in range(config.classes if config.recurrent else 0):
+                ctx.set(dut.logit_valid, 1)
+                ctx.set(dut.step_done, number == config.classes - 1)
+                await ctx.tick()
+                ctx.set(dut.logit_valid, 0)
+                while number < config.classes - 1 and self.rng.random() < self.stall:
+                    await ctx.tick()
+            ctx.set(dut.step_done, 0)
+            if cut and k == steps - 1:
+                for _ in range(self.rng.randrange(readout_cycles(config))):
+                    await ctx.tick()
+                break
+            scores: list[int] = []
+            cycles = 0
+            while len(scores) < config.classes and cycles < 1000:
+                assert not ctx.get(dut.idle)
+                if ctx.get(dut.score.valid):
+                    scores.append(ctx.get(dut.score.value))
+                await ctx.tick()
+                cycles += 1
+            self.latencies.add(cycles)
+            assert scores == (~distances[k]).tolist() and ctx.get(dut.idle)
+            if rule.unknown_above:
+                assert ctx.get(dut.far) == (distances[k].min() > rule.unknown_above * (k + 1))
+            while self.rng.random() < self.stall:  # until the decision is taken
+                await ctx.tick()
+        if cut:
+            await self.pulse(ctx, clear=1)
+            self.last = None
+        else:
+            await self.pulse(ctx, ended=1)
+            self.last = codes if whole else None
+            if self.following is not None and whole:
+                self.model = teach(self.model, codes, self.following)
+            self.expected_refused += self.following is not None and not whole
+            self.following = None
+        if rule.taught:
+            ctx.set(dut.locked, 0)
+
+    async def command(self, ctx) -> None:
+        """TEACH or FORGET at random, what cannot be done among them."""
+        label, option, kind = self.rng.randrange(4), self.rng.random() < 0.4, self.rng.choice("ttttf")
+        locked, busy, known = self.rng.random() < 0.1, not ctx.get(self.dut.idle), label < 3
+        allowed = not (locked or busy) and (known or (kind == "f" and option))
+        if kind == "t" and not option and self.last is None:
+            allowed = False
+        name = "teach" if kind == "t" else "forget"
+        await self.pulse(ctx, **{name: 1, "label": label, "option": option, "locked": locked})
+        self.expected_refused += not allowed
+        if allowed and kind == "f":
+            self.model = forget(self.model, None if option else label)
+        elif allowed and option:
+            self.following = label
+        elif allowed:
+            self.model, self.following = teach(self.model, self.last, label), None
+        if self.rng.random() < 0.3:  # a new recording; what is being written is finished
+            await self.pulse(ctx, clear=1, locked=0)
+        ctx.set(self.dut.locked, 0)
+
+
+@pytest.mark.parametrize(
+    ("cell", "decision", "stall"),
+    [("gru", "last", 0.0), ("gru", "last", 0.4), ("gru", "vote", 0.4), ("linear", "last", 0.4)],
+)
+def test_taught_and_forgotten_at_random_it_is_as_far_from_every_class_as_the_model_says(
+    cell, decision, stall
+):
+    unknown = {} if decision == "vote" else {"unknown_above": 9 if cell == "linear" else 15}
+    player = Player(small_model(7, cell, decision, **unknown), 11, stall)
+    in_use = set()
+
+    async def act(ctx):
+        for number in range(16):
+            steps = player.rng.choice((1, 2, 3, 3, 3, 3))
+            await player.touch(ctx, steps, cut=player.rng.random() < 0.15)
+            for _ in range(player.rng.randrange(4)):
+                await player.command(ctx)
+            await player.rest(ctx)
+            in_use.add(int(taught_in_use(player.model).sum()))
+            assert ctx.get(player.dut.in_use) == taught_in_use(player.model).sum()
+            if number % 12 == 10:  # another model is loaded
+                player.model = small_model(number, cell, decision, **unknown)
+                await player.load(ctx)
+
+    player.run(act)
+    assert player.latencies == {readout_cycles(player.config)}
+    assert player.refused and len(in_use) > 2
+
+
+@pytest.mark.parametrize(
+    "fields", [{"taught": 0}, {"taught": 0, "prototypes": 1}, {"prototypes": 3, "taught": 1}]
+)
+def test_every_number_of_places(fields):
+    player = Player(small_model(3, **fields), 5, 0.2)
+
+    async def act(ctx):
+        for _ in range(6):
+            await player.touch(ctx, 3)
+
+    player.run(act)
+    assert player.latencies == {readout_cycles(player.config)}

@@ -1,0 +1,135 @@
+"""Recordings written as other people's tools write them, each with the format's own library."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pandas as pd
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from eskin.golden.data.recordings import Recordings
+
+STORE = get_typestore(Stores.ROS2_HUMBLE)
+STORE.register(
+    get_types_from_msg(
+        "std_msgs/Header header\nsensor_msgs/ChannelFloat32[] sensors\n", "tactile_msgs/msg/TactileState"
+    )
+)
+PAUSE_S = 1.0
+"""Between two recordings of a log."""
+
+
+def write_hdf5(recordings: Recordings, path: Path) -> None:
+    """The arrays of an archive as datasets, rate and unit as attributes."""
+    with h5py.File(path, "w") as file:
+        file["samples"], file["offsets"], file["labels"] = (
+            recordings.samples.astype(np.uint16),
+            recordings.offsets,
+            recordings.labels,
+        )
+        file["class_names"] = list(recordings.class_names)
+        for name, values in recordings.groups.items():
+            file[name] = values
+        file.attrs["sample_rate_hz"] = recordings.sample_rate_hz
+        file["samples"].attrs["units"] = "mV"
+
+
+def write_hdf5_by_dataset(recordings: Recordings, path: Path) -> None:
+    """A dataset a recording in a group a class, groups and unit as attributes."""
+    with h5py.File(path, "w") as file:
+        file.attrs["fs"] = recordings.sample_rate_hz
+        for index, label in enumerate(recordings.labels.tolist()):
+            table = file.create_dataset(
+                f"{recordings.class_names[label]}/r{index}", data=recordings.recording(index)
+            )
+            table.attrs["unit"] = "mV"
+            for name, values in recordings.groups.items():
+                table.attrs[name] = values[index]
+
+
+def long_table(recordings: Recordings) -> pd.DataFrame:
+    """A row a frame."""
+    index = np.repeat(np.arange(len(recordings)), recordings.lengths)
+    columns: dict[str, Any] = {
+        "recording": index,
+        "class": np.array(recordings.class_names)[recordings.labels[index]],
+    }
+    columns |= {name: values[index] for name, values in recordings.groups.items()}
+    columns["time"] = np.concatenate([np.arange(n) for n in recordings.lengths]) / recordings.sample_rate_hz
+    frame = pd.DataFrame(
+        columns | {f"t{taxel}": recordings.samples[:, taxel] for taxel in range(recordings.taxels)}
+    )
+    frame.attrs["units"] = "mV"
+    return frame
+
+
+def frames_in_time(recordings: Recordings) -> Iterator[tuple[int, int, np.ndarray]]:
+    """Number of the recording, time (ns) and codes of every frame, a pause between recordings."""
+    begin = 10**18
+    for index in range(len(recordings)):
+        for k, codes in enumerate(recordings.recording(index)):
+            yield index, begin + round(1e9 * k / recordings.sample_rate_hz), codes
+        begin += round(1e9 * (len(recordings.recording(index)) / recordings.sample_rate_hz + PAUSE_S))
+
+
+def times_table(recordings: Recordings) -> str:
+    """Start, end and class of every recording, seconds from the first frame."""
+    rows, begin = ["start,end,class,person"], 0.0
+    for index, n in enumerate(recordings.lengths / recordings.sample_rate_hz):
+        name, person = recordings.class_names[recordings.labels[index]], recordings.groups["person"][index]
+        rows.append(f"{begin - 0.001:.4f},{begin + n:.4f},{name},{person}")
+        begin += n + PAUSE_S
+    return "\n".join(rows) + "\n"
+
+
+def message(kind: str, codes: np.ndarray, when: int) -> Any:
+    """A ROS message of a frame."""
+    types = STORE.types
+    if kind.endswith("MultiArray"):
+        layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
+        return types[kind](layout=layout, data=codes.astype(kind.split("/")[-1][:-10].lower()))
+    stamp = types["builtin_interfaces/msg/Time"](sec=when // 10**9, nanosec=when % 10**9)
+    half = len(codes) // 2
+    sensors = [types["sensor_msgs/msg/ChannelFloat32"](name=name, values=part.astype(np.float32))
+               for name, part in (("tip", codes[:half]), ("pad", codes[half:]))]  # fmt: skip
+    return types[kind](header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="skin"), sensors=sensors)
+
+
+def write_bag(recordings: Recordings, folder: Path, kind: str = "std_msgs/msg/UInt16MultiArray",
+              plugin: StoragePlugin = StoragePlugin.MCAP) -> None:  # fmt: skip
+    """A ROS 2 bag with the topics /skin and /touched: the class, and an empty text after each recording."""
+    with Writer(folder, version=9, storage_plugin=plugin) as bag:
+        skin = bag.add_connection("/skin", kind, typestore=STORE)
+        touched = bag.add_connection("/touched", "std_msgs/msg/String", typestore=STORE)
+        before, last = -1, 0
+
+        def say(word: str, when: int) -> None:
+            text = STORE.types["std_msgs/msg/String"](data=word)
+            bag.write(touched, when, STORE.serialize_cdr(text, "std_msgs/msg/String"))
+
+        for index, when, codes in frames_in_time(recordings):
+            if index != before:
+                if before >= 0:
+                    say("", last + 1000)
+                say(recordings.class_names[recordings.labels[index]], when - 1000)
+            bag.write(skin, when, STORE.serialize_cdr(message(kind, codes, when), kind))
+            before, last = index, when
+
+
+def write_json_mcap(recordings: Recordings, path: Path) -> None:
+    """An MCAP file of JSON messages, of the first recording."""
+    with path.open("wb") as file:
+        log = McapWriter(file)
+        log.start()
+        schema = log.register_schema("MultiArray", "jsonschema", b"{}")
+        channel = log.register_channel("/skin", "json", schema)
+        for _, when, codes in frames_in_time(recordings.subset([0])):
+            log.add_message(channel, when, json.dumps({"data": codes.tolist()}).encode(), when)
+        log.finish()
