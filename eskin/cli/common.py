@@ -284,7 +284,8 @@ def recordings_for(data: str, config):
     from eskin.golden.data.recordings import check_fit
 
     recordings = load_recordings(data, config=config)
-    recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
+    if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are
+        recordings = recordings.of_classes(config.network.class_names, f"configuration '{config.name}'")
     check_fit(recordings, config)
     return recordings
 

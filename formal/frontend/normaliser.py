@@ -89,7 +89,7 @@ def narrowing(m: Module) -> None:
     "the same where the bits that a shift drops are 0 in every mean and no register has them",
     depth=3,
     reduced="4 taxels, two means in ROM",
-    bugs=(Bug("a bit too few", "shift - low + start", "shift - low + start + 1", depth=8),),
+    bugs=(Bug("a bit too few", "shift + frac - low + start", "shift + frac - low + start + 1", depth=8),),
 )
 def narrowing_aligned(m: Module) -> None:
     _narrowing(

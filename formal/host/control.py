@@ -54,7 +54,11 @@ def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
     reduced="4 taxels",
     quick=True,
     bugs=(
-        Bug("a weight write let through during a touch", "loader.locked.eq(touch)", "loader.locked.eq(0)"),
+        Bug(
+            "a weight write let through during a touch",
+            "loader.locked.eq(touch | ~self.decider_idle if config.readout_rule.taught else touch)",
+            "loader.locked.eq(0)",
+        ),
         Bug(
             "one flag for all touches",
             "undecided + self.touch_started",

@@ -20,7 +20,8 @@ END = "cycles 8000 works 800 most 500 missed 0 violations 0"
 
 @pytest.fixture(autouse=True)
 def installed():
-    pytest.importorskip("ziglang", reason="ziglang (extra soc) is not installed")
+    for package in ("ziglang", "pythondata_cpu_serv"):
+        pytest.importorskip(package, reason="ziglang (extra soc) is not installed")
 
 
 def compare(folder, lines):

@@ -37,12 +37,14 @@ def test_a_row_a_design_as_soon_as_it_is_known(monkeypatch, capsys):
     monkeypatch.setattr(
         design_table, "placed", lambda config: (f"{config.hardware.lanes} {config.network.cell}",)
     )
+    monkeypatch.setattr(design_table, "in_software", lambda config: ("Cortex-M0+",))
     design_table.main(["thesis"])
     lines = capsys.readouterr().out.splitlines()
     assert lines[2:] == [
         "| thesis, gru, P = 1 | 1 gru |",
         "| thesis, gru, P = 4 | 4 gru |",
         "| thesis, linear, P = 4 | 4 linear |",
+        "| thesis, gru, software | Cortex-M0+ |",
     ]
 
 

@@ -19,6 +19,7 @@ def result(lanes: int, rom: bool, mismatches: int = 0) -> dict:
         "leakage_w": 3.8e-6,
         "touch_j": 2e-5,
         "average_w": 6.6e-6,
+        "idle_w": 6e-6,
     }
     energy |= {
         "interval_parts_j": {"leakage": 4e-7, "clock": 2e-7},
@@ -37,6 +38,7 @@ def result(lanes: int, rom: bool, mismatches: int = 0) -> dict:
         "pdk": "ihp-sg13g2",
         "lanes": lanes,
         "rom": rom,
+        "one_phase": False,
         "area_um2": 379e3,
         "kge": 52.2,
         "area_by_kind_um2": {"logic": 135e3},

@@ -352,7 +352,7 @@ def test_damaged_files(tmp_path, kind):
 
 
 def test_files_of_other_kinds(tmp_path):
-    refused(tmp_path, tmp_path / "net.onnx", "is neither .pt, .pth nor .npz")
+    refused(tmp_path, tmp_path / "net.tflite", "is neither .pt, .pth nor .npz")
     refused(tmp_path, tmp_path / "none.pt", "is no file")
     (tmp_path / "folder.pt").mkdir()
     refused(tmp_path, tmp_path / "folder.pt", "is no file")

@@ -15,6 +15,7 @@ from eskin.rtl.program.memory_map import (
     Register,
     Status,
     load_writes,
+    memories,
     memory_images,
     memory_words,
     words_per_entry,
@@ -233,7 +234,7 @@ def test_a_write_behind_a_memory_s_last_word_is_refused_and_flagged():
     sizes = {
         select: count * words_per_entry(config, select) for select, count in memory_words(config).items()
     }
-    assert sorted(sizes) == sorted([*range(config.hardware.lanes), *map(int, Memory)])
+    assert sorted(sizes) == sorted([*range(config.hardware.lanes), *map(int, memories(config))])
     writes = load_writes(model.config, model.arrays)
     flags: list[tuple[int, bool, bool]] = []
 

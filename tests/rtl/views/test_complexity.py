@@ -122,8 +122,8 @@ def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
 
         def elaborate(self, platform):
             m = Module()
-            attributes = [{}, {}, {}, {"ram_style": "block"}, {"ram_style": "huge"}]
-            shapes = [(24, 16), (9, 300), (16, 6), (16, 6), (16, 600)]
+            attributes = [{}, {}, {}, {}, {"ram_style": "block"}, {"ram_style": "huge"}]
+            shapes = [(24, 16), (9, 300), (16, 5), (16, 4), (16, 4), (16, 600)]
             for number, ((width, depth), asked) in enumerate(zip(shapes, attributes, strict=True)):
                 m.submodules[f"memory_{number}"] = memory = Memory(
                     shape=width, depth=depth, init=[], attrs=asked
@@ -144,7 +144,7 @@ def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
 
     monkeypatch.setattr(complexity, "_accelerator", lambda config: Small())
     shapes = ((256, 16), (512, 8), (1024, 4), (2048, 2))
-    assert complexity.block_memories(PRESETS["pvdf"], "ice40", shapes) == 2 + 2 + 0 + 1 + 0 + 1 + 2
+    assert complexity.block_memories(PRESETS["pvdf"], "ice40", shapes) == 2 + 2 + 1 + 0 + 1 + 0 + 1 + 2
 
 
 def test_the_compact_engines_memories_count_under_names_too():
