@@ -112,7 +112,7 @@ def train(
     its folder."""
     from eskin.golden.core.memo import Memo
     from eskin.golden.model.model import check_model_target
-    from eskin.golden.training.choice_table import front_end_brief, network_name
+    from eskin.golden.training.choice_table import network_name, windows_brief
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.image_models import KEPT
     from eskin.golden.training.splits import split_folds
@@ -158,7 +158,7 @@ def train(
             progress=report,
             of_images={"keep": Memo(KEPT), "workers": jobs},
         )
-    show("train", **record, network_name=network_name, front_end_brief=front_end_brief, out=out)
+    show("train", **record, network_name=network_name, windows_brief=windows_brief, out=out)
 
 
 def _widths(*bits: int | None) -> dict[str, int]:

@@ -44,6 +44,7 @@ from eskin.golden.training.choice_table import (
     kinds_of,
     network_name,
     unseen,
+    windows_brief,
 )
 from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
 from eskin.pages.views import GAP, page, percent, tables, words, write_text
@@ -572,6 +573,7 @@ def _values(result: Result) -> Record:
         "candidates": [] if result.config.is_image else _candidates(result.run),
         "network_name": network_name,
         "front_end_brief": front_end_brief,
+        "windows_brief": windows_brief,
     }
 
 

@@ -34,6 +34,12 @@ def front_end_brief(row: dict[str, Any]) -> str:
     return ", ".join(row["front_end"].split(", ")[2:4])
 
 
+def windows_brief(row: dict[str, Any]) -> str:
+    """The same for a narrow column: ``10 x 192/96 m+a`` is 10 windows of 192 frames every 96, mean and activity."""
+    steps, _, _, window, _, hop = row["front_end"].split(", ")[2].split()
+    return f"{steps} x {window}/{hop} {'+'.join(kind[0] for kind in kinds_of(row).split('+'))}"
+
+
 def kinds_of(row: dict[str, Any]) -> str:
     """The kinds of feature of a row of ``candidates``."""
     return row["front_end"].split(", ")[3].partition(" ")[0]
