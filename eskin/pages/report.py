@@ -516,7 +516,9 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                 zorder=3 if row["chosen"] else 2,
             )
             if (row["chosen"] or index in front) and place not in named:
-                text = f"{network_name(row)}, {kinds_of(row)}" + (": taken" if row["chosen"] else "")
+                kinds = kinds_of(row)  # the table below has the recipe and every kind
+                brief = f"{kinds.count('+') + 1} kinds" if "+" in kinds else kinds
+                text = network_name(row).partition(" (")[0] + f", {brief}" + ": taken" * row["chosen"]
                 # the taken one's name stands above its point, the others' below
                 up, weight = (6, "bold") if row["chosen"] else (-6, "normal")
                 right = place[0] > np.sqrt(min(p for p, _ in line) * max(factor * r[key] for r in shown))
