@@ -160,11 +160,6 @@ class Stream:
         touches."""
         return self._touch.start_frame if self._touch else None
 
-    @property
-    def faulty_taxels(self) -> np.ndarray:
-        """Taxels that the fault detector has flagged since ``arm``."""
-        return np.flatnonzero(self._front.flagged[0])
-
     def push(self, frames: Any) -> list[Decision]:
         """Take one frame (taxels) or several (frames, taxels): codes, or real samples where the configuration
         says what a code is worth (``volt_per_code``). The decisions that they bring, in the order of the
