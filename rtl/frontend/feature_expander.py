@@ -13,7 +13,9 @@ from eskin.golden.core.formats import signed_bits
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import biased_magnitude, logarithm, wrapping_increment
+from eskin.rtl.common.frame_gap import frame_gap
 from eskin.rtl.common.layouts import beat_layout, comes, expands, window_layout
+from eskin.rtl.program.timing import STATE_BEATS
 
 SLOTS = {"mean": 0, "activity": 1, "integral": 2}
 """Cycle, from the one in which a deviation is seen, in which the beat of each kind is made."""
@@ -82,11 +84,14 @@ class FeatureExpander(wiring.Component):
         advance, step, last_slot = Signal(), Signal(), Signal()
         at_last = reaches(taxel, config.sensor.taxels - 1)
         taken, frame_taken = Signal(), Signal()
+        small = config.sensor.taxels < STATE_BEATS
+        gap = frame_gap(m, config.sensor.taxels, frame_taken) if small else None
+        free = advance if gap is None else advance & ~gap
         m.d.comb += [
             self.frame_last.eq(at_last),
             advance.eq(~self.o.valid | self.o.ready),
-            step.eq(advance & self.i.valid),
-            self.i.ready.eq(advance & last_slot),
+            step.eq(free & self.i.valid),
+            self.i.ready.eq(free & last_slot),
             taken.eq(step & last_slot),
             frame_taken.eq(taken & at_last),
         ]
@@ -164,11 +169,11 @@ class FeatureExpander(wiring.Component):
                 attrs=NO_COLLISION,
             )
             read, write = state.read_port(), state.write_port()
-            written = Signal()
+            written, taxel_next = Signal(), wrapping_increment(taxel, config.sensor.taxels)
             m.d.sync += written.eq(step & (slot == 0))
             m.d.comb += [
-                read.addr.eq(wrapping_increment(taxel, config.sensor.taxels)),
-                read.en.eq(taken),
+                read.addr.eq(taxel_next if gap is None else Mux(gap, taxel, taxel_next)),
+                read.en.eq(taken if gap is None else taken | gap),
                 *(present_state[name].eq(read.data[name]) for name in fields),
                 write.addr.eq(taxel_of_fresh := Signal.like(taxel, name="taxel_of_fresh")),
                 write.en.eq(written),
@@ -210,5 +215,8 @@ class FeatureExpander(wiring.Component):
                 m.d.comb += beat.complement.eq(complement[kind])
         m.d.comb += last_slot.eq(slot == slots)
         with m.If(advance):
-            m.d.sync += [self.o.valid.eq(self.i.valid & made_now), self.o.p.eq(beat)]
+            m.d.sync += [
+                self.o.valid.eq((self.i.valid if gap is None else step) & made_now),
+                self.o.p.eq(beat),
+            ]
         return m

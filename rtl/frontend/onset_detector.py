@@ -20,6 +20,7 @@ from eskin.rtl.frontend.moving_sums import MovingSums
 from eskin.rtl.frontend.onset_filter import OnsetFilter
 from eskin.rtl.frontend.rest_level import RestLevel
 from eskin.rtl.frontend.touch_state import TouchState
+from eskin.rtl.program.timing import STATE_BEATS
 
 
 class OnsetDetector(wiring.Component):
@@ -59,7 +60,7 @@ class OnsetDetector(wiring.Component):
     Latency ``latency`` cycles from ``i`` to ``o``: 1 without rest level, 2 with, 3 with clip. One beat a
     cycle; onset ``baseline``: the last beat of each frame that ends a block of ``onset_check_frames`` waits 3
     cycles for the verdict. State of a taxel is written at most 3 beats after it was read, which 4 taxels
-    allow.
+    allow; with fewer a frame waits until the one before it has left, 2 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -97,7 +98,16 @@ class OnsetDetector(wiring.Component):
 
         m.submodules.aligner = aligner = FrameAligner(config)
         index, offered, good = aligner.index, aligner.offered, aligner.fresh
-        wiring.connect(m, wiring.flipped(self.i), aligner.i)
+        empty = Signal(2)  # the stages, in this cycle and the one before: all state is written
+        if config.sensor.taxels < STATE_BEATS + 1:
+            open_now = (index != 0) | empty.all()
+            m.d.comb += [
+                aligner.i.p.eq(self.i.p),
+                aligner.i.valid.eq(self.i.valid & open_now),
+                self.i.ready.eq(aligner.i.ready & open_now),
+            ]
+        else:
+            wiring.connect(m, wiring.flipped(self.i), aligner.i)
         m.d.comb += [aligner.advance.eq(advance), self.framing_fault.eq(aligner.framing_fault)]
 
         m.submodules.marks = marks = FrameMarks(config)
@@ -185,6 +195,9 @@ class OnsetDetector(wiring.Component):
             self.o.p.complement.eq(complement),
         ]
 
+        if config.sensor.taxels < STATE_BEATS + 1:
+            m.d.comb += empty[0].eq(~Cat(*held).any())
+            m.d.sync += empty[1].eq(empty[0])
         if config.hardware.clock_gate:
             m.d.comb += self.holds.eq(Cat(*held).any())
 

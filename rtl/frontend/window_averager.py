@@ -12,8 +12,10 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import wrapping_increment
+from eskin.rtl.common.frame_gap import frame_gap
 from eskin.rtl.common.layouts import beat_layout, comes, expands, sum_layout
 from eskin.rtl.frontend.window_adder import WindowAdder
+from eskin.rtl.program.timing import STATE_BEATS
 
 
 class Operation(enum.Enum, shape=2):  # type: ignore[call-arg]
@@ -110,11 +112,14 @@ class WindowAverager(wiring.Component):
             ]
         at_last = reaches(index, config.sensor.taxels - 1) & last_kind
         pass_ends = beat_done & at_last
+        small = config.sensor.taxels < STATE_BEATS
+        gap = frame_gap(m, config.sensor.taxels, step & pass_ends) if small else None
+        free = advance if gap is None else advance & ~gap
         m.d.comb += [
             advance.eq(~self.o.valid | self.o.ready),
-            step.eq(advance & (self.i.valid | draining)),
+            step.eq(free & (self.i.valid | draining)),
             beat_done.eq(Mux(operation.as_value()[0], operation == Operation.PREVIOUS, hops == 0)),
-            self.i.ready.eq(advance & beat_done & ~draining),
+            self.i.ready.eq(free & beat_done & ~draining),
             self.frame_last.eq(at_last),
             index_next.eq(Mux(beat_done & last_kind, wrapping_increment(index, config.sensor.taxels), index)),
         ]
@@ -145,8 +150,8 @@ class WindowAverager(wiring.Component):
         with m.If(step):
             m.d.sync += [passes.eq(passes_next), parity.eq(parity ^ turns), alone.eq(alone_next)]
 
-        # The word of the next operation is read while this one adds: an address comes back after 4 beats at
-        # the earliest.
+        # The word of the next operation is read while this one adds, or in the gap: an address comes back
+        # after ``STATE_BEATS`` cycles at the earliest.
         # With it goes ``masked`` of its last frame, for the passes that take no beat.
         bits, has_faults = config.sum_bits, bool(config.faults.fault_frames)
         m.submodules.sums = sums = Memory(
@@ -155,9 +160,10 @@ class WindowAverager(wiring.Component):
         read, write = sums.read_port(), sums.write_port()
         m.submodules.adder = adder = WindowAdder(config)
         total, bank, fresh = adder.total, Signal(), Signal()
+        word_next = Cat(kind_next, index_next, parity ^ turns ^ (operation_next == Operation.PREVIOUS))
         m.d.comb += [
-            read.addr.eq(Cat(kind_next, index_next, parity ^ turns ^ (operation_next == Operation.PREVIOUS))),
-            read.en.eq(step),
+            read.addr.eq(word_next if gap is None else Mux(gap, Cat(kind, index, parity), word_next)),
+            read.en.eq(step if gap is None else step | gap),
             write.addr.eq(Cat(*([self.o.p.kind] if several else ()), self.o.p.taxel, bank)),
             write.data.eq(Cat(total, *([self.o.p.masked] if has_faults else ()))),
             write.en.eq(fresh),

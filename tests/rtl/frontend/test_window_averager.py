@@ -58,6 +58,18 @@ def test_sums_of_every_window(name):
     assert values(out) == expected
 
 
+@pytest.mark.parametrize("taxels", [1, 2, 3])
+@pytest.mark.parametrize("name", ["three end together", "fabric"])
+def test_arrays_of_few_taxels(name, taxels):
+    """A sum is read again one, two or three beats after it was changed: beats come as fast as they may."""
+    config = CASES[name].replace(taxels=taxels, masked_taxels=())
+    seen = detect(config, make_stream(config, 250, seed=11))
+    expected = sum_beats(config, seen)
+    assert len(expected) >= taxels * config.windows.steps
+    out, _ = run(config, window_beats(config, seen))
+    assert values(out) == expected
+
+
 def one_touch(config, frames):
     """A touch from frame 1 on with the given deviations (frames, taxels)."""
     return SimpleNamespace(values=frames, touches=[(0, 1, config.last_frame)])
