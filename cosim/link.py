@@ -286,7 +286,7 @@ class Link:
     def begin(self) -> None:
         """Arm: what is fed from now on is a new recording."""
         self._command("ARM", "CLEAR_FAULTS")
-        answer = self._settled()
+        answer = self.settle()
         # what came before this answer was offered before `arm` took hold: it belongs to the recording before
         self._seen, self._lost, self._decisions = answer.decisions, False, []
 
@@ -297,7 +297,7 @@ class Link:
     def end(self) -> Played:
         """Finish the recording; its decisions are whole unless ``lost``."""
         self._command("FINISH")
-        status = self._settled().value
+        status = self.settle().value
         return Played(self._decisions, status, self.read("TOUCHES"), self.read("FAULTS"))
 
     def listen(self, timeout_s: float) -> list[int]:
@@ -323,7 +323,7 @@ class Link:
             word |= self._bits["CONTROL"][name]
         self.write([(self._registers["CONTROL"], word)])
 
-    def _settled(self) -> Answer:
+    def settle(self) -> Answer:
         """The answer that says nothing is under way in the device any more."""
         for _ in range(100 * self._tries):
             answer = self._ask("STATUS")

@@ -80,6 +80,11 @@ class LiveSimulator:
         """A register's value."""
         return self._device.read(self._addresses[register])
 
+    def write(self, register: str, word: int) -> None:
+        """Write a register; returns when nothing is under way."""
+        self._device.write(self._addresses[register], word)
+        self._through(self._device.state.cycle)
+
     def close(self) -> None:
         """End the simulator."""
         self._device.close()

@@ -128,6 +128,15 @@ class Differs:
 
 
 @dataclass(frozen=True)
+class Taught:
+    """What each class has been taught: slots (classes) of trajectories (touches, K, values), codes. refused:
+    why nothing was taught or forgotten, a sentence; empty if it was."""
+
+    slots: tuple[np.ndarray, ...]
+    refused: str = ""
+
+
+@dataclass(frozen=True)
 class End:
     """A recording is over. decision: that of its first touch, -1 none. whole: it was played to its end."""
 
@@ -147,7 +156,7 @@ class Result:
     wrong: int
 
 
-Event = Begin | Frames | Onset | Where | Step | Decided | Hardware | Differs | End | Result
+Event = Begin | Frames | Onset | Where | Step | Decided | Hardware | Differs | Taught | End | Result
 
 
 @dataclass

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core.jobs import Record
-from eskin.live.feed import Begin, Differs, Event, Frames, Result, Tally
+from eskin.live.feed import Begin, Differs, Event, Frames, Result, Tally, Taught
 
 DISPLAY_HZ = 100.0
 """Display frames (buckets of frames) a second, at most: more than an eye sees and a screen has columns
@@ -128,7 +128,7 @@ class Hub:
         self._viewers: list[Viewer] = []
         self._history: deque[str] = deque(maxlen=HISTORY)
         self._results: deque[str] = deque(maxlen=RESULTS)
-        self._state = self._tally = ""
+        self._state = self._tally = self._taught = ""
         self._lock = threading.Lock()
         self._gone_dropped = 0
 
@@ -146,7 +146,7 @@ class Hub:
         viewer = Viewer(wake)
         with self._lock:
             viewer.put(0, self._hello)
-            for text in filter(None, (self._state, self._tally)):
+            for text in filter(None, (self._state, self._tally, self._taught)):
                 viewer.put(0, text)
             # all of it: what he came too late for is not what he is too slow for
             for text in (*self._results, *self._history):
@@ -203,7 +203,9 @@ class Hub:
                 self._history.clear()
             if is_result:
                 self._results.append(text)
-        self._send(0, text, keep=not is_result)
+            if isinstance(event, Taught):
+                self._taught = text
+        self._send(0, text, keep=not isinstance(event, Result | Taught))
 
     def flush(self) -> None:
         """Hand on the frames that wait for their bucket to fill."""

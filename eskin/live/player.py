@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -33,6 +34,8 @@ TALLY_S = 0.25
 LEVEL_FRAMES = 64
 """Frames at a recording's start that the eye takes its rest level from."""
 SAID_MAX = 20
+LESSONS = 8
+"""Touches to be taught or forgotten that wait for the player, at most; older ones are not heard."""
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, math.inf)
 
 
@@ -44,6 +47,7 @@ class Controls:
         self.paused, self.speed, self.label = False, speed, -1
         self.skip = self.stopped = False
         self.changes = 0
+        self._lessons: deque[tuple[str, int]] = deque(maxlen=LESSONS)
 
     def _change(self, **changes: Any) -> None:
         with self._condition:
@@ -67,6 +71,21 @@ class Controls:
     def choose(self, label: int) -> None:
         """Only recordings of this class; -1: all."""
         self._change(label=label)
+
+    def teach(self, label: int) -> None:
+        """The touch that ended last was of this class."""
+        self._lessons.append(("teach", label))
+        self._change()
+
+    def forget(self, label: int) -> None:
+        """Forget what this class was taught."""
+        self._lessons.append(("forget", label))
+        self._change()
+
+    def lessons(self) -> Iterator[tuple[str, int]]:
+        """What was asked to be taught and forgotten, (teach or forget, class), each once."""
+        while self._lessons:
+            yield self._lessons.popleft()
 
     def stop(self) -> None:
         """Come to an end."""
@@ -144,6 +163,7 @@ class Player:
     # ------------------------------------------------------------ recordings
     def _play(self, source: Source) -> None:
         assert self._recordings is not None
+        self._events(source.taught())
         while not self.controls.stopped:
             for number in self._wanted():
                 self._one(source, self._recordings, number)
@@ -158,6 +178,7 @@ class Player:
             while not (self.controls.skip or self.controls.stopped):
                 label = self.controls.label
                 self.controls.wait(None)
+                self._learn()
                 if self.controls.label != label:
                     break
                 self._state()
@@ -228,6 +249,7 @@ class Player:
         controls = self.controls
         while True:
             self._state()
+            self._learn()
             begun, paused = time.monotonic(), controls.paused
             if controls.left(label) or (begun >= due and not paused):
                 return due, controls.speed
@@ -241,6 +263,12 @@ class Player:
             elif speed != controls.speed:
                 due = now + (due - now) * speed / controls.speed
             speed = controls.speed
+
+    def _learn(self) -> None:
+        """Teach and forget what viewers asked for."""
+        assert not isinstance(self._source, Listener)
+        for what, label in self.controls.lessons():
+            self._events((self._source.teach if what == "teach" else self._source.forget)(label))
 
     def _count(self, number: int, label: int, decision: int) -> None:
         tally = self.tally
@@ -330,6 +358,7 @@ def hello(
         "array": [config.interface.rows, config.interface.columns] if config.interface.position else None,
         "decision": network.decision,
         "threshold": network.margin_threshold,
+        "places": config.readout_rule.taught,
         "unit": {
             "feature": 2**formats.feature_format.frac_bits,
             "state": 2**formats.state_format.frac_bits,

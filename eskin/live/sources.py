@@ -22,8 +22,10 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.model.image_stream import ImageStream
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.position import Position, PositionStream
+from eskin.golden.model.prototypes import taught_in_use
 from eskin.golden.model.stream import Decision, Stream
-from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Where
+from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Taught, Where
+from eskin.rtl.fpga.generate import prototype_writes
 
 if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without
     from eskin.cosim.live import LiveSimulator
@@ -49,6 +51,15 @@ class Source(Protocol):
 
     def finish(self) -> list[Event]:
         """The recording is over."""
+
+    def teach(self, label: int) -> list[Event]:
+        """The touch that ended last is of this class."""
+
+    def forget(self, label: int) -> list[Event]:
+        """Forget what this class was taught."""
+
+    def taught(self) -> list[Event]:
+        """What has been taught; nothing where nothing can be."""
 
     @property
     def decision(self) -> int:
@@ -86,6 +97,38 @@ class ModelSource:
 
     def finish(self) -> list[Event]:
         return self.events(self.stream.finish())
+
+    def teach(self, label: int) -> list[Event]:
+        return self._teaching("TEACH", label)
+
+    def forget(self, label: int) -> list[Event]:
+        return self._teaching("FORGET", label)
+
+    def _teaching(self, register: str, label: int) -> list[Event]:
+        """TEACH or FORGET of a class, told to the model and to hardware beside it."""
+        if not isinstance(self.stream, Stream):
+            return []
+        try:
+            (self.stream.teach if register == "TEACH" else self.stream.forget)(label)
+        except InputError as error:
+            return self.taught(str(error))
+        return [*self._hardware_taught(register, label), *self.taught()]
+
+    def _hardware_taught(self, register: str, label: int) -> list[Event]:
+        """The same to hardware, after the model."""
+        return []
+
+    def _model(self) -> IntegerModel:
+        """The model with what it has been taught."""
+        assert isinstance(self.stream.model, IntegerModel)
+        return self.stream.model
+
+    def taught(self, refused: str = "") -> list[Event]:
+        if not self.config.readout_rule.taught:
+            return []
+        model = self._model()
+        slots = zip(model.arrays["taught"], taught_in_use(model), strict=True)
+        return [Taught(tuple(places[:used] for places, used in slots), refused)]
 
     @property
     def decision(self) -> int:
@@ -168,6 +211,13 @@ class SimulationSource(ModelSource):
         registers = map(self._simulator.read, ("TOUCHES", "FAULTS"))
         return [*self.events(decisions), *compared, *self._registers("register", *registers)]
 
+    def _hardware_taught(self, register: str, label: int) -> list[Event]:
+        self._simulator.write(register, label)
+        said, held = self._simulator.read("TAUGHT"), int(taught_in_use(self._model()).sum())
+        if said & 0xFF == held:
+            return []
+        return [Differs(f"register TAUGHT reads {said & 0xFF} touches and the model holds {held}")]
+
     def close(self) -> None:
         self._simulator.close()
 
@@ -247,6 +297,13 @@ class BoardSource(ModelSource):
             *self._compare(),
             *self._held_against_the_boards(self.where(samples)),
         ]
+
+    def _hardware_taught(self, register: str, label: int) -> list[Event]:
+        """The prototypes anew: the link does not reach the registers of teaching."""
+        with on_port(self._port):
+            self._link.settle()
+            self._link.write(prototype_writes(self.config, self._model().arrays))
+        return []
 
     def _held_against_the_boards(self, events: list[Event]) -> list[Event]:
         """The board's registers of position against the model's last position."""

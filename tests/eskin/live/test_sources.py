@@ -19,19 +19,23 @@ from eskin.golden.model.image_network import images_of, run_images
 from eskin.golden.model.image_stream import ImageStream
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.position import positions
+from eskin.golden.model.prototypes import forget
 from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import random_recordings
 from eskin.live.sources import Listener, ModelSource, SimulationSource
 from eskin.live.terminal import Screen
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
+from eskin.rtl.program.memory_map import Memory, Register, prototype_image
 from eskin.verbs.watch_job import BUILDS, board_source
 from tests.cosim.test_link_cosim import CONFIG, LENGTHS
+from tests.golden.model.test_prototypes import taught_model
 from tests.support.image_scenes import random_image_model
 from tests.support.link_device import Device, golden_decisions
 from tests.support.link_flow import pack_decisions
 from tests.support.live_case import Stage
 from tests.support.table import each_row
+from tests.support.touch_scenes import scene
 
 
 @pytest.fixture(scope="module")
@@ -335,6 +339,34 @@ def test_the_simulated_hardware_of_images_is_equal(image_case, tmp_path):
     )
     tally = Stage(SimulationSource(model, simulator), images).go().player.tally
     assert (tally.mismatches, tally.said) == (0, []) and tally.compared == image_values(model, images)
+
+
+def test_a_board_is_taught_by_loading_its_prototypes():
+    """The memory holds what the model was taught; nothing else is loaded, and a refusal loads nothing."""
+    model, recordings = forget(taught_model("gru")), scene(4, seed=2).subset([3])
+
+    def memory(writes: list[tuple[int, int]]) -> list[int]:
+        (words,) = prototype_image(model.config, source.stream.model.arrays).values()
+        assert writes[0] == (Register.MEMORY_SELECT, Memory.PROTOTYPES) and len(writes) == 1 + len(words)
+        assert [word for _, word in writes[1:]] == words
+        return words
+
+    with Device(model.config, golden_decisions(model, recordings)) as device:
+        source = board(model, device)
+        source.arm()
+        (refusal,) = source.teach(1)
+        assert "no whole touch came before" in refusal.refused
+        source.take(recordings.recording(0))
+        source.finish()
+        loaded = len(device.writes)
+        (taught,) = source.teach(1)
+        assert [len(slots) for slots in taught.slots] == [0, 1, 0] and not taught.refused
+        words = memory(device.writes[loaded:])
+        loaded = len(device.writes)
+        (taught,) = source.forget(1)
+        assert [len(slots) for slots in taught.slots] == [0, 0, 0]
+        assert memory(device.writes[loaded:]) != words
+        source._link._transport.close()
 
 
 def test_a_board_is_given_images_row_by_row(image_case):

@@ -23,9 +23,11 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import random_images, run_images
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
+from eskin.golden.model.prototypes import forget
 from eskin.golden.model.vectors import random_recordings
 from eskin.live.recorder import Recorder
 from eskin.verbs import watch_job
+from tests.golden.model.test_prototypes import taught_model
 from tests.support import browser
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
@@ -146,6 +148,60 @@ def test_the_page_in_a_browser():
         watched.result["decisions"] == dict(enumerate(trace.decision.tolist()))
         and watched.result["recordings"] == 4
     )
+
+
+def all_wrong(model, label: int):
+    """The model with every prototype where a touch of ``label`` is not: what it was trained for is of no use,
+    and one touch taught is nearer."""
+    far = np.full_like(model.arrays["prototypes"], -8)
+    return type(model)(model.config, {**forget(model).arrays, "prototypes": far}, model.source)
+
+
+@pytest.mark.slow
+@browser.needs_browser
+@pytest.mark.timeout(600)
+@each_row("simulate", [False, True])
+def test_a_touch_taught_in_the_browser_is_known_the_next_time(simulate):
+    """A button says what the touch was; the next one is decided so, by the model and by the simulated RTL
+    beside it; a touch under way is refused; `forget` takes it back."""
+    model = all_wrong(taught_model("gru"), 2)
+    recordings = scene(9, seed=2).subset([2, 2, 2, 2])
+    assert run(model, recordings).decision.tolist() != [2] * 4
+    with Watched(model, recordings, speed=5, simulate=simulate) as watched, browser.opened() as page:
+        page.get(watched.address)
+
+        def click(name: str) -> None:
+            page.execute_script(f"document.getElementById('{name}').click()")
+
+        def to_the_end(played: int) -> None:
+            wait(lambda: body(page, "ended") == "1" and body(page, "played") == str(played))
+
+        wait(lambda: body(page, "ready") == "1")
+        to_the_end(4)
+        assert body(page, "taught") == "0 0 0" and text(page, "decision") != "pulse"
+        click("teach2")
+        wait(lambda: body(page, "taught") == "0 0 1")
+        empty = "document.getElementById('forget2').parentElement.querySelector('canvas')"
+        assert page.execute_script(f"return !{empty}.hidden && {empty}.width > 50")
+        click("next")
+        to_the_end(8)
+        rows = page.execute_script(
+            "return [...document.querySelectorAll('#rowsplayed tr')].map(r => r.cells[2].textContent)"
+        )
+        assert rows[:4] == ["pulse"] * 4 and "pulse" not in rows[4:]
+
+        watched.controls.pace(0.05)
+        click("next")
+        wait(lambda: 2 <= int(body(page, "steps") or 0) < 5 and body(page, "ended") == "0")
+        click("teach1")
+        wait(lambda: "a touch is under way" in text(page, "teachnote"))
+        assert body(page, "taught") == "0 0 1"
+        watched.controls.pace(5)
+        to_the_end(12)
+        click("forget2")
+        wait(lambda: body(page, "taught") == "0 0 0")
+        assert browser.console_errors(page) == []
+    assert watched.result["mismatches"] == 0
 
 
 # ---------------------------------------------------------------------- the verb
