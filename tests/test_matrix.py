@@ -158,6 +158,11 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         ("converter",),
         "--streams: frames come from the converter 'matrix'; leave it out",
     ),
+    (
+        ("quantise --readout",),
+        ("rom",),
+        "field loadable: is false, and the memory of prototypes is one that the host fills",
+    ),
     (("schedule --table",), ("image",), "--table: is for cells that read windows"),
     (("schedule --complexity",), ("image",), "--complexity: is for cells that read windows"),
     (

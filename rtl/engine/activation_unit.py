@@ -36,7 +36,7 @@ class ActivationUnit(wiring.Component):
         With ``checksum``: the table is idle. Look up the entry after the one that was last looked up this
         way.
     wrong : Out(1)
-        With ``checksum``: the entry looked up does not have its parity.
+        With ``checksum``: the entry looked up last does not have its parity; unknown before the first.
 
     Latency 1 cycle, one look-up a cycle.
     """
@@ -87,7 +87,5 @@ class ActivationUnit(wiring.Component):
             self.not_state.eq(~(code - half) if alike else code),
         ]
         if config.hardware.checksum:
-            came = Signal()  # before the first look-up the memory's output is unknown
-            m.d.sync += came.eq(read.en)
-            m.d.comb += self.wrong.eq(came & read.data.xor())
+            m.d.comb += self.wrong.eq(read.data.xor())
         return m

@@ -245,7 +245,10 @@ class Engine(wiring.Component):
             ]
             if config.hardware.checksum:
                 m.d.comb += table.walk.eq(sequencer.waiting & ~enable)
-                table_wrong = table.wrong
+                # outside a step the index may come of sums that nothing was loaded into
+                judged = Signal()
+                m.d.sync += judged.eq(table.walk | enable & word.in_step)
+                table_wrong = table.wrong & judged
         m.d.comb += unit.tick.eq(enable)
         state_write = states.write_port()
         m.d.comb += [
