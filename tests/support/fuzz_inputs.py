@@ -632,7 +632,8 @@ def interfaces(case: Path, rng: random.Random) -> list[str]:
 
 def _reader(case: Path, name: str, rng: random.Random) -> list[str]:
     words = rng.choice(READERS[name].splitlines()).split()
-    if name in words or "model" in words:  # written in place
+    # the model that a verb writes in place; the command line of a file may hold the word by chance
+    if (case / "in" / name).is_dir() and (name in words or "model" in words):
         shutil.rmtree(case / "out" / words[1], ignore_errors=True)
         shutil.copytree(case / "in" / name, case / "out" / words[1], symlinks=True, copy_function=_copy)
     filled = {
