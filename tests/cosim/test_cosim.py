@@ -145,10 +145,7 @@ FEW_TAXELS = {
 }
 
 
-@each_row(
-    ("taxels", "fields"),
-    [(1, "moving sums"), (2, "all kinds, free"), (3, "a wider window")],
-)
+@each_row(("taxels", "fields"), [(1, "moving sums"), (2, "all kinds, free"), (3, "a wider window")])
 def test_frames_of_few_taxels_take_no_more_cycles_than_their_schedule(taxels, fields, tmp_path):
     """Windows are so long that no step holds a frame up: what is measured is the frame's own."""
     config = CONFIG.replace(taxels=taxels, hop=60, window=121, touch_frames=240, steps=3, lanes=16)
