@@ -139,6 +139,17 @@ def test_frames_writes_and_reads():
     assert seen.expected == 5
 
 
+@each_row(("fields", "at"), [({}, 0x3C), ({"prototypes": 1, "taught": 1}, 0x48)])
+def test_a_window_reaches_the_registers_of_teaching(fields, at):
+    """Without taught places every address stays; every other address stays with them, too."""
+    config = CONFIG.with_readout(readout="prototypes", **fields) if fields else CONFIG
+    line = [byte for number in range(64) for byte in write(number, number, 7)]
+    seen = play([*line, *link.read_packet(0x3E), *[None] * 20], config=config)
+    assert [address for address, _ in seen.writes] == [*range(0x3C), *range(at, at + 4)]
+    assert seen.reads == [at + 2] and link.parse(seen.bodies[0]).address == 0x3E
+    assert [link.link_address(number) for number in (0x3B, *range(0x48, 0x4C))] == [*range(0x3B, 0x40)]
+
+
 def test_a_question_during_an_answer_does_not_change_it():
     seen = play(
         [*link.read_packet(0x13), *link.read_packet(0x02), *[None] * 20],
