@@ -253,7 +253,8 @@ def _clock(text: str | None) -> float | None:
 def build(
     model: ModelArgument,
     target: Annotated[
-        str | None, option("icebreaker, upduino, ulx3s, icestick or icesugar-nano.", metavar="NAME")
+        str | None,
+        option("icebreaker, upduino, ulx3s, icestick, icesugar-nano or tangnano9k.", metavar="NAME"),
     ] = None,
     lanes: Annotated[
         int | None,
@@ -431,7 +432,7 @@ def replay(
     baud: Annotated[
         int | None,
         option(
-            "Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077).",
+            "Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077, tangnano9k 1928571).",
             min=1,
         ),
     ] = None,
