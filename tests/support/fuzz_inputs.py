@@ -747,7 +747,7 @@ GOOD = {
     "grid": "../in/grid.json bits default",
     "group": "person source_file person,source_file x",
     "recordings": "1 2 all -1 0",
-    "target": "icebreaker icestick ulx3s upduino icesugar-nano x",
+    "target": "icebreaker icestick ulx3s upduino icesugar-nano tangnano9k x",
     "port": "/dev/null ../in/config.json none",
     "mode": "drift x",
     "configuration": "icebreaker:4 ulx3s:1:dsp icestick:0 :::",
