@@ -172,7 +172,7 @@ class Sensor(Group):
     reset).
     """
 
-    taxels: Annotated[StrictInt, Interval(ge=1, le=160)] = 16
+    taxels: Annotated[StrictInt, Interval(ge=1, le=256)] = 16
     sample_rate_hz: Annotated[Real, Gt(0)] = 3000.0
     sample_bits: Annotated[StrictInt, Interval(ge=1, le=16)] = 16
     sample_signed: StrictBool = False
