@@ -97,6 +97,7 @@ def play_all(
         words = (got.status, got.faults, got.touches)
         compare_played(
             verdict,
+            config,
             int(number),
             rows[low:high],
             frames[low:high],

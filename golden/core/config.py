@@ -416,6 +416,12 @@ class AcceleratorConfig:
         return len(self.network.class_names)
 
     @property
+    def wide_decisions(self) -> bool:
+        """True where a class needs more than the 5 bits that decisions have for it: they are the decision word of
+        section 17 then."""
+        return self.classes > 32
+
+    @property
     def fault_bits(self) -> int:
         """Lowest bits of a sample that the fault detector looks at."""
         return min(self.sensor.sample_bits, 8)

@@ -158,7 +158,7 @@ def test_divisors_and_decisions(divisor):
         {"class": 31, "margin": 0xFFFF, "step": 255, "is_global": 1, "partial": 0, "unsure": 1},
     ]
     seen = play([*frame(0, [9, 8, 7, 6]), *[None] * 5], divisor=divisor, decisions=decisions)
-    payloads = [pack(decision_layout, fields) for fields in decisions]
+    payloads = [pack(decision_layout(CONFIG), fields) for fields in decisions]
     assert [link.parse(body) for body in seen.bodies] == [
         link.Decision(k, payload) for k, payload in enumerate(payloads)
     ]
@@ -168,7 +168,10 @@ def test_divisors_and_decisions(divisor):
 def test_check_sequences_of_the_device_are_escaped_too():
     def sequence(number, margin):
         payload = (
-            pack(decision_layout, {"class": 2, "margin": margin, "step": 3, "is_global": 0, "partial": 0})
+            pack(
+                decision_layout(CONFIG),
+                {"class": 2, "margin": margin, "step": 3, "is_global": 0, "partial": 0},
+            )
             | link.DECISION
         )
         return link.frame_check(bytes([number]) + payload.to_bytes(4, "little")).to_bytes(2, "little")
@@ -183,7 +186,7 @@ def test_check_sequences_of_the_device_are_escaped_too():
     ]
     seen = play([None] * 40, decisions=decisions, quiet=5)
     assert [link.parse(body) for body in seen.bodies] == [
-        link.Decision(k, pack(decision_layout, d)) for k, d in enumerate(decisions)
+        link.Decision(k, pack(decision_layout(CONFIG), d)) for k, d in enumerate(decisions)
     ]
     assert not seen.damaged
 
@@ -341,10 +344,10 @@ def test_a_decision_withdrawn_on_its_way_does_not_count(after):
         await ctx.tick().repeat(600)
 
     seen = play([*[None] * 50, *link.read_packet(4)], quiet=30, decisions=[offer_and_withdraw, others])
-    whole = pack(decision_layout, others)
+    whole = pack(decision_layout(CONFIG), others)
     bodies = [link.parse(body) for body in seen.bodies]
     assert bodies[-2:] == [link.Decision(0, whole), link.Answer(4, 0, 0, 1)]
-    assert bodies[:-2] == ([link.Decision(0, pack(decision_layout, payload))] if after > 290 else [])
+    assert bodies[:-2] == ([link.Decision(0, pack(decision_layout(CONFIG), payload))] if after > 290 else [])
 
 
 def test_rates():
