@@ -25,7 +25,7 @@ from eskin.golden.model.position import Position, PositionStream
 from eskin.golden.model.prototypes import taught_in_use
 from eskin.golden.model.stream import Decision, Stream
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Taught, Where
-from eskin.rtl.fpga.generate import prototype_writes
+from eskin.rtl.program.memory_map import TeachRegister
 
 if TYPE_CHECKING:  # it needs the simulators' packages, which the others do without
     from eskin.cosim.live import LiveSimulator
@@ -117,6 +117,13 @@ class ModelSource:
     def _hardware_taught(self, register: str, label: int) -> list[Event]:
         """The same to hardware, after the model."""
         return []
+
+    def _held(self, device: str, said: int) -> list[Event]:
+        """Where TAUGHT does not count what the model holds."""
+        held = int(taught_in_use(self._model()).sum())
+        if said & 0xFF == held:
+            return []
+        return [Differs(f"{device} TAUGHT reads {said & 0xFF} touches and the model holds {held}")]
 
     def _model(self) -> IntegerModel:
         """The model with what it has been taught."""
@@ -213,10 +220,7 @@ class SimulationSource(ModelSource):
 
     def _hardware_taught(self, register: str, label: int) -> list[Event]:
         self._simulator.write(register, label)
-        said, held = self._simulator.read("TAUGHT"), int(taught_in_use(self._model()).sum())
-        if said & 0xFF == held:
-            return []
-        return [Differs(f"register TAUGHT reads {said & 0xFF} touches and the model holds {held}")]
+        return self._held("register", self._simulator.read("TAUGHT"))
 
     def close(self) -> None:
         self._simulator.close()
@@ -296,11 +300,11 @@ class BoardSource(ModelSource):
         ]
 
     def _hardware_taught(self, register: str, label: int) -> list[Event]:
-        """The prototypes anew: the link does not reach the registers of teaching."""
         with on_port(self._port):
             self._link.settle()
-            self._link.write(prototype_writes(self.config, self._model().arrays))
-        return []
+            self._link.write([(TeachRegister[register], label)])
+            self._link.settle()
+            return self._held("the board's register", self._link.read("TAUGHT"))
 
     def _held_against_the_boards(self, events: list[Event]) -> list[Event]:
         """The board's registers of position against the model's last position."""

@@ -51,6 +51,9 @@ class PrototypeReadout(wiring.Component):
         Pulses. ``label`` is the class; ``option``: of the next touch, of all classes.
     locked : In(1)
         A touch is open.
+    look : In(1)
+        Reads word ``load.address``, only while idle; ``place`` : Out(9) is it from the next cycle on, while the
+        address stays and nothing else happens.
     refused : Out(1)
         Pulse: that was not, or will not be, done.
     in_use : Out(8)
@@ -62,6 +65,7 @@ class PrototypeReadout(wiring.Component):
         self._teaches = config.readout_rule.taught > 0
         score = shape_of(config.score_format)
         commands = {"teach": In(1), "forget": In(1), "label": In(7), "option": In(1), "locked": In(1)}
+        looking = {"look": In(1), "place": Out(9)}
         super().__init__(
             {
                 "vector": In(data.StructLayout({"valid": 1, "value": shape_of(config.trajectory_format)})),
@@ -74,7 +78,7 @@ class PrototypeReadout(wiring.Component):
                 "load": In(load_signature(config)),
             }
             | ({"far": Out(1)} if config.readout_rule.unknown_above else {})
-            | (commands | {"refused": Out(1), "in_use": Out(8)} if self._teaches else {})
+            | (commands | looking | {"refused": Out(1), "in_use": Out(8)} if self._teaches else {})
         )
 
     def elaborate(self, platform):
@@ -123,13 +127,17 @@ class PrototypeReadout(wiring.Component):
         )
         read, write = memory.read_port(), memory.write_port()
         loads = self.load.enable & self.load.select[load_lines(config)[Loaded.PROTOTYPES]]
+        asked = loads  # the address is the host's
+        reads: Value = reading
+        if teaches:
+            asked, reads = loads | (self.look & self.idle), reading | (self.look & self.idle)
         written, at = Signal(), Signal(range(words))
         target = Signal()  # of a pass that teaches, the place under way
         m.d.comb += [
             written.eq((head & ~teaching) | (body & target)),
-            at.eq(Mux(loads, self.load.address, address)),
+            at.eq(Mux(asked, self.load.address, address)),
             read.addr.eq(at),
-            read.en.eq(reading),
+            read.en.eq(reads),
             reading.eq(Mux(teaching, head, body)),
             write.addr.eq(at),
             write.data.eq(Mux(loads, self.load.data, codes)),
@@ -216,6 +224,8 @@ class PrototypeReadout(wiring.Component):
         if teaches:
             pass_begins = self._teaching(m, target, teaching, pass_ends, address, slot, label, used_of, loads)
             m.d.comb += begins.eq(self.step_done | pass_begins)
+            with m.If(self.load.address < words):
+                m.d.comb += self.place.eq(read.data)
         else:
             m.d.comb += begins.eq(self.step_done)
             m.d.sync += used_of.eq(1)
@@ -303,4 +313,6 @@ class PrototypeReadout(wiring.Component):
                 counts[number].eq(self.load.data),
                 in_use.eq(Mux(number == 0, 0, in_use) + used(self.load.data[: len(taught_before)])),
             ]
+        with m.If(self.load.address >= words):
+            m.d.comb += self.place.eq(counts[number])
         return pass_begins

@@ -30,7 +30,6 @@ from eskin.rtl.program.memory_map import (
     Fault,
     ImageMemory,
     Measure,
-    Memory,
     Register,
     Status,
     interface_registers,
@@ -38,7 +37,6 @@ from eskin.rtl.program.memory_map import (
     memories,
     memory_images,
     memory_name,
-    prototype_image,
     teach_registers,
     words_per_entry,
 )
@@ -155,13 +153,6 @@ def boot_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> 
         for register, word in load_writes(config, arrays)
         if config.hardware.loadable or register not in memory
     ]
-
-
-def prototype_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:
-    """(register, word) writes that load the memory PROTOTYPES alone, between touches: what was taught."""
-    (words,) = prototype_image(config, arrays).values()
-    select = (int(Register.MEMORY_SELECT), int(Memory.PROTOTYPES))
-    return [select, *((int(Register.MEMORY_DATA), word) for word in words)]
 
 
 def register_map(config: AcceleratorConfig) -> dict[str, Any]:

@@ -5,7 +5,7 @@ Plain Python (no Amaranth), so that command line, C header and benches can share
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum, IntFlag
 from types import MappingProxyType
 from typing import Self
@@ -210,6 +210,15 @@ class TeachRegister(Described):
         {"IN_USE": (0, 7), "REFUSED": (8, 8)},
         None,
     )
+    PLACES = (
+        0x4B,
+        "rw",
+        "The next word of the memory PROTOTYPES, its number beside it; all ones: none, as a touch is open or it was "
+        "not chosen",
+        {"WORD": (0, 8), "NUMBER": (9, 15)},
+        None,
+        "Read: the word after it is the next one; written: the number of the next one",
+    )
 
 
 class ShellRegister(Described):
@@ -372,6 +381,24 @@ def _prototype_words(config: AcceleratorConfig) -> dict[int, int]:
         return {}
     counts = config.classes if config.readout_rule.taught else 0
     return {Memory.PROTOTYPES: prototype_words(config) + counts}
+
+
+def taught_arrays(
+    config: AcceleratorConfig, read: Callable[[int, int], Sequence[int]]
+) -> dict[str, np.ndarray]:
+    """``taught`` and ``taught_count`` out of the memory PROTOTYPES, the opposite of `prototype_image`; places not in
+    use are 0. ``read(first, count)`` gives words of it."""
+    rule, width, steps = config.readout_rule, config.trajectory_width, config.windows.steps
+    places, words = rule.prototypes + rule.taught, prototype_words(config)
+    counts = np.array(read(words, config.classes), dtype=np.int64)
+    taught = np.zeros((config.classes, rule.taught, steps, width), dtype=np.int64)
+    sign = 1 << rule.state_code_bits - 1
+    for label, used in enumerate(np.minimum(counts, rule.taught).tolist()):
+        for k in range(steps if used else 0):
+            first = k * (1 + config.classes * places) + 1 + label * places + rule.prototypes
+            codes = np.array(read(first * width, used * width)).reshape(used, width)
+            taught[label, :used, k] = (codes ^ sign) - sign
+    return {"taught": taught, "taught_count": counts}
 
 
 def prototype_image(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:

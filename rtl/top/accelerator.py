@@ -235,5 +235,6 @@ class Accelerator(wiring.Component):
                 *(getattr(readout, name).eq(getattr(control, name)) for name in TEACHING),
                 control.teaching_refused.eq(readout.refused),
                 control.taught.eq(readout.in_use),
+                control.place.eq(readout.place),
             ]
         return readout
