@@ -162,6 +162,30 @@ def board_of(model: IntegerModel) -> PinPort:
 
 
 @pytest.mark.timeout(900)
+def test_a_damaged_place_is_flagged_and_what_is_taught_stays_equal_with_a_checksum():
+    plain = forget(taught_model("gru"))
+    model = IntegerModel(plain.config.replace(checksum=True), plain.arrays, plain.source)
+    recordings = scene(12, seed=8)
+    both = taught_at_random(model, recordings, BUILDS, seed=3)
+    assert both.decisions > 50 and both.taught > 1
+    both.device.write(Register.CONTROL, Control.ARM)
+    both.device.settle()
+    both.stream.arm()
+    both.reload()
+    assert not both.device.read(Register.FAULTS) & Fault.CHECKSUM
+    label = int(np.argmax(taught_in_use(both.stream.model)))
+    rule, width = model.config.readout_rule, model.config.trajectory_width
+    number = (1 + label * (rule.prototypes + rule.taught) + rule.prototypes) * width
+    (word,) = (word & 0x1FF for word in both.words(number, 1))
+    both.device.write(TeachRegister.PLACES, number)
+    both.device.write(Register.MEMORY_DATA, word ^ 1)
+    assert both.words(number, 1)[0] & 0x1FF == word ^ 1
+    both.device.frames(recordings.recording(2))
+    both.device.settle()
+    assert both.device.read(Register.FAULTS) & Fault.CHECKSUM
+
+
+@pytest.mark.timeout(900)
 def test_a_board_is_taught_over_its_serial_line():
     """As `eskin watch` does it, on the simulated board: every decision is the model's, and so is what is read out."""
     model, recordings = forget(taught_model("gru")), scene(10, seed=8)
