@@ -64,7 +64,7 @@ class Taught:
             device.settle()
             told += self.stream.finish()
         seen = [int(word, 16) for word in device.streams()["decision"].words]
-        assert seen == [pack_decision(decision.row()) for decision in told]
+        assert seen == [pack_decision(self.config, decision.row()) for decision in told]
         self.decisions += len(seen)
 
     def command(self) -> None:
@@ -159,6 +159,30 @@ def board_of(model: IntegerModel) -> PinPort:
     device.put("rx", 1)
     device.reset()
     return PinPort(device, CLOCKS_PER_BIT)
+
+
+@pytest.mark.timeout(900)
+def test_a_damaged_place_is_flagged_and_what_is_taught_stays_equal_with_a_checksum():
+    plain = forget(taught_model("gru"))
+    model = IntegerModel(plain.config.replace(checksum=True), plain.arrays, plain.source)
+    recordings = scene(12, seed=8)
+    both = taught_at_random(model, recordings, BUILDS, seed=3)
+    assert both.decisions > 50 and both.taught > 1
+    both.device.write(Register.CONTROL, Control.ARM)
+    both.device.settle()
+    both.stream.arm()
+    both.reload()
+    assert not both.device.read(Register.FAULTS) & Fault.CHECKSUM
+    label = int(np.argmax(taught_in_use(both.stream.model)))
+    rule, width = model.config.readout_rule, model.config.trajectory_width
+    number = (1 + label * (rule.prototypes + rule.taught) + rule.prototypes) * width
+    (word,) = (word & 0x1FF for word in both.words(number, 1))
+    both.device.write(TeachRegister.PLACES, number)
+    both.device.write(Register.MEMORY_DATA, word ^ 1)
+    assert both.words(number, 1)[0] & 0x1FF == word ^ 1
+    both.device.frames(recordings.recording(2))
+    both.device.settle()
+    assert both.device.read(Register.FAULTS) & Fault.CHECKSUM
 
 
 @pytest.mark.timeout(900)
