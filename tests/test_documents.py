@@ -266,7 +266,7 @@ def test_every_field_is_named():
     rows = dict(re.findall(r"^\| `(\w+)` \| (.+?) \| .+? \|$", page, re.MULTILINE))
     assert set(GROUP_OF) - set(rows) == set() and "<!-- fields" not in page
     assert (
-        rows["taxels"] == "whole number, 1..160"
+        rows["taxels"] == "whole number, 1..256"
         and rows["weight_format"] == "signed format"
         and "`tracked`" in rows["rest"]
     )

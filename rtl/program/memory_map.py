@@ -370,7 +370,8 @@ def memory_images(
 
 def prototype_words(config: AcceleratorConfig) -> int:
     """Codes of the memory PROTOTYPES: step by step, place by place (with taught places first that of the touch
-    under way; of each class the prototypes, then the taught places), value by value."""
+    under way; of each class the prototypes, then the taught places), value by value; with ``checksum`` the parity
+    above each."""
     rule = config.readout_rule
     places = config.classes * (rule.prototypes + rule.taught) + (rule.taught > 0)
     return config.windows.steps * places * config.trajectory_width
@@ -397,7 +398,7 @@ def taught_arrays(
         for k in range(steps if used else 0):
             first = k * (1 + config.classes * places) + 1 + label * places + rule.prototypes
             codes = np.array(read(first * width, used * width)).reshape(used, width)
-            taught[label, :used, k] = (codes ^ sign) - sign
+            taught[label, :used, k] = (codes % (2 * sign) ^ sign) - sign  # parity left out
     return {"taught": taught, "taught_count": counts}
 
 
@@ -412,7 +413,10 @@ def prototype_image(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray])
     codes = np.moveaxis(stored.reshape(-1, *stored.shape[2:]), 1, 0)  # (K, places, values)
     own = codes[:, : int(bool(counts))] * 0
     codes = np.concatenate([own, codes], axis=1) & (1 << config.readout_rule.state_code_bits) - 1
-    return {Memory.PROTOTYPES: codes.ravel().tolist() + counts}
+    words = codes.ravel().tolist()
+    if config.hardware.checksum:
+        words = [word | (word.bit_count() & 1) << config.readout_rule.state_code_bits for word in words]
+    return {Memory.PROTOTYPES: words + counts}
 
 
 def image_memories(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:

@@ -4,6 +4,7 @@ and sanitizers; programs for microcontrollers, run instruction by instruction; a
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -139,6 +140,40 @@ def test_a_microcontroller_decides_the_same_and_its_instructions_are_counted(cor
     assert (
         sizes["tables"] >= plain_c.table_bytes(model) and 500 < sizes["code"] < 6000 and sizes["state"] > 100
     )
+
+
+SKETCH = """#include <{include}>
+static eskin_state state;
+int main()
+{{
+    int32_t codes[ESKIN_TAXELS] = {{ 0 }};
+    eskin_decision decision;
+    eskin_arm(&state);
+    return eskin_frame(&state, codes, &decision);
+}}
+"""
+
+
+def test_the_folder_is_a_library_of_arduino_and_a_module_of_zephyr(tmp_path):
+    """As Arduino builds it: every C file of the folder, then a sketch in C++ with the header that is named. Zephyr finds
+    the sources where its module says."""
+    folder = tmp_path / "c"
+    exported(RING, 6, folder)
+    lines = (folder / "library.properties").read_text().splitlines()
+    properties = dict(line.split("=", 1) for line in lines)
+    wanted = "name version author maintainer sentence paragraph category url architectures"
+    assert set(wanted.split()) <= properties.keys() and all(properties.values())
+    assert re.fullmatch(r"\d+\.\d+\.\d+", properties["version"])
+    for source in folder.glob("*.c"):
+        subprocess.run([*GCC, "-Wno-pedantic", "-DARDUINO=10819", "-c", source.name], cwd=folder, check=True)
+    (tmp_path / "sketch.cpp").write_text(SKETCH.format(include=properties["includes"]))
+    built = ["g++", "-Wall", "-Werror", "-DARDUINO=10819", f"-I{folder}", "sketch.cpp", *folder.glob("*.o")]
+    subprocess.run([*built, "-o", "sketch"], cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "sketch"]).returncode == 0
+    module = (folder / "zephyr" / "module.yml").read_text()
+    place = folder / re.search(r"^build:\n  cmake: (\w+)$", module, re.MULTILINE)[1]
+    named = re.findall(r"\((\.\.[\w./]*)\)", (place / "CMakeLists.txt").read_text())
+    assert len(named) == 2 and all((place / name).exists() for name in named)
 
 
 def test_sizes_are_those_of_the_tables(tmp_path):
