@@ -37,6 +37,7 @@ WIDE = {"state_format": QFormat(4, 12)}
 CELLS = {
     "linear": {"cell": "linear", "decision": "last"},
     "linear, one set": {"cell": "linear", "decision": "last", "weight_sets": "one"},
+    "linear, one window": {"cell": "linear", "decision": "last", "steps": 1},
     "before": {},
     "after": {"reset": "after", **WIDE},
     "lstm": {"cell": "lstm", **WIDE},
@@ -60,8 +61,9 @@ def taken(file, tmp_path, config=CONFIG, **options) -> FloatModel:
 def test_what_is_exported_comes_back(cell, tmp_path):
     model = model_of(CONFIG.replace(**CELLS[cell]))
     file = write_onnx(model, tmp_path / "net.onnx")
-    again = taken(file, tmp_path, mean=None, std=None)  # scale, cell and sizes are the file's
-    features = np.random.default_rng(2).normal(size=(7, 5, 4))
+    array = CONFIG.replace(steps=model.config.windows.steps)
+    again = taken(file, tmp_path, array, mean=None, std=None)  # scale, cell and sizes are the file's
+    features = np.random.default_rng(2).normal(size=(7, model.config.windows.steps, 4))
     assert largest_difference(model, file, features) < 1e-5
     assert np.abs(model.forward(features)[1] - again.forward(features)[1]).max() < 1e-5
     assert again.arrays["mu"] == 3 and again.arrays["sigma"] == 7
