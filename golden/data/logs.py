@@ -56,7 +56,11 @@ def read_log(path: Path, reading: Reading) -> pd.DataFrame:
     def refuse(why: str) -> NoReturn:
         raise InputError(f"recordings '{path}': {why}")
 
-    if path.is_file() and path.stat().st_size > MOST_BYTES:
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    for file in files:
+        if not file.is_file():  # opening a pipe without a writer would wait for ever
+            refuse(f"{file.name} is no regular file; remove it or write it again")
+    if sum(file.stat().st_size for file in files) > MOST_BYTES:
         refuse(f"has more than {MOST_BYTES >> 30} GB; split it")
     try:
         log = (_mcap if path.suffix.lower() == ".mcap" else _bag)(path, refuse)

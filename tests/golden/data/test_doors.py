@@ -4,6 +4,7 @@ archive; damaged ones are refused in a sentence."""
 from __future__ import annotations
 
 import dataclasses
+import os
 import sys
 from pathlib import Path
 
@@ -207,6 +208,14 @@ def test_a_folder_with_a_damaged_file_is_refused_in_a_sentence(tmp_path, known, 
         (tmp_path / "bag" / name).write_bytes(damage(good))
         with pytest.raises(InputError, match="bag': is damaged or no log"):
             load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
+
+
+def test_a_pipe_in_the_folder_of_a_bag_is_refused(tmp_path, known):
+    doors.write_bag(known, tmp_path / "bag", plugin=StoragePlugin.SQLITE3)
+    (tmp_path / "bag" / "bag.db3").unlink()
+    os.mkfifo(tmp_path / "bag" / "bag.db3")
+    with pytest.raises(InputError, match="bag': bag.db3 is no regular file"):
+        load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
 
 
 def _file_of_bag(known, path, plugin):
