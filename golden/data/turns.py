@@ -34,9 +34,9 @@ TURNS = {"on": 0, "left": 3, "back": 2, "right": 1}
 """Quarter turns, clockwise seen with row 0 on top, from the first stroke's heading to the second's."""
 CLASSES = tuple(TURNS)
 PERSONS, TRIALS = 16, 8
-MIRRORED = 0.16
+MIRRORED = 0.12
 """Share of touches that begin westward."""
-UNEVEN = 0.22
+UNEVEN = 0.3
 """Spread of the logarithm of what a stroke takes of a touch's time, and of its pressure."""
 VOLT = 0.1
 """Signal of a typical pressure before the high-pass, volt."""
@@ -91,8 +91,8 @@ def turn_recordings(
 def _touch(turn: int, rng: np.random.Generator, habit: dict[str, float], array: PiezoArray) -> np.ndarray:
     """Force on every taxel, shape (frames, taxels): two strokes as the module describes them."""
     first = 2 if rng.random() < MIRRORED else 0
-    start = rng.uniform(0.15, 1.0)
-    duration = np.clip(rng.uniform(1.0, 1.5) * habit["pace"], 0.85, 1.9)
+    start = rng.uniform(0.15, 0.4)
+    duration = np.clip(rng.uniform(1.2, 1.8) * habit["pace"], 1.0, 2.2)
     shares = np.exp(rng.normal(0, UNEVEN, 3)) * [1, 1, rng.uniform(0.1, 0.3)]  # two strokes, and a pause
     stroke, other, pause = duration * shares / shares.sum()
     width = 0.5 * habit["width"] * np.exp(rng.normal(0, 0.08))

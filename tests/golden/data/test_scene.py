@@ -242,7 +242,8 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
         (SYNTHETIC.replace(taxels=160), "field taxels: is 160; the synthetic scene has 2 to 8 rows"),
         (
             PRESETS["pvdf"],
-            "field class_names: is Cube3, .*; the synthetic-easy scene of 5 classes has brush-east-medium, .*, and the synthetic scene on, left, back, right",
+            "field class_names: is Cube3, .*; the synthetic-easy scene of 5 classes has brush-east-medium, .*, "
+            "and the synthetic scene on, left, back, right",
         ),
         (
             SYNTHETIC.replace(class_names=("slide", "brush")),

@@ -34,7 +34,7 @@ def scene() -> Recordings:
 @pytest.fixture(scope="module")
 def config(scene):
     """Means of 20 windows that hold every touch, behind an onset rule."""
-    return derive_config(scene)[0].replace(hop=20, window=40)
+    return derive_config(scene)[0].replace(hop=24, window=48)
 
 
 def touches_of(scene: Recordings, config) -> Touches:
@@ -48,7 +48,7 @@ def test_shape_and_balance(scene):
     assert set(scene.groups) == {"person", "trial"} and 0 < scene.samples.min() < scene.samples.max() < 65535
     assert all((np.bincount(scene.labels[scene.groups["person"] == n]) == 8).all() for n in range(16))
     digest = hashlib.sha256(scene.samples.astype("<i4").tobytes()).hexdigest()[:16]
-    assert digest == "SUM"  # figures that were published on it must not move
+    assert digest == "94978977a8c68a23"  # figures that were published on it must not move
 
 
 def test_a_person_is_the_same_among_more():
@@ -105,7 +105,9 @@ def test_without_the_touch_nothing_is_left(scene, config):
 def test_larger_networks_do_better_on_unseen_persons(scene, config):
     """Integers, leaving out persons: the linear cell at most 94 %, then GRU 4, then GRU 12."""
     linear, small, large = (
-        cross_validate(scene, network(config, cell, hidden), [["person"]], [0], folds=4)[0]["integer_accuracy"]
+        cross_validate(scene, network(config, cell, hidden), [["person"]], [0], folds=4)[0][
+            "integer_accuracy"
+        ]
         for cell, hidden in (("linear", None), ("gru", 4), ("gru", 12))
     )
     assert linear < 0.88 < small < large - 0.02 and 0.955 < large < 1.0
