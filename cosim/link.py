@@ -15,6 +15,10 @@ import numpy as np
 FLAG, ESCAPE, FLIP = 0x7E, 0x7D, 0x20
 READ, FRAME = 0x80, 0x40
 """Commands; a write has neither bit. The low 6 bits are the register's address."""
+REACH, WINDOW = 0x40, 0x3C
+"""Registers from REACH on are those of teaching, 0x48 to 0x4B: packets name them WINDOW to WINDOW + 3."""
+NO_WORD, NUMBER_AT = 0xFFFF, 9
+"""Of register PLACES: none; and where the word's number begins."""
 NUMBERS = 128
 """Decisions are numbered modulo this; the bit above tells an unsure one."""
 ANSWER_BYTES = 7
@@ -121,6 +125,11 @@ def ordered_packet(number: int, command: int, words: Sequence[int] | np.ndarray)
     body = bytes([number & 0xFF, command]) + np.asarray(words).astype("<u2").tobytes()
     fill = max(0, -(-(len(words) + 8) // CYCLES_A_BYTE_MIN) - 1)
     return pack(body) + b"\x7e" * fill
+
+
+def link_address(address: int) -> int:
+    """What a packet calls the register at ``address``."""
+    return address if address < REACH else WINDOW | address & 3
 
 
 def read_packet(address: int) -> bytes:
@@ -249,7 +258,34 @@ class Link:
 
     def write(self, writes: Sequence[tuple[int, int]]) -> None:
         """(address, word) writes, each carried out once and in order."""
-        self._send([(address, (word,)) for address, word in writes])
+        self._send([(link_address(address), (word,)) for address, word in writes])
+
+    def places(self, first: int, count: int) -> list[int]:
+        """Words of the memory of prototypes from ``first`` on, a question each, while no touch is open.
+
+        A question that is asked again takes a word twice, so each word brings its number.
+
+        Raises
+        ------
+        LinkError
+            As of `read`; touches come all the time.
+        """
+        words: list[int] = []
+        failed, in_step = 0, False
+        while len(words) < count:
+            number = first + len(words)
+            if not in_step:
+                self.write([(self._registers["PLACES"], number)])
+            word = self.read("PLACES")
+            in_step = word != NO_WORD and word >> NUMBER_AT == number % (1 << 16 - NUMBER_AT)
+            failed += not in_step
+            words += [word % (1 << NUMBER_AT)] * in_step
+            if failed > self._tries:
+                raise LinkError(
+                    "the device does not give its prototypes: wait until no touch is open, and see that its bitstream "
+                    "is this model's"
+                )
+        return words
 
     def load(self, writes: Sequence[tuple[int, int]]) -> None:
         """End whatever the device is at and load an integer model: its (address, word) writes."""
@@ -382,7 +418,7 @@ class Link:
         )
 
     def _ask(self, register: str) -> Answer:
-        address = self._registers[register]
+        address = link_address(self._registers[register])
         for _ in range(self._tries):
             self._receive(0)  # answers to earlier questions are too late now
             self._transport.write(read_packet(address))

@@ -10,7 +10,8 @@ well.
 Cell models: iCE40 from Yosys' own ``cells_sim.v`` (SB_MAC16 and SB_RAM40 included), always with
 NO_ICE40_DEFAULT_ASSIGNMENTS: the default values of unconnected inputs are no Verilog for Icarus and once gave
 wrong results without a word. ECP5 from Yosys' ``common_sim.vh`` and ``ccu2c_sim.vh``; block RAM and
-multiplier are black boxes there, so ``cells_ecp5.sv`` describes their behaviour.
+multiplier are black boxes there, so ``cells_ecp5.sv`` describes their behaviour. Gowin from Yosys' own
+``cells_sim.v``, its black boxes from ``cells_gowin.sv``.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing
 
 RECOVER_LIMIT_S = 600.0
-ECP5_CELLS = Path(__file__).with_name("cells_ecp5.sv")
+ECP5_CELLS, GOWIN_CELLS = (Path(__file__).with_name(f"cells_{name}.sv") for name in ("ecp5", "gowin"))
 NAME_LENGTH_MAX = 48
 
 
@@ -54,7 +55,7 @@ def netlist_hardware(verilog: Path, family: str, target: str, *, probes: bool = 
     Parameters
     ----------
     verilog:
-        One flat module ``accelerator`` of cells of ``family`` (``ice40``, ``ecp5``).
+        One flat module ``accelerator`` of cells of ``family`` (``ice40``, ``ecp5``, ``gowin``).
 
     Raises
     ------
@@ -72,14 +73,18 @@ def netlist_hardware(verilog: Path, family: str, target: str, *, probes: bool = 
         return Hardware(
             (verilog, share / "cells_sim.v"), ("-DNO_ICE40_DEFAULT_ASSIGNMENTS",), "netlist", target, probes
         )
-    models = "\n".join((share / name).read_text() for name in ("common_sim.vh", "ccu2c_sim.vh"))
+    names, unread, own = {
+        "ecp5": (("common_sim.vh", "ccu2c_sim.vh"), r"\bmodule TRELLIS_COMB\b", ECP5_CELLS),
+        "gowin": (("cells_sim.v",), r"\(\* blackbox \*\)|\bmodule IOBUF\b", GOWIN_CELLS),
+    }[family]
+    models = "\n".join((share / name).read_text() for name in names)
     # Icarus 11 cannot read the delays, which neither simulator would use, nor a cell that only placement
-    # makes.
+    # makes; a black box would hide the model beside it.
     models = re.sub(
-        r"\bspecify\b.*?\bendspecify\b|\bmodule TRELLIS_COMB\b.*?\bendmodule\b", "", models, flags=re.DOTALL
+        rf"\bspecify\b.*?\bendspecify\b|(?:{unread}).*?\bendmodule\b", "", models, flags=re.DOTALL
     )
     readable = _write(verilog.with_name("cells.v"), models)
-    return Hardware((verilog, readable, ECP5_CELLS), ("-DNO_INCLUDES",), "netlist", target, probes)
+    return Hardware((verilog, readable, own), ("-DNO_INCLUDES",), "netlist", target, probes)
 
 
 def recovered_hardware(asc: Path, placed: Path, target: str) -> Hardware:

@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Hashable, Sequence, Sized
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,6 +36,9 @@ from eskin.golden.model.model import (
 from eskin.golden.model.pipeline import Trace, run
 from eskin.golden.model.prototypes import forget
 from eskin.golden.model.stream import Stream
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Frames = ArrayLike | Sequence[ArrayLike] | Recordings
 """One recording (frames, taxels), several of them, or a set of recordings."""
@@ -148,18 +151,25 @@ class Model(Estimator):
         )
         self._integer: IntegerModel | None = None
         self._real: FloatModel | None = None
-        self.training_: Record = {}
+        self._training: Record = {}
 
     def _configure(self) -> None:
         given = self._parameters
         config, groups = given["config"], given["groups"]
+        words = [groups] if isinstance(groups, str) else groups if isinstance(groups, (list, tuple)) else []
+        for name, right, wanted in (
+            ("config", config is None or isinstance(config, str | Path | AcceleratorConfig), "a preset, file or Config"),
+            ("groups", groups is None or (words and all(isinstance(word, str) for word in words)), "names of group arrays"),
+            *((name, isinstance(given[name], int | np.integer) and given[name] >= 0, "a number from 0 on") for name in ("folds", "seed")),
+        ):  # fmt: skip
+            if not right:
+                raise InputError(f"model, {name}: is {given[name]!r:.60}; give {wanted}")
         self._asked = (
             config
             if config is None or isinstance(config, AcceleratorConfig)
             else AcceleratorConfig.load(config)
         )
-        group = [groups] if isinstance(groups, str) else groups
-        self._options: Record = {"group": group} | {
+        self._options: Record = {"group": words or None} | {
             name: given[name] for name in ("cell", "hidden", "folds", "seed")
         }
 
@@ -186,7 +196,7 @@ class Model(Estimator):
             model._real = FloatModel.load(folder, images=True)
         if (Path(folder) / INTEGER_FILE).exists():
             model._integer = IntegerModel.load(folder, images=True)
-        model.training_ = load_training(folder)
+        model._training = load_training(folder)
         return model
 
     def save(self, folder: str | Path) -> None:
@@ -256,7 +266,7 @@ class Model(Estimator):
             )
             quantise(folder)
             fitted = Model.load(folder)
-        self._integer, self._real, self.training_ = fitted._integer, fitted._real, fitted.training_
+        self._integer, self._real, self._training = fitted._integer, fitted._real, fitted._training
         return self
 
     def _of_arrays(
@@ -297,6 +307,11 @@ class Model(Estimator):
         return self._real
 
     @property
+    def training_(self) -> Record:
+        """How the model came about: front ends and networks compared, cross-validated accuracy."""
+        return self._training
+
+    @property
     def config(self) -> AcceleratorConfig:
         """Front end, network and formats."""
         if self._integer is not None:
@@ -328,7 +343,7 @@ class Model(Estimator):
 
         Parameters
         ----------
-        frames : array (frames, taxels), list of arrays, or Recordings
+        frames : array (frames, taxels), list of arrays, Recordings, or DataFrame
             A/D codes, each recording from its first frame on; or real samples, for a model that was trained
             on such.
         integer : bool
@@ -402,13 +417,14 @@ class Model(Estimator):
         Parameters
         ----------
         labels : array of int, or of str
-            The classes, by index or by name; of Recordings their own by default.
+            The classes, by index or by name; of Recordings and DataFrames their own by default.
 
         Raises
         ------
         InputError
             As `predict`; labels that are no classes of the model, or not one a recording.
         """
+        frames = self._of_table(frames)
         decision = self.predict(frames, integer=integer)
         return float(np.mean(decision == self._labels(decision, frames, labels, "score")))
 
@@ -453,7 +469,7 @@ class Model(Estimator):
         Parameters
         ----------
         labels : array of int, or of str
-            The classes, by index or by name; of Recordings their own by default.
+            The classes, by index or by name; of Recordings and DataFrames their own by default.
 
         Returns
         -------
@@ -468,7 +484,7 @@ class Model(Estimator):
         from eskin.golden.training.prototypes import teach_recordings
 
         self._reads_recordings()
-        recordings = self.recordings(frames)
+        recordings = self.recordings(frames := self._of_table(frames))
         classes = self._labels(recordings, frames, labels, "teach")
         names = self.config.network.class_names
         self._integer, _ = teach_recordings(
@@ -543,6 +559,10 @@ class Model(Estimator):
                 "model: is a network for images, which takes them whole; use image_trace or predict"
             )
 
+    def _of_table(self, frames: Frames | pd.DataFrame) -> Frames:
+        """Recordings of one long table; anything else as it is."""
+        return load_recordings(frames, config=self.config) if type(frames).__name__ == "DataFrame" else frames
+
     def recordings(self, frames: Frames) -> Recordings:
         """Frames as a set of recordings of this model's array, their classes unknown (all 0) unless they are
         Recordings.
@@ -552,7 +572,7 @@ class Model(Estimator):
         InputError
             They do not fit the model's array.
         """
-        names = self.config.network.class_names
+        names, frames = self.config.network.class_names, self._of_table(frames)
         if isinstance(frames, Recordings):
             unlabelled = replace(frames, labels=np.zeros(len(frames), dtype=np.int64), class_names=names)
             check_fit(unlabelled, self.config)  # what to predict need not be of the model's classes

@@ -14,6 +14,7 @@ import ctypes
 import math
 import subprocess
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from eskin.golden.export import compiled, emulated, plain_c
 from eskin.golden.model.image_network import images_of, run_images
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.pipeline import run
+from eskin.golden.model.preprocess import find_touches
 from eskin.golden.training.derive import derive_config, for_recordings
 from eskin.verbs.export_job import export_c
 
@@ -41,8 +43,9 @@ MODELS: dict[str, dict[str, Any]] = {
     "GRU, reset after": {"cell": "gru", "reset": "after", "compand": "log", "feature_kinds": ("mean", "activity"), **WIDE},
     "LSTM": {"cell": "lstm", "decision": "vote", **WIDE},
     "GRU, early": {"cell": "gru", "decision": "early", "early_steps": 2, "early_margin": 64},
+    "GRU, taxels fail": {"cell": "gru", "fault_frames": 8},
 }  # fmt: skip
-"""Kinds of model: cells, decisions, kinds of feature."""
+"""Kinds of model: cells, decisions, kinds of feature. With ``fault_frames`` a taxel of each recording fails."""
 COLUMNS = (
     "data",
     "model",
@@ -94,12 +97,35 @@ def model_of(config: AcceleratorConfig, kind: str) -> IntegerModel:
     """A model of one of MODELS on a front end."""
     hop = math.gcd(config.windows.hop, *config.window_lengths)
     block = max(block for block in range(1, 9) if hop % block == 0)
-    return random_integer_model(config.replace(feature_shift=(), activity_block=block, **MODELS[kind]), 1)
+    fields = {"feature_shift": (), "activity_block": block} | MODELS[kind]
+    if "fault_frames" in fields and not config.opens_at_once:
+        # windows that end before the onset, so that their frames are replayed when flags are older or younger
+        short = max(config.windows.hop // 8, 4)
+        windows = {"hop": short, "window": 2 * short, "pretrigger_frames": 5 * short, "window_mode": "touch"}
+        fields |= windows | {"touch_frames": (config.windows.steps + 1) * short, "activity_block": 1}
+    return random_integer_model(config.replace(**fields), 1)
+
+
+def with_failing_taxels(config: AcceleratorConfig, recordings: Recordings) -> Recordings:
+    """The recordings with a taxel in each that holds one code from some frame on: before the frames that the last
+    onset replays, among them, or in the touch."""
+    samples, touches = recordings.samples.copy(), find_touches(config, recordings)
+    onsets = dict(zip(touches.recording.tolist(), touches.onset_frame.tolist(), strict=True))
+    windows, count = config.windows, len(recordings)
+    span = 2 * config.faults.fault_frames + windows.pretrigger_frames + windows.window
+    for number, (first, end) in enumerate(zip(recordings.offsets, recordings.offsets[1:], strict=False)):
+        frames, taxel = samples[first:end], number % config.sensor.taxels
+        fails = onsets.get(number, len(frames) // 2) + windows.window - number * span // count
+        fails = min(max(fails, 0), len(frames) - 1)
+        frames[fails:, taxel] = frames[fails, taxel]
+    return replace(recordings, samples=samples)
 
 
 def differences(model: IntegerModel, recordings: Recordings, folder: Path) -> dict[str, int]:
     """Export, compile for this computer, play everything: recordings, decisions compared, different ones."""
     image = model.config.is_image
+    if model.config.faults.fault_frames:
+        recordings = with_failing_taxels(model.config, recordings)
     export_c(model, folder, recordings=recordings.subset(recordings.evenly(2)))
     library = folder.absolute() / "play.so"
     (folder / "play.c").write_text(PLAY_IMAGE if image else PLAY)

@@ -129,6 +129,9 @@ CALLS = {
     "simulator": lambda model, odd: model.cosim([FRAMES], simulator=f"x{odd}"),
     "level": lambda model, odd: model.cosim([FRAMES], level=f"x{odd}"),
     "lanes": lambda model, odd: model.cosim([FRAMES], lanes=f"x{odd}"),
+    "config": lambda model, odd: eskin.Model(odd),
+    "groups of a model": lambda model, odd: eskin.Model(groups=odd),
+    "folds": lambda model, odd: eskin.Model(folds=odd),
     "cell": lambda model, odd: eskin.Model(cell=f"x{odd}").fit([FRAMES] * 4, [0, 1] * 2, sample_rate_hz=500),
 }
 

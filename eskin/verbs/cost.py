@@ -32,7 +32,7 @@ CELLS = {"always": 808, "onset": 290, "recurrent": -112, "activity": 181, "integ
 LINK_CELLS, LINK_BLOCKS = 471, 1
 """What the host's link adds."""
 ROOM = {"iCE40UP5K": (5280, 30), "iCE40HX1K": (1280, 16), "iCE40LP1K": (1280, 16), "LFE5U-25F": (24288, 56)}
-"""Logic cells and block memories of the parts."""
+"""Logic cells and block memories of the parts whose energy is estimated."""
 
 
 @lru_cache(maxsize=4096)
@@ -102,7 +102,8 @@ def market(prefer: Prefer = "energy", board: str | None = None) -> Market:
     InputError
         No such board or preference.
     """
-    for option, value, known in (("prefer", prefer, PREFERENCES), ("fits", board or BOARD, TARGETS)):
+    boards = [name for name in TARGETS if find_target(name).device in ROOM]
+    for option, value, known in (("prefer", prefer, PREFERENCES), ("fits", board or BOARD, boards)):
         if value not in known:
             raise InputError(f"--{option} {value}: is not known; use one of {', '.join(known)}")
     name = board or BOARD

@@ -71,14 +71,15 @@ def export_onnx(
     Returns
     -------
     dict
-        file, parameters, touches (compared: of ``recordings``, by default 100 of random features), difference
-        (largest of a logit; None: not compared), limit, passed.
+        file, parameters, recordings (compared; None: random features), touches (of them, by default 100),
+        difference (largest of a logit; None: not compared), limit, passed.
     """
     from eskin.golden.export.onnx_file import largest_difference, write_onnx
 
     check_folder(out, ONNX_FILE)
     config = model.config
-    if config.is_image or config.has_prototypes or recordings is None:
+    known = not (config.is_image or config.has_prototypes)  # else refused when it is written
+    if recordings is None or not known:
         features = np.random.default_rng(seed).normal(size=(100, config.windows.steps, config.inputs))
     else:
         features = float_features(model, find_touches(config, recordings))
@@ -90,6 +91,7 @@ def export_onnx(
     return {
         "file": str(out / ONNX_FILE),
         "parameters": model.parameter_count,
+        "recordings": None if recordings is None else len(recordings),
         "touches": len(features),
         "difference": difference,
         "limit": limit,

@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from eskin.cosim.link import Link, LinkError
-from eskin.cosim.scoreboard import DECISION_FIELDS
+from eskin.cosim.scoreboard import unpack_decision
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.model.decision_word import NO_DECISION, decision_word
-from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister
+from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister, teach_registers
 
 
 class LinkRegisters:
@@ -26,7 +26,7 @@ class LinkRegisters:
 
     def __init__(self, link: Link, config: AcceleratorConfig) -> None:
         self._link, self._config = link, config
-        self._names = {4 * int(register): register.name for register in Register}
+        self._names = {4 * int(register): register.name for register in (*Register, *teach_registers(config))}
         self._frame: list[int] = []
         self._given = 0
 
@@ -67,9 +67,8 @@ class LinkRegisters:
             if len(self._frame) == self._config.sensor.taxels:
                 self._link.feed(np.array([self._frame]))
                 self._frame = []
-        elif offset < 4 * min(ShellRegister):
+        elif offset < 4 * min(ShellRegister) or offset in self._names:
             self._link.write([(offset // 4, word)])
 
     def _word(self, payload: int) -> int:
-        row = [payload >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values()]
-        return decision_word(self._config, row)
+        return decision_word(self._config, unpack_decision(self._config, payload).values())

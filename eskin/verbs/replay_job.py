@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,14 +16,18 @@ from eskin.cosim.link import BURST, Link, Transport
 from eskin.cosim.scoreboard import Verdict, compare_played
 from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.errors import InputError
 from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of, run_images
 from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import run
+from eskin.golden.model.pipeline import DECISION_FIELDS, run
+from eskin.golden.model.prototypes import check_teachable, load_taught, save_taught, taught_in_use
+from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import completing_frames
 from eskin.live.sources import on_port
 from eskin.rtl.fpga.generate import boot_writes, register_map
+from eskin.rtl.program.memory_map import TeachRegister, taught_arrays
 
 ANSWER_S = 0.5
 """To wait for an answer once the line is free: far more than a serial adapter holds bytes back."""
@@ -42,6 +48,8 @@ def replay(
     port: str,
     baud: int,
     progress: Progress,
+    teach: int | None = None,
+    kept: Path | None = None,
 ) -> Record:
     """Load ``model`` into the board on ``port`` and play ``recordings``.
 
@@ -51,22 +59,35 @@ def replay(
         With the lanes that the board's bitstream has.
     numbers:
         What each recording is called in messages.
+    teach:
+        Class that each recording's last touch is taught as, when it is over; one that is not whole is not.
+    kept:
+        File of touches taught: what it holds is loaded, and then what the board holds in the end goes into it.
 
     Returns
     -------
     dict
         port, baud, lanes, recordings, frames, decisions, compared_values, mismatches, bit_exact, passed,
         mismatch_list (sentences, the first ones), repeated (packets sent again), replayed (recordings played
-        again), unanswered (questions asked again), damaged (packets from the board), wall_s, frames_per_s.
+        again), unanswered (questions asked again), damaged (packets from the board), wall_s, frames_per_s,
+        in_use (class name -> touches, where a class is taught or touches are kept), taught_equal (what the board
+        was taught is what the model was).
 
     Raises
     ------
     InputError
-        No such port; no answer, another design than eskin's, a board that goes away.
+        No such port; no answer, another design than eskin's, a board that goes away; a model that cannot be
+        taught, or a file of another one.
     """
+    if teach is not None or kept:
+        check_teachable(model.config)
+    if kept and kept.exists():
+        model = load_taught(model, kept)
     with contextlib.closing(SerialPort(port, baud)) as transport, on_port(port):
         timeout_s = answer_s(model.config, baud)
-        result = play_all(transport, model, recordings, numbers, progress, timeout_s=timeout_s)
+        result = play_all(
+            transport, model, recordings, numbers, progress, teach=teach, kept=kept, timeout_s=timeout_s
+        )
         return {"port": port, "baud": baud} | result
 
 
@@ -76,11 +97,14 @@ def play_all(
     recordings: Recordings,
     numbers: Sequence[int],
     progress: Progress,
+    *,
+    teach: int | None = None,
+    kept: Path | None = None,
     **options: Any,
 ) -> Record:
-    """The same over any transport; ``options`` as for Link."""
-    config = model.config
-    (rows, offsets), frames, touches = _decided(model, recordings)
+    """The same over any transport, the model as it is to be loaded; other ``options`` as for Link."""
+    config, stream, label = model.config, None if teach is None else Stream(model), teach or 0
+    decided = _decided(model, recordings) if stream is None else _streamed(stream, recordings)
     verdict, decisions = Verdict(), 0
     link = Link(transport, register_map(config), **options)
     begin = time.monotonic()
@@ -92,19 +116,22 @@ def play_all(
         def report(taken: int, before: int = before) -> None:
             progress(before + taken, recordings.frames)
 
+        rows, frames, touches = next(decided)
         got = link.play(recordings.recording(position), report)
-        low, high = offsets[position : position + 2]
         words = (got.status, got.faults, got.touches)
-        compare_played(
-            verdict,
-            int(number),
-            rows[low:high],
-            frames[low:high],
-            got.decisions,
-            int(touches[position]),
-            words,
-        )
+        compare_played(verdict, config, int(number), rows, frames, got.decisions, touches, words)
         decisions += len(got.decisions)
+        if stream is not None and touches:
+            with contextlib.suppress(InputError):  # not whole
+                stream.teach(label)
+                link.write([(TeachRegister.TEACH, label)])
+                link.settle()
+    held: Record = {"in_use": None, "taught_equal": True}
+    if stream is not None:
+        assert isinstance(stream.model, IntegerModel)
+        model = stream.model
+    if stream is not None or kept:
+        held = _held(link, model, kept)
     wall_s = time.monotonic() - begin
     counts = {name: getattr(link, name) for name in ("repeated", "replayed", "unanswered", "damaged")}
     compared = {name: getattr(verdict, name) for name in ("compared_values", "mismatches", "bit_exact")}
@@ -114,28 +141,50 @@ def play_all(
         "frames": recordings.frames,
         "decisions": decisions,
         **compared,
-        "passed": verdict.bit_exact,
+        "passed": verdict.bit_exact and held["taught_equal"],
+        **held,
         "mismatch_list": [str(mismatch) for mismatch in verdict.first],
         "wall_s": round(wall_s, 3),
         "frames_per_s": round(recordings.frames / wall_s),
     }
 
 
-def _decided(
-    model: IntegerModel, recordings: Recordings
-) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-    """Of the integer model: stage ``decision`` (rows, offsets), the frame that brings each row, and the
-    touches of each recording; an image is one, decided with its last row."""
-    if model.config.is_image:
-        decided = run_images(model, images_of(recordings)).streams["decision"]
-        return (
-            decided,
-            np.full(len(decided[0]), model.config.image.height),
-            np.ones(len(recordings), dtype=np.int64),
-        )
-    trace = run(model, recordings)
-    return (
-        trace.streams["decision"],
-        completing_frames(trace),
-        np.bincount(trace.touches.recording, minlength=len(recordings)),
+def _held(link: Link, model: IntegerModel, kept: Path | None) -> Record:
+    """What the board was taught, read out, against ``model``; written to ``kept``."""
+    arrays = taught_arrays(model.config, link.places)
+    held = IntegerModel(model.config, {**model.arrays, **arrays}, "the board")
+    used, names = taught_in_use(held), model.config.network.class_names
+    equal = (arrays["taught_count"] == model.arrays["taught_count"]).all() and all(
+        (places[:count] == aim[:count]).all()
+        for places, aim, count in zip(arrays["taught"], model.arrays["taught"], used, strict=True)
     )
+    if kept:
+        save_taught(held, kept)
+    return {"in_use": dict(zip(names, used.tolist(), strict=True)), "taught_equal": bool(equal)}
+
+
+Decided = Iterator[tuple[np.ndarray, np.ndarray, int]]
+"""Of each recording: decision rows, the frame that brings each, and its touches."""
+
+
+def _streamed(stream: Stream, recordings: Recordings) -> Decided:
+    """Of what the stream has been taught when a recording's turn comes."""
+    for index in range(len(recordings)):
+        stream.arm()
+        made = [*stream.push(recordings.recording(index)), *stream.finish()]
+        rows = np.array([decision.row() for decision in made]).reshape(-1, len(DECISION_FIELDS))
+        yield rows, np.array([decision.frame for decision in made]), stream.touches
+
+
+def _decided(model: IntegerModel, recordings: Recordings) -> Decided:
+    """Of the integer model; an image is one touch, decided with its last row."""
+    if model.config.is_image:
+        rows, offsets = run_images(model, images_of(recordings)).streams["decision"]
+        frames = np.full(len(rows), model.config.image.height)
+        touches = np.ones(len(recordings), dtype=np.int64)
+    else:
+        trace = run(model, recordings)
+        (rows, offsets), frames = trace.streams["decision"], completing_frames(trace)
+        touches = np.bincount(trace.touches.recording, minlength=len(recordings))
+    for (low, high), begun in zip(pairwise(offsets), touches, strict=True):
+        yield rows[low:high], frames[low:high], int(begun)

@@ -5,10 +5,10 @@ from __future__ import annotations
 
 from amaranth.hdl import Array, Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.program.memory_map import prototype_words
-from formal.proof import Bug, assume, free, free_inputs, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free, free_inputs, opened_up, proof, prove
 
 CLASSES, TRAINED = 2, 1
 VALUES = CLASSES  # of a linear cell's step
@@ -59,13 +59,17 @@ def no_place_is_half_written_of_several_steps(m: Module) -> None:
     _whole_places(m, steps=2, taught=2)
 
 
-def _whole_places(m: Module, *, steps: int, taught: int) -> None:
+def _config(*, steps: int, taught: int) -> AcceleratorConfig:
     rule = {"prototypes": TRAINED, "taught": taught, "state_code_bits": 3, "state_code_shift": 12}
-    config = (
+    return (
         PRESETS["thesis"]
         .replace(taxels=4, steps=steps, feature_shift=(4,), cell="linear", class_names=("a", "b"))
         .with_readout(readout="prototypes", **rule)
     )
+
+
+def _whole_places(m: Module, *, steps: int, taught: int) -> None:
+    config = _config(steps=steps, taught=taught)
     places, words, whole = TRAINED + taught, prototype_words(config), steps
     every = CLASSES * places
     row_words = (every + 1) * VALUES
@@ -178,3 +182,40 @@ def _whole_places(m: Module, *, steps: int, taught: int) -> None:
         ~inside.comparing | ~first_value | (inside.last_of == (inside.slot == 0)),
         "the last place of the class before",
     )
+
+
+@proof(
+    "from a code of the wrong parity on, a place is nobody's nearest until the touch ends, unless it is its class's first",
+    depth=2,
+    reduced="2 classes, 2 steps of a linear cell, 1 prototype and 2 taught places a class, 3 bits",
+    quick=True,
+    bugs=(
+        Bug("it counts all the same", "used_done & ~damaged if checks", "used_done if checks"),
+        Bug(
+            "the next value mends it", "Mux(begin_of, was_damaged, damaged)", "Mux(begin_of, was_damaged, 0)"
+        ),
+        Bug(
+            "the next step mends it",
+            "Mux(begin_of, was_damaged, damaged)",
+            "Mux(begin_of, 0, damaged)",
+            depth=44,
+        ),
+    ),
+)
+def no_damaged_place_is_nearest(m: Module) -> None:
+    config = _config(steps=2, taught=2).replace(checksum=True)
+    dut = PrototypeReadout(config)
+    inside = opened_up(dut)
+    free_inputs(dut)
+    odd = inside.comparing & inside.read.data.xor()
+    prove(dut.wrong == (odd & inside.used_of), "flagged where the place is in use")
+    prove(~before(odd, "odd") | inside.damaged, "known with the sum")
+    ends = inside.comparing & ~inside.begin_of
+    prove(~before(ends & inside.damaged, "within") | inside.damaged, "until the place ends")
+    begins = inside.comparing & inside.begin_of
+    known = ~inside.first & inside.sum_read.data[-1]
+    prove(~before(begins & known, "begins") | inside.damaged, "of a step before")
+    loses = inside.whole_place & inside.damaged & ~inside.first_done
+    was = Signal.like(inside.nearest, name="nearest_before")
+    m.d.sync += was.eq(inside.nearest)
+    prove(~before(loses, "loses") | (inside.nearest == was), "the nearest stays")

@@ -10,7 +10,8 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed, unsigne
 import eskin.rtl.frontend.feature_expander
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander
-from formal.frontend.frame_marks import EVEN, FREE, KINDS, frames
+from eskin.rtl.program.timing import STATE_BEATS
+from formal.frontend.frame_marks import EVEN, FREE, KINDS, frames, gap_left
 from formal.memory import opened
 from formal.proof import (
     Bug,
@@ -163,6 +164,13 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
     prove(inside.taxel == at.beat, "taxel")
     of_fresh = Mux(slot == 1, at.beat, Mux(at.beat == 0, taxels - 1, at.beat - 1))
     prove(~inside.written | (slot < 2) & (inside.taxel_of_fresh == of_fresh), "the write under way")
+    waits: Value = Const(0)
+    if taxels < STATE_BEATS:
+        left = gap_left(inside, taxels)
+        waits = left != 0
+        prove(~waits | (slot == 0) & (at.beat == 0), "only between frames")
+        wide = ~inside.written | (slot != 0) | (at.beat != 0)
+        prove(wide | (left == STATE_BEATS - taxels), "the write before it is read")
     prove(inside.first == ((at.frame == 0) if touch else ~at.later & (at.frame == 0)), "the first frame")
     if "activity" in kinds:
         if block > 1:
@@ -212,7 +220,7 @@ def _beats(m: Module, config: AcceleratorConfig) -> None:
             held = Mux(pending, fresh, word[offset : offset + width].as_signed())
             prove(~defined | (held == specified), f"{name}: kept")
             read = inside.present_state[name]
-            prove(~(defined & ref.mine & (slot == 0)) | (read == specified), f"{name}: read")
+            prove(waits | ~(defined & ref.mine & (slot == 0)) | (read == specified), f"{name}: read")
     if "integral" in kinds:
         knee = 1 << features.integral_knee
         size = Mux(ref.now.total < 0, -ref.now.total, ref.now.total)
@@ -349,3 +357,37 @@ def changes_of_frames(m: Module) -> None:
 )
 def sums_of_blocks(m: Module) -> None:
     _beats(m, RUNNING.replace(feature_kinds=("mean", "activity"), activity_rule="sum"))
+
+
+FEW = f"{CLAIM}; of few taxels, whose state is read again in the gap between two frames"
+EARLY = dict(file="rtl/common/frame_gap.py", depth=40, eager=True)
+
+
+@proof(
+    FEW,
+    depth=1,
+    reduced="1 taxel, deviations up to 2, blocks of 2 frames, touches of 6",
+    bugs=(Bug("the gap is a cycle short", "left.eq(STATE_BEATS - taxels)", "left.eq(1)", **EARLY),),
+)
+def one_taxel(m: Module) -> None:
+    _beats(m, TOUCH.replace(taxels=1))
+
+
+@proof(
+    FEW,
+    depth=1,
+    reduced="2 taxels, deviations up to 2, blocks of 2 frames, touches of 6",
+    bugs=(Bug("there is no gap", "return left != 0", "return left > 1", **EARLY),),
+)
+def two_taxels(m: Module) -> None:
+    _beats(m, TOUCH.replace(taxels=2))
+
+
+@proof(
+    FEW,
+    depth=1,
+    reduced="3 taxels, deviations up to 2, blocks and hops of 2 frames, touches of 2 windows of 4",
+    bugs=(BUGS["hop"],),
+)
+def three_taxels(m: Module) -> None:
+    _beats(m, RUNNING.replace(taxels=3))

@@ -8,8 +8,9 @@ from amaranth.hdl import Module, Mux, Signal, Value
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.rtl.frontend.frame_marks import TouchMarks
+from eskin.rtl.program.timing import STATE_BEATS
 from formal.engine.sequencer import table
-from formal.proof import Bug, assume, free, opened_up, proof, prove
+from formal.proof import Bug, Inside, assume, free, opened_up, proof, prove
 
 SMALL = dict(
     taxels=4,
@@ -34,6 +35,13 @@ KINDS = dict(
 EVEN = PRESETS["thesis"].replace(**SMALL, window=4, steps=2, touch_frames=6)
 ODD = PRESETS["thesis"].replace(**SMALL, window=5, steps=3, touch_frames=6)
 FREE = PRESETS["pvdf"].replace(**SMALL, window=4, steps=2, onset_mean_frames=4, onset_check_frames=2)
+
+
+def gap_left(inside: Inside, taxels: int) -> Signal:
+    """Cycles of `eskin.rtl.common.frame_gap.frame_gap` to come, which are few."""
+    left = next(register for register in inside.registers if register.name == "gap_left")
+    prove(left <= STATE_BEATS - taxels, "the gap's own cycles")
+    return left
 
 
 def frames(m: Module, config: AcceleratorConfig, port, last_kind: Value) -> SimpleNamespace:

@@ -3,12 +3,24 @@ stay in range."""
 
 from __future__ import annotations
 
-from amaranth.hdl import Const, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import enum
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.onset_detector import OnsetDetector
-from formal.proof import Bug, Inside, free, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
+from eskin.rtl.program.timing import STATE_BEATS
+from formal.proof import (
+    Bug,
+    Inside,
+    before,
+    free,
+    free_sink,
+    free_source,
+    keeps_its_beat,
+    opened_up,
+    proof,
+    prove,
+)
 
 FILE, ALIGNER, MARKS, STATE = (
     f"rtl/frontend/{name}.py" for name in ("onset_detector", "frame_aligner", "frame_marks", "touch_state")
@@ -55,7 +67,7 @@ def _stages(m: Module, dut: OnsetDetector, inside: Inside, gone: Signal):
     ahead = Const(0)
     for stage in ("clipped", "deviation", "taken")[-dut.latency :]:
         valid, index, last = (registers[f"{stage}_{key}"] for key in ("valid", "index", "last"))
-        prove(~valid | (index == ((gone + ahead) & (taxels - 1))), f"the taxel in stage {stage}")
+        prove(~valid | (index == (gone + ahead) % taxels), f"the taxel in stage {stage}")
         prove(~valid | (last == (index == taxels - 1)), f"the last one in stage {stage}")
         ahead = ahead + valid
     return ahead
@@ -86,9 +98,16 @@ def _frames(m: Module, config) -> None:
     ahead = _stages(m, dut, inside, gone)
     prove(held == ahead, "as many beats as stages that hold one")
     prove(inside.index == entered, "taxels in order")
+    prove((gone < taxels) & (entered < taxels), "the reference's own taxels")
     aligner = inside.parts["FrameAligner"]
     prove(aligner.inside == (inside.index != 0), "inside a frame")
-    prove(((gone + held - entered) & (taxels - 1)) == 0, "frames leave whole: as many beats as came in")
+    prove(~aligner.filling | aligner.inside, "what is filled up has begun")
+    prove((gone + held) % taxels == entered, "frames leave whole: as many beats as came in")
+    if taxels <= STATE_BEATS:
+        clear = before(held == 0, "clear")
+        begins = made & (inside.index == 0)
+        prove(~begins | clear & (held == 0), "a frame begins 2 cycles after the one before has left")
+        prove(inside.empty == Cat(held == 0, clear), "empty stages")
     prove(good <= taken, "what goes in was taken")
     # of a sender that frames as it should every beat goes in, and none is repeated
     expects = Signal(range(taxels))
@@ -120,7 +139,8 @@ def _frames(m: Module, config) -> None:
             Mux(aligner.filling, refused <= inside.index + 1, (inside.index == 0) | (refused == 0)),
             "a frame is filled up at once",
         )
-        prove(refused <= taxels + 1, "no sender waits for ever")
+        wait = 2 if taxels <= STATE_BEATS else 0
+        prove(refused <= taxels + 1 + wait, "no sender waits for ever")
 
 
 @proof(
@@ -201,6 +221,27 @@ def frames_baseline(m: Module) -> None:
 )
 def frames_free(m: Module) -> None:
     _frames(m, FREE)
+
+
+FEW = "the same of few taxels: a frame waits until the state that the one before it changed is written"
+EARLY = Bug(
+    "a frame begins a cycle early", "(index != 0) | empty.all()", "(index != 0) | empty[0]", file=FILE
+)
+
+
+@proof(FEW, depth=6, reduced="1 taxel, 4-bit samples", bugs=(EARLY,))
+def one_taxel(m: Module) -> None:
+    _frames(m, BAND.replace(taxels=1))
+
+
+@proof(FEW, depth=7, reduced="2 taxels, 4-bit samples", bugs=(EARLY,))
+def two_taxels(m: Module) -> None:
+    _frames(m, MEANS.replace(taxels=2))
+
+
+@proof(FEW, depth=5, reduced="3 taxels, 4-bit samples", bugs=(EARLY,))
+def three_taxels(m: Module) -> None:
+    _frames(m, FREE.replace(taxels=3))
 
 
 def _touches(m: Module, config) -> None:

@@ -12,8 +12,9 @@ import eskin.golden.core.config
 import eskin.rtl.frontend.pretrigger_ring
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
+from eskin.rtl.program.timing import STATE_BEATS
 from formal.memory import opened
-from formal.proof import Bug, assume, free, free_sink, keeps_its_beat, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free, free_sink, keeps_its_beat, opened_up, proof, prove
 
 SLACK = 2
 """Frames that the ring holds beyond its history and the onset's; 8 in the design."""
@@ -102,11 +103,47 @@ def passing_by(m: Module) -> None:
     _frames_of_a_touch(m, 0, one_port=True)
 
 
-def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False) -> None:
+@proof(
+    "the same of one taxel, frames 3 cycles apart",
+    depth=3,
+    reduced="1 taxel, 1 frame of history, room for 2 frames more (8 in the design)",
+    bugs=(
+        Bug(
+            "the frame of an onset is too many itself",
+            "frame + (frame // 2 or 1) - 1",
+            "frame + frame // 2 - 1",
+            depth=24,
+            eager=True,
+        ),
+    ),
+)
+def one_taxel(m: Module) -> None:
+    _frames_of_a_touch(m, 0, taxels=1)
+
+
+@proof(
+    "the same of two taxels, frames 2 cycles apart",
+    depth=3,
+    reduced="2 taxels, 1 frame of history, room for 2 frames more (8 in the design)",
+    bugs=(
+        Bug(
+            "a frame of history too few",
+            "(config.windows.pretrigger_frames + 1) * frame",
+            "config.windows.pretrigger_frames * frame",
+            depth=30,
+            eager=True,
+        ),
+    ),
+)
+def two_taxels(m: Module) -> None:
+    _frames_of_a_touch(m, 0, taxels=2)
+
+
+def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, taxels: int = 4) -> None:
     slack = SLACK - one_port
     with mock.patch.object(eskin.golden.core.config, "RING_SLACK_FRAMES", slack):
         config = PRESETS["thesis"].replace(
-            taxels=4,
+            taxels=taxels,
             sample_bits=8,
             band_low=100,
             band_high=150,
@@ -126,13 +163,13 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False) -> 
         assert config.ring_frames == 2 + slack
         ring_frames = config.ring_frames
     (ring,) = memories
-    taxels, history = config.sensor.taxels, config.windows.pretrigger_frames + 1
+    history = config.windows.pretrigger_frames + 1
     keeps_its_beat(dut.o, "o")
     free_sink(dut.o)
     push, taken = dut.i.valid & dut.i.ready, dut.o.valid & dut.o.ready
     passes = inside.passes if one_port else Const(0, 1)
 
-    # Beats are numbered modulo 256, frame * 4 + taxel. What the ring is given to keep is how many it kept
+    # Beats are numbered modulo 256, frame * taxels + taxel. What the ring is given to keep is how many it kept
     # before, those that passed it by not counted: it never looks at it.
     word, wanted_word = Signal(8), Signal(8)  # of the next beat in; of the next beat out
     passed = Signal(8) if one_port else Const(0, 8)
@@ -148,6 +185,10 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False) -> 
         m.d.sync += passed.eq(passed + passes)
     m.d.sync += [word.eq(word + (push & ~passes)), since.eq(since + (push & (since != 63)))]
     last_taxel = (number & (taxels - 1)) == taxels - 1
+    if taxels <= STATE_BEATS:  # the detector waits
+        pushed = before(push, "pushed")
+        recent = pushed | before(pushed, "pushed_before")
+        assume(~dut.i.valid | ((number & (taxels - 1)) != 0) | ~recent)
 
     # The detector: an onset any time when it is armed, the touch's last frame any later one, then
     # rearm_frames frames at least.
@@ -211,26 +252,27 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False) -> 
         kept = Cat(beat, beat.xor()) if fault_frames else beat
         prove((place >= held) | (content == kept), "what it holds")
     dut_touch, starting, fetched = inside.touch, inside.starting, inside.fetched
-    before = SimpleNamespace(held=Signal.like(inside.held), push=Signal(), fetch=Signal(), starting=Signal())
+    earlier = SimpleNamespace(held=Signal.like(inside.held), push=Signal(), fetch=Signal(), starting=Signal())
     m.d.sync += [
-        before.held.eq(inside.held),
-        before.push.eq(push & ~passes),
-        before.fetch.eq(inside.fetch),
-        before.starting.eq(starting),
+        earlier.held.eq(inside.held),
+        earlier.push.eq(push & ~passes),
+        earlier.fetch.eq(inside.fetch),
+        earlier.starting.eq(starting),
     ]
-    prove(inside.counted == before.fetch, "a beat fetched is counted a cycle late")
+    prove(inside.counted == earlier.fetch, "a beat fetched is counted a cycle late")
     prove(~inside.counted | dut_touch & inside.fetched, "only in a touch")
     uncounted = Signal()  # of the fetch two cycles ago
     m.d.sync += uncounted.eq(inside.counted)
     prove(
-        before.held + before.push == inside.held + Mux(inside.dropped, frame, 0) + uncounted,
+        earlier.held + earlier.push == inside.held + Mux(inside.dropped, frame, 0) + uncounted,
         "what a cycle did",
     )
-    prove(inside.surplus == (before.held >= history * frame + frame // 2), "surplus, a cycle late")
-    prove(inside.some == (before.held > uncounted + before.fetch), "something to fetch, a cycle late")
+    prove(inside.surplus == (earlier.held >= history * frame + (frame // 2 or 1)), "surplus, a cycle late")
+    prove(inside.some == (earlier.held > uncounted + earlier.fetch), "something to fetch, a cycle late")
     prove(~(dut_touch & inside.dropped), "nothing is dropped as a touch begins")
     prove(~fetched | dut_touch, "fetched in a touch")
-    prove(~(starting & dut_touch), "starting ends with the touch's begin")
+    begun = inside.begun if taxels == 1 else Const(0)
+    prove(~(starting & dut_touch) & ~(begun & (starting | dut_touch)), "starting ends with the touch's begin")
     prove(~(onset & reading), "a touch is read to its end before the next onset")
     frame_start, to_end, after_end = (
         number & ~Const(taxels - 1, 8),
@@ -252,7 +294,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False) -> 
         "frames since",
     )
     prove(~reading | touch | (after_end < 64), "not long ago")
-    prove(reading == (starting | dut_touch), "a touch is read from its onset on")
+    prove(reading == (begun | starting | dut_touch), "a touch is read from its onset on")
     prove(~dut_touch | (oldest == (wanted_word + fetched)[:8]), "the next beat that is read")
     if one_port:
         idle = (inside.held == 0) & ~inside.counted & ~fetched & ~inside.full
@@ -266,16 +308,21 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False) -> 
     at = number & (taxels - 1)
     prove(reading | (held >= (history - 1) * frame + at) | (held == since), "history")
     prove(reading | (held <= since), "nothing older than the last touch's end")
+    if taxels <= STATE_BEATS:
+        prove(~(begun | starting) | (at == 0), "no beat of a frame that begins before its touch")
+        begins = before(pushed, "pushed_then") if taxels == 1 else pushed
+        prove(~starting | earlier.starting | begins, "a touch begins with a beat")
+        prove(~begun | pushed, "a touch begins with the beat before")
+    opening = begun | starting
     drops = Signal(8)
     m.d.comb += drops.eq(wanted - first)
     ahead = number - wanted  # beats of the touch that are there
-    prove(~starting | (drops <= held) & ((drops & (frame - 1)) == 0), "whole frames too many")
+    prove(~opening | (drops <= held) & ((drops & (frame - 1)) == 0), "whole frames too many")
     prove(
-        ~starting | (drops == 0) | (ahead[:8] >= history * frame),
-        "frames are too many where history is whole",
+        ~opening | (drops == 0) | (ahead[:8] >= history * frame), "frames are too many where history is whole"
     )
     prove(
-        ~starting | (ahead[:8] <= history * frame + before.starting),
+        ~opening | (ahead[:8] <= history * frame + (earlier.starting if taxels > STATE_BEATS else 0)),
         "one beat more at most before a touch begins",
     )
-    prove(~(starting & before.starting) | inside.full, "no beat while frames are dropped for a touch")
+    prove(~(starting & earlier.starting) | inside.full, "no beat while frames are dropped for a touch")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 
 import eskin.rtl.frontend.window_averager
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.frontend.window_averager import Operation, WindowAverager
+from eskin.rtl.program.timing import STATE_BEATS
 from formal.engine.sequencer import table
-from formal.frontend.frame_marks import EVEN, FREE, KINDS, ODD, frames
+from formal.frontend.frame_marks import EVEN, FREE, KINDS, ODD, frames, gap_left
 from formal.memory import opened
 from formal.proof import (
     Bug,
@@ -130,6 +131,12 @@ def _windows(m: Module, config: AcceleratorConfig) -> None:
     for name in kinds:
         first_of_hop = at.place < (blocks if name == "activity" else 1)
         prove(draining | (inside.begins[name] == (first_of_hop | (name == "integral"))), f"{name}: begins")
+    waits: Value = Const(0)
+    if taxels < STATE_BEATS:
+        left = gap_left(inside, taxels)
+        waits = left != 0
+        prove(~waits | newest & (index == 0) & (inner == 0), "only between frames")
+        prove(~inside.fresh | begun | (inner != 0) | (index != 0) | (left == STATE_BEATS - taxels), "at once")
     before_index = Mux(index == 0, taxels - 1, index - 1)
     frame_begins = newest & ~draining & (index == 0) & (inner == 0)
     bank = inside.parity ^ (frame_begins & (at.place == 0))
@@ -244,11 +251,12 @@ def _windows(m: Module, config: AcceleratorConfig) -> None:
             wanted = Mux(operation == Operation.PREVIOUS, Mux(apart, now, before), Mux(begun, before, now))
             cares = Mux(newest & ~draining, ~apart, 1) & Mux(newest, known >= 1, known >= Mux(apart, 1, 2))
             prove(
-                ~(current & cares & (begun | ~apart)) | (read == complement(wanted, "read")), f"{name}: read"
+                waits | ~(current & cares & (begun | ~apart)) | (read == complement(wanted, "read")),
+                f"{name}: read",
             )
             partial = now_in + Mux((operation == Operation.PREVIOUS) & (hops == 2), older_in, 0)
         else:
-            prove(~(current & newest & draining) | (read == complement(now, "read")), "read")
+            prove(waits | ~(current & newest & draining) | (read == complement(now, "read")), "read")
             partial = now_in
         prove(~(current & begun) | (inside.total == complement(partial, "partial")), f"{name}: so far")
         if config.faults.fault_frames:
@@ -262,7 +270,8 @@ def _windows(m: Module, config: AcceleratorConfig) -> None:
             ]
             mask = Mux(inside.parity, *bits_of[::-1])
             prove(apart | started | (known == 0) | (mask == was_masked), "the mask in its bank")
-            prove(~(current & draining & newest) | (inside.read.data[config.sum_bits] == was_masked), "read")
+            mask = inside.read.data[config.sum_bits]
+            prove(waits | ~(current & draining & newest) | (mask == was_masked), "read")
     prove(~of_one | (expected <= limit) & (expected >= -limit), "no sum exceeds its format")
     prove(~of_one | (~offered.complement == expected), "the sum of the window's frames")
     if config.faults.fault_frames:
@@ -387,3 +396,41 @@ def several_kinds(m: Module) -> None:
 def activity_in_blocks(m: Module) -> None:
     kinds = dict(feature_kinds=("mean", "activity"), activity_rule="sum", activity_block=2)
     _windows(m, FREE.replace(**kinds, hop=4, window=8))
+
+
+FEW = f"{CLAIM}; of few taxels, whose sums are read again in the gap between two frames"
+EARLY = dict(file="rtl/common/frame_gap.py", depth=40, eager=True)
+
+
+@proof(
+    FEW,
+    depth=1,
+    reduced="1 taxel, deviations up to 2, hop 2, 3 windows of 5 frames, clipped at frame 6",
+    bugs=(Bug("the gap is a cycle short", "left.eq(STATE_BEATS - taxels)", "left.eq(1)", **EARLY),),
+)
+def one_taxel(m: Module) -> None:
+    _windows(m, ODD.replace(taxels=1))
+
+
+@proof(
+    FEW,
+    depth=1,
+    reduced="2 taxels, deviations up to 2, hop 2, 2 windows of 4 frames",
+    bugs=(Bug("there is no gap", "return left != 0", "return left > 1", **EARLY),),
+)
+def two_taxels(m: Module) -> None:
+    _windows(m, EVEN.replace(taxels=2))
+
+
+@proof(
+    FEW,
+    depth=1,
+    reduced="3 taxels, deviations up to 2, hop 2, windows of 4 frames",
+    bugs=(
+        Bug(
+            "the hop's bank is not turned", "parity.eq(parity ^ turns)", "parity.eq(0)", depth=60, eager=True
+        ),
+    ),
+)
+def three_taxels(m: Module) -> None:
+    _windows(m, FREE.replace(taxels=3))

@@ -6,7 +6,7 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.host.control import INPUTS, HostControl
-from eskin.rtl.program.memory_map import Control, Fault, Register
+from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister
 from formal.proof import Bug, assume, before, free, free_inputs, opened_up, proof, prove
 
 STATE, LOADER = "rtl/host/recording_state.py", "rtl/host/memory_loader.py"
@@ -167,3 +167,54 @@ def no_register_no_effect(m: Module) -> None:
     for fault, bit in inside.bits.items():
         if fault != Fault.ADDRESS:
             prove(bit == beside.bits[fault], f"{fault.name} is the same")
+
+
+TAUGHT = CONFIG.replace(cell="linear", decision="last").with_readout(
+    readout="prototypes", prototypes=1, taught=1, state_code_bits=3, state_code_shift=12
+)
+
+
+@proof(
+    "a word of PLACES was read ahead from the place whose number comes with it, and since then no touch was open and "
+    "nothing written; the place goes on only with a word that was given",
+    depth=2,
+    reduced="4 taxels, 1 prototype and 1 taught place a class",
+    bugs=(
+        Bug(
+            "a word is given while it is read",
+            "given.eq(fresh & ~self.look & ~loader.locked)",
+            "given.eq(fresh)",
+        ),
+        Bug("a touch does not make it stale", "~(loader.locked | bus.w_stb)", "~bus.w_stb"),
+        Bug("a write does not make it stale", "~(loader.locked | bus.w_stb)", "~loader.locked"),
+        Bug(
+            "the place goes on with every question",
+            "loader.onward.eq(asked & given)",
+            "loader.onward.eq(asked)",
+        ),
+    ),
+)
+def words_of_places(m: Module) -> None:
+    dut = HostControl(TAUGHT)
+    inside = opened_up(dut)
+    free_inputs(dut)
+    loader = inside.parts["MemoryLoader"]
+    asked = dut.bus.r_stb & (dut.bus.addr == TeachRegister.PLACES)
+    # what the readout holds: the word at the place looked at last, while it was free
+    held, at = Signal(name="held"), Signal(len(loader.address), name="looked_at")
+    written = dut.bus.w_stb | dut.load.enable
+    m.d.sync += held.eq((held | dut.look) & ~inside.loader.locked & ~written)
+    with m.If(dut.look):
+        m.d.sync += at.eq(loader.address)
+    prove(
+        ~inside.given | (held & ~dut.look & ~inside.loader.locked & (at == loader.address)),
+        "the word of the place",
+    )
+    # ---- for the induction
+    prove(held == inside.fresh, "the reference's own state")
+    prove(~held | dut.look | (at == loader.address), "the place stays")
+    was = Signal(len(loader.address), name="place_before")
+    m.d.sync += was.eq(loader.address)
+    moved = loader.address != was
+    acted = before(asked & inside.given, "gave") | before(written, "wrote")
+    prove(~moved | acted, "the place goes on with a word given")

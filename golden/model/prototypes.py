@@ -6,10 +6,14 @@ A trajectory is what the hidden state (of a linear cell: the logits) is after ea
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.files import ArchiveError, read_arrays, replacing
+from eskin.golden.core.memo import content_key
 from eskin.golden.model.model import IntegerModel
 
 
@@ -132,3 +136,46 @@ def check_class(config: AcceleratorConfig, label: int) -> None:
         raise InputError(
             f"class {label}: is none of the model's; give 0 to {config.classes - 1}, for {names}"
         )
+
+
+# ---------------------------------------------------------------------- a file of what was taught
+TAUGHT = ("taught", "taught_count")
+
+
+def _untaught(model: IntegerModel) -> str:
+    """Names a network and its formats, whatever it was taught and whatever lanes compute it."""
+    config = model.config
+    rest = [(name, array) for name, array in sorted(model.arrays.items()) if name not in TAUGHT]
+    rule = [
+        config.trajectory_width,
+        config.readout_rule.state_code_bits,
+        config.readout_rule.state_code_shift,
+    ]
+    return content_key(rule, *(part for pair in rest for part in pair))
+
+
+def save_taught(model: IntegerModel, path: str | Path) -> None:
+    """Write what ``model`` was taught to ``path``, an ``.npz``."""
+    arrays = {name: model.arrays[name] for name in TAUGHT} | {"model": np.array(_untaught(model))}
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
+
+
+def load_taught(model: IntegerModel, path: str | Path) -> IntegerModel:
+    """``model`` with what `save_taught` wrote to ``path``, in place of what it was taught.
+
+    Raises
+    ------
+    InputError
+        As `check_teachable`; no such file, or another model's.
+    """
+    check_teachable(model.config)
+    try:
+        arrays = read_arrays(path)
+    except (ArchiveError, OSError) as error:
+        raise InputError(f"{path}: {error}; name a file of 'eskin replay --save-taught'") from None
+    if str(arrays.get("model")) != _untaught(model) or not arrays.keys() >= set(TAUGHT):
+        raise InputError(
+            f"{path}: holds no touches taught to this model; name another file, or delete it to begin anew"
+        )
+    return IntegerModel(model.config, {**model.arrays, **{name: arrays[name] for name in TAUGHT}}, str(path))

@@ -39,6 +39,7 @@ from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.cost import Market
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
+from eskin.golden.core.groups import Features
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.model import normaliser_constants, with_network
 from eskin.golden.model.preprocess import FirstTouches, cut_windows, first_touches, normalise, real_features
@@ -291,7 +292,7 @@ def integer_features(config: AcceleratorConfig, touches) -> np.ndarray:
     return filled.formats.feature_format.to_real(codes).reshape(len(codes), -1)
 
 
-KEPT_BYTES = 1 << 28
+KEPT_BYTES = 3 << 28
 """Touches of gates that are kept for other windows on them."""
 
 
@@ -408,15 +409,8 @@ class Judge:
 
     def touches(self, config: AcceleratorConfig) -> FirstTouches:
         """First touches of the candidate's rest level and gate, long enough for any windows."""
-        plain = config.replace(
-            feature_kinds=("mean",),
-            feature_scale="array",
-            activity_block=1,
-            compand="none",
-            feature_shift=(),
-            aligned_means=False,
-            decision="vote",
-        )
+        network = config.network.replace(decision="vote", early_margin=0, early_steps=1)
+        plain = dataclasses.replace(config, features=Features(), network=network)
         if config.windows.window_mode == "free":
             hop = int(min(self.recordings.lengths.max(), 65535))
             plain = plain.replace(hop=hop, window=2 * hop, steps=1, name="gate")
@@ -694,7 +688,7 @@ def choose_front_end(
     )
     field = Field.empty(recordings, looked_at) if nested else None
     with one_thread():
-        chosen = _search(judge, market, _windows(judge, recordings, base, field, looked_at))
+        chosen = _search(judge, market, _windows(judge, recordings, base, field, looked_at, progress))
     record = _record(judge, chosen, market, judged_on, split, split_from, len(parts)) | {
         "recordings": len(recordings),
         "wall_s": time.perf_counter() - began,
@@ -729,7 +723,12 @@ def _how_many(recordings: Recordings) -> int:
 
 
 def _windows(
-    judge: Judge, recordings: Recordings, base: dict[str, Any], field: Field | None, looked_at: np.ndarray
+    judge: Judge,
+    recordings: Recordings,
+    base: dict[str, Any],
+    field: Field | None,
+    looked_at: np.ndarray,
+    progress: Progress | None = None,
 ) -> list[list[AcceleratorConfig]]:
     """Candidates with means alone, of each gate all windows, the longest touch and the usual pace first; then
     a preset each.
@@ -739,7 +738,10 @@ def _windows(
     """
     judged_on = judge.recordings
     of_gate: list[list[AcceleratorConfig]] = []
-    for gate in gates(judged_on.subset(judged_on.evenly(MEASURED_ON)), base):
+    rules = gates(judged_on.subset(judged_on.evenly(MEASURED_ON)), base)
+    for number, gate in enumerate(rules):
+        if progress:
+            progress("onset rules looked at", number, len(rules))
         single = for_recordings(AcceleratorConfig(), recordings, **base, **gate, hop=1, window=2, steps=1)
         touches = judge.touches(single)
         if len(touches) < 2:

@@ -534,7 +534,8 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
     Raises
     ------
     InputError
-        An unknown group, one with a single value, or a value with too few recordings of a class.
+        An unknown group, one with a single value, or a value with too few recordings of a class; a class
+        without any is left out of that value (`lacking`).
     """
     if not groups:
         raise InputError(
@@ -545,7 +546,7 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
         name = " ".join(str(recordings.groups[group][members[0]]) for group in groups)
         of_value[name] = members
         counts = np.bincount(recordings.labels[members], minlength=len(recordings.class_names))
-        label = int(np.argmin(counts))
+        label = int(np.argmin(np.where(counts, counts, len(members) + 1)))
         if counts[label] <= max(ks):
             raise InputError(
                 f"recordings '{recordings.source}', group {' and '.join(groups)}: value {name} has "
@@ -554,6 +555,12 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
                 "smaller k or another group"
             )
     return of_value
+
+
+def lacking(recordings: Recordings, members: np.ndarray) -> list[str]:
+    """Classes without a recording among ``members``: nobody can enrol them, and they are not judged."""
+    there = np.unique(recordings.labels[members])
+    return [name for label, name in enumerate(recordings.class_names) if label not in there]
 
 
 def set_aside(recordings: Recordings, values: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -571,7 +578,8 @@ def judge(
 ) -> list[dict[str, Any]]:
     """For each value left out and each k: value, k, before, after (integer accuracy on the recordings of that
     value that no k enrols), others_before, others_after (on recordings of the other values that were set
-    aside from both trainings; None: there are none), recordings, others (how many judge).
+    aside from both trainings; None: there are none), recordings, others (how many judge), lacking (classes
+    that the value has no recording of).
 
     Touches enrolled with a smaller k are among those of a larger, and the same recordings judge every k.
     """
@@ -613,8 +621,10 @@ def _judge_values(
     ks = question.ks if question.readout == "dense" else tuple(sorted({0, *question.ks}))
     for number, (value, members) in enumerate(values.items()):
         drawn = _draw(recordings, data, members, most, value, question)
-        judged.append(np.setdiff1d(members, drawn))
-        jobs += [(number, k, touch_rows(data, drawn[:, :k].ravel())) for k in ks]
+        judged.append(np.setdiff1d(members, np.concatenate(drawn)))
+        jobs += [
+            (number, k, touch_rows(data, np.concatenate([of_class[:k] for of_class in drawn]))) for k in ks
+        ]
     if question.readout == "prototypes":
         after = _taught(recordings, question, data, parts, [pair.integer for pair in before], jobs)
     else:
@@ -633,9 +643,11 @@ def _judge_values(
     rows = []
     for (number, k, _), model in zip(jobs, after, strict=True):
         own, of_others = figures(model, number)
-        row = {"value": list(values)[number], "k": k, "before": at_first[number][0], "after": own}
+        value = list(values)[number]
+        row = {"value": value, "k": k, "before": at_first[number][0], "after": own}
         row |= {"others_before": at_first[number][1], "others_after": of_others}
-        rows.append(row | {"recordings": len(judged[number]), "others": len(others[number])})
+        row |= {"recordings": len(judged[number]), "others": len(others[number])}
+        rows.append(row | {"lacking": lacking(recordings, values[value])})
     return rows
 
 
@@ -667,12 +679,14 @@ def _taught(
 
 def _draw(
     recordings: Recordings, data: Dataset, members: np.ndarray, most: int, value: str, question: Question
-) -> np.ndarray:
-    """(classes, most) recordings of ``members`` to enrol, such as show a touch: a user would see it and touch
-    again."""
+) -> list[np.ndarray]:
+    """Of each class that is among ``members`` ``most`` recordings to enrol, such as show a touch: a user would
+    see it and touch again."""
     generator = np.random.default_rng([question.seed, *value.encode()])
-    drawn = []
+    drawn, lacks = [], lacking(recordings, members)
     for label, name in enumerate(recordings.class_names):
+        if name in lacks:
+            continue
         of_class = members[(recordings.labels[members] == label) & (data.index[members] >= 0)]
         least = (
             1 if question.readout == "dense" else data.touches.sums.shape[1]
@@ -685,7 +699,7 @@ def _draw(
                 f"{most} are to be enrolled; use a smaller k, or another front end (--config)"
             )
         drawn.append((generator.permutation(of_class) if question.draw == "random" else of_class)[:most])
-    return np.array(drawn)
+    return drawn
 
 
 def summary(
@@ -700,8 +714,8 @@ def summary(
     Returns
     -------
     rows: {group, value, k, layers, old, before, after, others_before, others_after, recordings, others,
-    spread: {the four}, by_seed: {the four}}, means over seeds; mean: k -> the four over all values, weighted
-    by their recordings, and spread: the standard deviation of that mean over seeds (None: one seed).
+    lacking, spread: {the four}, by_seed: {the four}}, means over seeds; mean: k -> the four over all values,
+    weighted by their recordings, and spread: the standard deviation of that mean over seeds (None: one seed).
     """
     figures = ("before", "after", "others_before", "others_after")
 
@@ -719,7 +733,7 @@ def summary(
     for same in zip(*by_seed, strict=True):
         runs = {name: [row[name] for row in same] for name in figures}
         head = {"group": " and ".join(group), "layers": layers, "old": old, "readout": readout}
-        head |= {name: same[0][name] for name in ("value", "k", "recordings", "others")}
+        head |= {name: same[0][name] for name in ("value", "k", "recordings", "others", "lacking")}
         of_seeds = {name: None if None in values else np.array(values) for name, values in runs.items()}
         rows.append(head | means(of_seeds) | {"by_seed": runs})
     for k in sorted({row["k"] for row in rows}):

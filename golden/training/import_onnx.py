@@ -105,6 +105,7 @@ class Graph:
             node = Node(_text(entry.op_type), name, _text(entry.domain), taken, given, {})
             if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
                 self.refuse(node, f"is none of those that are taken: {TAKEN}")
+            self._check_form(node, entry, versions[0])
             node.attributes.update(self._attributes(node, entry))
             self.all.append(node)
 
@@ -127,6 +128,23 @@ class Graph:
         if array.dtype.kind not in "fiub" or not np.isfinite(array).all():
             raise InputError(f"{where}: holds values that are no finite numbers; train the network again")
         return array.astype(np.float64) if array.dtype.kind == "f" else array
+
+    def _check_form(self, node: Node, made: Any, opset: int) -> None:
+        """Refuse a node that has not the inputs, or the types of attributes, that ONNX gives its type."""
+        try:
+            schema = onnx.defs.get_schema(node.op_type, opset)
+        except onnx.defs.SchemaError:
+            self.refuse(node, f"is not in opset {opset}; save the network again")
+        if not schema.min_input <= len(node.input) <= schema.max_input or not node.output:
+            self.refuse(
+                node, f"has {len(node.input)} inputs and {len(node.output)} outputs; save the network again"
+            )
+        for entry in made.attribute:
+            known: Any = schema.attributes.get(_text(entry.name))
+            if known is not None and entry.type != int(known.type):
+                self.refuse(
+                    node, f"has {_text(entry.name):.40} of another type than ONNX's; save the network again"
+                )
 
     def _attributes(self, node: Node, made: Any) -> dict[str, Any]:
         try:
@@ -528,7 +546,7 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np
     graph, inputs, steps = network.graph, config.inputs, config.windows.steps
     flat = steps * inputs if config.network.weight_sets == "window" else inputs
     shapes: list[tuple[int, ...]] = [(1, flat)]
-    if config.recurrent or config.sets > 1:
+    if config.recurrent or config.sets > 1 or steps == 1:
         # as many steps as the file fixes, so that one of another length is told by what it computes
         given = [size for size in graph.dims[:-1] if size > 1][:1] if config.recurrent else []
         steps = given[0] if given else steps

@@ -14,7 +14,7 @@ from eskin.rtl.common.layouts import expands
 LATE_BLOCKS = "ecp5"
 """The family whose block memories are that slow, as ``platform`` names it."""
 
-CONFIGURED = ("ice40", "ecp5")
+CONFIGURED = ("ice40", "ecp5", "gowin")
 """Families whose bitstream gives every word of every memory its first value, constants and working values
 alike."""
 

@@ -39,6 +39,9 @@ class PrototypeReadout(wiring.Component):
         Complement of the distance of each class, class by class: with n values a step and S places in all,
         n + 1 (only with taught places) + S n + 3 cycles after ``step_done`` for the last
         (`eskin.rtl.program.timing.readout_cycles`).
+    wrong : Out(1), only with ``checksum``
+        The code that is compared, of a place in use, has another parity than it was stored with. Until the touch
+        ends its place does not count, unless it is its class's first.
     far : Out(1), only with ``unknown_above``
         The step's smallest distance is above it; from the last score on.
     idle : Out(1)
@@ -51,6 +54,9 @@ class PrototypeReadout(wiring.Component):
         Pulses. ``label`` is the class; ``option``: of the next touch, of all classes.
     locked : In(1)
         A touch is open.
+    look : In(1)
+        Reads word ``load.address``, only while idle; ``place`` : Out(9) is it from the next cycle on, while the
+        address stays and nothing else happens.
     refused : Out(1)
         Pulse: that was not, or will not be, done.
     in_use : Out(8)
@@ -62,6 +68,7 @@ class PrototypeReadout(wiring.Component):
         self._teaches = config.readout_rule.taught > 0
         score = shape_of(config.score_format)
         commands = {"teach": In(1), "forget": In(1), "label": In(7), "option": In(1), "locked": In(1)}
+        looking = {"look": In(1), "place": Out(9)}
         super().__init__(
             {
                 "vector": In(data.StructLayout({"valid": 1, "value": shape_of(config.trajectory_format)})),
@@ -73,14 +80,16 @@ class PrototypeReadout(wiring.Component):
                 "idle": Out(1),
                 "load": In(load_signature(config)),
             }
+            | ({"wrong": Out(1)} if config.hardware.checksum else {})
             | ({"far": Out(1)} if config.readout_rule.unknown_above else {})
-            | (commands | {"refused": Out(1), "in_use": Out(8)} if self._teaches else {})
+            | (commands | looking | {"refused": Out(1), "in_use": Out(8)} if self._teaches else {})
         )
 
     def elaborate(self, platform):
         m = Module()
         config, rule, teaches = self._config, self._config.readout_rule, self._teaches
-        width, bits = config.trajectory_width, rule.state_code_bits
+        width, bits, checks = config.trajectory_width, rule.state_code_bits, int(config.hardware.checksum)
+        stored = bits + checks  # a code and its parity
         places, words = rule.prototypes + rule.taught, prototype_words(config)
         vector = self.vector
 
@@ -116,30 +125,36 @@ class PrototypeReadout(wiring.Component):
             m.d.sync += head.eq((head & ~last_unit) | row_begins | row_again)
 
         # ---------------------------------------------------------------- codes of the step, and of the places
-        codes = Signal(width * bits)  # the next one lowest
+        codes = Signal(width * stored)  # the next one lowest
         reading, comparing, from_memory = Signal(), Signal(), Signal()
         m.submodules.places = memory = Memory(
-            shape=unsigned(bits), depth=words, init=[], attrs=prototypes_memory(config, platform, words)
+            shape=unsigned(stored), depth=words, init=[], attrs=prototypes_memory(config, platform, words)
         )
         read, write = memory.read_port(), memory.write_port()
         loads = self.load.enable & self.load.select[load_lines(config)[Loaded.PROTOTYPES]]
+        asked = loads  # the address is the host's
+        reads: Value = reading
+        if teaches:
+            asked, reads = loads | (self.look & self.idle), reading | (self.look & self.idle)
         written, at = Signal(), Signal(range(words))
         target = Signal()  # of a pass that teaches, the place under way
         m.d.comb += [
             written.eq((head & ~teaching) | (body & target)),
-            at.eq(Mux(loads, self.load.address, address)),
+            at.eq(Mux(asked, self.load.address, address)),
             read.addr.eq(at),
-            read.en.eq(reading),
+            read.en.eq(reads),
             reading.eq(Mux(teaching, head, body)),
             write.addr.eq(at),
             write.data.eq(Mux(loads, self.load.data, codes)),
             write.en.eq(written | (loads & (self.load.address < words))),
         ]
         m.d.sync += [comparing.eq(body & ~teaching), from_memory.eq(head & teaching)]
-        comes = Mux(from_memory, read.data, codes[:bits])
-        code = narrow(vector.value, rule.state_code_shift, config.state_code_format).as_unsigned()
+        comes = Mux(from_memory, read.data, codes[:stored])
+        code: Value = narrow(vector.value, rule.state_code_shift, config.state_code_format).as_unsigned()
+        if checks:
+            code = Cat(code, code.xor())
         with m.If(vector.valid | comparing | from_memory | written):
-            m.d.sync += codes.eq(Cat(codes[bits:], Mux(vector.valid, code, comes)))
+            m.d.sync += codes.eq(Cat(codes[stored:], Mux(vector.valid, code, comes)))
 
         # ---------------------------------------------------------------- sums
         sum_bits = len(self.score.value) - 1
@@ -154,9 +169,10 @@ class PrototypeReadout(wiring.Component):
             last_of.eq(last_slot),
         ]
         apart = Signal(signed(bits + 1))
-        m.d.comb += apart.eq(codes[:bits].as_signed() - read.data.as_signed())
+        m.d.comb += apart.eq(codes[:bits].as_signed() - read.data[:bits].as_signed())
         minus = apart[-1]
         before: Value = Const(0, sum_bits)
+        damaged, was_damaged = Signal(), Signal()  # the place: in this step, in one before
         whole_place, first_done, last_done, used_done = (
             Signal(name=name) for name in ("whole_place", "first_done", "last_done", "used_done")
         )
@@ -169,7 +185,10 @@ class PrototypeReadout(wiring.Component):
         if config.network.decision != "vote":
             every = config.classes * places
             m.submodules.sums = sums = Memory(
-                shape=unsigned(sum_bits), depth=every, init=[], attrs=NO_COLLISION | {"ram_style": "block"}
+                shape=unsigned(sum_bits + checks),
+                depth=every,
+                init=[],
+                attrs=NO_COLLISION | {"ram_style": "block"},
             )
             sum_read, sum_write = sums.read_port(), sums.write_port()
             asked, kept = Signal(range(every)), Signal(range(every))
@@ -180,15 +199,22 @@ class PrototypeReadout(wiring.Component):
             m.d.comb += [
                 sum_read.addr.eq(asked),
                 sum_write.addr.eq(kept),
-                sum_write.data.eq(total),
+                sum_write.data.eq(Cat(total, damaged) if checks else total),
                 sum_write.en.eq(whole_place),
             ]
-            before = Mux(first, 0, sum_read.data)
+            before = Mux(first, 0, sum_read.data[:sum_bits])
+            if checks:
+                m.d.comb += was_damaged.eq(~first & sum_read.data[sum_bits])
         # |apart| is added with the same carries that make it positive
         carried = Cat(minus, Mux(begin_of, before, total)) + Cat(minus, apart[:-1] ^ minus.replicate(bits))
         with m.If(comparing):
             m.d.sync += total.eq(carried >> 1)
-        with m.If(whole_place & (first_done | (used_done & (total < nearest)))):
+        counts_too = used_done & ~damaged if checks else used_done
+        if checks:
+            m.d.comb += self.wrong.eq(comparing & used_of & read.data.xor())
+            with m.If(comparing):
+                m.d.sync += damaged.eq(Mux(begin_of, was_damaged, damaged) | read.data.xor())
+        with m.If(whole_place & (first_done | (counts_too & (total < nearest)))):
             m.d.sync += nearest.eq(total)
         told, scores = Signal(), Signal(range(config.classes))
         m.d.sync += told.eq(whole_place & last_done)
@@ -216,6 +242,8 @@ class PrototypeReadout(wiring.Component):
         if teaches:
             pass_begins = self._teaching(m, target, teaching, pass_ends, address, slot, label, used_of, loads)
             m.d.comb += begins.eq(self.step_done | pass_begins)
+            with m.If(self.load.address < words):
+                m.d.comb += self.place.eq(read.data)
         else:
             m.d.comb += begins.eq(self.step_done)
             m.d.sync += used_of.eq(1)
@@ -303,4 +331,6 @@ class PrototypeReadout(wiring.Component):
                 counts[number].eq(self.load.data),
                 in_use.eq(Mux(number == 0, 0, in_use) + used(self.load.data[: len(taught_before)])),
             ]
+        with m.If(self.load.address >= words):
+            m.d.comb += self.place.eq(counts[number])
         return pass_begins

@@ -114,7 +114,10 @@ def _module_of(name: str, modules: Iterable[str]) -> str:
     return ""
 
 
-NAMED_CELLS = {"ICESTORM_RAM", "ICESTORM_DSP", "ICESTORM_SPRAM", "DP16KD", "MULT18X18D", "TRELLIS_RAMW"}
+NAMED_CELLS = {
+    *("ICESTORM_RAM", "ICESTORM_DSP", "ICESTORM_SPRAM", "DP16KD", "MULT18X18D", "TRELLIS_RAMW"),
+    *("SP", "SDP", "DP", "RAM16SDP4", "RAM16SDP2", "RAM16SDP1", "MULT9X9", "MULT18X18", "MULT36X36"),
+}
 """Cells that keep the name of the memory or product they come from."""
 
 
@@ -150,7 +153,8 @@ def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "
             readers[bit].append(name)
     owner: dict[str, str] = {}
     for name, outputs in drives.items():
-        if module["cells"][name]["type"] in NAMED_CELLS or "$RAMW_" in name:
+        unwired = not (outputs or reads[name])  # takes a site that belongs to the cell it is named after
+        if module["cells"][name]["type"] in NAMED_CELLS or "$RAMW_" in name or unwired:
             owner[name] = block_of(name)
             continue
         if border and not name.startswith((f"{border}.", "$nextpnr", "$PACKER")):

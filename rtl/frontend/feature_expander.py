@@ -59,7 +59,8 @@ class FeatureExpander(wiring.Component):
     ------
     A deviation takes a cycle while ``o`` is taken, or as many as the slot (``SLOTS``) of the last kind that
     comes asks for. The beat of each kind is offered in the cycle after its slot: the mean 1 cycle after the
-    deviation was seen, activity 2, the integral 3.
+    deviation was seen, activity 2, the integral 3. After each frame of fewer than 3 taxels the state is read
+    again: 3 - taxels cycles (``frame_gap``).
     """
 
     def __init__(self, config: AcceleratorConfig):

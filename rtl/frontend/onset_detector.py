@@ -60,7 +60,7 @@ class OnsetDetector(wiring.Component):
     Latency ``latency`` cycles from ``i`` to ``o``: 1 without rest level, 2 with, 3 with clip. One beat a
     cycle; onset ``baseline``: the last beat of each frame that ends a block of ``onset_check_frames`` waits 3
     cycles for the verdict. State of a taxel is written at most 3 beats after it was read, which 4 taxels
-    allow; with fewer a frame waits until the one before it has left, 2 cycles.
+    allow; with fewer a frame waits until the stages have been empty for 2 cycles.
     """
 
     def __init__(self, config: AcceleratorConfig):
@@ -98,8 +98,9 @@ class OnsetDetector(wiring.Component):
 
         m.submodules.aligner = aligner = FrameAligner(config)
         index, offered, good = aligner.index, aligner.offered, aligner.fresh
-        empty = Signal(2)  # the stages, in this cycle and the one before: all state is written
-        if config.sensor.taxels < STATE_BEATS + 1:
+        small = config.sensor.taxels <= STATE_BEATS
+        if small:
+            empty = Signal(2)  # the stages, in this cycle and the one before: all state is written
             open_now = (index != 0) | empty.all()
             m.d.comb += [
                 aligner.i.p.eq(self.i.p),
@@ -195,7 +196,7 @@ class OnsetDetector(wiring.Component):
             self.o.p.complement.eq(complement),
         ]
 
-        if config.sensor.taxels < STATE_BEATS + 1:
+        if small:
             m.d.comb += empty[0].eq(~Cat(*held).any())
             m.d.sync += empty[1].eq(empty[0])
         if config.hardware.clock_gate:

@@ -34,7 +34,8 @@ class PreTriggerRing(wiring.Component):
     -----
     i : In(stream of ``frame_layout``)
         Every frame. ``ready`` is low from the cycle after ``ring_frames`` frames are held, and while frames
-        are dropped for a touch.
+        are dropped for a touch. Of fewer than 4 taxels a frame's first beat comes 3 cycles after the beat
+        before it, or later, as the detector gives them: a beat more would be counted as a frame too many.
     o : Out(stream of ``touch_layout``)
         Frames s..e of every touch, nothing else.
         Its reader says ``ready`` without looking at ``valid``.
@@ -46,8 +47,8 @@ class PreTriggerRing(wiring.Component):
 
     Timing
     ------
-    The first beat of frame s is offered 3 cycles after the last beat of frame f was taken. Each frame still
-    to be dropped adds 2 cycles, or 1 if its drop is under way (fewer than 6 taxels, a beat a cycle). From
+    The first beat of frame s is offered 3 cycles (one taxel: 4) after the last beat of frame f was taken. Each
+    frame still to be dropped adds 2 cycles, or 1 if its drop is under way (4 or 5 taxels, a beat a cycle). From
     then on a beat leaves every cycle, while one goes in. With ``one_port`` none is read while one goes in, so
     at full pace one goes in, and one leaves, every 2 cycles; from the second cycle on after the reader has
     taken the last beat held, each beat that comes passes the memory by in the same cycle, until the reader is
@@ -99,7 +100,7 @@ class PreTriggerRing(wiring.Component):
         # frame f has come in, frame s - 1 may have to go; from then to frame e
         starting, touch = (Signal(), Signal())
         m.d.sync += [
-            surplus.eq(exceeds(held, (config.windows.pretrigger_frames + 1) * frame + frame // 2 - 1)),
+            surplus.eq(exceeds(held, (config.windows.pretrigger_frames + 1) * frame + (frame // 2 or 1) - 1)),
             dropped.eq(drop),
             full.eq(exceeds(held, capacity - 1) | (starting & surplus)),
             some.eq(held[2:].any() | (held[:2] > counted + fetch)),
@@ -125,8 +126,12 @@ class PreTriggerRing(wiring.Component):
             drop.eq(surplus & ~dropped & ~touch),
             fetch.eq(touch & some & ~room & (~fetched | (self.o.ready & ~self.touch_last))),
         ]
+        begins = push & self.i.p.onset & ~touch
+        if frame == 1:  # ``surplus`` is of the beats before this one, and it may be the one too many
+            m.d.sync += (begun := Signal()).eq(begins)
+            begins = begun
         m.d.sync += [
-            starting.eq((push & self.i.p.onset & ~touch) | (starting & surplus)),
+            starting.eq(begins | (starting & surplus)),
             touch.eq((starting & ~surplus) | (touch & ~ends)),
         ]
         m.d.comb += [

@@ -35,7 +35,8 @@ class RestLevel(wiring.Component):
     next : Out
         Its taxel's level after this frame, 0 cycles.
     w_index, w_level, w_enable : In
-        The level is written; at most 3 beats after it was read, which 4 taxels allow.
+        The level is written; at most 3 beats after it was read, which 4 taxels allow. With fewer the detector
+        holds the next frame up until then.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:

@@ -68,7 +68,8 @@ class WindowAverager(wiring.Component):
     ------
     One beat a cycle while ``o`` is taken. In a frame that ends a window one every 2 cycles, for windows of
     2 hop + 1 every 3; a clipped window of one hop takes 1. The first sum leaves as many cycles after its beat
-    was seen. A further pass takes a cycle an input, or 2 for a window of two hops.
+    was seen. A further pass takes a cycle an input, or 2 for a window of two hops. After each frame and pass
+    of fewer than 3 taxels the first word is read again: 3 - taxels cycles (``frame_gap``).
     """
 
     def __init__(self, config: AcceleratorConfig):

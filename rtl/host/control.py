@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from amaranth.hdl import Cat, Const, Module, Signal
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -48,7 +48,7 @@ INPUTS = (
 """Status bits from the other blocks."""
 
 
-TEACHING = {"teach": 1, "forget": 1, "label": 7, "option": 1, "locked": 1}
+TEACHING = {"teach": 1, "forget": 1, "label": 7, "option": 1, "locked": 1, "look": 1}
 """Commands of a readout that is taught (`eskin.rtl.decision.prototype_readout`)."""
 
 
@@ -108,8 +108,9 @@ class HostControl(wiring.Component):
         A word of a memory is wrong (``checksum``).
     hung : In(1)
         The chain hangs (``watchdog``): cleared as at ``arm``.
-    teach, forget, label, option, locked : Out, only with taught places
-        As of the readout; teaching_refused : In(1), taught : In(8): what register TAUGHT shows.
+    teach, forget, label, option, locked, look : Out, only with taught places
+        As of the readout; teaching_refused : In(1), taught : In(8): what register TAUGHT shows; place : In(9): a
+        word of PLACES, read from 2 cycles after the access to it before.
     due : Out(1)
         The recording is being finished, or the detector's touch and the one whose decision is due are not the
         same (``watchdog``).
@@ -139,7 +140,7 @@ class HostControl(wiring.Component):
                 **({"any_fault": Out(1)} if fed_by else {}),
                 **(
                     {name: Out(width) for name, width in TEACHING.items()}
-                    | {"teaching_refused": In(1), "taught": In(8)}
+                    | {"teaching_refused": In(1), "taught": In(8), "place": In(9)}
                     if config.readout_rule.taught
                     else {}
                 ),
@@ -166,6 +167,7 @@ class HostControl(wiring.Component):
         lingers = Signal()  # the edge after busy fell, at which what depends on it settles
         if config.hardware.clock_gate:
             m.d.sync += lingers.eq(state.busy)
+        awake = bus.w_stb | bus.r_stb | state.busy | lingers | cycles.counts
         m.d.comb += [
             state.clear.eq(self.clear),
             *(
@@ -174,7 +176,7 @@ class HostControl(wiring.Component):
             ),
             *(getattr(state, name).eq(getattr(self, name)) for name in ("decider_idle", "detector_touch")),
             state.moving.eq(self.moving | (begun if config.hardware.clock_gate else 0)),
-            self.awake.eq(bus.w_stb | bus.r_stb | state.busy | lingers | cycles.counts),
+            self.awake.eq(awake | self.look if config.readout_rule.taught else awake),
             *(getattr(self, name).eq(getattr(state, name)) for name in ("finish", "busy", "due")),
             loader.data.eq(bus.w_data),
             loader.written.eq(bus.w_stb & (bus.addr == Register.MEMORY_DATA)),
@@ -255,18 +257,31 @@ class HostControl(wiring.Component):
         if config.faults.fault_frames:
             readable |= {Register.TAXEL_FAULTS + k: self.flags[16 * k :][:16] for k in range(len(masks))}
         if config.readout_rule.taught:
-            refused = Signal()
+            refused, fresh, given = Signal(), Signal(), Signal()
+            at_places = bus.addr == TeachRegister.PLACES
+            asked = bus.r_stb & at_places
             with m.If(forgotten):
                 m.d.sync += refused.eq(0)
             with m.If(self.teaching_refused):
                 m.d.sync += refused.eq(1)
+            # the memory is read ahead; what comes between, a touch or a write, makes that stale
+            m.d.sync += [
+                self.look.eq(loader.seek | loader.onward),
+                fresh.eq((fresh | self.look) & ~(loader.locked | bus.w_stb)),
+            ]
             m.d.comb += [
                 self.teach.eq(bus.w_stb & (bus.addr == TeachRegister.TEACH)),
                 self.forget.eq(bus.w_stb & (bus.addr == TeachRegister.FORGET)),
                 Cat(self.label, self.option).eq(bus.w_data[:8]),
                 self.locked.eq(touch),
+                given.eq(fresh & ~self.look & ~loader.locked),
+                loader.seek.eq(bus.w_stb & at_places),
+                loader.onward.eq(asked & given),
             ]
-            readable[TeachRegister.TAUGHT] = Cat(self.taught, refused)
+            readable |= {
+                TeachRegister.TAUGHT: Cat(self.taught, refused),
+                TeachRegister.PLACES: Mux(given, Cat(self.place, loader.load.address[:7]), 0xFFFF),
+            }
         with m.If(bus.r_stb):
             m.d.sync += bus.r_data.eq(0)
             with m.Switch(bus.addr):

@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.register_check import at_end
-from eskin.rtl.program.memory_map import load_words
+from eskin.rtl.program.memory_map import Memory, load_words
 
 
 class MemoryLoader(wiring.Component):
@@ -27,6 +27,8 @@ class MemoryLoader(wiring.Component):
         No word is taken.
     load : Out
         A line a memory, address and word; combinational from ``data``. Never enabled in a ROM design.
+    seek : In(1), onward : In(1), only with taught places
+        ``data`` is the word of the memory PROTOTYPES that comes next; the one after it comes next.
     refused : Out(1)
         The word is not taken: ``locked``, or behind the memory's end (``checksum``).
     """
@@ -34,6 +36,8 @@ class MemoryLoader(wiring.Component):
     def __init__(self, config: AcceleratorConfig) -> None:
         self._config = config
         controls = {name: In(1) for name in ("chosen", "written", "locked")}
+        if config.readout_rule.taught:
+            controls |= {"seek": In(1), "onward": In(1)}
         super().__init__({"data": In(16), **controls, "load": Out(load_signature(config)), "refused": Out(1)})
 
     def elaborate(self, platform):
@@ -58,4 +62,9 @@ class MemoryLoader(wiring.Component):
             for number, line in lines.items():
                 lane, special = number & (1 << lane_bits) - 1, number >> 6
                 m.d.sync += select[line].eq((self.data[:lane_bits] == lane) & (self.data[6] == special))
+        if self._config.readout_rule.taught:
+            with m.If(self.onward):
+                m.d.sync += address.eq(address + 1)
+            with m.If(self.seek):
+                m.d.sync += [address.eq(self.data), select.eq(1 << lines[Memory.PROTOTYPES])]
         return m

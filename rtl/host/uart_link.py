@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -13,7 +13,10 @@ from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.packet_framing import FrameCheck, Unstuffer
 from eskin.rtl.host.packet_transmitter import PacketTransmitter
 from eskin.rtl.host.uart import UartReceiver
+from eskin.rtl.program.memory_map import TeachRegister
 
+WINDOW = 0x3C
+"""From this address of a packet on four stand for the registers of teaching, whose addresses have a bit more."""
 HEADER_WORDS = 2
 """16-bit words of a packet beside its samples or its value: number and command in front, check sequence
 behind."""
@@ -59,7 +62,7 @@ class UartLink(wiring.Component):
                 "rx": In(1),
                 "tx": Out(1, init=1),
                 "frame": Out(stream.Signature(sample_layout(config))),
-                "decision": In(stream.Signature(decision_layout)),
+                "decision": In(stream.Signature(decision_layout(config))),
                 "bus": Out(bus_signature()),
                 "expected": Out(8),
             }
@@ -71,7 +74,7 @@ class UartLink(wiring.Component):
         m.submodules.receiver = receiver = UartReceiver(self._divisor)
         m.submodules.unstuffer = unstuffer = Unstuffer()
         m.submodules.check = check = FrameCheck()
-        m.submodules.transmitter = transmitter = PacketTransmitter(self._divisor)
+        m.submodules.transmitter = transmitter = PacketTransmitter(self._config, self._divisor)
         wiring.connect(m, wiring.flipped(self.decision), transmitter.decision)
         m.d.comb += [
             receiver.rx.eq(self.rx),
@@ -121,10 +124,14 @@ class UartLink(wiring.Component):
             m.d.sync += word.eq(word + 1)
 
         # ---------------------------------------------------------------- and acts
+        address: Value = command.address
+        if self._config.readout_rule.taught:
+            low = address[:2]
+            address = Mux(address[2:] == WINDOW >> 2, Cat(low, Const(min(TeachRegister) >> 2, 6)), address)
         m.d.comb += [
             read.addr.eq(word),
             read.en.eq(forward),
-            self.bus.addr.eq(command.address),
+            self.bus.addr.eq(address),
             self.bus.w_data.eq(read.data),
             self.frame.p.sample.eq(Cat(read.data)),
             self.frame.p.first.eq(word == 2),

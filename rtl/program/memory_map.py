@@ -5,7 +5,7 @@ Plain Python (no Amaranth), so that command line, C header and benches can share
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum, IntFlag
 from types import MappingProxyType
 from typing import Self
@@ -210,6 +210,15 @@ class TeachRegister(Described):
         {"IN_USE": (0, 7), "REFUSED": (8, 8)},
         None,
     )
+    PLACES = (
+        0x4B,
+        "rw",
+        "The next word of the memory PROTOTYPES, its number beside it; all ones: none, as a touch is open or it was "
+        "not chosen",
+        {"WORD": (0, 8), "NUMBER": (9, 15)},
+        None,
+        "Read: the word after it is the next one; written: the number of the next one",
+    )
 
 
 class ShellRegister(Described):
@@ -361,7 +370,8 @@ def memory_images(
 
 def prototype_words(config: AcceleratorConfig) -> int:
     """Codes of the memory PROTOTYPES: step by step, place by place (with taught places first that of the touch
-    under way; of each class the prototypes, then the taught places), value by value."""
+    under way; of each class the prototypes, then the taught places), value by value; with ``checksum`` the parity
+    above each."""
     rule = config.readout_rule
     places = config.classes * (rule.prototypes + rule.taught) + (rule.taught > 0)
     return config.windows.steps * places * config.trajectory_width
@@ -372,6 +382,24 @@ def _prototype_words(config: AcceleratorConfig) -> dict[int, int]:
         return {}
     counts = config.classes if config.readout_rule.taught else 0
     return {Memory.PROTOTYPES: prototype_words(config) + counts}
+
+
+def taught_arrays(
+    config: AcceleratorConfig, read: Callable[[int, int], Sequence[int]]
+) -> dict[str, np.ndarray]:
+    """``taught`` and ``taught_count`` out of the memory PROTOTYPES, the opposite of `prototype_image`; places not in
+    use are 0. ``read(first, count)`` gives words of it."""
+    rule, width, steps = config.readout_rule, config.trajectory_width, config.windows.steps
+    places, words = rule.prototypes + rule.taught, prototype_words(config)
+    counts = np.array(read(words, config.classes), dtype=np.int64)
+    taught = np.zeros((config.classes, rule.taught, steps, width), dtype=np.int64)
+    sign = 1 << rule.state_code_bits - 1
+    for label, used in enumerate(np.minimum(counts, rule.taught).tolist()):
+        for k in range(steps if used else 0):
+            first = k * (1 + config.classes * places) + 1 + label * places + rule.prototypes
+            codes = np.array(read(first * width, used * width)).reshape(used, width)
+            taught[label, :used, k] = (codes % (2 * sign) ^ sign) - sign  # parity left out
+    return {"taught": taught, "taught_count": counts}
 
 
 def prototype_image(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:
@@ -385,7 +413,10 @@ def prototype_image(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray])
     codes = np.moveaxis(stored.reshape(-1, *stored.shape[2:]), 1, 0)  # (K, places, values)
     own = codes[:, : int(bool(counts))] * 0
     codes = np.concatenate([own, codes], axis=1) & (1 << config.readout_rule.state_code_bits) - 1
-    return {Memory.PROTOTYPES: codes.ravel().tolist() + counts}
+    words = codes.ravel().tolist()
+    if config.hardware.checksum:
+        words = [word | (word.bit_count() & 1) << config.readout_rule.state_code_bits for word in words]
+    return {Memory.PROTOTYPES: words + counts}
 
 
 def image_memories(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:

@@ -10,14 +10,7 @@ from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.compact_program import compact_schedule
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.scheduler import Scheduler, groups_of
-from eskin.rtl.program.timing import (
-    FRAME_EXTRA_CYCLES,
-    FRAME_WAY_CYCLES,
-    GAP_CYCLES,
-    STATE_BEATS,
-    is_compact,
-    logit_to_decision,
-)
+from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, FRAME_WAY_CYCLES, is_compact, logit_to_decision
 
 IMAGE_START_CYCLES = 2
 """From the last pixel of an image until the engine is started."""
@@ -60,8 +53,8 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
     A frame that ends a window takes three cycles an input, four for windows of 2 hop + 1, and one more if
     means differ from input to input. Any other takes one a taxel, two where a block of activity ends with it,
     or where a ring of one port takes a beat and gives one. The verdict on the onset adds FRAME_EXTRA_CYCLES,
-    companding one, features beyond the mean three, the wait between frames of fewer than 4 taxels
-    GAP_CYCLES. A row of an image takes one a pixel.
+    companding one, features beyond the mean three: more than frames of fewer than 4 taxels wait for each
+    other. A row of an image takes one a pixel.
     """
     if config.is_image:
         return config.sensor.taxels
@@ -72,9 +65,7 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
         one_port = config.hardware.one_port and windows.window_mode == "touch" and not config.opens_at_once
         per_taxel = 1 + (one_port or (ends_block and "activity" in features.feature_kinds))
     beyond = features.feature_kinds != ("mean",)
-    gap = GAP_CYCLES if config.sensor.taxels <= STATE_BEATS else 0
-    extra = FRAME_EXTRA_CYCLES + (features.compand != "none") + 3 * beyond + gap
-    return per_taxel * config.sensor.taxels + extra
+    return per_taxel * config.sensor.taxels + FRAME_EXTRA_CYCLES + (features.compand != "none") + 3 * beyond
 
 
 def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:

@@ -16,8 +16,6 @@ FRAME_WAY_CYCLES = 3
 """Of a frame, beyond those of its taxels: the way to the windows."""
 STATE_BEATS = 3
 """A word of the memory that a beat changes may be read again this many beats later."""
-GAP_CYCLES = 6
-"""At most, between two frames of an array of fewer than 4 taxels: 3 stages, 2 cycles empty, 1 to begin."""
 FRAME_EXTRA_CYCLES = FRAME_WAY_CYCLES + 4
 """That, the verdict on an onset 3, the read of the mean 1."""
 

@@ -71,7 +71,7 @@ class Accelerator(wiring.Component):
         super().__init__(
             {
                 "i": In(stream.Signature(sample_layout(config))),
-                "o": Out(stream.Signature(decision_layout)),
+                "o": Out(stream.Signature(decision_layout(config))),
                 "bus": In(bus_signature()),
                 "busy": Out(1),
                 "probe": Out(wiring.Signature(probes)),
@@ -153,6 +153,9 @@ class Accelerator(wiring.Component):
         )
         holds = (front_end.detector.holds,) if config.hardware.clock_gate else ()
 
+        check_failed = engine.check_failed | front_end.wrong
+        if readout is not None and config.hardware.checksum:
+            check_failed |= readout.wrong
         m.d.comb += [
             control.beat_offered.eq(self.i.valid),
             control.frame_beat.eq(self.i.valid & self.i.ready),
@@ -169,7 +172,7 @@ class Accelerator(wiring.Component):
             control.step_done.eq(engine.step_done),
             control.global_taken.eq(classifier.ended),
             control.decider_idle.eq(decider_idle),
-            control.check_failed.eq(engine.check_failed | front_end.wrong),
+            control.check_failed.eq(check_failed),
         ]
 
         if self.watching is not None:
@@ -235,5 +238,6 @@ class Accelerator(wiring.Component):
                 *(getattr(readout, name).eq(getattr(control, name)) for name in TEACHING),
                 control.teaching_refused.eq(readout.refused),
                 control.taught.eq(readout.in_use),
+                control.place.eq(readout.place),
             ]
         return readout

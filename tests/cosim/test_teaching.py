@@ -10,21 +10,29 @@ import numpy as np
 import pytest
 
 from eskin.cosim.device import Design, Device
+from eskin.cosim.link import Link
+from eskin.cosim.pin_port import PinPort
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.prototypes import forget, taught_in_use
+from eskin.golden.model.prototypes import forget, load_taught, taught_in_use
 from eskin.golden.model.stream import Stream
-from eskin.rtl.fpga.export import export
-from eskin.rtl.fpga.generate import boot_writes, pack_decision
-from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister
+from eskin.live.feed import Differs, Hardware
+from eskin.live.sources import BoardSource
+from eskin.rtl.fpga.export import export, export_board
+from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
+from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister, taught_arrays
+from eskin.verbs.replay_job import play_all
 from tests.golden.model.test_prototypes import taught_model
+from tests.support.link_flow import TIMEOUT_BYTES
 from tests.support.table import each_row
 from tests.support.touch_scenes import scene
 
 BUILDS = Path(__file__).resolve().parents[2] / "build" / "simulators"
 PURPOSE = "a test"
 NEXT = ALL = 1 << 7
+NONE = 0xFFFF
+CLOCKS_PER_BIT = 4
 
 
 class Taught:
@@ -56,7 +64,7 @@ class Taught:
             device.settle()
             told += self.stream.finish()
         seen = [int(word, 16) for word in device.streams()["decision"].words]
-        assert seen == [pack_decision(decision.row()) for decision in told]
+        assert seen == [pack_decision(self.config, decision.row()) for decision in told]
         self.decisions += len(seen)
 
     def command(self) -> None:
@@ -82,13 +90,42 @@ class Taught:
         word = self.device.read(TeachRegister.TAUGHT)
         assert word & 0xFF == taught_in_use(self.stream.model).sum()
         assert refused is None or word >> 8 == refused
+        if self.stream.onset_frame is None:
+            self.read_back()
+        else:
+            assert self.words(0, 1) == [NONE]
+
+    def words(self, first: int, count: int) -> list[int]:
+        """Words of PLACES as they come, numbers beside them."""
+        self.device.write(TeachRegister.PLACES, first)
+        words = []
+        for _ in range(count):
+            assert self.device.read(TeachRegister.PLACES) == NONE  # too soon takes none
+            words.append(self.device.read(TeachRegister.PLACES))
+        return words
+
+    def read_back(self) -> dict[str, np.ndarray]:
+        """What was taught, out of the memory: what the stream holds in places in use."""
+
+        def read(first: int, count: int) -> list[int]:
+            words = self.words(first, count)
+            assert [word >> 9 for word in words] == [(first + place) % 128 for place in range(count)]
+            return [word & 0x1FF for word in words]
+
+        came, held = taught_arrays(self.config, read), self.stream.model.arrays
+        assert (came["taught_count"] == held["taught_count"]).all()
+        for label, used in enumerate(taught_in_use(self.stream.model)):
+            assert (came["taught"][label, :used] == held["taught"][label, :used]).all()
+            assert not came["taught"][label, used:].any()
+        return came
 
     def reload(self) -> None:
         """Loads the model as the stream has it, so that what was taught stays over a reset."""
         self.device.write(Register.CONTROL, Control.ARM)  # no touch is open then
         self.stream.arm()
         self.device.settle()
-        for address, word in boot_writes(self.config, self.stream.model.arrays):
+        held = self.stream.model.arrays | self.read_back()
+        for address, word in boot_writes(self.config, held):
             self.device.write(address, word)
         assert not self.device.read(Register.FAULTS) & Fault.WRITE_REFUSED
         self.check()
@@ -112,3 +149,85 @@ def test_what_is_taught_in_hardware_is_what_the_stream_is_taught(cell):
     model = forget(taught_model(cell))
     both = taught_at_random(model, scene(30, seed=8), BUILDS, seed=3)
     assert both.decisions > 150 and both.refused > 5 and both.taught > 5
+
+
+def board_of(model: IntegerModel) -> PinPort:
+    """The pins of a simulated board that was just switched on."""
+    config, clock_hz = model.config, model.config.hardware.clock_hz
+    board = export_board(config, clock_hz=clock_hz, baud=clock_hz / CLOCKS_PER_BIT)
+    device = Device(Design(board, BUILDS, PURPOSE, "board_top"))
+    device.put("rx", 1)
+    device.reset()
+    return PinPort(device, CLOCKS_PER_BIT)
+
+
+@pytest.mark.timeout(900)
+def test_a_damaged_place_is_flagged_and_what_is_taught_stays_equal_with_a_checksum():
+    plain = forget(taught_model("gru"))
+    model = IntegerModel(plain.config.replace(checksum=True), plain.arrays, plain.source)
+    recordings = scene(12, seed=8)
+    both = taught_at_random(model, recordings, BUILDS, seed=3)
+    assert both.decisions > 50 and both.taught > 1
+    both.device.write(Register.CONTROL, Control.ARM)
+    both.device.settle()
+    both.stream.arm()
+    both.reload()
+    assert not both.device.read(Register.FAULTS) & Fault.CHECKSUM
+    label = int(np.argmax(taught_in_use(both.stream.model)))
+    rule, width = model.config.readout_rule, model.config.trajectory_width
+    number = (1 + label * (rule.prototypes + rule.taught) + rule.prototypes) * width
+    (word,) = (word & 0x1FF for word in both.words(number, 1))
+    both.device.write(TeachRegister.PLACES, number)
+    both.device.write(Register.MEMORY_DATA, word ^ 1)
+    assert both.words(number, 1)[0] & 0x1FF == word ^ 1
+    both.device.frames(recordings.recording(2))
+    both.device.settle()
+    assert both.device.read(Register.FAULTS) & Fault.CHECKSUM
+
+
+@pytest.mark.timeout(900)
+def test_a_board_is_taught_over_its_serial_line():
+    """As `eskin watch` does it, on the simulated board: every decision is the model's, and so is what is read out."""
+    model, recordings = forget(taught_model("gru")), scene(10, seed=8)
+    config, differences = model.config, []
+    link = Link(board_of(model), register_map(config), timeout_s=TIMEOUT_BYTES)
+    link.connect()
+    link.load(boot_writes(config, model.arrays))
+    source = BoardSource(model, link, "pins")
+    for index in range(2, len(recordings)):
+        events = [*source.arm(), *source.take(recordings.recording(index)), *source.finish()]
+        events += source.forget(0) if index == 6 else source.teach(index % config.classes)
+        differences += [event for event in events if isinstance(event, Differs)]
+        hardware = [event for event in events if isinstance(event, Hardware)]
+        assert hardware and not any(stage.wrong for event in hardware for stage in event.stages.values())
+    assert not differences
+    came, held = taught_arrays(config, link.places), source.stream.model
+    assert (came["taught_count"] == held.arrays["taught_count"]).all()
+    assert taught_in_use(held).tolist() == [1, 2, 3]
+    for label, used in enumerate(taught_in_use(held)):
+        assert (came["taught"][label, :used] == held.arrays["taught"][label, :used]).all()
+
+
+@pytest.mark.timeout(900)
+def test_what_a_board_was_taught_outlives_its_power(tmp_path, monkeypatch):
+    """As `eskin replay --teach --save-taught` does it: taught, read out, and loaded with the model the next time."""
+    model, recordings, kept = forget(taught_model("gru")), scene(5, seed=8), tmp_path / "taught.npz"
+
+    def replayed(model: IntegerModel, teach: int | None = None) -> dict:
+        options = {"teach": teach, "kept": kept, "timeout_s": TIMEOUT_BYTES}
+        return play_all(board_of(model), model, recordings, range(5), lambda done, total: None, **options)
+
+    first = replayed(model, teach=2)  # recordings 0 and 1 show no whole touch
+    assert first["passed"] and first["taught_equal"] and first["in_use"] == {"rise": 0, "fall": 0, "pulse": 3}
+    taught = load_taught(model, kept)
+    assert taught_in_use(taught).tolist() == [0, 0, 3]
+    second = replayed(taught)
+    assert second["passed"] and second["in_use"] == first["in_use"]
+    assert load_taught(model, kept).content == taught.content
+    with pytest.raises(InputError, match="holds no touches taught to this model"):
+        load_taught(taught_model("gru", seed=4), kept)
+    with pytest.raises(InputError, match="is no .npz archive"):
+        load_taught(model, Path(__file__))
+    monkeypatch.setattr(Link, "places", lambda link, first, count: [0] * count)  # a board that holds nothing
+    lost = replayed(taught)
+    assert lost["bit_exact"] and not lost["taught_equal"] and not lost["passed"]

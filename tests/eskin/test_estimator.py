@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+import pickle
+import re
+import warnings
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,7 +15,8 @@ from sklearn.base import clone, is_classifier
 from sklearn.model_selection import GridSearchCV, cross_val_score
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
-from sklearn.utils import get_tags
+from sklearn.utils import InputTags, get_tags
+from sklearn.utils.estimator_checks import check_estimator
 from sklearn.utils.validation import check_is_fitted
 
 import eskin
@@ -98,6 +105,46 @@ def test_labels_by_name_and_of_a_table(lists):
     table = pd.concat([part.assign(time=np.arange(len(part)) / 500.0) for part in parts])
     of_table = eskin.Model(cell="linear", folds=2).fit(table)
     assert sorted(of_table.classes_.tolist()) == ["hold", "tap"]
+    assert of_table.predict(table).shape == (20,) and of_table.score(table) > 0.7
+    numbers = table.assign(label=table["label"].map({"hold": 3, "tap": 11}))
+    assert sorted(eskin.Model(cell="linear", folds=0).fit(numbers).classes_.tolist()) == ["11", "3"]
+    with pytest.raises(eskin.InputError, match="has recordings of 11, and the model knows hold, tap"):
+        of_table.score(numbers)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"folds": "x"}, {"folds": 2.5}, {"seed": -1}, {"groups": 3}, {"groups": [3]}, {"config": 3}]
+)
+def test_parameters_of_another_type_are_refused_by_name(wrong):
+    with pytest.raises(eskin.InputError, match=rf"model, {next(iter(wrong))}: is "):
+        eskin.Model(LINEAR).set_params(**wrong)
+
+
+def test_a_fitted_model_is_kept_by_pickle_and_fitted_in_processes(fitted, lists):
+    again = pickle.loads(pickle.dumps(fitted))
+    assert np.array_equal(again.predict(lists[0]), fitted.predict(lists[0]))
+    asked = {"cv": 2, "error_score": "raise"}
+    scores = [cross_val_score(eskin.Model(LINEAR, folds=0), *lists, n_jobs=jobs, **asked) for jobs in (1, 2)]
+    assert np.array_equal(*scores)
+
+
+def test_scikit_learns_own_checks_pass_or_are_listed():
+    """As it stands the model says that it takes no arrays of two dimensions, and few are tried; of one that says it
+    does, those that fail are those of docs/python.md."""
+
+    class OfRows(eskin.Model):
+        def __sklearn_tags__(self):
+            rows = {"input_tags": InputTags(two_d_array=True), "no_validation": False}
+            return dataclasses.replace(super().__sklearn_tags__(), **rows)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        own = check_estimator(eskin.Model(LINEAR, folds=0), on_skip=None)
+        forced = check_estimator(OfRows(LINEAR, folds=0), on_fail=None, on_skip=None)
+    assert {check["status"] for check in own} == {"passed"}
+    missed = {check["check_name"] for check in forced if check["status"] == "failed"}
+    listed = set(re.findall(r"`(check_\w+)`", Path("docs/python.md").read_text()))
+    assert missed == listed - {"check_estimator"}
 
 
 def test_the_callback_gets_epochs_and_figures_and_may_end_it(lists):

@@ -11,17 +11,21 @@ import h5py
 import numpy as np
 import pandas as pd
 from mcap.writer import Writer as McapWriter
+from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from eskin.golden.data.recordings import Recordings
 
-STORE = get_typestore(Stores.ROS2_HUMBLE)
-STORE.register(
-    get_types_from_msg(
-        "std_msgs/Header header\nsensor_msgs/ChannelFloat32[] sensors\n", "tactile_msgs/msg/TactileState"
+STORE, STORE1 = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS1_NOETIC)
+"""Types of messages of ROS 2 and 1."""
+for store in (STORE, STORE1):
+    store.register(
+        get_types_from_msg(
+            "std_msgs/Header header\nsensor_msgs/ChannelFloat32[] sensors\n", "tactile_msgs/msg/TactileState"
+        )
     )
-)
 PAUSE_S = 1.0
 """Between two recordings of a log."""
 
@@ -89,9 +93,9 @@ def times_table(recordings: Recordings) -> str:
     return "\n".join(rows) + "\n"
 
 
-def message(kind: str, codes: np.ndarray, when: int) -> Any:
+def message(kind: str, codes: np.ndarray, when: int, store: Typestore) -> Any:
     """A ROS message of a frame."""
-    types = STORE.types
+    types = store.types
     if kind.endswith("MultiArray"):
         layout = types["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
         return types[kind](layout=layout, data=codes.astype(kind.split("/")[-1][:-10].lower()))
@@ -99,27 +103,32 @@ def message(kind: str, codes: np.ndarray, when: int) -> Any:
     half = len(codes) // 2
     sensors = [types["sensor_msgs/msg/ChannelFloat32"](name=name, values=part.astype(np.float32))
                for name, part in (("tip", codes[:half]), ("pad", codes[half:]))]  # fmt: skip
-    return types[kind](header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="skin"), sensors=sensors)
+    counted = {"seq": 0} if store is STORE1 else {}
+    return types[kind](
+        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="skin", **counted), sensors=sensors
+    )
 
 
-def write_bag(recordings: Recordings, folder: Path, kind: str = "std_msgs/msg/UInt16MultiArray",
-              plugin: StoragePlugin = StoragePlugin.MCAP) -> None:  # fmt: skip
-    """A ROS 2 bag with the topics /skin and /touched: the class, and an empty text after each recording."""
-    with Writer(folder, version=9, storage_plugin=plugin) as bag:
-        skin = bag.add_connection("/skin", kind, typestore=STORE)
-        touched = bag.add_connection("/touched", "std_msgs/msg/String", typestore=STORE)
+def write_bag(recordings: Recordings, path: Path, kind: str = "std_msgs/msg/UInt16MultiArray",
+              plugin: StoragePlugin | None = StoragePlugin.MCAP) -> None:  # fmt: skip
+    """A ROS 2 bag, or a ROS 1 bag without ``plugin``, with the topics /skin and /touched: the class, and an empty
+    text after each recording."""
+    store, word_kind = STORE if plugin else STORE1, "std_msgs/msg/String"
+    serialize = store.serialize_cdr if plugin else store.serialize_ros1
+    with Writer(path, version=9, storage_plugin=plugin) if plugin else Writer1(path) as bag:
+        skin = bag.add_connection("/skin", kind, typestore=store)
+        touched = bag.add_connection("/touched", word_kind, typestore=store)
         before, last = -1, 0
 
         def say(word: str, when: int) -> None:
-            text = STORE.types["std_msgs/msg/String"](data=word)
-            bag.write(touched, when, STORE.serialize_cdr(text, "std_msgs/msg/String"))
+            bag.write(touched, when, serialize(store.types[word_kind](data=word), word_kind))
 
         for index, when, codes in frames_in_time(recordings):
             if index != before:
                 if before >= 0:
                     say("", last + 1000)
                 say(recordings.class_names[recordings.labels[index]], when - 1000)
-            bag.write(skin, when, STORE.serialize_cdr(message(kind, codes, when), kind))
+            bag.write(skin, when, serialize(message(kind, codes, when, store), kind))
             before, last = index, when
 
 

@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
 import typer
 from rosbags.rosbag2 import StoragePlugin
@@ -138,6 +139,7 @@ def make_corpus(folder: Path) -> Path:
         )
         shutil.rmtree(folder / "bag")
     doors.write_bag(few, folder / "bag", plugin=StoragePlugin.SQLITE3)
+    doors.write_bag(few, folder / "log.bag", plugin=None)
     (folder / "times.csv").write_text(doors.times_table(few))
     image = AcceleratorConfig.of_image(12, 14, ("conv 3 4", "pool", "dense 2"), ("cup", "ball"), name="small")
     integer = random_image_model(image, 1)
@@ -414,6 +416,57 @@ def damage_lines(data: bytes, rng: random.Random, mark: str, cells: tuple[str, .
     return "\n".join(lines).encode("utf-8", "replace")
 
 
+SIZES = (0, 1, 2, 3, 5, 7, 99, -1, 1 << 31, 1 << 40, (1 << 63) - 1, -(1 << 63))
+OPERATORS = "GRU LSTM RNN Gemm MatMul Add Squeeze Reshape Expand ConstantOfShape Concat Gather Slice If Loop Softmax".split()
+
+
+def damage_onnx(data: bytes, rng: random.Random) -> bytes:
+    """A network whose nodes, names, attributes, tensors, shapes or versions are others, or whose bytes are damaged."""
+    if rng.randrange(4) == 0:
+        return damage_bytes(data, rng)
+    made = onnx.load_model_from_string(data)
+    graph = made.graph
+    names = ["", "nothing", "features", "logits"]
+    names += [name for node in graph.node for name in (*node.input, *node.output)]
+    for _ in range(rng.choice((1, 1, 2, 6))):
+        node, tensor = (
+            rng.choice(entries) if entries else None for entries in (graph.node, graph.initializer)
+        )
+        size, kind = rng.choice(SIZES), rng.randrange(11)
+        if kind == 0 and made.opset_import:
+            made.opset_import[0].version = size
+        elif kind == 1:
+            taken = [rng.choice(names) for _ in range(rng.randrange(4))]
+            extra = onnx.helper.make_node(rng.choice(OPERATORS), taken, [rng.choice(names)], axis=size)
+            graph.node.insert(rng.randrange(len(graph.node) + 1), extra)
+        elif kind == 2 and node:
+            node.op_type = rng.choice(OPERATORS)
+        elif kind == 3 and node:
+            graph.node.remove(node)
+        elif kind == 4 and node and node.input:
+            node.input[rng.randrange(len(node.input))] = rng.choice(names)
+        elif kind == 5 and node and node.attribute:
+            entry = rng.choice(node.attribute)
+            entry.i = size
+            entry.ints.append(size)
+        elif kind == 6 and node:
+            values = (size, [size] * 3, "reverse", [""], 1e30, math.nan)
+            name = rng.choice(
+                ("direction", "layout", "perm", "axes", "activations", "linear_before_reset", "x")
+            )
+            node.attribute.append(onnx.helper.make_attribute(name, rng.choice(values)))
+        elif kind == 7 and tensor:
+            tensor.dims.append(size)
+        elif kind == 8 and tensor:
+            tensor.data_type = rng.choice((*range(24), 99))
+        elif kind == 9 and tensor:
+            tensor.raw_data = rng.choice((b"", b"\xff" * len(tensor.raw_data), tensor.raw_data[:-1]))
+        elif graph.input:
+            dims = graph.input[0].type.tensor_type.shape.dim
+            (dims[0] if dims and rng.randrange(2) else dims.add()).dim_value = size
+    return made.SerializeToString()
+
+
 def damage(path: Path, rng: random.Random) -> None:
     """A file by its kind, a folder in one or two of its files, or something odd in its place."""
     if path.is_dir():
@@ -441,6 +494,7 @@ def damage(path: Path, rng: random.Random) -> None:
     by_suffix: dict[str, Callable[[], bytes]] = {
         ".json": lambda: damage_json(data.decode(), rng).encode(),
         ".npz": lambda: damage_archive(data, rng),
+        ".onnx": lambda: damage_onnx(data, rng),
         ".csv": lambda: damage_lines(data, rng, ","),
         ".lvm": lambda: damage_lines(data, rng, "\t"),
         ".lib": lambda: damage_lines(data, rng, " ", LIBERTY_WORDS),
@@ -543,6 +597,7 @@ READERS = {
     "table.parquet": CONVERTED,
     "log.mcap": LOG,
     "log.db3": LOG,
+    "log.bag": LOG,
     "bag": LOG,
     "times.csv": "convert ../in/log.mcap --out made.npz --labels @\nconvert ../in/log.mcap --out made.npz --labels @ --group $",
     "model": MODEL,
@@ -632,7 +687,8 @@ def interfaces(case: Path, rng: random.Random) -> list[str]:
 
 def _reader(case: Path, name: str, rng: random.Random) -> list[str]:
     words = rng.choice(READERS[name].splitlines()).split()
-    if name in words or "model" in words:  # written in place
+    # the model that a verb writes in place; the command line of a file may hold the word by chance
+    if (case / "in" / name).is_dir() and (name in words or "model" in words):
         shutil.rmtree(case / "out" / words[1], ignore_errors=True)
         shutil.copytree(case / "in" / name, case / "out" / words[1], symlinks=True, copy_function=_copy)
     filled = {
@@ -691,7 +747,7 @@ GOOD = {
     "grid": "../in/grid.json bits default",
     "group": "person source_file person,source_file x",
     "recordings": "1 2 all -1 0",
-    "target": "icebreaker icestick ulx3s upduino icesugar-nano x",
+    "target": "icebreaker icestick ulx3s upduino icesugar-nano tangnano9k x",
     "port": "/dev/null ../in/config.json none",
     "mode": "drift x",
     "configuration": "icebreaker:4 ulx3s:1:dsp icestick:0 :::",

@@ -24,11 +24,16 @@ def flip_lut_bit(verilog: str, family: str, seed: int, within: str = "") -> str:
     ----------
     seed:
         Chooses table and bit among tables that are a parity of two inputs or more, such as an adder's sum:
-        there every input pattern occurs. Of other tables many bits are never read.
+        there every input pattern occurs. Of other tables many bits are never read. A Gowin part adds in cells of
+        its own: one of them subtracts instead, or adds.
     within:
         Beginning of the cell's name, such as a block's.
     """
     choice = random.Random(seed)
+    if family == "gowin":
+        adders = re.finditer(rf"\.ALU_MODE\(32'sd(\d)\)\n  \) \\?{re.escape(within)}", verilog)
+        mode = choice.choice(list(adders))
+        return f"{verilog[: mode.start(1)]}{int(mode[1] != '1')}{verilog[mode.end(1) :]}"
     cell = re.compile(rf"\.{LUT_INIT[family]}\(16'h([0-9a-f]{{4}})\)\n  \) \\?{re.escape(within)}")
     place = choice.choice([place for place in cell.finditer(verilog) if int(place[1], 16) in PARITIES])
     pins = dict(re.findall(r"\.(\w+)\(([^()]*)\)", verilog[place.end() : verilog.index(";", place.end())]))

@@ -26,7 +26,6 @@ from eskin.live.sources import Listener, ModelSource, SimulationSource
 from eskin.live.terminal import Screen
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
-from eskin.rtl.program.memory_map import Memory, Register, prototype_image
 from eskin.verbs.watch_job import BUILDS, board_source
 from tests.cosim.test_link_cosim import CONFIG, LENGTHS
 from tests.golden.model.test_prototypes import taught_model
@@ -76,7 +75,9 @@ class Twin:
         for made in decisions:
             for stage, values in made.stages.items():
                 brought.stages.setdefault(stage, []).extend(np.asarray(values).astype(int).tolist())
-            brought.stages.setdefault("decision", []).extend(pack_decisions(np.array([made.row()])))
+            brought.stages.setdefault("decision", []).extend(
+                pack_decisions(self.stream.config, np.array([made.row()]))
+            )
         frame = self.stream.frame
         spoiled = {stage: self.spoil(frame, stage, list(values)) for stage, values in brought.stages.items()}
         return Brought({stage: values for stage, values in spoiled.items() if values}, brought.cycles)
@@ -220,7 +221,9 @@ def test_a_board_by_itself_is_heard(model):
         [0, 1, 0, 4, 0, 0],
         [1, 1, 0, 4, 1, 0],
     ]
-    stage = Stage(Listener(model.config, Heard(pack_decisions(np.array(rows))), "port"), None).start()
+    stage = Stage(
+        Listener(model.config, Heard(pack_decisions(model.config, np.array(rows))), "port"), None
+    ).start()
     stage.until(lambda: len(stage.seen("decided")) == 2)
     stage.stop()
     steps, decided = stage.seen("step"), stage.seen("decided")
@@ -341,17 +344,11 @@ def test_the_simulated_hardware_of_images_is_equal(image_case, tmp_path):
     assert (tally.mismatches, tally.said) == (0, []) and tally.compared == image_values(model, images)
 
 
-def test_a_board_is_taught_by_loading_its_prototypes():
-    """The memory holds what the model was taught; nothing else is loaded, and a refusal loads nothing."""
+def test_a_board_is_taught_by_its_registers():
+    """A refusal writes nothing; that the board holds another number is told."""
     model, recordings = forget(taught_model("gru")), scene(4, seed=2).subset([3])
-
-    def memory(writes: list[tuple[int, int]]) -> list[int]:
-        (words,) = prototype_image(model.config, source.stream.model.arrays).values()
-        assert writes[0] == (Register.MEMORY_SELECT, Memory.PROTOTYPES) and len(writes) == 1 + len(words)
-        assert [word for _, word in writes[1:]] == words
-        return words
-
-    with Device(model.config, golden_decisions(model, recordings)) as device:
+    teach, forgets, count = 0x3C, 0x3D, 0x3E  # as packets name 0x48 to 0x4A
+    with Device(model.config, golden_decisions(model, recordings), registers={count: 1}) as device:
         source = board(model, device)
         source.arm()
         (refusal,) = source.teach(1)
@@ -361,11 +358,10 @@ def test_a_board_is_taught_by_loading_its_prototypes():
         loaded = len(device.writes)
         (taught,) = source.teach(1)
         assert [len(slots) for slots in taught.slots] == [0, 1, 0] and not taught.refused
-        words = memory(device.writes[loaded:])
-        loaded = len(device.writes)
-        (taught,) = source.forget(1)
+        differs, taught = source.forget(1)
         assert [len(slots) for slots in taught.slots] == [0, 0, 0]
-        assert memory(device.writes[loaded:]) != words
+        assert differs.sentence == "the board's register TAUGHT reads 1 touches and the model holds 0"
+        assert device.writes[loaded:] == [(teach, 1), (forgets, 1)]
         source._link._transport.close()
 
 

@@ -90,6 +90,22 @@ def test_equal_decisions(call, model, recordings, tmp_path):
     assert device.writes[1 : 1 + len(loads)] == loads
 
 
+@each_row(
+    ("options", "says"),
+    [
+        (("--teach", "soft"), "--teach soft: is no class of the model"),
+        (
+            ("--teach", CONFIG.network.class_names[0]),
+            "field readout: is 'dense', which is trained and not taught",
+        ),
+        (("--save-taught", "kept.npz"), "field readout: is 'dense', which is trained and not taught"),
+    ],
+)
+def test_a_model_that_cannot_be_taught_is_refused(call, options, says):
+    status, _, errors = call("no port", *options)
+    assert status == 2 and says in errors
+
+
 def test_some_of_the_recordings(call, model, recordings):
     with Device(model.config, golden_decisions(model, recordings)) as device:
         status, out, _ = call(device.port, "--recordings", "2")

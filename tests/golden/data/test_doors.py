@@ -5,14 +5,18 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
+from typer.testing import CliRunner
 
+from eskin.cli.main import app
 from eskin.golden.core.errors import EXTRAS, InputError
 from eskin.golden.data.load import load_recordings
+from eskin.golden.data.logs import is_log
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.text import Reading
 from tests.support import doors
@@ -87,21 +91,50 @@ def test_parquet_and_a_folder_of_it(tmp_path, known):
         ("std_msgs/msg/UInt16MultiArray", StoragePlugin.MCAP),
         ("std_msgs/msg/Float32MultiArray", StoragePlugin.SQLITE3),
         ("tactile_msgs/msg/TactileState", StoragePlugin.SQLITE3),
+        ("std_msgs/msg/Int32MultiArray", None),
+        ("tactile_msgs/msg/TactileState", None),
     ],
 )
 def test_a_bag_with_classes_by_topic_and_by_times(tmp_path, known, kind, plugin):
-    doors.write_bag(known, tmp_path / "bag", kind, plugin)
-    file = next(path for path in (tmp_path / "bag").iterdir() if path.suffix != ".yaml")
+    sources = [tmp_path / ("touches" if plugin else "touches.bag")]  # a folder and the file in it, or a file
+    doors.write_bag(known, sources[0], kind, plugin)
+    sources += [path for path in sources[0].glob("*") if path.suffix != ".yaml"]
     (tmp_path / "times.csv").write_text(doors.times_table(known))
-    for source in (tmp_path / "bag", file):
+    for source in sources:
         check(load_recordings(source, reading=Reading(label="/touched")), known, groups=False)
         check(load_recordings(source, reading=Reading(labels=tmp_path / "times.csv")), known)
     with pytest.raises(
         InputError, match="says no classes; write an archive with them, .* --class TOPIC or --labels"
     ):
-        load_recordings(file)
+        load_recordings(source)
     with pytest.raises(InputError, match=r"--samples /x: is no topic; there are /skin"):
-        load_recordings(file, reading=Reading(label="/touched", samples="/x"))
+        load_recordings(source, reading=Reading(label="/touched", samples="/x"))
+
+
+@each_row(
+    ("name", "write", "options"),
+    [
+        ("a.h5", doors.write_hdf5, []),
+        ("sets.hdf5", doors.write_hdf5_by_dataset, []),
+        ("a.parquet", lambda known, path: doors.long_table(known).to_parquet(path), []),
+        ("bag", doors.write_bag, ["--labels", "times.csv"]),
+        ("a.bag", lambda known, path: doors.write_bag(known, path, plugin=None), ["--labels", "times.csv"]),
+        ("b.bag", lambda known, path: doors.write_bag(known, path, plugin=None), ["--class", "/touched"]),
+    ],
+)
+def test_convert_gives_the_archive_that_it_came_from(tmp_path, monkeypatch, known, name, write, options):
+    monkeypatch.chdir(tmp_path)
+    write(known, Path(name))
+    Path("times.csv").write_text(doors.times_table(known))
+    done = CliRunner().invoke(app, ["convert", name, *options, "--out", "made.npz"])
+    assert done.exit_code == 0, done.output
+    check(load_recordings("made.npz"), known, "" if options else "mV", groups="--class" not in options)
+
+
+def test_a_folder_of_ros_2_with_a_name_of_ros_1(tmp_path, known):
+    doors.write_bag(known, tmp_path / "a.bag")
+    with pytest.raises(InputError, match="rename it without .bag"):
+        load_recordings(tmp_path / "a.bag", reading=Reading(label="/touched"))
 
 
 def test_times_of_the_logs_own_clock(tmp_path, known):
@@ -146,7 +179,9 @@ DAMAGES = (cut, endless, headless, lambda data: b"", lambda data: b"no such thin
     ("name", "write"),
     [
         ("a.h5", doors.write_hdf5),
+        ("sets.h5", doors.write_hdf5_by_dataset),
         ("a.parquet", lambda known, path: doors.long_table(known).to_parquet(path)),
+        ("a.bag", lambda known, path: doors.write_bag(known, path, plugin=None)),
         ("a.mcap", lambda known, path: doors.write_json_mcap(known, path)),
         ("a.db3", lambda known, path: _file_of_bag(known, path, StoragePlugin.SQLITE3)),
     ],
@@ -155,12 +190,23 @@ def test_damaged_files_are_refused_in_a_sentence(tmp_path, known, name, write):
     write(known, tmp_path / name)
     (tmp_path / "times.csv").write_text("start,end,class\n0,0.05,a\n0.05,0.09,b\n")
     good = (tmp_path / name).read_bytes()
-    reading = Reading(labels=tmp_path / "times.csv" if name in ("a.mcap", "a.db3") else None, rate_hz=RATE)
+    reading = Reading(labels=tmp_path / "times.csv" if is_log(tmp_path / name) else None, rate_hz=RATE)
     load_recordings(tmp_path / name, reading=reading)
     for damage in DAMAGES:
         (tmp_path / name).write_bytes(damage(good))
-        with pytest.raises(InputError, match=name):
+        with pytest.raises(InputError, match=name) as refusal:
             load_recordings(tmp_path / name, reading=reading)
+        assert "\n" not in str(refusal.value) and len(str(refusal.value)) < 300
+
+
+@pytest.mark.parametrize("name", ["bag.db3", "metadata.yaml"])
+def test_a_folder_with_a_damaged_file_is_refused_in_a_sentence(tmp_path, known, name):
+    doors.write_bag(known, tmp_path / "bag", plugin=StoragePlugin.SQLITE3)
+    good = (tmp_path / "bag" / name).read_bytes()
+    for damage in DAMAGES:
+        (tmp_path / "bag" / name).write_bytes(damage(good))
+        with pytest.raises(InputError, match="bag': is damaged or no log"):
+            load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
 
 
 def _file_of_bag(known, path, plugin):

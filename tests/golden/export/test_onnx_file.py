@@ -4,10 +4,12 @@ name."""
 from __future__ import annotations
 
 import io
+import random
 import warnings
 
 import numpy as np
 import onnx
+import onnxruntime
 import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
@@ -15,11 +17,15 @@ from onnx import TensorProto, helper, numpy_helper
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
+from eskin.golden.data.load import load_recordings
 from eskin.golden.export.onnx_file import largest_difference, onnx_model, write_onnx
 from eskin.golden.model.model import FloatModel, constants_shape, network_shapes
-from eskin.golden.training.import_network import import_network
+from eskin.golden.training.import_network import import_network, measure_scaling
 from eskin.golden.training.import_onnx import OPERATORS, read_onnx
 from eskin.verbs.export_job import export_onnx
+from scripts.export_cost import front_end
+from scripts.export_cost import model_of as model_on
+from tests.support.fuzz_inputs import damage_onnx
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(
@@ -31,6 +37,7 @@ WIDE = {"state_format": QFormat(4, 12)}
 CELLS = {
     "linear": {"cell": "linear", "decision": "last"},
     "linear, one set": {"cell": "linear", "decision": "last", "weight_sets": "one"},
+    "linear, one window": {"cell": "linear", "decision": "last", "steps": 1},
     "before": {},
     "after": {"reset": "after", **WIDE},
     "lstm": {"cell": "lstm", **WIDE},
@@ -54,23 +61,38 @@ def taken(file, tmp_path, config=CONFIG, **options) -> FloatModel:
 def test_what_is_exported_comes_back(cell, tmp_path):
     model = model_of(CONFIG.replace(**CELLS[cell]))
     file = write_onnx(model, tmp_path / "net.onnx")
-    again = taken(file, tmp_path, mean=None, std=None)  # scale, cell and sizes are the file's
-    features = np.random.default_rng(2).normal(size=(7, 5, 4))
+    array = CONFIG.replace(steps=model.config.windows.steps)
+    again = taken(file, tmp_path, array, mean=None, std=None)  # scale, cell and sizes are the file's
+    features = np.random.default_rng(2).normal(size=(7, model.config.windows.steps, 4))
     assert largest_difference(model, file, features) < 1e-5
     assert np.abs(model.forward(features)[1] - again.forward(features)[1]).max() < 1e-5
     assert again.arrays["mu"] == 3 and again.arrays["sigma"] == 7
     assert again.config.network.cell == model.config.network.cell
 
 
-@pytest.mark.parametrize("cell", ["linear", "after", "lstm"])
-def test_a_hundred_recordings_through_onnxruntime(cell, tmp_path):
-    model = model_of(CONFIG.replace(**CELLS[cell]))
-    result = export_onnx(model, tmp_path / "net")
-    assert result["touches"] == 100 and result["passed"] and result["difference"] < 1e-5
+@pytest.mark.parametrize("kind", ["linear, all kinds", "GRU, reset before", "GRU, reset after", "LSTM"])
+@pytest.mark.parametrize(
+    "name", ["fabric", *(pytest.param(name, marks=pytest.mark.slow) for name in ("pvdf", "biotac"))]
+)
+def test_a_hundred_recordings_through_onnxruntime(name, kind, shared_data, tmp_path):
+    recordings = load_recordings(next(shared_data.glob(f"{name}*/recordings.npz")))
+    recordings = recordings.subset(recordings.evenly(100))
+    config = model_on(front_end(name, recordings), kind).config
+    mu, sigma = measure_scaling(config, recordings)
+    scale = {
+        "mu": np.broadcast_to(mu, constants_shape(config)),
+        "sigma": np.broadcast_to(sigma, constants_shape(config)),
+    }
+    model = FloatModel(config, model_of(config).arrays | scale)
+    result = export_onnx(model, tmp_path / "net", recordings=recordings)
+    assert result["recordings"] == 100 and result["touches"] >= 100 and result["passed"]
+    # a linear cell's logits are sums over all windows, hundreds here
+    assert result["difference"] < (1e-5 if config.recurrent else 1e-4)
 
 
-def from_torch(layer: str, opset: int, tmp_path, last: bool = True, **options):
-    """(file, logits of features (5, 4)) of a network as torch writes it."""
+def from_torch(layer: str, opset: int, tmp_path, last: bool = True, dynamic: bool = False, **options):
+    """(file, logits of features (5, 4)) of a network as torch writes it, with open sizes of batch and time where
+    ``dynamic``."""
     torch.manual_seed(3)
 
     class Net(torch.nn.Module):
@@ -86,15 +108,17 @@ def from_torch(layer: str, opset: int, tmp_path, last: bool = True, **options):
     net, file = Net().eval(), io.BytesIO()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        torch.onnx.export(net, (torch.zeros(1, 5, 4),), file, dynamo=False, opset_version=opset)
+        names = {"input_names": ["x"], "dynamic_axes": {"x": {0: "batch", 1: "steps"}} if dynamic else None}
+        torch.onnx.export(net, (torch.zeros(1, 5, 4),), file, dynamo=False, opset_version=opset, **names)
     (tmp_path / "net.onnx").write_bytes(file.getvalue())
     return tmp_path / "net.onnx", lambda x: net(torch.from_numpy(x.astype(np.float32))).detach().numpy()
 
 
 @pytest.mark.parametrize("opset", [9, 13, 17])
 @pytest.mark.parametrize("layer", ["GRU", "LSTM"])
-def test_torch_to_onnx_to_eskin_to_onnx(layer, opset, tmp_path):
-    file, logits = from_torch(layer, opset, tmp_path, last=opset != 13)
+@pytest.mark.parametrize("dynamic", [False, True], ids=["fixed", "dynamic"])
+def test_torch_to_onnx_to_eskin_to_onnx(layer, opset, dynamic, tmp_path):
+    file, logits = from_torch(layer, opset, tmp_path, last=opset != 13, dynamic=dynamic)
     model = taken(file, tmp_path)
     features = np.random.default_rng(2).normal(size=(3, 5, 4))
     assert np.abs(model.forward(features)[1][:, -1] - logits(features).reshape(3, -1, 3)[:, -1]).max() < 1e-5
@@ -102,13 +126,14 @@ def test_torch_to_onnx_to_eskin_to_onnx(layer, opset, tmp_path):
     assert largest_difference(model, write_onnx(model, tmp_path / "again.onnx"), features) < 1e-5
 
 
+@pytest.mark.parametrize("layer", ["GRU", "LSTM"])
 @pytest.mark.parametrize(
     ("options", "said"),
     [({"num_layers": 2}, "second recurrent layer"), ({"bidirectional": True}, "runs bidirectional")],
 )
-def test_torch_networks_that_are_more_are_refused(options, said, tmp_path):
-    with pytest.raises(InputError, match=rf"node '.+' of type GRU: .*{said}"):
-        taken(from_torch("GRU", 17, tmp_path, **options)[0], tmp_path)
+def test_torch_networks_that_are_more_are_refused(layer, options, said, tmp_path):
+    with pytest.raises(InputError, match=rf"node '.+' of type {layer}: .*{said}"):
+        taken(from_torch(layer, 17, tmp_path, **options)[0], tmp_path)
     assert not (tmp_path / "made").exists()
 
 
@@ -151,6 +176,18 @@ def wide(made):
     made.graph.initializer.append(TensorProto(name="huge", data_type=TensorProto.FLOAT, dims=[1 << 40]))
 
 
+def odd_activations(made):
+    node(made, "cell").attribute.append(helper.make_attribute("activations", 3))
+
+
+def reverse(made):
+    node(made, "cell").attribute.append(helper.make_attribute("direction", "reverse"))
+
+
+def layer_normalisation(made):
+    made.graph.node.append(helper.make_node("LayerNormalization", ["logits", "dense_bias"], ["p"], "norm"))
+
+
 def not_numbers(made):
     made.graph.initializer[0].raw_data = np.full(18, np.nan, np.float32).tobytes()
 
@@ -166,6 +203,12 @@ def not_numbers(made):
         (lambda made: node(made, "cell").attribute.append(helper.make_attribute("clip", 3.0)), "node 'cell' of type GRU: has clip"),
         (lambda made: node(made, "cell").attribute.append(helper.make_attribute("activations", ["Tanh", "Relu"])), "activations Tanh, Relu"),
         (lambda made: node(made, "cell").input.extend(["lengths"]), "has sequence_lens"),
+        (odd_activations, "node 'cell' of type GRU: has activations of another type than ONNX's"),
+        (lambda made: node(made, "readout_bias").input.__delitem__(slice(None)), "node 'readout_bias' of type Add: has 0 inputs"),
+        (lambda made: node(made, "readout_bias").input.append("features"), "node 'readout_bias' of type Add: has 3 inputs"),
+        (reverse, "node 'cell' of type GRU: runs reverse"),
+        (lambda made: setattr(node(made, "cell"), "op_type", "RNN"), "node 'cell' of type RNN: is none of those"),
+        (layer_normalisation, "node 'norm' of type LayerNormalization: is none of those"),
         (start, "starts from a state that is not 0"),
         (bomb, "node 'bomb' of type ConstantOfShape: cannot be computed"),
         (external, "lies in another file"),
@@ -239,6 +282,52 @@ def test_keras_layouts(after, tmp_path):
     made.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 5
     (logits,) = ReferenceEvaluator(made).run(None, {"x": features.swapaxes(0, 1)})
     assert np.abs(model.forward(features.astype(float))[1][0, -1] - logits[0]).max() < 1e-5
+
+
+@pytest.mark.parametrize("kind", ["GRU", "LSTM"])
+def test_layouts_of_a_converter_of_keras(kind, tmp_path):
+    """Batch first by a Transpose, the last of all states by Squeeze and a Gather of -1, an Identity behind all."""
+    rng, rows = np.random.default_rng(7), 18 if kind == "GRU" else 24
+    sizes = {"W": (1, rows, 4), "R": (1, rows, 6), "B": (1, 2 * rows), "D": (6, 3), "d": (3,)}
+    tensors = [numpy_helper.from_array(rng.normal(0, 0.5, n).astype("f4"), name) for name, n in sizes.items()]
+    tensors.append(numpy_helper.from_array(np.array(-1), "last"))
+    nodes = [
+        helper.make_node("Transpose", ["x"], ["by_step"], "transpose", perm=[1, 0, 2]),
+        helper.make_node(kind, ["by_step", "W", "R", "B"], ["y"], "cell", hidden_size=6),
+        helper.make_node("Squeeze", ["y"], ["states"], "squeeze", axes=[1]),
+        helper.make_node("Gather", ["states", "last"], ["state"], "gather", axis=0),
+        helper.make_node("MatMul", ["state", "D"], ["product"], "matmul"),
+        helper.make_node("Add", ["product", "d"], ["sum"], "add"),
+        helper.make_node("Identity", ["sum"], ["out"], "identity"),
+    ]
+    info = helper.make_tensor_value_info
+    shapes = ([info("x", 1, ["N", None, 4])], [info("out", 1, ["N", 3])])
+    made = helper.make_model(
+        helper.make_graph(nodes, "k", *shapes, tensors),
+        opset_imports=[helper.make_opsetid("", 12)],
+        ir_version=8,
+    )
+    (tmp_path / "net.onnx").write_bytes(made.SerializeToString())
+    model, features = taken(tmp_path / "net.onnx", tmp_path), rng.normal(size=(3, 5, 4))
+    session = onnxruntime.InferenceSession(tmp_path / "net.onnx", providers=["CPUExecutionProvider"])
+    (logits,) = session.run(None, {"x": features.astype("f4")})
+    assert np.abs(model.forward(features)[1][:, -1] - logits).max() < 1e-5
+
+
+@pytest.mark.parametrize("cell", ["after", "lstm"])
+def test_hostile_files_are_one_sentence(cell, tmp_path):
+    """Nodes, names, attributes, tensors and sizes that no tool writes."""
+    data, ends = edited(lambda made: None, tmp_path, cell).read_bytes(), {"taken": 0, "refused": 0}
+    for seed in range(100):
+        file = tmp_path / "bad.onnx"
+        file.write_bytes(damage_onnx(data, random.Random(seed)))
+        try:
+            taken(file, tmp_path, CONFIG.replace(**CELLS[cell]))
+            ends["taken"] += 1
+        except InputError as error:
+            ends["refused"] += 1
+            assert len(str(error)) < 500
+    assert ends["taken"] and ends["refused"] > 60
 
 
 def test_damaged_files_are_one_sentence(tmp_path):

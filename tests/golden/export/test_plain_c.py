@@ -4,6 +4,7 @@ and sanitizers; programs for microcontrollers, run instruction by instruction; a
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -21,7 +22,7 @@ from eskin.golden.export import compiled, emulated, plain_c
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.vectors import random_recordings
 from eskin.verbs.export_job import export_c
-from scripts.export_cost import MODELS, differences, front_end
+from scripts.export_cost import MODELS, differences, front_end, with_failing_taxels
 from scripts.export_cost import model_of as model_on
 from tests.support.image_scenes import random_image_model
 from tests.support.strategies import configurations, examples
@@ -36,10 +37,11 @@ IMAGES = AcceleratorConfig.of_image(
 )
 RING = AcceleratorConfig.of(
     taxels=5, sample_rate_hz=1000.0, sample_bits=10, rest="none", onset="band", band_low=400, band_high=600,
-    window_mode="touch", pretrigger_frames=12, touch_frames=33, hop=4, window=9, steps=9, rearm_frames=30,
+    window_mode="touch", pretrigger_frames=24, touch_frames=33, hop=4, window=9, steps=9, rearm_frames=34,
     decision="vote", fault_frames=4, masked_taxels=(1,), hidden=5,
 )  # fmt: skip
-"""Three windows end with the onset and three with the last frame; taxels fail in between."""
+"""Five windows end in the frames that an onset replays and three with the last frame; taxels fail before, among and
+after these."""
 EVENTS = RING.replace(sample_bits=2, band_low=1, band_high=2, fault_frames=0)
 """Codes of two levels: means with fraction bits."""
 
@@ -62,7 +64,11 @@ def exported(config: AcceleratorConfig, seed: int, folder: Path) -> dict:
         before = config.rest_level.rest_frames + config.windows.pretrigger_frames
         whole = before + config.last_frame + 2 * config.windows.hop
         lengths = (2 * whole + config.onset_rule.rearm_frames + 20, whole + 10, before + 3, 4 * whole)
+        if config.faults.fault_frames:
+            lengths += (lengths[0],) * 12
         recordings = random_recordings(model.config, lengths, seed)
+        if config.faults.fault_frames:
+            recordings = with_failing_taxels(model.config, recordings)
     return export_c(model, folder, recordings=recordings)
 
 
@@ -87,6 +93,8 @@ def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path
         ("if (s->in_hop == 4)", "if (s->in_hop == 5)"),
         ("second = v[best];", "second = v[c];"),
         ("~(~v >> n) : v >> n", "-(-v >> n) : v >> n"),
+        ("s->flag_age[i] > back", "s->flag_age[i] > 0 * back"),
+        ("s->flag_age[i]++;", ";"),
     ],
 )
 def test_the_comparison_finds_a_bug_in_the_c(right, wrong, tmp_path):
@@ -132,6 +140,40 @@ def test_a_microcontroller_decides_the_same_and_its_instructions_are_counted(cor
     assert (
         sizes["tables"] >= plain_c.table_bytes(model) and 500 < sizes["code"] < 6000 and sizes["state"] > 100
     )
+
+
+SKETCH = """#include <{include}>
+static eskin_state state;
+int main()
+{{
+    int32_t codes[ESKIN_TAXELS] = {{ 0 }};
+    eskin_decision decision;
+    eskin_arm(&state);
+    return eskin_frame(&state, codes, &decision);
+}}
+"""
+
+
+def test_the_folder_is_a_library_of_arduino_and_a_module_of_zephyr(tmp_path):
+    """As Arduino builds it: every C file of the folder, then a sketch in C++ with the header that is named. Zephyr finds
+    the sources where its module says."""
+    folder = tmp_path / "c"
+    exported(RING, 6, folder)
+    lines = (folder / "library.properties").read_text().splitlines()
+    properties = dict(line.split("=", 1) for line in lines)
+    wanted = "name version author maintainer sentence paragraph category url architectures"
+    assert set(wanted.split()) <= properties.keys() and all(properties.values())
+    assert re.fullmatch(r"\d+\.\d+\.\d+", properties["version"])
+    for source in folder.glob("*.c"):
+        subprocess.run([*GCC, "-Wno-pedantic", "-DARDUINO=10819", "-c", source.name], cwd=folder, check=True)
+    (tmp_path / "sketch.cpp").write_text(SKETCH.format(include=properties["includes"]))
+    built = ["g++", "-Wall", "-Werror", "-DARDUINO=10819", f"-I{folder}", "sketch.cpp", *folder.glob("*.o")]
+    subprocess.run([*built, "-o", "sketch"], cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "sketch"]).returncode == 0
+    module = (folder / "zephyr" / "module.yml").read_text()
+    place = folder / re.search(r"^build:\n  cmake: (\w+)$", module, re.MULTILINE)[1]
+    named = re.findall(r"\((\.\.[\w./]*)\)", (place / "CMakeLists.txt").read_text())
+    assert len(named) == 2 and all((place / name).exists() for name in named)
 
 
 def test_sizes_are_those_of_the_tables(tmp_path):

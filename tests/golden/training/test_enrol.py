@@ -300,6 +300,19 @@ def test_nothing_of_the_left_out_value_is_learnt_before_it_is_enrolled(monkeypat
         assert np.bincount(BOTH.labels[recording[seen["new"][value]]]).tolist() == [2, 2, 2]
 
 
+def test_a_class_that_a_value_lacks_is_neither_enrolled_nor_judged_there(monkeypatch):
+    """Mounting 1 without class 2, as fabrics that no force was set for."""
+    fewer = BOTH.subset(np.flatnonzero((BOTH.groups["mounting"] == 0) | (BOTH.labels != 2)))
+    seen = watch_fits(monkeypatch, train_on=False)
+    rows = judge(fewer, question(ks=(2,)))
+    assert [row["lacking"] for row in rows] == [[], [BOTH.class_names[2]]]
+    labels = fewer.labels[seen["data"].touches.recording[seen["new"][1]]]
+    assert np.bincount(labels).tolist() == [2, 2]
+    held = fewer.subset(np.flatnonzero(fewer.groups["mounting"] == 1))
+    assert rows[1]["recordings"] == len(held) - 4
+    assert [row["lacking"] for row in summary(["g"], "all", True, [rows])["rows"]] == [[], rows[1]["lacking"]]
+
+
 def test_the_first_touches_are_those_of_the_archive(monkeypatch):
     seen = watch_fits(monkeypatch, train_on=False)
     rows = judge(BOTH, question(ks=(1,), draw="first"))
@@ -332,7 +345,7 @@ def test_the_summary_weighs_by_recordings_and_tells_the_spread():
             "after": after,
             "others_before": 1.0,
             "others_after": None,
-        } | {"recordings": recordings, "others": 4}
+        } | {"recordings": recordings, "others": 4, "lacking": []}
 
     runs = [
         [row("a", 0.5, 0.75, 30), row("b", 1.0, 1.0, 10)],

@@ -7,6 +7,7 @@ import random
 
 import numpy as np
 import pytest
+from amaranth.hdl import Const
 from amaranth.sim import Simulator
 
 from eskin.golden.core.config import AcceleratorConfig
@@ -18,13 +19,16 @@ from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.timing import readout_cycles
 
 
-def small_model(seed: int, cell: str = "gru", decision: str = "last", **rule: int) -> IntegerModel:
+def small_model(
+    seed: int, cell: str = "gru", decision: str = "last", checksum: bool = False, **rule: int
+) -> IntegerModel:
     config = AcceleratorConfig.of(
         taxels=4,
         hidden=4,
         steps=3,
         cell=cell,
         decision=decision,
+        checksum=checksum,
         class_names=("a", "b", "c"),
         **{"readout": "prototypes", "prototypes": 2, "taught": 2, "state_code_bits": 4, "state_code_shift": 9}
         | rule,
@@ -42,6 +46,8 @@ class Player:
         self.following: int | None = None
         self.refused = self.expected_refused = 0
         self.latencies: set[int] = set()
+        self.damage: tuple[int, int, int] | None = None  # step, class, word: of the class's last place in use
+        self.wrong = self.left_out = 0
 
     def run(self, act) -> None:
         async def bench(ctx):
@@ -52,9 +58,11 @@ class Player:
             assert self.refused == self.expected_refused
 
         async def watch(ctx):
+            flag = self.dut.wrong if self.config.hardware.checksum else Const(0, 1)
             while True:
-                _, _, refused = await ctx.tick().sample(self.dut.refused)
+                _, _, refused, wrong = await ctx.tick().sample(self.dut.refused, flag)
                 self.refused += refused
+                self.wrong += wrong
 
         simulator = Simulator(self.dut)
         simulator.add_clock(1e-6)
@@ -69,11 +77,39 @@ class Player:
     async def load(self, ctx) -> None:
         select = 1 << load_lines(self.config)[Memory.PROTOTYPES]
         image = memory_images(self.config, self.model.arrays)[Memory.PROTOTYPES]
+        if self.damage:
+            image[self.damage[2]] ^= 1 << self.rng.randrange(self.config.readout_rule.state_code_bits + 1)
         for address, word in enumerate(image):
             for name, value in (("select", select), ("address", address), ("data", word), ("enable", 1)):
                 ctx.set(getattr(self.dut.load, name), value)
             await ctx.tick()
         ctx.set(self.dut.load.enable, 0)
+
+    def damaged(self, label: int) -> int:
+        """A word of the last place in use of class ``label`` gets another bit when it is loaded; its step."""
+        config, rule = self.config, self.config.readout_rule
+        places, step = rule.prototypes + rule.taught, self.rng.randrange(config.windows.steps)
+        last = (
+            label * places + rule.prototypes + int(taught_in_use(self.model)[label])
+        )  # the touch's own is one more
+        place = step * (1 + config.classes * places) + last
+        width = config.trajectory_width
+        self.damage = step, label, place * width + self.rng.randrange(width)
+        return step
+
+    def distances(self, codes: np.ndarray) -> np.ndarray:
+        """(K, C) as the model has them; from the step of a damaged code on without its place."""
+        distances = class_distances(self.model, codes[None])[0]
+        if self.damage:
+            step, label, _ = self.damage
+            without = self.model.arrays["taught_count"].copy()
+            without[label] -= 1
+            arrays = {**self.model.arrays, "taught_count": without}
+            rest = class_distances(IntegerModel(self.config, arrays, "a test"), codes[None])[0]
+            upto = step + 1 if self.config.network.decision == "vote" else None
+            self.left_out += (distances[step:upto] != rest[step:upto]).any()
+            distances[step:upto] = rest[step:upto]
+        return distances
 
     async def rest(self, ctx) -> None:
         for _ in range(2000):
@@ -102,7 +138,7 @@ class Player:
             ]
         )
         codes = narrowed(config, values)
-        distances = class_distances(self.model, codes[None])[0]
+        distances = self.distances(codes)
         if rule.taught:
             ctx.set(dut.locked, 1)
         for k in range(steps):
@@ -204,6 +240,50 @@ def test_taught_and_forgotten_at_random_it_is_as_far_from_every_class_as_the_mod
     player.run(act)
     assert player.latencies == {readout_cycles(player.config)}
     assert player.refused and len(in_use) > 2
+
+
+@pytest.mark.parametrize("decision", ["last", "vote"])
+def test_a_place_with_a_damaged_code_is_left_out_and_flagged(decision):
+    """From the code on, until the touch ends; what was right of it before counts. Teaching it anew mends it."""
+    model = forget(small_model(7, "gru", decision, checksum=True))
+    player = Player(model, 11, 0.2)
+
+    async def act(ctx):
+        for number in range(24):
+            if number % 4 == 0:
+                player.damage = None
+                player.model = model
+                for label in (0, 1, 1, 2):
+                    taught = np.array(
+                        [[player.rng.randint(-8, 7) for _ in range(4)] for _ in range(config.windows.steps)]
+                    )
+                    player.model = teach(player.model, taught, label)
+                step = player.damaged(number // 4 % 3)
+                await player.load(ctx)
+            before, steps = player.wrong, player.rng.choice((1, 2, 3, 3))
+            await player.touch(ctx, steps)
+            await ctx.tick()
+            assert player.wrong - before == (steps > step)
+
+    config = player.config
+    player.run(act)
+    assert player.left_out > 4
+
+    async def mended(ctx):
+        again.model = teach(model, np.zeros((config.windows.steps, 4), dtype=np.int64), 1)
+        again.damaged(1)
+        await again.load(ctx)
+        await again.pulse(ctx, forget=1, label=1, option=0)
+        again.damage, again.model = None, forget(again.model, 1)
+        for _ in range(3):
+            await again.touch(ctx, config.windows.steps)
+            await again.pulse(ctx, teach=1, label=1, option=0)
+            again.model = teach(again.model, again.last, 1)
+            await again.rest(ctx)
+        assert not again.wrong
+
+    again = Player(model, 12, 0.2)
+    again.run(mended)
 
 
 @pytest.mark.parametrize(

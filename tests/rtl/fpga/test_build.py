@@ -21,7 +21,7 @@ from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import random_integer_model
-from eskin.pages.views import tables
+from eskin.pages.views import tables, words
 from eskin.rtl.fpga import blocks
 from eskin.rtl.fpga import wiring as wired
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
@@ -30,6 +30,7 @@ from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.top.board_top import BoardTop
 from eskin.verbs import build_job as job
+from eskin.verbs.cost import market
 from tests.support.result_case import CONFIG
 from tests.support.table import each_row
 
@@ -355,7 +356,7 @@ def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, asked, tried
     def place(*_: object):
         if made[-1] in short:
             raise DoesNotFit(short[made[-1]])
-        return SimpleNamespace(fmax_hz=1.0, bitstream=None)
+        return SimpleNamespace(fmax_hz=1.0, bitstream=None, hold_errors=0)
 
     monkeypatch.setattr(job, "_netlist", lambda design, *_: (SimpleNamespace(verilog=None), design()))
     monkeypatch.setattr(job.Wiring, "design", lambda wiring, *_: made.append(wiring.config.hardware.lanes))
@@ -374,6 +375,71 @@ def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, asked, tried
     assert made == tried
 
 
+SHORT_PATHS = [  # paths that are too short by seed, seeds asked, seeds that count
+    ({}, 2, [1, 2]),
+    ({1: 8, 3: 10}, 2, [2, 4]),
+    ({seed: 1 for seed in range(1, 11)}, 1, []),
+]
+
+
+@each_row(("errors", "seeds", "taken"), SHORT_PATHS)
+def test_a_placement_with_a_path_that_is_too_short_is_not_taken(errors, seeds, taken, monkeypatch):
+    def place(netlist, key, target, pins, border, seed, cache):
+        return SimpleNamespace(
+            fmax_hz=99.0 - seed, bitstream=seed, seed=seed, hold_errors=errors.get(seed, 0)
+        )
+
+    monkeypatch.setattr(job, "_netlist", lambda *_: (SimpleNamespace(verilog=None), ""))
+    monkeypatch.setattr(job, "_placement", place)
+    monkeypatch.setattr(job, "_result", lambda *given: {"taken": [placement.seed for placement in given[4]]})
+    request = job.BuildRequest(config=CONFIG, arrays={}, target=target("icebreaker"), seeds=seeds)
+    if not taken:
+        with pytest.raises(job.BuildError, match="seeds 1 to 10 all .* --seed 11 tries others"):
+            job.build(request)
+        return
+    result, bitstream, _ = job.build(request)
+    assert result["taken"] == taken and bitstream == taken[0]
+    assert result["hold_errors"] == {str(seed): count for seed, count in errors.items()}
+
+
+@pytest.mark.slow
+def test_a_gowin_part_gets_a_bitstream(tmp_path):
+    """Blocks add up as on the other parts; a memory's LUTs and the LUTs in front of flip-flops are no LUTs of the
+    design."""
+    board = target("tangnano9k")
+    design = PoweredOn(TwoBlocks())
+    netlist = synthesise(design, board.family, tmp_path / "net", top="two")
+    pins = dict(zip(("clk", "i", "o"), (board.clock_pin, *board.pins), strict=False))
+    result = place(netlist, board, pins, tmp_path / "placed", seed=1)
+    assert {name: counts["ff"] for name, counts in result.blocks.items()} == {
+        "classifier": 8,
+        "control": 12,
+        "top": 8,
+    }
+    for column, what in (("cells", "logic cells"), ("ff", "flip-flops")):
+        assert sum(counts[column] for counts in result.blocks.values()) == result.utilisation[what][0] > 0
+    luts = sum(count for name, count in netlist.cells.items() if name.startswith("LUT"))
+    assert sum(counts["lut"] for counts in result.blocks.values()) == luts
+    assert "to control" in result.path and result.utilisation["logic cells"][1] == 8640
+    constraints = (tmp_path / "placed" / "pins.cst").read_text()
+    assert constraints.startswith('IO_LOC "clk" 52;\nIO_PORT "clk" IO_TYPE=LVCMOS33;\n')
+    lines = result.bitstream.read_text().splitlines()
+    # 5 words of head, the part's own number among them (0x1100481b, as its programmer asks for)
+    assert (
+        "0000011000000000000000000000000000010001000000000100100000011011" in lines[:8] and len(lines) > 700
+    )
+
+
+def test_a_part_of_an_extra_asks_for_it(call, monkeypatch):
+    monkeypatch.setitem(sys.modules, "apycula", None)
+    status, out, err = call("--target", "tangnano9k")
+    assert status == 2 and not out
+    assert (
+        err
+        == "eskin: this needs apycula, which comes with the extra 'gowin'; run: pip install 'eskin[gowin]'\n"
+    )
+
+
 @each_row(("what", "lane_type", "again"), BLOCKS_SHORT)
 @each_row("enough", [True, False])
 def test_weights_go_into_large_memories_where_block_memories_run_out(
@@ -385,7 +451,7 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(
     def place(*_: object):
         if not (enough and tried[-1].hardware.spare_blocks):
             raise DoesNotFit({what: (37, 30)})
-        return SimpleNamespace(fmax_hz=1.0, bitstream=None)
+        return SimpleNamespace(fmax_hz=1.0, bitstream=None, hold_errors=0)
 
     monkeypatch.setattr(job, "_netlist", lambda design, *_: (SimpleNamespace(verilog=None), design()))
     monkeypatch.setattr(job.Wiring, "design", lambda wiring, *_: tried.append(wiring.config))
@@ -499,7 +565,30 @@ def test_a_boards_pins_are_told_apart(name):
     board = target(name)
     pins = Wiring(config=CONFIG.replace(class_names=tuple("abcdefg")), target=board, link=True).sites()
     assert len(set(pins.values())) == len(pins) == 4 + 1 + 7
-    assert board.clock_hz in (12e6, 25e6)
+    assert board.clock_hz in (12e6, 25e6, 27e6)
+
+
+def test_a_part_whose_energy_nobody_measured_is_built_for_and_not_chosen_for(tmp_path):
+    model = random_integer_model(CONFIG.with_lanes(1, "plain"), seed=2)
+    count = dict.fromkeys(job.implementation.COLUMNS, 7)
+    best = Implementation(
+        seed=3, fmax_hz=8e7, path="", blocks={"cell": count}, utilisation={}, bitstream=tmp_path / "x.fs"
+    )
+    result = job._result(model.config, target("tangnano9k"), True, best, [best], 27e6)
+    assert result["energy"] is None and result["bitstream"].endswith("_tangnano9k.fs")
+    said = words(
+        "build",
+        **result,
+        baud=1e6,
+        class_pins="each",
+        lanes_too_many=None,
+        hold_errors={"1": 8, "2": 4},
+        folder=tmp_path,
+        block_rows=[],
+    )
+    assert "energy of a touch" not in said and "seeds not taken | 1, 2: some of their paths" in said
+    with pytest.raises(job.InputError, match="--fits tangnano9k: is not known; use one of .*icesugar-nano$"):
+        market(board="tangnano9k")
 
 
 def test_more_classes_than_pins_are_refused():
@@ -510,7 +599,7 @@ def test_more_classes_than_pins_are_refused():
         "--target icesugar-nano: has 9 free pins and 9 classes need 10; --class-pins binary needs 5, "
         "--class-pins none needs 1, "
         "--target icebreaker has 16, --target upduino has 14, --target ulx3s has 28, --target icestick has "
-        "16, --no-link needs none"
+        "16, --target tangnano9k has 16, --no-link needs none"
     )
 
 
@@ -526,7 +615,10 @@ def test_twenty_classes_are_a_number_on_an_icebreakers_pins():
     assert {name.partition("[")[0] for name in pins["binary"]} == ports | {"clk"}
 
 
-@each_row(("board", "lanes"), [("icebreaker", 4), ("ulx3s", 4), ("icestick", 1), ("icesugar-nano", 1)])
+@each_row(
+    ("board", "lanes"),
+    [("icebreaker", 4), ("ulx3s", 4), ("tangnano9k", 4), ("icestick", 1), ("icesugar-nano", 1)],
+)
 def test_four_lanes_but_one_where_nothing_multiplies(board, lanes):
     config = job.suited(CONFIG, target(board))
     assert config.hardware.lanes == lanes and (config.hardware.lane_type == "serial") == (lanes == 1)

@@ -18,6 +18,7 @@ from eskin.cosim import flow, runner
 from eskin.cosim.activity import FILE, Count, instrument, read_count
 from eskin.cosim.netlist import (
     ECP5_CELLS,
+    GOWIN_CELLS,
     NAME_LENGTH_MAX,
     Hardware,
     netlist_hardware,
@@ -147,7 +148,8 @@ def test_without_probes_decisions_and_registers_are_compared(model, play):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("target", "family"), [("icebreaker", "ice40"), ("icestick", "ice40"), ("ulx3s", "ecp5")]
+    ("target", "family"),
+    [("icebreaker", "ice40"), ("icestick", "ice40"), ("ulx3s", "ecp5"), ("tangnano9k", "gowin")],
 )
 def test_flipped_bits_are_seen_in_every_family(model, play, tmp_path, target, family):
     """Not all of them: adders count cycles too, and the upper bits of sums are out of a short run's reach."""
@@ -169,7 +171,8 @@ def test_flipped_bits_are_seen_in_every_family(model, play, tmp_path, target, fa
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("target", "lane_type"), [("icebreaker", "plain"), ("icestick", "serial"), ("ulx3s", "plain")]
+    ("target", "lane_type"),
+    [("icebreaker", "plain"), ("icestick", "serial"), ("ulx3s", "plain"), ("tangnano9k", "plain")],
 )
 def test_both_netlists_run_on_verilator(model, recordings, tmp_path, target, lane_type):
     result = cosimulate(
@@ -428,12 +431,127 @@ def test_the_block_ram_of_the_ecp5_works_in_every_width(tmp_path):
             f"({', '.join(connect)}, .WEA(wea), .WEB(1'b0));\n"
             f'initial begin #1;\n{write}{read}$display("done"); $finish; end endmodule\n'
         )
-        assert simulate(source, tmp_path) == "done"
+        assert simulate(source, tmp_path, ECP5_CELLS) == "done"
 
 
-def simulate(source: Path, folder: Path) -> str:
+GOWIN_MEMORIES = [  # cell, bits of a byte, widths of words, words that a write enables by byte
+    *[("SP", 8, width) for width in (1, 2, 4, 8, 16, 32)],
+    *[("SPX9", 9, width) for width in (9, 18, 36)],
+    *[("SDPB", 8, width) for width in (1, 2, 4, 8, 16, 32)],
+    *[("SDPX9B", 9, width) for width in (9, 18, 36)],
+    *[("DPB", 8, width) for width in (1, 2, 4, 8, 16)],
+    *[("DPX9B", 9, width) for width in (9, 18)],
+]
+
+
+def test_the_block_memories_of_gowin_work_in_every_width(tmp_path):
+    """Initial words, words written by bytes and read back at every width, and what a write reads in each mode,
+    against an array of bits."""
+    for cell, byte, width in GOWIN_MEMORIES:
+        modes = [None] if cell.startswith("SDP") else range(3) if width in (4, 2 * byte) else [1]
+        for mode in modes:
+            _gowin_memory(cell, byte, width, mode, tmp_path)
+
+
+def _gowin_memory(cell: str, byte: int, width: int, mode: int | None, folder: Path) -> None:
+    rng = np.random.default_rng(byte * width)
+    parts, full = max(1, width // byte), (2 if cell.startswith("DP") else 4) * byte
+    first = rng.integers(0, 2, 32 * byte)  # the first row of contents, 32 bytes
+    bits = [*first, *[0] * (2016 * byte)]
+    number = lambda values: int("".join(map(str, values[::-1])), 2)
+    dual, words = not cell.startswith("SP"), 16384 // 8 * byte // width
+    step = 16384 // words  # addresses of a word
+    lines, held = [], 0
+    for turn in range(60):
+        place = int(rng.integers(0, 32 * byte // width if turn % 2 else words))
+        enable, data = int(rng.integers(1, 1 << parts)), int(rng.integers(0, 1 << width))
+        writes = bool(turn % 3)
+        before = bits[place * width : (place + 1) * width]
+        after = list(before)
+        for k in range(parts):
+            if parts == 1 or enable >> k & 1:
+                size = width // parts
+                after[k * size : (k + 1) * size] = [data >> k * size + n & 1 for n in range(size)]
+        address = place * step | (enable if parts > 1 else 0)
+        lines.append(f"a = {address}; d = {full}'d{data}; w = {int(writes)}; #1 clk = 1; #1 clk = 0; w = 0;")
+        if writes:
+            bits[place * width : (place + 1) * width] = after
+            held = {0: held, 1: number(after), 2: number(before), None: held}[mode]
+        else:
+            held = held if mode is None else number(before)
+        if mode is not None:
+            lines.append(f'if (qa[{width - 1}:0] !== {width}\'d{held}) $display("{turn}: %h", qa);')
+        if dual:
+            lines.append(f"b = {place * step}; #1 clb = 1; #1 clb = 0;")
+            word = number(bits[place * width : (place + 1) * width])
+            lines.append(f'if (qb[{width - 1}:0] !== {width}\'d{word}) $display("{turn} b: %h", qb);')
+    contents = f".INIT_RAM_00({32 * byte}'d{number(list(first))})"
+    on = {port: "1'b0" for port in ("RESET", "RESETA", "RESETB")} | {"CE": "1'b1", "CEB": "1'b1"}
+    on |= {name: "3'd0" for name in ("BLKSEL", "BLKSELA", "BLKSELB")}
+    on |= {
+        "CLK": "clk",
+        "CLKA": "clk",
+        "CLKB": "clb",
+        "AD": "a",
+        "ADA": "a",
+        "ADB": "b",
+        "WRE": "w",
+        "WREA": "w",
+    }
+    on |= {"WREB": "1'b0", "DI": "d", "DIA": "d", "DIB": "d", "DOA": "qa", "DOB": "qb"}
+    on |= {"DO": "qb" if cell.startswith("SDP") else "qa", "CEA": "w" if cell.startswith("SDP") else "1'b1"}
+    ports = {"SP": "DO DI BLKSEL AD WRE CLK CE RESET"}
+    ports["SDP"] = "DO DI BLKSELA BLKSELB ADA ADB CLKA CEA CLKB CEB RESETA RESETB"
+    ports["DP"] = "DOA DOB DIA DIB BLKSELA BLKSELB ADA ADB CLKA CEA WREA RESETA CLKB CEB WREB RESETB"
+    kind = next(name for name in ("SDP", "SP", "DP") if cell.startswith(name))
+    sizes = f".BIT_WIDTH({width})" if kind == "SP" else f".BIT_WIDTH_0({width}), .BIT_WIDTH_1({width})"
+    modes = {"SP": f", .WRITE_MODE({mode})", "DP": f", .WRITE_MODE0({mode})", "SDP": ""}[kind]
+    source = folder / f"{cell}{width}{mode}.sv"
+    connect = ", ".join(f".{port}({on[port]})" for port in ports[kind].split())
+    source.write_text(
+        f"module bench; reg clk = 0, clb = 0, w = 0; reg [13:0] a = 0, b = 0; reg [{full - 1}:0] d = 0;\n"
+        f"wire [{full - 1}:0] qa, qb;\n{cell} #({sizes}{modes}, {contents}) dut ({connect});\n"
+        "initial begin #1;\n" + "\n".join(lines) + '\n$display("done"); $finish; end endmodule\n'
+    )
+    assert simulate(source, folder, GOWIN_CELLS) == "done", (cell, width, mode)
+
+
+def test_a_setting_of_a_gowin_cell_that_is_not_modelled_ends_the_simulation(tmp_path):
+    source = tmp_path / "bench.sv"
+    for setting in (".READ_MODE(1)", ".BIT_WIDTH(12)", ".BLK_SEL(3'd1)"):
+        source.write_text(f"module bench; SP #({setting}) dut (); endmodule\n")
+        with pytest.raises(subprocess.CalledProcessError):
+            simulate(source, tmp_path, GOWIN_CELLS)
+
+
+def test_the_multipliers_of_gowin_take_both_signs(tmp_path):
+    source = tmp_path / "bench.sv"
+    for bits in (9, 18, 36):
+        rng, most = np.random.default_rng(bits), 1 << bits - 1
+        lines = []
+        for left, right in rng.integers(0, 2 * most, (40, 2)).tolist():
+            for signs in range(4):
+                a, b = (
+                    value - 2 * most * (value >= most and signs >> k & 1)
+                    for k, value in enumerate((left, right))
+                )
+                product = a * b % (1 << 2 * bits)
+                lines.append(
+                    f"a = {bits}'d{left}; b = {bits}'d{right}; s = {signs}; #1 "
+                    f'if (p !== {2 * bits}\'d{product}) $display("{left} {right} {signs}: %d", p);'
+                )
+        scans = ".ASEL(1'b0), .BSEL(1'b0), " if bits < 36 else ""
+        source.write_text(
+            f"module bench; reg [{bits - 1}:0] a, b; reg [1:0] s; wire [{2 * bits - 1}:0] p;\n"
+            f"MULT{bits}X{bits} dut ({scans}.A(a), .B(b), .ASIGN(s[0]), .BSIGN(s[1]), .DOUT(p));\n"
+            "initial begin\n" + "\n".join(lines) + '\n$display("done"); $finish; end endmodule\n'
+        )
+        assert simulate(source, tmp_path, GOWIN_CELLS) == "done"
+
+
+def simulate(source: Path, folder: Path, cells: Path) -> str:
     program = folder / "bench.vvp"
-    subprocess.run(["iverilog", "-g2012", "-o", program, source, ECP5_CELLS], check=True, timeout=60)
+    subprocess.run(["iverilog", "-g2012", "-o", program, source, cells], check=True, timeout=60)
     return subprocess.run(
         ["vvp", "-n", program], check=True, capture_output=True, text=True, timeout=60
     ).stdout.strip()

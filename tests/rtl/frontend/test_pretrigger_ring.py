@@ -59,6 +59,22 @@ def test_frames_of_every_touch(name, one_port):
     assert values(out) == touch_beats(config, seen)
 
 
+@pytest.mark.parametrize("one_port", [False, True])
+@pytest.mark.parametrize("taxels", [1, 2, 3])
+def test_few_taxels_behind_a_slow_reader(taxels, one_port):
+    """Frames as close as the detector lets them; a touch may begin while those behind the last one are still
+    too many."""
+    config = CASES["thesis"].replace(taxels=taxels, one_port=one_port, rearm_frames=13, masked_taxels=())
+    seen = detect(config, make_stream(config, 250, seed=11, touches=[20, 73, 126, 179]))
+    assert len(seen.touches) >= 4
+    dut = Ring(config)
+    bench = Bench(dut, seed=2, quiet=100)
+    bench.drive(dut.i, frame_beats(config, seen), gaps=([2] + [0] * (taxels - 1)) * len(seen.values))
+    out = bench.collect(dut.o, stall=0.9)
+    bench.run()
+    assert values(out) == touch_beats(config, seen)
+
+
 @each_row("onset", [1, 2, 3, 4, 5, 6, 40])
 def test_onset_within_the_first_frames(onset):
     config = CASES["thesis"]
