@@ -84,9 +84,6 @@ TABLE_ROWS = (
 LARGEST = "ulx3s"
 """The board with the largest part."""
 
-BLOCKS = {"iCE40UP5K": 30, "LFE5U-25F": 56}
-"""Block memories of the parts of the boards that are advised."""
-
 SEEDS_WORTH_TRYING = 5
 
 FAILURES_MAX = 10
@@ -596,7 +593,8 @@ def weights_sentence(config: AcceleratorConfig) -> str:
     helps = ["take a smaller --hidden"]
     for name in ("icebreaker", LARGEST):
         target = board(name)
-        available = BLOCKS[target.device]
+        assert target.room
+        available = target.room.blocks
         try:
             made = suited(config, target)
         except InputError:  # formats that its multipliers do not take
