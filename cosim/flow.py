@@ -138,7 +138,7 @@ def cosim(
         "clock": round(clock_hz * 1000),
         "stalls": int(stalls),
         "gap_seed": seed & 0x7FFFFFFF,
-        "watchdog": 20 * (config.step_ideal + 1000),
+        "watchdog": latency.standstill_cycles(config),
     }
     held = _probe_frame(config, expected) if probe and config.hardware.loadable else None
     if held:

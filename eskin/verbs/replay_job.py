@@ -119,7 +119,7 @@ def play_all(
         rows, frames, touches = next(decided)
         got = link.play(recordings.recording(position), report)
         words = (got.status, got.faults, got.touches)
-        compare_played(verdict, int(number), rows, frames, got.decisions, touches, words)
+        compare_played(verdict, config, int(number), rows, frames, got.decisions, touches, words)
         decisions += len(got.decisions)
         if stream is not None and touches:
             with contextlib.suppress(InputError):  # not whole

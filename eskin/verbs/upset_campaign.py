@@ -64,7 +64,7 @@ def payloads(model: IntegerModel, recordings: Recordings) -> list[tuple[tuple[in
     """Payloads of the decisions of each recording's touches, in order."""
     trace = run(model, recordings)
     rows, offsets = trace.streams["decision"]
-    packed = [pack_decision(row) for row in rows]
+    packed = [pack_decision(model.config, row) for row in rows]
     by_recording = []
     for number in range(len(recordings)):
         mine = packed[offsets[number] : offsets[number + 1]]

@@ -119,7 +119,7 @@ def frames_and_writes(m: Module) -> None:
     ),
 )
 def decisions_counted(m: Module) -> None:
-    dut = PacketTransmitter(1)
+    dut = PacketTransmitter(CONFIG, 1)
     inside = opened_up(dut)
     free_inputs(dut)
     if words.EAGER:  # one decision of zeros, withdrawn once: no escapes, no answers

@@ -41,6 +41,9 @@ WIDEST_ACCUMULATOR = 48
 """Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum
 exactly."""
 
+MOST_INPUTS = 512
+"""Of a network."""
+
 WIDEST_SCORE = 16
 """Bits of a score, and of a margin."""
 
@@ -168,10 +171,10 @@ class AcceleratorConfig:
     def _feature_refusals(self) -> Iterator[Refusal]:
         features, hop, bits, lengths = self.features, self.windows.hop, self.sum_bits, self.window_lengths
         shifts, kinds = features.feature_shift, features.feature_kinds
-        if self.inputs > 160:
+        if self.inputs > MOST_INPUTS:
             yield (
                 "feature_kinds",
-                f"{self.kinds} kinds of {self.sensor.taxels} taxels are {self.inputs} inputs and 160 are "
+                f"{self.kinds} kinds of {self.sensor.taxels} taxels are {self.inputs} inputs and {MOST_INPUTS} are "
                 "there; use fewer kinds",
             )
         common = math.gcd(hop, *lengths)
@@ -416,6 +419,12 @@ class AcceleratorConfig:
     def classes(self) -> int:
         """Number of classes C."""
         return len(self.network.class_names)
+
+    @property
+    def wide_decisions(self) -> bool:
+        """True where a class needs more than the 5 bits that decisions have for it: they are the decision word of
+        section 17 then."""
+        return self.classes > 32
 
     @property
     def fault_bits(self) -> int:

@@ -172,7 +172,7 @@ class Sensor(Group):
     reset).
     """
 
-    taxels: Annotated[StrictInt, Interval(ge=1, le=160)] = 16
+    taxels: Annotated[StrictInt, Interval(ge=1, le=256)] = 16
     sample_rate_hz: Annotated[Real, Gt(0)] = 3000.0
     sample_bits: Annotated[StrictInt, Interval(ge=1, le=16)] = 16
     sample_signed: StrictBool = False
@@ -380,8 +380,8 @@ class Network(Group):
     margin_threshold: Code = 0
 
     def refusals(self) -> Iterator[Refusal]:
-        if not 2 <= len(self.class_names) <= 32:
-            yield "class_names", f"has {len(self.class_names)} names; a classifier has 2 to 32"
+        if not 2 <= len(self.class_names) <= 128:
+            yield "class_names", f"has {len(self.class_names)} names; a classifier has 2 to 128"
         if len(set(self.class_names)) != len(self.class_names):
             yield "class_names", "has a name twice; names must differ"
 

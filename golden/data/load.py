@@ -16,14 +16,18 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.scene import scene_of, synthetic_recordings
 from eskin.golden.data.tables import PARQUET, SUFFIXES, is_table_folder, load_folder, load_long_table
 from eskin.golden.data.text import Reading
+from eskin.golden.data.turns import turn_recordings
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FORMS = (
     "an .npz archive, a folder by class of .csv, .parquet, .lvm or .png files or logs, a long .csv or .parquet "
-    "table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic"
+    "table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic or synthetic-easy"
 )
+
+SCENES = {"synthetic": turn_recordings, "synthetic-easy": synthetic_recordings}
+"""Words for made-up scenes."""
 
 
 def load_recordings(
@@ -34,7 +38,7 @@ def load_recordings(
 ) -> Recordings:
     """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder by class of
     ``.csv``, ``.parquet``, ``.lvm`` or ``.png`` files or logs, one long table, a ``.mat`` or HDF5 file, a log,
-    or the word ``synthetic``.
+    or a word of SCENES.
 
     Parameters
     ----------
@@ -43,7 +47,7 @@ def load_recordings(
     config:
         Gives volt_per_code, the code's format and (without a usable time column) the rate of ``.lvm`` files
         (default: the thesis preset); what one code is worth, and a rate that is not said, of real samples in
-        other files; array, classes and rate of ``synthetic`` (default: 4 x 4 taxels, 3 classes, 3 kHz).
+        other files; scene, array and rate of ``synthetic`` (``scene_of``).
     reading:
         What is said about text tables and ``.mat`` files; None: everything is found out.
 
@@ -59,8 +63,8 @@ def load_recordings(
         raise InputError(
             f"recordings: are of type {type(data).__name__}; give {FORMS}, or a pandas DataFrame"
         )
-    if str(data) == "synthetic":
-        return synthetic_recordings() if config is None else scene_of(config)
+    if str(data) in SCENES:
+        return SCENES[str(data)]() if config is None else scene_of(config, easy=str(data) != "synthetic")
     path = Path(data)
     if reading.labels is not None and not is_log(path):
         raise InputError(

@@ -215,6 +215,9 @@ def _bag(path: Path, refuse: Refuse) -> _Log:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
+    if path.is_dir() and path.suffix == ".bag":  # rosbags goes by the name
+        refuse("is the folder of a ROS 2 bag under a name of ROS 1; rename it without .bag")
+
     def opened() -> AnyReader:
         return AnyReader([path], default_typestore=get_typestore(Stores.LATEST))
 

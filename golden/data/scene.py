@@ -1,5 +1,5 @@
-"""A synthetic tactile scene: brush, roll and slide on an n x m piezoelectric array, with no more physics than
-separates the three.
+"""The easy synthetic scene, ``synthetic-easy``: brush, roll and slide on an n x m piezoelectric array, with no
+more physics than separates the three.
 
 With 3 classes they are the modalities, with 2 brush and slide, in either direction and sense. More classes
 are modality, heading and speed together, in this order: class i (from 0) is modality i mod 3, heading i / 3
@@ -27,9 +27,7 @@ the last, and carries the person's tremor.
 
 All times the coupling of each taxel in this trial (an uneven surface, a tilted hand).
 
-**Sensor.** A piezoelectric taxel does not see static force: ``dV/dt = dF/dt - V / tau``, ``tau = 1 / (2 pi
-CORNER_HZ)``. Gain (5 % apart) and rest level (1.65 V, 4 mV apart) belong to the taxel. White noise and slow
-drift are added, and the converter rounds to codes.
+**Sensor.** `eskin.golden.data.piezo_array`.
 
 So that per-taxel mean and deviation tell little, forces are alike over the classes and vary by person and
 trial. What tells the classes apart is the order in which a taxel is loaded: + then - (roll), - then +
@@ -38,13 +36,17 @@ trial. What tells the classes apart is the order in which a taxel is loaded: + t
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.data import turns
+from eskin.golden.data.piezo_array import RECORDING_S, SIDES, Person, PiezoArray, bump, check_sizes, single
 from eskin.golden.data.recordings import Recordings
 
 MODALITIES = ("brush", "roll", "slide")
@@ -52,17 +54,9 @@ HEADINGS = ("east", "south", "west", "north")
 """Names of the heading after 0, 1, 2 and 3 quarter turns; row 0 is the northern one."""
 SPEEDS = {"medium": 1.0, "slow": 1.3, "fast": 0.62}
 """Length of a contact, relative to a medium one; with the limits of that one the bands hardly meet."""
-RECORDING_S = 3.0
-"""Length of a recording, seconds: an onset within the first 0.9 s leaves room for 6144 frames at 3 kHz."""
-REST_VOLT = 1.65
-CORNER_HZ = 0.5
-"""High-pass corner of a piezoelectric taxel with its amplifier, hertz."""
 TYPICAL_VOLT = {"brush": 0.20, "roll": 0.20, "slide": 0.16}
 """Signal of a typical force on a taxel before the high-pass, volt: with these the deviation of a taxel is
 alike over the classes."""
-NOISE_VOLT, DRIFT_VOLT = 0.0012, 0.002
-SIDES = (2, 8)
-"""Smallest and largest number of rows and of columns."""
 PERSONS, TRIALS = 20, 4
 CODES = 1 << 27
 """Samples (codes of one taxel) that a scene made from a configuration has at most: half a gigabyte."""
@@ -90,14 +84,17 @@ def kinds(classes: int) -> tuple[Kind, ...]:
     )
 
 
-def scene_of(config: AcceleratorConfig, *, progress: Callable[[int, int], None] | None = None) -> Recordings:
+def scene_of(
+    config: AcceleratorConfig, *, easy: bool = False, progress: Callable[[int, int], None] | None = None
+) -> Recordings:
     """The scene that belongs to a configuration: what ``--data synthetic`` means beside ``--config`` or a
     model.
 
-    Its array is the most square one of ``taxels``, no more rows than columns; its classes are as many as
-    class_names, which must be the scene's own (``kinds``); its rate is sample_rate_hz. 20 persons and 4
-    trials as long as that makes no more than CODES samples, else 2 trials or 1, then fewer persons, 2 at
-    least. The presets thesis and synthetic give the default scene.
+    It is the one whose classes the configuration names: those of `eskin.golden.data.turns`, unless it has to
+    be ``easy``, or this module's (``kinds``). Its array is the most square one of ``taxels``, no more rows
+    than columns; its rate is sample_rate_hz. Persons and trials are those of the scene as long as that makes
+    no more than CODES samples, else 2 trials or 1, then fewer persons, 2 at least. The presets thesis and
+    synthetic give the default easy scene.
 
     Raises
     ------
@@ -116,52 +113,29 @@ def scene_of(config: AcceleratorConfig, *, progress: Callable[[int, int], None] 
     if not rows:
         raise InputError(
             f"configuration '{config.name}', field taxels: is {config.sensor.taxels}; the synthetic scene "
-            "has "
-            f"{SIDES[0]} to {SIDES[1]} rows and "
-            "as many columns, so use 4, 9, 16, 25, 36, 49, 64 or another product of two of them"
+            f"has {SIDES[0]} to {SIDES[1]} rows and as many columns, so use 4, 9, 16, 25, 36, 49, 64 or another product of two of them"
         )
-    names = tuple(kind.name for kind in kinds(config.classes))
-    if config.network.class_names != names:
+    names, asked = tuple(kind.name for kind in kinds(config.classes)), config.network.class_names
+    turning = asked == turns.CLASSES and not easy
+    if not turning and asked != names:
+        other = "" if easy else f", and the synthetic scene {', '.join(turns.CLASSES)}"
         raise InputError(
-            f"configuration '{config.name}', field class_names: is {', '.join(config.network.class_names)}; "
-            "the synthetic scene of "
-            f"{config.classes} classes has {', '.join(names)}"
+            f"configuration '{config.name}', field class_names: is {', '.join(asked)}; the synthetic-easy "
+            f"scene of {config.classes} classes has {', '.join(names)}{other}"
         )
+    persons, most = (turns.PERSONS, turns.TRIALS) if turning else (PERSONS, TRIALS)
+    make = turns.turn_recordings if turning else partial(synthetic_recordings, classes=config.classes)
     # recordings of each class
     room = int(CODES / (RECORDING_S * config.sensor.sample_rate_hz * config.sensor.taxels * config.classes))
-    trials = next(trials for trials in (TRIALS, 2, 1) if trials == 1 or room >= trials * PERSONS)
-    return synthetic_recordings(
-        persons=max(2, min(PERSONS, room // trials)),
+    trials = next(trials for trials in (most, 2, 1) if trials == 1 or room >= trials * persons)
+    return make(
+        persons=max(2, min(persons, room // trials)),
         trials=trials,
         rows=rows,
         columns=config.sensor.taxels // rows,
-        classes=config.classes,
         sample_rate_hz=config.sensor.sample_rate_hz,
         progress=progress,
     )
-
-
-def _check_sizes(
-    scene: str, persons: int, trials: int, rows: int, columns: int, classes: int, sample_rate_hz: float
-) -> None:
-    for name, value, low, high in (
-        ("persons", persons, 1, 1000),
-        ("trials", trials, 1, 100),
-        ("rows", rows, *SIDES),
-        ("columns", columns, *SIDES),
-        ("classes", classes, 2, 32),
-        ("sample_rate_hz", sample_rate_hz, 100, 20000),
-    ):
-        if not low <= value <= high:
-            raise InputError(f"{scene}, {name}: is {value}; it must lie in {low}..{high}")
-
-
-def _grid(rows: int, columns: int) -> np.ndarray:
-    """(rows x columns, 2): across and down of each taxel, -1..1."""
-    across, down = np.meshgrid(
-        (2 * np.arange(columns) + 1) / columns - 1, (2 * np.arange(rows) + 1) / rows - 1
-    )
-    return np.stack([across.ravel(), down.ravel()], axis=1)
 
 
 def synthetic_recordings(
@@ -203,47 +177,20 @@ def synthetic_recordings(
     InputError
         A count, a size or the rate is out of range.
     """
-    _check_sizes("synthetic scene", persons, trials, rows, columns, classes, sample_rate_hz)
-    grid = _grid(rows, columns)
-    array_rng = np.random.default_rng([seed, 0])
-    gain = (1 + 0.05 * array_rng.standard_normal(len(grid))).astype(np.float32)
-    rest = (REST_VOLT + 0.004 * array_rng.standard_normal(len(grid))).astype(np.float32)
-    time = np.arange(round(RECORDING_S * sample_rate_hz)) / sample_rate_hz
-    volt_per_code = PRESETS["thesis"].sensor.volt_per_code
-
+    check_sizes("synthetic-easy scene", persons, trials, rows, columns, classes, sample_rate_hz)
+    array = PiezoArray(seed, rows, columns, sample_rate_hz)
     of_class = kinds(classes)
-    each = trials * classes  # recordings of a person
-    samples = np.empty((persons, each, len(time), len(grid)), dtype=np.int32)
-    for person in range(persons):
-        rng = np.random.default_rng([seed, 1 + person])
+
+    def person_of(rng: np.random.Generator) -> Person:
         habit = _habit(rng)
-        force = np.empty((len(time), each, len(grid)), dtype=np.float32)
-        for index in range(each):
-            trial, label = divmod(index, classes)
-            force[:, index] = _contact(of_class[label], rng, habit, trial % 2, grid, time)
-        volt = _high_pass(force, sample_rate_hz) * gain + rest
-        volt += NOISE_VOLT * rng.standard_normal(volt.shape, dtype=np.float32)
-        volt += _drift(rng, time, volt.shape[1:])
-        samples[person] = np.clip(np.rint(volt / volt_per_code), 0, 65535).astype(np.int32).transpose(1, 0, 2)
-        if progress:
-            progress(person + 1, persons)
-    order = np.arange(persons * each)
-    trials_of, labels = order // classes % trials, order % classes
-    direction = np.array([-1 if kind.quarter is None else kind.quarter % 2 for kind in of_class])[labels]
-    return Recordings(
-        samples=samples.reshape(-1, len(grid)),
-        offsets=np.arange(len(order) + 1) * len(time),
-        labels=labels,
-        class_names=tuple(kind.name for kind in of_class),
-        sample_rate_hz=float(sample_rate_hz),
-        groups={
-            "person": order // each,
-            "trial": trials_of,
-            "direction": np.where(direction < 0, trials_of % 2, direction),
-        },
-        source="synthetic scene",
-        volt_per_code=volt_per_code,
-    )
+        return lambda label, trial: _contact(of_class[label], rng, habit, trial % 2, array.grid, array.time)
+
+    names = tuple(kind.name for kind in of_class)
+    recordings = array.recorded(person_of, persons, trials, names, "synthetic-easy scene", progress)
+    heading = np.array([-1 if kind.quarter is None else kind.quarter % 2 for kind in of_class])
+    direction, trial = heading[recordings.labels], recordings.groups["trial"]
+    direction = np.where(direction < 0, trial % 2, direction)
+    return dataclasses.replace(recordings, groups={**recordings.groups, "direction": direction})
 
 
 def _habit(rng: np.random.Generator) -> dict[str, float]:
@@ -297,44 +244,17 @@ def _contact(
     slid = 2 * reach * np.clip((since - dwell) / (duration - dwell), 0, 1)
     if modality == "slide":
         stuck = (since * rng.uniform(8, 14) + rng.uniform()) % 1
-        q = _single(slid - 0.05 * (stuck - 0.5) - reach - along) / _single(0.3 * width)
+        q = single(slid - 0.05 * (stuck - 0.5) - reach - along) / single(0.3 * width)
         shear = habit["friction"] * np.tanh(slid / 0.25)
-        shape = _bump(q) * _bump(beside / 2) * (_single(0.4) + _single(np.sqrt(np.e) * shear) * q)
+        shape = bump(q) * bump(beside / 2) * (single(0.4) + single(np.sqrt(np.e) * shear) * q)
     elif modality == "roll":
-        shape = _bump((slid - reach - along) / (0.28 * width))
+        shape = bump((slid - reach - along) / (0.28 * width))
     else:
-        u = _single(slid - reach - along)
-        tufts = (1 + np.cos(_single(2 * np.pi / habit["pitch"]) * u + _single(rng.uniform(0, 2 * np.pi)))) / 2
+        u = single(slid - reach - along)
+        tufts = (1 + np.cos(single(2 * np.pi / habit["pitch"]) * u + single(rng.uniform(0, 2 * np.pi)))) / 2
         hold = max(1, round(0.02 / (time[1] - time[0])))
         bristles = rng.exponential(1.0, (len(u) // hold + 1, len(grid))).repeat(hold, axis=0)[: len(u)]
-        shape = _bump(u / _single(0.6 * width)) * (tufts + _single(0.15 * (bristles - 1)))
+        shape = bump(u / single(0.6 * width)) * (tufts + single(0.15 * (bristles - 1)))
     force = np.zeros((len(time), len(grid)), dtype=np.float32)
-    force[touching] = _single(normal) * shape * _single(coupling)
+    force[touching] = single(normal) * shape * single(coupling)
     return force
-
-
-def _single(value) -> np.ndarray:
-    return np.asarray(value, dtype=np.float32)
-
-
-def _bump(q) -> np.ndarray:
-    return np.exp(-0.5 * _single(q) ** 2)
-
-
-def _high_pass(force: np.ndarray, sample_rate_hz: float) -> np.ndarray:
-    """First-order high-pass along the first axis, from rest: ``V(t) = a (V(t-1) + F(t) - F(t-1))``, ``a =
-    exp(-2 pi CORNER_HZ / rate)``."""
-    decay = np.float32(np.exp(-2 * np.pi * CORNER_HZ / sample_rate_hz))
-    volt = np.diff(force, axis=0, prepend=force[:1])
-    for frame in range(1, len(volt)):
-        volt[frame] += volt[frame - 1]
-        volt[frame] *= decay
-    return volt
-
-
-def _drift(rng: np.random.Generator, time: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """A slow sine of 0.05 to 0.2 Hz on every taxel of every recording, volt."""
-    frequency, phase = rng.uniform(0.05, 0.2, shape), rng.uniform(0, 2 * np.pi, shape)
-    return _single(DRIFT_VOLT) * np.sin(
-        _single(2 * np.pi * frequency) * _single(time)[:, None, None] + _single(phase)
-    )

@@ -18,7 +18,7 @@ from eskin.golden.training.datasets import Dataset
 from eskin.golden.training.linear_fit import fit_least_squares, fit_linear
 from eskin.golden.training.losses import LossCurves, Progress, Told, class_loss, descend, teacher_loss
 from eskin.golden.training.network import RecurrentClassifier
-from eskin.golden.training.quantise import IntegerNetwork, profile, quantise_model
+from eskin.golden.training.quantise import IntegerNetwork, check_given, profile, quantise_model
 from eskin.golden.training.recipe import Recipe
 
 FINE_TUNING_TEACHER = 0.9
@@ -184,12 +184,14 @@ def fine_tune(
     progress: Progress,
 ) -> list[IntegerModel]:
     """Quantisation-aware training: an integer network from each trained float one, trained on in integer
-    arithmetic.
+    arithmetic. Bits of a feature that no format could use are refused.
 
     Formats are chosen once, from the ranges of the network on its own part; networks of the same formats
     train at once.
     """
     starts = [post_training(model, data, rows, widths) for model, rows in zip(models, parts, strict=True)]
+    for start in starts:
+        check_given(start.config, widths.get("feature_bits"))
     groups: dict[AcceleratorConfig, list[int]] = {}
     for m, start in enumerate(starts):
         groups.setdefault(start.config, []).append(m)

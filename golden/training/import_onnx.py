@@ -546,7 +546,7 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np
     graph, inputs, steps = network.graph, config.inputs, config.windows.steps
     flat = steps * inputs if config.network.weight_sets == "window" else inputs
     shapes: list[tuple[int, ...]] = [(1, flat)]
-    if config.recurrent or config.sets > 1:
+    if config.recurrent or config.sets > 1 or steps == 1:
         # as many steps as the file fixes, so that one of another length is told by what it computes
         given = [size for size in graph.dims[:-1] if size > 1][:1] if config.recurrent else []
         steps = given[0] if given else steps

@@ -510,7 +510,7 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     return IntegerModel(config, arrays | {"mean": mean, "scale": scale}, "quantised model")
 
 
-def _check_given(config: AcceleratorConfig, feature_bits: int | None) -> None:
+def check_given(config: AcceleratorConfig, feature_bits: int | None) -> None:
     """Refuse bits of a feature that no format could use."""
     given = config.formats.feature_format
     if feature_bits is not None and given.width != feature_bits:
@@ -625,7 +625,7 @@ def quantise(
     else:
         ranges = _noted_ranges(model_dir, model.config, record)
     integer = quantise_model(model, ranges, **widths)
-    _check_given(integer.config, widths.get("feature_bits"))
+    check_given(integer.config, widths.get("feature_bits"))
     if readout is not None and recordings is not None:
         groups = training_groups(recordings, record, readout.get("groups"))
         options = {name: value for name, value in readout.items() if name != "groups"}

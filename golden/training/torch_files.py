@@ -14,7 +14,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import ArchiveError, check_unpacked
 
 MOST_VALUES = 1 << 20
-"""Of one array; the largest that the accelerator takes has 4 x 32 x 160."""
+"""Of one array; the largest that the accelerator takes has 4 x 32 x 512."""
 TORCH_SUFFIXES = (".pt", ".pth")
 
 

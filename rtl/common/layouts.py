@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Const, Value, signed, unsigned
+from amaranth.hdl import Cat, Const, Mux, Value, signed, unsigned
 from amaranth.lib import data
 from amaranth.utils import ceil_log2
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.fixed import shape_of
+
+MARGIN_SHIFT = 2
+"""A unit of a margin in the decision word is so many bits of a logit."""
 
 
 def sample_layout(config: AcceleratorConfig) -> data.StructLayout:
@@ -96,8 +99,28 @@ def centred_layout(config: AcceleratorConfig) -> data.StructLayout:
     )
 
 
-decision_layout = data.StructLayout(
-    {"class": 5, "margin": 16, "step": 8, "is_global": 1, "partial": 1, "unsure": 1}
-)
-"""A decision: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or local,
-partial touch, global with a margin below ``margin_threshold``."""
+def decision_layout(config: AcceleratorConfig) -> data.StructLayout:
+    """A decision, 32 bits: class index, margin (logit LSBs; votes for a global vote), step (0-based), global or
+    local, partial touch, global with a margin below ``margin_threshold``. Of more than 32 classes the margin is
+    `margin_units`, and the whole is the decision word."""
+    flags = {"is_global": 1, "partial": 1, "unsure": 1}
+    if config.wide_decisions:
+        return data.StructLayout({"class": 7, "step": 8, "margin": 16 - MARGIN_SHIFT} | flags)
+    return data.StructLayout({"class": 5, "margin": 16, "step": 8} | flags)
+
+
+def margin_units(config: AcceleratorConfig, margin: Value, is_global: Value) -> Value:
+    """The margin in the decision word: in units of 4 logit LSBs, of a global vote in votes; 14 bits.
+
+    No margin of 16 bits saturates in these units, and votes are few: above their bits a vote's margin is 0,
+    shifted or not.
+    """
+    votes = 0
+    if len(margin) < 16:
+        margin = Cat(margin, Const(0, 16 - len(margin)))
+    if config.network.decision == "vote":
+        votes = config.windows.steps.bit_length()
+    return Cat(
+        Mux(is_global, margin[bit], margin[bit + MARGIN_SHIFT]) if bit < votes else margin[bit + MARGIN_SHIFT]
+        for bit in range(len(margin) - MARGIN_SHIFT)
+    )

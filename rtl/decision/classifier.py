@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.compare import exceeds
-from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.common.layouts import decision_layout, margin_units
 from eskin.rtl.decision.early_rule import EarlyRule
 from eskin.rtl.decision.score_search import make_search
 
@@ -57,7 +57,7 @@ class Classifier(wiring.Component):
         super().__init__(
             {
                 "logit": In(data.StructLayout({"valid": 1, "value": signed(config.score_format.width)})),
-                "o": Out(stream.Signature(decision_layout)),
+                "o": Out(stream.Signature(decision_layout(config))),
                 "finish": In(1),
                 "idle": Out(1),
                 "ended": Out(1),
@@ -105,7 +105,7 @@ class Classifier(wiring.Component):
             self.idle.eq(~busy),
             self.o.valid.eq(offered),
             self.o.p["class"].eq(best),
-            self.o.p.margin.eq(margin),
+            self.o.p.margin.eq(margin_units(config, margin, is_global) if config.wide_decisions else margin),
             self.o.p.step.eq(step),
             self.o.p.is_global.eq(is_global),
             self.o.p.partial.eq(partial),

@@ -284,10 +284,14 @@ def _write_hex(path: Path, words: Iterable[int], bits: int) -> None:
     path.write_text("".join(f"{int(word) & (1 << bits) - 1:0{digits}x}\n" for word in words))
 
 
-def pack_decision(row: Iterable[int]) -> int:
+def pack_decision(config: AcceleratorConfig, row: Iterable[int]) -> int:
     """The payload of a decision row (is_global, step, class, margin, partial, unsure)."""
     is_global, step, label, margin, partial, unsure = (int(value) for value in row)
-    return label | margin << 5 | step << 21 | is_global << 29 | partial << 30 | unsure << 31
+    flags = is_global << 29 | partial << 30 | unsure << 31
+    if not config.wide_decisions:
+        return label | margin << 5 | step << 21 | flags
+    units = margin if is_global and config.network.decision == "vote" else margin >> 2
+    return label | step << 7 | units << 15 | flags
 
 
 def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, writes: int) -> None:
@@ -303,7 +307,9 @@ def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, wri
     data = folder / "vectors"
     data.mkdir()
     _write_hex(data / "samples.hex", [*samples.reshape(-1), 0], 16)
-    _write_hex(data / "decision.hex", [*map(pack_decision, streams.pop("decision")), 0], 32)
+    _write_hex(
+        data / "decision.hex", [*(pack_decision(config, row) for row in streams.pop("decision")), 0], 32
+    )
     if config.is_image:
         nothing = np.zeros(0, dtype=np.int64)
         streams |= {"sum": nothing, "fault": nothing, "feature": nothing, "state": streams.pop("map")}

@@ -90,6 +90,10 @@ class DoesNotFit(Exception):
         )
 
 
+class NoRoute(Exception):
+    """The seed's placement could not be routed; another seed's may."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Implementation:
     """One placement.
@@ -124,7 +128,7 @@ def place(
 
     Raises
     ------
-    DoesNotFit, ToolError
+    DoesNotFit, NoRoute, ToolError
     """
     folder.mkdir(parents=True, exist_ok=True)
     family = netlist.family.name
@@ -158,7 +162,9 @@ def place(
         arguments += ["--lpf", "pins.lpf", "--textcfg", f"placed.{text}"]
     try:
         run_tool(f"nextpnr-{family}", arguments, folder)
-    except ToolError:
+    except ToolError as error:
+        if "Routing design failed" in str(error):
+            raise NoRoute from None
         use = _use(folder / "nextpnr.log")
         if use and netlist.multipliers:
             use.setdefault("multipliers", (netlist.multipliers, 0))  # a part that has none does not list them

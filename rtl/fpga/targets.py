@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple
 
 from amaranth.build import ResourceError
 
@@ -12,19 +12,27 @@ from eskin.golden.core.errors import InputError
 from eskin.rtl.fpga.synthesis import ECP5, GOWIN, ICE40_DSP, ICE40_HX, ICE40_LP, Family
 
 
+class Room(NamedTuple):
+    """Logic cells and block memories of a part."""
+
+    cells: int
+    blocks: int
+
+
 @dataclass(frozen=True, kw_only=True)
 class Target:
     """A board.
 
-    device: the part's name. family: for Yosys. place: nextpnr's options for part and package; pack: the
-    packer's. clock_pin, clock_hz: the board's oscillator (the upduino's is on a pin of its own, 20, behind a solder jumper). uart:
-    (rx, tx) as the FPGA sees them. led: a lamp, or a free pin. pins: further free pins, in the order in which
-    they are given out. flash: (select, clock, to it, from it) of the SPI flash that holds the bitstream,
-    where all four are pins of the part.
+    device: the part's name. room: what it has; None: no estimate there. family: for Yosys. place: nextpnr's
+    options for part and package; pack: the packer's. clock_pin, clock_hz: the board's oscillator (the
+    upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led: a
+    lamp, or a free pin. pins: further free pins, in the order in which they are given out. flash: (select,
+    clock, to it, from it) of the SPI flash that holds the bitstream, where all four are pins of the part.
     """
 
     name: str
     device: str
+    room: Room | None
     family: Family
     place: tuple[str, ...]
     clock_pin: str
@@ -39,12 +47,12 @@ class Target:
 # On the nearly full 1280-cell parts nextpnr's usual router (one net after the other, tearing out what is in
 # its way) may go on for ever.
 _SMALL = ("--router", "router2")
-_PARTS = {
-    ("iCE40UP5K", "SG48"): (ICE40_DSP, ("--up5k", "--package", "sg48")),
-    ("iCE40HX1K", "TQ144"): (ICE40_HX, ("--hx1k", "--package", "tq144", *_SMALL)),
-    ("iCE40LP1K", "CM36"): (ICE40_LP, ("--lp1k", "--package", "cm36", *_SMALL)),
-    ("LFE5U-25F", "BG381"): (ECP5, ("--25k", "--package", "CABGA381", "--speed", "6")),
-    ("GW1NR-9C", "QN88P"): (GOWIN, ("--device", "GW1NR-LV9QN88PC6/I5", "--vopt", "family=GW1N-9C")),
+_PARTS: dict[tuple[str, str], tuple[Family, Room | None, tuple[str, ...]]] = {
+    ("iCE40UP5K", "SG48"): (ICE40_DSP, Room(5280, 30), ("--up5k", "--package", "sg48")),
+    ("iCE40HX1K", "TQ144"): (ICE40_HX, Room(1280, 16), ("--hx1k", "--package", "tq144", *_SMALL)),
+    ("iCE40LP1K", "CM36"): (ICE40_LP, Room(1280, 16), ("--lp1k", "--package", "cm36", *_SMALL)),
+    ("LFE5U-25F", "BG381"): (ECP5, Room(24288, 56), ("--25k", "--package", "CABGA381", "--speed", "6")),
+    ("GW1NR-9C", "QN88P"): (GOWIN, None, ("--device", "GW1NR-LV9QN88PC6/I5", "--vopt", "family=GW1N-9C")),
 }
 _PACK = {"GW1NR-9C": ("-d", "GW1N-9C", "-o")}
 
@@ -64,7 +72,7 @@ def _target(
     device = (
         getattr(board, "device", None) or board.family
     )  # the latter on Gowin parts, whose family is a name
-    family, place = _PARTS[device, board.package]
+    family, room, place = _PARTS[device, board.package]
     clock = board.lookup("clk12" if board.default_clk == "SB_HFOSC" else board.default_clk, 0)
 
     def pins(resource: str, *names: str) -> tuple[str, ...]:
@@ -82,6 +90,7 @@ def _target(
     return Target(
         name=name,
         device=device,
+        room=room,
         family=family,
         place=place,
         clock_pin=clock.ios[0].names[0],

@@ -59,7 +59,7 @@ class BusShell(wiring.Component):
             {
                 "request": In(request_signature()),
                 "bus": Out(bus_signature()),
-                "decision": In(stream.Signature(decision_layout)),
+                "decision": In(stream.Signature(decision_layout(config))),
                 "any_fault": In(1),
                 "irq": Out(1),
             }

@@ -7,12 +7,11 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
-from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.common.layouts import decision_layout, margin_units
 from eskin.rtl.program.memory_map import DECISION_FIELDS
 
 DEPTHS = (0, 2, 4)
 """Decisions that may wait beside the one that the classifier offers."""
-MARGIN_SHIFT = 2
 
 
 def _places(config: AcceleratorConfig) -> list[int]:
@@ -30,24 +29,13 @@ def _places(config: AcceleratorConfig) -> list[int]:
 
 
 def decision_word(config: AcceleratorConfig, decision: data.View) -> Value:
-    """The decision word of ``decision`` (of `decision_layout`).
-
-    No margin of 16 bits saturates in units of 4, and votes are few: above their bits a vote's margin is 0,
-    shifted or not.
-    """
-    margin, votes = decision.margin, 0
-    if config.network.decision == "vote":
-        votes = config.windows.steps.bit_length()
-    units = [
-        Mux(decision.is_global, margin[bit], margin[bit + MARGIN_SHIFT])
-        if bit < votes
-        else margin[bit + MARGIN_SHIFT]
-        for bit in range(len(margin) - MARGIN_SHIFT)
-    ]
+    """The decision word of ``decision`` (of `decision_layout`)."""
+    if config.wide_decisions:
+        return decision.as_value()
     fields = {
         "CLASS": decision["class"],
         "STEP": decision.step,
-        "MARGIN": Cat(units),
+        "MARGIN": margin_units(config, decision.margin, decision.is_global),
         "GLOBAL": decision.is_global,
         "PARTIAL": decision.partial,
         "UNSURE": decision.unsure,
@@ -87,7 +75,7 @@ class DecisionQueue(wiring.Component):
         self._config, self._depth = config, depth
         super().__init__(
             {
-                "i": In(stream.Signature(decision_layout)),
+                "i": In(stream.Signature(decision_layout(config))),
                 "global_only": In(1),
                 "clear": In(1),
                 "word": Out(32),

@@ -6,6 +6,7 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.host.packet_framing import ESCAPE, FCS_START, FCS_TAPS, FLAG, FLIPPED_BIT
 
@@ -39,11 +40,11 @@ class PacketTransmitter(wiring.Component):
     ``divisor`` cycles after it can.
     """
 
-    def __init__(self, divisor: int) -> None:
+    def __init__(self, config: AcceleratorConfig, divisor: int) -> None:
         self._divisor = divisor
         super().__init__(
             {
-                "decision": In(stream.Signature(decision_layout)),
+                "decision": In(stream.Signature(decision_layout(config))),
                 "answer": In(1),
                 "answered": Out(1),
                 "r_data": In(16),

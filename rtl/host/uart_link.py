@@ -62,7 +62,7 @@ class UartLink(wiring.Component):
                 "rx": In(1),
                 "tx": Out(1, init=1),
                 "frame": Out(stream.Signature(sample_layout(config))),
-                "decision": In(stream.Signature(decision_layout)),
+                "decision": In(stream.Signature(decision_layout(config))),
                 "bus": Out(bus_signature()),
                 "expected": Out(8),
             }
@@ -74,7 +74,7 @@ class UartLink(wiring.Component):
         m.submodules.receiver = receiver = UartReceiver(self._divisor)
         m.submodules.unstuffer = unstuffer = Unstuffer()
         m.submodules.check = check = FrameCheck()
-        m.submodules.transmitter = transmitter = PacketTransmitter(self._divisor)
+        m.submodules.transmitter = transmitter = PacketTransmitter(self._config, self._divisor)
         wiring.connect(m, wiring.flipped(self.decision), transmitter.decision)
         m.d.comb += [
             receiver.rx.eq(self.rx),

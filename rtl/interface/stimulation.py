@@ -52,7 +52,7 @@ class Stimulation(wiring.Component):
             max(1, math.floor(seconds * clock_hz)) for seconds in (interface.hold_s, interface.on_limit_s)
         )
         name, layout = (
-            ("decision", decision_layout)
+            ("decision", decision_layout(config))
             if interface.stimulator == "decisions"
             else ("position", position_layout)
         )

@@ -35,7 +35,7 @@ class Stimulus(wiring.Component):
     def __init__(self, config: AcceleratorConfig, hold_cycles: int) -> None:
         self._config, self._hold = config, hold_cycles
         by_decision = config.interface.stimulator == "decisions"
-        layout = decision_layout if by_decision else position_layout
+        layout = decision_layout(config) if by_decision else position_layout
         told = In(data.StructLayout({"valid": 1, "payload": layout}))
         super().__init__(
             {

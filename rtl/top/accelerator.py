@@ -71,7 +71,7 @@ class Accelerator(wiring.Component):
         super().__init__(
             {
                 "i": In(stream.Signature(sample_layout(config))),
-                "o": Out(stream.Signature(decision_layout)),
+                "o": Out(stream.Signature(decision_layout(config))),
                 "bus": In(bus_signature()),
                 "busy": Out(1),
                 "probe": Out(wiring.Signature(probes)),

@@ -85,7 +85,7 @@ class ImageAccelerator(wiring.Component):
         super().__init__(
             {
                 "i": In(stream.Signature(sample_layout(config))),
-                "o": Out(stream.Signature(decision_layout)),
+                "o": Out(stream.Signature(decision_layout(config))),
                 "bus": In(bus_signature()),
                 "busy": Out(1),
                 "probe": Out(wiring.Signature({name: Out(probe()) for name in ("map", "logit", "step")})),

@@ -62,7 +62,7 @@ class Sensing(wiring.Component):
         super().__init__(
             {
                 "run": In(1),
-                "o": Out(stream.Signature(decision_layout)),
+                "o": Out(stream.Signature(decision_layout(config))),
                 "bus": In(bus_signature()),
                 "busy": Out(1),
                 "probe": Out(self.accelerator.probe.signature),

@@ -14,7 +14,7 @@ from typing import Any
 
 from amaranth.hdl import Fragment, MemoryInstance, Shape
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.config import MOST_INPUTS, AcceleratorConfig
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.views.schedule_view import cell_name, lanes_name, resized, save_figure, summary, write_csv
@@ -123,7 +123,7 @@ def complexity(
 ) -> dict[str, list[dict[str, Any]]]:
     """`cost` against ``TAXELS`` (classes as in ``config``) and against ``CLASSES`` (taxels as in
     ``config``)."""
-    some = [taxels for taxels in TAXELS if taxels * config.kinds <= 160]
+    some = [taxels for taxels in TAXELS if taxels * config.kinds <= MOST_INPUTS]
     sweeps = {
         "taxels": [(taxels, config.classes) for taxels in some],
         "classes": [(config.sensor.taxels, classes) for classes in CLASSES],

@@ -235,7 +235,7 @@ def play_with_a_fault(
             recordings, samples=recordings.samples[low:high], offsets=np.array([0, high - low])
         )
         rows, _ = run(model, part).streams["decision"]
-        golden.append([pack_decision(row) for row in rows])
+        golden.append([pack_decision(config, row) for row in rows])
     # no end of a recording where the frames break: no partial decision
     golden[0] = [word for word in golden[0] if not word >> 30 & 1]
     assert not result["passed"]

@@ -466,7 +466,7 @@ def test_testbench_packs_decisions_as_the_scoreboard_unpacks_them():
     for _ in range(50):
         row = [int(rng.integers(0, 1 << width)) for _, width in DECISION_FIELDS.values()]
         assert [
-            pack_decision(row) >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values()
+            pack_decision(CONFIG, row) >> low & (1 << width) - 1 for low, width in DECISION_FIELDS.values()
         ] == row
 
 

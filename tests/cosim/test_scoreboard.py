@@ -27,7 +27,7 @@ NUMBERS = (5, 9)
 
 
 def pack(row) -> int:
-    return pack_decisions([row])[0]
+    return pack_decisions(CONFIG, [row])[0]
 
 
 @pytest.fixture

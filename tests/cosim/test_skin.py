@@ -305,7 +305,7 @@ def test_with_a_host_that_loads_listens_and_asks(tmp_path):
     told = [parse(body) for body in Unpacker().feed(played.host)]
     decisions = [one.payload for one in told if isinstance(one, Decision)]
     assert (
-        decisions == pack_decisions(rows[whole])[: len(decisions)]
+        decisions == pack_decisions(config, rows[whole])[: len(decisions)]
         and len(decisions) >= sum(frames[whole] <= 520) > 3
     )
     answers = {one.address: one.value for one in told if isinstance(one, Answer)}

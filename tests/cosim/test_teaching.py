@@ -64,7 +64,7 @@ class Taught:
             device.settle()
             told += self.stream.finish()
         seen = [int(word, 16) for word in device.streams()["decision"].words]
-        assert seen == [pack_decision(decision.row()) for decision in told]
+        assert seen == [pack_decision(self.config, decision.row()) for decision in told]
         self.decisions += len(seen)
 
     def command(self) -> None:

@@ -128,7 +128,7 @@ class Device:
             rows, touches = self.decide(samples)
             self.registers[Register.TOUCHES] = touches
             self.registers[Register.STATUS] = 0 if touches else int(Status.NO_TOUCH)
-            for payload in pack_decisions(rows):
+            for payload in pack_decisions(self.config, rows):
                 self.decision_packets.append(self.packets[True] + 1)
                 self._send(payload | link.DECISION, payload >> 31 << 7)
                 self.decisions = (self.decisions + 1) % link.NUMBERS

@@ -17,8 +17,9 @@ from eskin.cosim import runner
 from eskin.cosim.device import Design, Device
 from eskin.cosim.link import Link
 from eskin.cosim.pin_port import PinPort
-from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS
+from eskin.cosim.scoreboard import UNEXPECTED_FAULTS
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.rtl.fpga.generate import pack_decision
 from tests.support.noisy_port import NoisyPort
 
 TIMEOUT_BYTES = 60
@@ -27,16 +28,15 @@ half of that."""
 HARNESS = Path(__file__).with_name("link_harness.sv")
 
 
-def pack_decisions(rows: np.ndarray) -> list[int]:
+def pack_decisions(config: AcceleratorConfig, rows: np.ndarray) -> list[int]:
     """32-bit payloads of golden decision rows (columns as eskin.golden.model.pipeline.DECISION_FIELDS)."""
-    lows = [low for low, _ in DECISION_FIELDS.values()]
-    return [sum(int(value) << low for value, low in zip(row, lows, strict=True)) for row in rows]
+    return [pack_decision(config, row) for row in rows]
 
 
-def expected_decisions(expected: Mapping[str, np.ndarray]) -> list[list[int]]:
+def expected_decisions(config: AcceleratorConfig, expected: Mapping[str, np.ndarray]) -> list[list[int]]:
     """Payloads of each recording of eskin.golden.model.vectors.write_vectors."""
     offsets = expected["decision_offsets"]
-    return [pack_decisions(expected["decision"][low:high]) for low, high in pairwise(offsets)]
+    return [pack_decisions(config, expected["decision"][low:high]) for low, high in pairwise(offsets)]
 
 
 def play_link(
@@ -107,7 +107,7 @@ def play_link(
         runner.run(simulator, work, {}, limit_s=limit_s, bench="tests.support.link_bench")
         result = json.loads((work / "result.json").read_text())
     wall_s = time.monotonic() - begun
-    wanted = expected_decisions(expected)
+    wanted = expected_decisions(config, expected)
     result["wrong"] = [
         played
         for played in result["played"]

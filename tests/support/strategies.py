@@ -102,7 +102,7 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         pick(("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")),
         pick("plain", "serial", "dsp"),
     )
-    taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21, 1, 2, 3), pick(2, 3, 4, 5, 7)
+    taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21, 1, 2, 3, 256), pick(2, 3, 4, 5, 7, 128)
     sample = QFormat(pick(12, 8, 10, 16, 6, 2), 0, pick(False, True))
     low, span = sample.min_code, sample.max_code - sample.min_code
     onset, mode = pick(*RESTS), pick("touch", "free")

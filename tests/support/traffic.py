@@ -17,6 +17,7 @@ import numpy as np
 
 from eskin.cosim.runner import SimulationError, build
 from eskin.cosim.scoreboard import FLAT_STAGES
+from eskin.golden.core.config import AcceleratorConfig
 from tests.support.link_flow import pack_decisions
 
 HARNESS = Path(__file__).with_name("traffic_harness.sv")
@@ -133,7 +134,9 @@ def by_mark(said: Sequence[Sequence[str]]) -> dict[int, list[list[str]]]:
     return parts
 
 
-def differences(lines: Sequence[Sequence[str]], expected: Mapping[str, np.ndarray], index: int) -> list[str]:
+def differences(
+    config: AcceleratorConfig, lines: Sequence[Sequence[str]], expected: Mapping[str, np.ndarray], index: int
+) -> list[str]:
     """What of one recording, number ``index`` of the vectors, is not as the golden model says; an X anywhere
     is a difference."""
     found = [" ".join(line) for line in lines if line[0] in ("stuck", "unknown", "unstable")]
@@ -142,7 +145,7 @@ def differences(lines: Sequence[Sequence[str]], expected: Mapping[str, np.ndarra
         low, high = expected[f"{stage}_offsets"][index : index + 2]
         wanted = expected[stage][low:high]
         if stage == "decision":
-            wanted = pack_decisions(wanted)
+            wanted = pack_decisions(config, wanted)
         wanted = [f"{int(value) & 0xFFFFFFFF:08x}" for value in wanted]
         if words != wanted:
             place = next(

@@ -205,7 +205,7 @@ def judge(script: Script, case: Case, folder: Path, builds: Path, verilog: str =
     vectors = case.vectors(folder)
     said = run(script, case.design(folder, verilog), case.config.sensor.sample_bits, folder, builds)
     parts = {number: lines for number, lines in by_mark(said).items() if number >= 0}
-    return {number: differences(lines, vectors, 1) for number, lines in parts.items()}
+    return {number: differences(case.config, lines, vectors, 1) for number, lines in parts.items()}
 
 
 def x_script(case: Case) -> Script:

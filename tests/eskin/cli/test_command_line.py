@@ -356,13 +356,13 @@ def test_inspect_lists_few_recordings_and_says_what_next(call, folder):
 
 
 def test_inspect_describes_an_archive_that_gives_no_configuration(call, folder):
-    wide = np.tile(arrays()["samples"], 41)[:, :161]
+    wide = np.tile(arrays()["samples"], 65)[:, :257]
     np.savez("data.npz", **arrays(samples=wide))
     assert call(*"inspect data.npz --json figures.json".split())[0] == 0
     figures = json.loads(Path("figures.json").read_text())
     assert (
         figures["onset_frames"] is None
-        and "taxels: is 161; it must lie in 1..160" in figures["configuration"]["reasons"][0]
+        and "taxels: is 257; it must lie in 1..256" in figures["configuration"]["reasons"][0]
     )
 
 

@@ -75,7 +75,9 @@ class Twin:
         for made in decisions:
             for stage, values in made.stages.items():
                 brought.stages.setdefault(stage, []).extend(np.asarray(values).astype(int).tolist())
-            brought.stages.setdefault("decision", []).extend(pack_decisions(np.array([made.row()])))
+            brought.stages.setdefault("decision", []).extend(
+                pack_decisions(self.stream.config, np.array([made.row()]))
+            )
         frame = self.stream.frame
         spoiled = {stage: self.spoil(frame, stage, list(values)) for stage, values in brought.stages.items()}
         return Brought({stage: values for stage, values in spoiled.items() if values}, brought.cycles)
@@ -219,7 +221,9 @@ def test_a_board_by_itself_is_heard(model):
         [0, 1, 0, 4, 0, 0],
         [1, 1, 0, 4, 1, 0],
     ]
-    stage = Stage(Listener(model.config, Heard(pack_decisions(np.array(rows))), "port"), None).start()
+    stage = Stage(
+        Listener(model.config, Heard(pack_decisions(model.config, np.array(rows))), "port"), None
+    ).start()
     stage.until(lambda: len(stage.seen("decided")) == 2)
     stage.stop()
     steps, decided = stage.seen("step"), stage.seen("decided")

@@ -96,7 +96,7 @@ def test_serial_lanes_asked_for_without_a_number_are_one():
         ("sensor", "sample_rate_hz", float("nan"), "give a finite number"),
         ("sensor", "volt_per_code", -1, "is -1; it must be at least 0"),
         ("sensor", "taxels", "16", "give a whole number"),
-        ("sensor", "taxels", 0, "it must lie in 1..160"),
+        ("sensor", "taxels", 0, "it must lie in 1..256"),
         ("hardware", "clock_hz", 0, "it must be above 0"),
         ("hardware", "loadable", 1, "give true or false"),
         ("network", "cell", "rnn", "give one of gru, lstm"),

@@ -5,12 +5,15 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin
+from typer.testing import CliRunner
 
+from eskin.cli.main import app
 from eskin.golden.core.errors import EXTRAS, InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.logs import is_log
@@ -108,6 +111,32 @@ def test_a_bag_with_classes_by_topic_and_by_times(tmp_path, known, kind, plugin)
         load_recordings(source, reading=Reading(label="/touched", samples="/x"))
 
 
+@each_row(
+    ("name", "write", "options"),
+    [
+        ("a.h5", doors.write_hdf5, []),
+        ("sets.hdf5", doors.write_hdf5_by_dataset, []),
+        ("a.parquet", lambda known, path: doors.long_table(known).to_parquet(path), []),
+        ("bag", doors.write_bag, ["--labels", "times.csv"]),
+        ("a.bag", lambda known, path: doors.write_bag(known, path, plugin=None), ["--labels", "times.csv"]),
+        ("b.bag", lambda known, path: doors.write_bag(known, path, plugin=None), ["--class", "/touched"]),
+    ],
+)
+def test_convert_gives_the_archive_that_it_came_from(tmp_path, monkeypatch, known, name, write, options):
+    monkeypatch.chdir(tmp_path)
+    write(known, Path(name))
+    Path("times.csv").write_text(doors.times_table(known))
+    done = CliRunner().invoke(app, ["convert", name, *options, "--out", "made.npz"])
+    assert done.exit_code == 0, done.output
+    check(load_recordings("made.npz"), known, "" if options else "mV", groups="--class" not in options)
+
+
+def test_a_folder_of_ros_2_with_a_name_of_ros_1(tmp_path, known):
+    doors.write_bag(known, tmp_path / "a.bag")
+    with pytest.raises(InputError, match="rename it without .bag"):
+        load_recordings(tmp_path / "a.bag", reading=Reading(label="/touched"))
+
+
 def test_times_of_the_logs_own_clock(tmp_path, known):
     doors.write_bag(known, tmp_path / "bag")
     lines = doors.times_table(known).splitlines()
@@ -168,6 +197,16 @@ def test_damaged_files_are_refused_in_a_sentence(tmp_path, known, name, write):
         with pytest.raises(InputError, match=name) as refusal:
             load_recordings(tmp_path / name, reading=reading)
         assert "\n" not in str(refusal.value) and len(str(refusal.value)) < 300
+
+
+@pytest.mark.parametrize("name", ["bag.db3", "metadata.yaml"])
+def test_a_folder_with_a_damaged_file_is_refused_in_a_sentence(tmp_path, known, name):
+    doors.write_bag(known, tmp_path / "bag", plugin=StoragePlugin.SQLITE3)
+    good = (tmp_path / "bag" / name).read_bytes()
+    for damage in DAMAGES:
+        (tmp_path / "bag" / name).write_bytes(damage(good))
+        with pytest.raises(InputError, match="bag': is damaged or no log"):
+            load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
 
 
 def _file_of_bag(known, path, plugin):

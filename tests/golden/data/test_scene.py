@@ -1,4 +1,4 @@
-"""The synthetic scene: deterministic, balanced, detected, and decided by the time course alone."""
+"""The easy synthetic scene: deterministic, balanced, detected, and decided by the time course alone."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ SYNTHETIC = PRESETS["synthetic"]
 
 @pytest.fixture(scope="module")
 def scene() -> Recordings:
-    """The default scene: what ``--data synthetic`` means."""
-    return load_recordings("synthetic")
+    """The default scene: what ``--data synthetic-easy`` means."""
+    return load_recordings("synthetic-easy")
 
 
 @pytest.fixture(scope="module")
@@ -144,7 +144,7 @@ def test_the_time_course_does(scene):
     ],
 )
 def test_what_cannot_be_made_is_refused(field, value):
-    with pytest.raises(InputError, match=f"synthetic scene, {field}: is {value}; it must lie in"):
+    with pytest.raises(InputError, match=f"synthetic-easy scene, {field}: is {value}; it must lie in"):
         synthetic_recordings(**{field: value})
 
 
@@ -242,7 +242,8 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
         (SYNTHETIC.replace(taxels=160), "field taxels: is 160; the synthetic scene has 2 to 8 rows"),
         (
             PRESETS["pvdf"],
-            "field class_names: is Cube3, .*; the synthetic scene of 5 classes has brush-east-medium, ",
+            "field class_names: is Cube3, .*; the synthetic-easy scene of 5 classes has brush-east-medium, .*, "
+            "and the synthetic scene on, left, back, right",
         ),
         (
             SYNTHETIC.replace(class_names=("slide", "brush")),
@@ -250,7 +251,7 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
         ),
         (
             SYNTHETIC.replace(sample_rate_hz=35.6),
-            "synthetic scene, sample_rate_hz: is 35.6; it must lie in 100..20000",
+            "synthetic-easy scene, sample_rate_hz: is 35.6; it must lie in 100..20000",
         ),
     ],
 )

@@ -204,8 +204,8 @@ def test_normalised_codes_are_the_real_features(subset, scale):
             "aligned_means: is for one mean",
         ),
         (
-            {"feature_kinds": FEATURE_KINDS, "taxels": 54, "clock_hz": 50e6},
-            "feature_kinds: 3 kinds of 54 taxels are 162 inputs and 160",
+            {"feature_kinds": FEATURE_KINDS, "taxels": 171, "clock_hz": 50e6},
+            "feature_kinds: 3 kinds of 171 taxels are 513 inputs and 512",
         ),
         ({"feature_shift": (99,)}, "feature_shift: must lie in -10..15"),
         ({"feature_kinds": FEATURE_KINDS, "clock_hz": 20e3}, "4 taxels with 3 kinds .* at least 24000"),

@@ -332,8 +332,8 @@ def test_kinds_that_need_too_many_inputs_are_no_candidates():
 def test_what_cannot_be_judged_or_built_is_said(make_recordings):
     with pytest.raises(InputError, match="has no group array 'day'; it has none"):
         choose_front_end(make_recordings(), priced(), groups=["day"])
-    with pytest.raises(InputError, match="taxels: is 161; it must lie in 1..160"):
-        choose_front_end(make_recordings(taxels=161, lengths=[40] * 10), priced())
+    with pytest.raises(InputError, match="taxels: is 257; it must lie in 1..256"):
+        choose_front_end(make_recordings(taxels=257, lengths=[40] * 10), priced())
     with pytest.raises(InputError, match="every taxel is constant"):
         choose_front_end(replace(make_recordings(), samples=np.full((220, 4), 9, np.int32)), priced())
     few = choose_front_end(make_recordings(lengths=[60, 60, 60]), priced())

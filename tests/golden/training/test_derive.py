@@ -183,9 +183,9 @@ def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
 def test_what_no_accelerator_has_is_refused_with_the_file_named(make_recordings):
     with pytest.raises(
         InputError,
-        match="recordings 'made' give no working configuration: .*taxels: is 161; it must lie in 1..160",
+        match="recordings 'made' give no working configuration: .*taxels: is 257; it must lie in 1..256",
     ):
-        derive_config(make_recordings(taxels=161))
+        derive_config(make_recordings(taxels=257))
     with pytest.raises(InputError, match="every taxel is constant"):
         derive_config(replace(make_recordings(), samples=np.full((220, 4), 9, np.int32)))
     with pytest.raises(InputError, match="class_names: has 1 names"):

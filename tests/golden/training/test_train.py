@@ -203,6 +203,14 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
     )
 
 
+def test_bits_of_a_feature_that_no_format_uses_are_refused_in_training_too(monkeypatch):
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 2)
+    asked = dict(recipe=dataclasses.replace(QUICK, updates=2), folds=2, quantisation_aware=True)
+    cross_validate(scene(30, seed=4), SMALL, [[]], (0,), widths={"feature_bits": 6}, **asked)
+    with pytest.raises(InputError, match="16 bits were asked for.* give at most 1. feature bits"):
+        cross_validate(scene(30, seed=4), SMALL, [[]], (0,), widths={"feature_bits": 16}, **asked)
+
+
 @each_row("config", [SMALL, SMALL.replace(compand="log", compand_knee=7, compand_frac=6)])
 def test_training_features_go_through_the_integer_normaliser(config):
     recordings = scene(30, seed=4)

@@ -24,9 +24,10 @@ from eskin.golden.model.model import random_integer_model
 from eskin.pages.views import tables, words
 from eskin.rtl.fpga import blocks
 from eskin.rtl.fpga import wiring as wired
-from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, place
+from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, NoRoute, place
 from eskin.rtl.fpga.synthesis import COUNTED_CELLS, ICE40_DSP, Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
+from eskin.rtl.fpga.tools import ToolError
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.top.board_top import BoardTop
 from eskin.verbs import build_job as job
@@ -112,6 +113,8 @@ def test_a_cell_belongs_to_the_block_that_drives_its_output(two_blocks, tmp_path
         "top": 8,
     }
     assert sum(counts["cells"] for counts in result.blocks.values()) == result.utilisation["logic cells"][0]
+    every = [result.utilisation[what][1] for what in ("logic cells", "block memories")]
+    assert every == list(target("icebreaker").room or ())
     # The adder's carries lie in the block that adds, with the two-bit room that nextpnr needs at a chain's
     # end at most.
     assert 7 <= result.blocks["classifier"]["carry"] <= 9 and 11 <= result.blocks["control"]["carry"] <= 13
@@ -375,16 +378,19 @@ def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, asked, tried
     assert made == tried
 
 
-SHORT_PATHS = [  # paths that are too short by seed, seeds asked, seeds that count
+SHORT_PATHS = [  # paths that are too short by seed (0: no route), seeds asked, seeds that count
     ({}, 2, [1, 2]),
-    ({1: 8, 3: 10}, 2, [2, 4]),
+    ({1: 8, 3: 9}, 2, [2, 4]),
+    ({1: 0, 2: 3}, 1, [3]),
     ({seed: 1 for seed in range(1, 11)}, 1, []),
 ]
 
 
 @each_row(("errors", "seeds", "taken"), SHORT_PATHS)
-def test_a_placement_with_a_path_that_is_too_short_is_not_taken(errors, seeds, taken, monkeypatch):
+def test_a_placement_with_a_path_that_is_too_short_or_missing_is_not_taken(errors, seeds, taken, monkeypatch):
     def place(netlist, key, target, pins, border, seed, cache):
+        if errors.get(seed) == 0:
+            raise job.NoRoute
         return SimpleNamespace(
             fmax_hz=99.0 - seed, bitstream=seed, seed=seed, hold_errors=errors.get(seed, 0)
         )
@@ -394,12 +400,27 @@ def test_a_placement_with_a_path_that_is_too_short_is_not_taken(errors, seeds, t
     monkeypatch.setattr(job, "_result", lambda *given: {"taken": [placement.seed for placement in given[4]]})
     request = job.BuildRequest(config=CONFIG, arrays={}, target=target("icebreaker"), seeds=seeds)
     if not taken:
-        with pytest.raises(job.BuildError, match="seeds 1 to 10 all .* --seed 11 tries others"):
+        with pytest.raises(
+            job.BuildError, match=r"no seed from 1 to 10 .*\(seed 1: 1 paths .*--seed 11 tries"
+        ):
             job.build(request)
         return
     result, bitstream, _ = job.build(request)
     assert result["taken"] == taken and bitstream == taken[0]
-    assert result["hold_errors"] == {str(seed): count for seed, count in errors.items()}
+    assert {seed: why[0] for seed, why in result["not_taken"].items()} == {
+        str(seed): str(count or "n") for seed, count in errors.items()
+    }
+
+
+def test_a_placement_without_a_route_is_told_from_a_tool_that_fails(two_blocks, tmp_path, monkeypatch):
+    for said, error in (("ERROR: Routing design failed.", NoRoute), ("ERROR: no such file", ToolError)):
+
+        def fail(*_: object, said=said):
+            raise ToolError(said)
+
+        monkeypatch.setattr(job.implementation, "run_tool", fail)
+        with pytest.raises(error):
+            place(two_blocks, target("icebreaker"), PINS, tmp_path, seed=1)
 
 
 @pytest.mark.slow
@@ -582,11 +603,11 @@ def test_a_part_whose_energy_nobody_measured_is_built_for_and_not_chosen_for(tmp
         baud=1e6,
         class_pins="each",
         lanes_too_many=None,
-        hold_errors={"1": 8, "2": 4},
+        not_taken={"1": "no route", "2": "4 paths"},
         folder=tmp_path,
         block_rows=[],
     )
-    assert "energy of a touch" not in said and "seeds not taken | 1, 2: some of their paths" in said
+    assert "energy of a touch" not in said and "seeds not taken | 1: no route; 2: 4 paths |" in said
     with pytest.raises(job.InputError, match="--fits tangnano9k: is not known; use one of .*icesugar-nano$"):
         market(board="tangnano9k")
 

@@ -12,9 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.cosim import link
+from eskin.cosim.scoreboard import offered_row, unpack_decision
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
+from eskin.golden.model.decision_word import decision_word
 from eskin.rtl.common.layouts import decision_layout
+from eskin.rtl.fpga.generate import pack_decision
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
 from tests.support.stream_bench import pack, simulate
@@ -169,17 +172,44 @@ def test_divisors_and_decisions(divisor):
         {"class": 31, "margin": 0xFFFF, "step": 255, "is_global": 1, "partial": 0, "unsure": 1},
     ]
     seen = play([*frame(0, [9, 8, 7, 6]), *[None] * 5], divisor=divisor, decisions=decisions)
-    payloads = [pack(decision_layout, fields) for fields in decisions]
+    payloads = [pack(decision_layout(CONFIG), fields) for fields in decisions]
     assert [link.parse(body) for body in seen.bodies] == [
         link.Decision(k, payload) for k, payload in enumerate(payloads)
     ]
     assert seen.frames == [[9, 8, 7, 6]]
 
 
+def test_a_decision_of_many_classes_is_the_decision_word():
+    config = CONFIG.replace(class_names=tuple(f"class {k}" for k in range(100)), decision="vote")
+    rows = [(0, 255, 99, 0xFFFF, 1, 0), (1, 2, 64, 20, 0, 1)]
+    words = [decision_word(config, row) for row in rows]
+    layout, fields = decision_layout(config), ("is_global", "step", "class", "margin", "partial", "unsure")
+    decisions = [
+        dict(zip(fields, row, strict=True)) | {"margin": word >> 15 & 0x3FFF}
+        for row, word in zip(rows, words, strict=True)
+    ]
+    seen = play([*frame(0, [9, 8, 7, 6]), *[None] * 5], config=config, decisions=decisions)
+    assert [link.parse(body) for body in seen.bodies] == [
+        link.Decision(k, word) for k, word in enumerate(words)
+    ]
+    assert (
+        words
+        == [pack(layout, fields) for fields in decisions]
+        == [pack_decision(config, row) for row in rows]
+    )
+    assert [list(unpack_decision(config, word).values()) for word in words] == [
+        offered_row(config, row) for row in rows
+    ]
+    assert offered_row(config, rows[0])[3] == 0xFFFC and offered_row(config, rows[1])[3] == 20
+
+
 def test_check_sequences_of_the_device_are_escaped_too():
     def sequence(number, margin):
         payload = (
-            pack(decision_layout, {"class": 2, "margin": margin, "step": 3, "is_global": 0, "partial": 0})
+            pack(
+                decision_layout(CONFIG),
+                {"class": 2, "margin": margin, "step": 3, "is_global": 0, "partial": 0},
+            )
             | link.DECISION
         )
         return link.frame_check(bytes([number]) + payload.to_bytes(4, "little")).to_bytes(2, "little")
@@ -194,7 +224,7 @@ def test_check_sequences_of_the_device_are_escaped_too():
     ]
     seen = play([None] * 40, decisions=decisions, quiet=5)
     assert [link.parse(body) for body in seen.bodies] == [
-        link.Decision(k, pack(decision_layout, d)) for k, d in enumerate(decisions)
+        link.Decision(k, pack(decision_layout(CONFIG), d)) for k, d in enumerate(decisions)
     ]
     assert not seen.damaged
 
@@ -352,10 +382,10 @@ def test_a_decision_withdrawn_on_its_way_does_not_count(after):
         await ctx.tick().repeat(600)
 
     seen = play([*[None] * 50, *link.read_packet(4)], quiet=30, decisions=[offer_and_withdraw, others])
-    whole = pack(decision_layout, others)
+    whole = pack(decision_layout(CONFIG), others)
     bodies = [link.parse(body) for body in seen.bodies]
     assert bodies[-2:] == [link.Decision(0, whole), link.Answer(4, 0, 0, 1)]
-    assert bodies[:-2] == ([link.Decision(0, pack(decision_layout, payload))] if after > 290 else [])
+    assert bodies[:-2] == ([link.Decision(0, pack(decision_layout(CONFIG), payload))] if after > 290 else [])
 
 
 def test_rates():

@@ -65,7 +65,7 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
 
 @each_row("decision", ["early", "vote"])
 def test_an_early_global_decision_stays_on_the_pins_until_the_next_touch(decision):
-    offered, shown = Signal(decision_layout), Signal()
+    offered, shown = Signal(decision_layout(PRESETS["fabric"])), Signal()
     takes = Signal()
     m = Module()
     m.d.comb += takes.eq(reaches_pins(PRESETS["fabric"].replace(decision=decision), offered, shown))
