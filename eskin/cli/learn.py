@@ -231,6 +231,14 @@ def enrol(
     draw: Annotated[
         Draw, option("With --evaluate: which touches are enrolled, the archive's first ones or any.")
     ] = "random",
+    new_class: Annotated[
+        bool,
+        option(
+            "With --evaluate --readout prototypes --config: each class is left out of the training in turn and then "
+            "taught K touches, each of another value of --group.",
+            "--new-class",
+        ),
+    ] = False,
     config: Annotated[str | None, option(f"With --evaluate. {CONFIG}")] = None,
     cell: Annotated[Cell | None, option("With --evaluate: the cell.")] = None,
     hidden: Annotated[int | None, option("With --evaluate: hidden units.")] = None,
@@ -259,13 +267,16 @@ def enrol(
             )
         recordings, user_config = load_data(data, config)
         options: Record = {"layers": layers, "old": not alone, "draw": draw, "seed": seed, "seeds": seeds}
-        options |= {"cell": cell, "hidden": hidden, "readout": readout}
+        options |= {"cell": cell, "hidden": hidden, "readout": readout, "new_class": new_class}
         if readout == "prototypes" and (layers != "all" or alone):
             name = "--alone" if alone else "--layers"
             raise InputError(
                 f"eskin enrol --evaluate, option {name}: is for what is trained, and prototypes are taught; "
                 "leave it out"
             )
+        if new_class and (readout != "prototypes" or config is None):
+            missing = "--readout prototypes" if readout != "prototypes" else "--config"
+            raise InputError(f"eskin enrol --evaluate --new-class, option {missing}: is missing; give it")
         with progress_bars() as report:
             where = Jobs(workers=jobs, dask=dask, progress=report, version=enrol_job.CODE)
             result = enrol_job.evaluate(
@@ -280,6 +291,7 @@ def enrol(
         "--hidden": hidden,
         "--alone": alone or None,
         "--readout": None if readout == "dense" else readout,
+        "--new-class": new_class or None,
     }
     for name, value in (evaluating | {"--jobs": jobs, "--dask": dask}).items():
         if value is not None:
@@ -475,6 +487,15 @@ def quantise(
             max=0.5,
         ),
     ] = None,
+    spare_classes: Annotated[
+        int | None,
+        option(
+            "With --readout: so many of the classes, the last ones, of which there is no recording, are known once they "
+            "are taught.",
+            min=0,
+            max=30,
+        ),
+    ] = None,
 ) -> None:
     """Write the integer model into a model folder, a format for each signal."""
     from eskin.golden.model.model import describe_formats, load_config
@@ -491,6 +512,7 @@ def quantise(
         "taught": taught,
         "state_code_bits": state_code_bits,
         "unknown": unknown,
+        "spare_classes": spare_classes,
     }
     of_readout = {name: value for name, value in asked.items() if value is not None}
     if readout == "dense":

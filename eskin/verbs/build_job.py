@@ -19,7 +19,7 @@ from amaranth.back import rtlil
 from amaranth.lib.wiring import Component
 
 from eskin.cosim.latency import COUNT_OF, limits
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing_folder, write_json
 from eskin.golden.core.jobs import Progress, Record
@@ -101,10 +101,12 @@ class BuildError(RuntimeError):
 
 
 def suited_lane_type(config: AcceleratorConfig, target: Target) -> str:
-    """The lane type that the board's part calls for."""
+    """The lane type that the board's part calls for; sums of very many inputs do not fit its DSP blocks' own
+    accumulators, and plain lanes take them."""
     if target.family.dsp is None:
         return "serial"
-    return "dsp" if "dsp" in LANE_TYPES and target.family.dsp == "SB_MAC16" else "plain"
+    narrow = config.is_image or config.accumulator_bits <= WIDEST_DSP_ACCUMULATOR
+    return "dsp" if "dsp" in LANE_TYPES and target.family.dsp == "SB_MAC16" and narrow else "plain"
 
 
 def suited(

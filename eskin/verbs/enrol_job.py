@@ -53,6 +53,7 @@ def evaluate(
     seed: int = 0,
     seeds: int = 3,
     readout: str = "dense",
+    new_class: bool = False,
     jobs: Jobs,
     cache: Path = CACHE,
 ) -> Record:
@@ -73,6 +74,8 @@ def evaluate(
         First seed, number of seeds.
     readout:
         ``dense``: trained on; ``prototypes``: taught, of no touch too.
+    new_class:
+        With prototypes and a ``config``: each class in turn is what no network knows, in place of each value.
     jobs:
         Where the seeds are judged.
 
@@ -86,7 +89,7 @@ def evaluate(
         A group that is not there or has too few recordings; before anything is trained.
     """
     begin = time.perf_counter()
-    values = enrol.group_values(recordings, group, ks)
+    values = enrol.group_values(recordings, group, (0,) if new_class else ks)
     content, keep = content_key(CODE(), recordings, list(group)), Memo(cache)
     network: Record = {"cell": cell, "reset": reset, "hidden": hidden}
     if config is not None:
@@ -99,11 +102,11 @@ def evaluate(
         configs = [AcceleratorConfig.from_dict(fields) for fields in chosen]
     numbers = list(range(seed, seed + seeds))
     options = (tuple(sorted(set(ks))), layers, old, draw)
-    kinds = () if readout == "dense" else (readout,)
+    kinds = () if readout == "dense" else (readout,) + ("new class",) * new_class
     plain = [configuration.to_dict() for configuration in configs]
     questions = {
         content_key(content, options, plain, number, *kinds): Question(
-            tuple(group), *options, tuple(configs), number, readout
+            tuple(group), *options, tuple(configs), number, readout, new_class
         )
         for number in numbers
     }
@@ -111,6 +114,7 @@ def evaluate(
     result = enrol.summary(group, layers, old, judged, readout)
     return result | {
         "readout": readout,
+        "new_class": new_class,
         "seeds": numbers,
         "layers": layers,
         "old": old,

@@ -3,6 +3,8 @@ address is in range."""
 
 from __future__ import annotations
 
+import dataclasses
+
 from amaranth.hdl import Array, Module, Mux, Signal
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
@@ -219,3 +221,23 @@ def no_damaged_place_is_nearest(m: Module) -> None:
     was = Signal.like(inside.nearest, name="nearest_before")
     m.d.sync += was.eq(inside.nearest)
     prove(~before(loses, "loses") | (inside.nearest == was), "the nearest stays")
+
+
+@proof(
+    "a class without a place in use is as far as can be said",
+    depth=2,
+    reduced="3 classes, one of them spare, 1 step of a linear cell, 1 prototype and 1 taught place a class, 3 bits",
+    quick=True,
+    bugs=(Bug("it is as far as a place not in use", "nearest.eq(-1)", "nearest.eq(total)", depth=26),),
+)
+def untaught_spare_class_is_far(m: Module) -> None:
+    config = _config(steps=1, taught=1)
+    rule = dataclasses.replace(config.readout_rule, spare_classes=1)
+    config = dataclasses.replace(config.replace(class_names=("a", "b", "c")), readout_rule=rule)
+    dut = PrototypeReadout(config)
+    inside = opened_up(dut)
+    free_inputs(dut)
+    none = Signal(name="none_in_use")
+    with m.If(inside.whole_place):
+        m.d.sync += none.eq((none | inside.first_done) & ~inside.used_done)
+    prove(~none | inside.nearest.all(), "as far as can be")

@@ -302,6 +302,11 @@ class AcceleratorConfig:
                 "state_code_shift",
                 f"is {rule.state_code_shift} and the values have {self.trajectory_format.width} bits; use less",
             )
+        if self.classes - rule.spare_classes < 2:
+            yield (
+                "spare_classes",
+                f"is {rule.spare_classes} of {self.classes} classes; two at least are trained",
+            )
         if rule.taught * self.classes > MOST_TAUGHT:
             yield (
                 "taught",

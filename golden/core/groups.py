@@ -394,7 +394,8 @@ class ReadoutRule(Group):
     linear cell: of the logits); the other fields belong to it. prototypes: trajectories a class from training;
     taught: places a class for touches that are taught in use. state_code_bits: of a stored value, which is a
     state (a linear cell: logit) less its state_code_shift lowest bits, rounded. unknown_above: a touch whose
-    distance from the nearest, a step, is larger is unsure; 0: none is.
+    distance from the nearest, a step, is larger is unsure; 0: none is. spare_classes: so many of the classes, the
+    last ones, have no prototype of training: objects that are known once they are taught.
     """
 
     readout: Readout = "dense"
@@ -403,8 +404,11 @@ class ReadoutRule(Group):
     state_code_bits: Annotated[StrictInt, Interval(ge=3, le=8)] = 4
     state_code_shift: Annotated[StrictInt, Interval(ge=0, le=15)] = 0
     unknown_above: Code = 0
+    spare_classes: Annotated[StrictInt, Interval(ge=0, le=30)] = 0
 
     def refusals(self) -> Iterator[Refusal]:
+        if self.spare_classes and not self.taught and self.readout != "dense":
+            yield "spare_classes", f"is {self.spare_classes}, and there is no place to teach them; set taught"
         for field in dataclasses.fields(self):
             if self.readout == "dense" and getattr(self, field.name) != field.default:
                 yield field.name, "is set with readout 'dense', which has none; leave it out"

@@ -43,16 +43,21 @@ def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
     -------
     numpy.ndarray
         int64 (n, K, C): sums of absolute differences over the values of a step, with any decision but
-        ``vote`` over all steps so far; of each class the smallest over its prototypes and the places in use.
+        ``vote`` over all steps so far; of each class the smallest over its prototypes and the places in use. A
+        spare class without any is as far as `score_format` can say.
     """
     config, arrays = model.config, model.arrays
     steps = codes.shape[-2]  # may be fewer than a touch has
     nearest = []
     used = taught_in_use(model)
+    trained, furthest = config.classes - config.readout_rule.spare_classes, -1 - config.score_format.min_code
     for label in range(config.classes):
-        stored = arrays["prototypes"][label]
+        stored = arrays["prototypes"][label, : None if label < trained else 0]
         if used[label]:
             stored = np.concatenate([stored, arrays["taught"][label, : used[label]]])
+        if not len(stored):
+            nearest.append(np.full(codes.shape[:-1], furthest))
+            continue
         apart = np.stack([np.abs(codes - place[:steps]).sum(axis=-1) for place in stored])
         if config.network.decision != "vote":
             apart = apart.cumsum(axis=-1)

@@ -48,7 +48,13 @@ from eskin.golden.training.choose_front_end import cheapest, field_of
 from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
 from eskin.golden.training.losses import Progress, class_loss, descend
-from eskin.golden.training.prototypes import group_numbers, teach_recordings, teach_touches, with_prototypes
+from eskin.golden.training.prototypes import (
+    dense,
+    group_numbers,
+    teach_recordings,
+    teach_touches,
+    with_prototypes,
+)
 from eskin.golden.training.quantise import Masters, limits_of, merged_parameters, profile, range_records
 from eskin.golden.training.recipe import Recipe, choose_recipe
 
@@ -492,7 +498,8 @@ class Question:
     trained on, before and after k touches a class of it are enrolled, for each of ``ks``. old: with the old
     recordings. draw: which touches are enrolled, drawn at random by the seed or the first ones in the
     archive. configs: for each value, in the order of ``group_values``. readout: ``dense``, trained on with
-    them; or ``prototypes``, taught them: of k = 0, too."""
+    them; or ``prototypes``, taught them: of k = 0, too. new_class: not values are left out, but classes, each in
+    turn (`judge_classes`)."""
 
     groups: tuple[str, ...]
     ks: tuple[int, ...]
@@ -502,6 +509,7 @@ class Question:
     configs: tuple[AcceleratorConfig, ...]
     seed: int
     readout: str = "dense"
+    new_class: bool = False
 
 
 def front_ends_without(
@@ -583,6 +591,8 @@ def judge(
 
     Touches enrolled with a smaller k are among those of a larger, and the same recordings judge every k.
     """
+    if question.new_class:
+        return judge_classes(recordings, question, progress)
     values = group_values(recordings, question.groups, question.ks)
     aside = set_aside(recordings, values)
     configs: dict[AcceleratorConfig, list[str]] = {}
@@ -595,6 +605,94 @@ def judge(
         )
     order = list(values)
     return sorted(rows, key=lambda row: (row["k"], order.index(row["value"])))
+
+
+FALSE_ALARMS = 0.05
+"""Share of known touches, of groups left out, that may be called unknown where new classes are judged."""
+
+
+def judge_classes(
+    recordings: Recordings, question: Question, progress: Progress = lambda done, total: None
+) -> list[dict[str, Any]]:
+    """For each class that no network nor prototype was trained on, taught k touches, each of another value of the
+    groups: as `judge`, value being the class.
+
+    before and after are of its recordings that are not taught, others of the other classes' recordings that were
+    set aside. Before it is taught: unknown, the share of its whole touches that are unsure by the threshold of
+    FALSE_ALARMS of groups left out, and false_alarms, the same of the others' that were set aside; unknown_even,
+    its share further from every prototype than all but FALSE_ALARMS of the others'.
+    """
+    values = group_values(recordings, question.groups, (0,))
+    aside, config = set_aside(recordings, values), question.configs[0]
+    recipe, names = choose_recipe(config), recordings.class_names
+    data, labels = find_dataset(recordings, config, recipe), recordings.labels
+    remembered = [np.flatnonzero(~aside & (labels != label)) for label in range(len(names))]
+    parts = [touch_rows(data, members) for members in remembered]
+    models = fit_networks(data, config, recipe, parts, question.seed, progress)
+    groups, where = group_numbers(recordings, question.groups), data.touches.recording
+    whole = data.touches.completed == config.windows.steps
+    rows = []
+    for label, (name, model, part) in enumerate(zip(names, models, parts, strict=True)):
+        network = _with_last(post_training(model, data, part, {}), label)
+        place = np.argsort([*(set(range(len(names))) - {label}), label])  # the class's is the last one
+        shown = part[whole[part]]
+        seen = where[shown]
+        ready = with_prototypes(
+            network,
+            data.touches.take(shown),
+            place[labels[seen]],
+            groups[seen],
+            taught=max(question.ks),
+            unknown=FALSE_ALARMS,
+            spare_classes=1,
+            source=f"recordings '{recordings.source}'",
+        )
+        generator = np.random.default_rng([question.seed, *name.encode()])
+        one_each: list[int] = []  # a recording of each value, in any order
+        for members in values.values():
+            own = members[(labels[members] == label) & (data.index[members] >= 0)]
+            own = own[whole[data.index[own]]]
+            one_each += [int(generator.choice(own))] if len(own) else []
+        drawn = generator.permutation(np.array(one_each, dtype=np.int64))[: max(question.ks)]
+        if len(drawn) < max(question.ks):
+            raise InputError(
+                f"recordings '{recordings.source}': class {name} has whole touches of {len(drawn)} values of "
+                f"{' and '.join(question.groups)}, and {max(question.ks)} are to be taught; use a smaller k"
+            )
+        judged = np.setdiff1d(np.flatnonzero(labels == label), drawn)
+        others = np.flatnonzero(aside & (labels != label))
+        known = dataclasses.replace(data, labels=place[labels])
+        row = {"value": name, "recordings": len(judged), "others": len(others), "lacking": []}
+        row |= {"before": 0.0, "others_before": accuracy(dense(network), known, others)}
+        at_first = [
+            decide_touches(ready, data.touches.take(touched[whole[touched]]))
+            for touched in (touch_rows(data, judged), touch_rows(data, others))
+        ]
+        far, near = (-made.scores[:, -1].max(axis=-1) for made in at_first)
+        row["unknown"], row["false_alarms"] = (float(made.unsure.mean()) for made in at_first)
+        row["unknown_even"] = float(np.mean(far > np.quantile(near, 1.0 - FALSE_ALARMS)))
+        for k in sorted({0, *question.ks}):
+            touched = touch_rows(data, drawn[:k])
+            taught = teach_touches(ready, data.touches.take(touched), place[labels[where[touched]]])
+            figures = {
+                "after": accuracy(taught, known, judged),
+                "others_after": accuracy(taught, known, others),
+            }
+            rows.append(row | {"k": k} | figures)
+    return sorted(rows, key=lambda row: row["k"])
+
+
+def _with_last(model: IntegerModel, label: int) -> IntegerModel:
+    """The same network, class ``label`` behind the others."""
+    names = model.config.network.class_names
+    order = [*(number for number in range(len(names)) if number != label), label]
+    config = model.config.replace(class_names=tuple(names[number] for number in order))
+    arrays = {
+        **model.arrays,
+        "V": model.arrays["V"].take(order, axis=-2),
+        "b_y": model.arrays["b_y"].take(order, axis=-1),
+    }
+    return IntegerModel(config, arrays, model.source)
 
 
 def _judge_values(
@@ -717,7 +815,8 @@ def summary(
     lacking, spread: {the four}, by_seed: {the four}}, means over seeds; mean: k -> the four over all values,
     weighted by their recordings, and spread: the standard deviation of that mean over seeds (None: one seed).
     """
-    figures = ("before", "after", "others_before", "others_after")
+    figures = ["before", "after", "others_before", "others_after"]
+    figures += [name for name in ("unknown", "false_alarms", "unknown_even") if name in by_seed[0][0]]
 
     def means(of_seeds: Mapping[str, np.ndarray | None]) -> dict[str, Any]:
         spread = {
@@ -740,7 +839,8 @@ def summary(
         of_k = [row for row in rows if row["k"] == k]
         overall: dict[str, np.ndarray | None] = {}
         for name in figures:
-            weight = [row["others" if name.startswith("others") else "recordings"] for row in of_k]
+            of_others = name.startswith("others") or name == "false_alarms"
+            weight = [row["others" if of_others else "recordings"] for row in of_k]
             whole = all(row[name] is not None for row in of_k)
             values = [row["by_seed"][name] for row in of_k]
             overall[name] = np.average(values, axis=0, weights=weight) if whole else None

@@ -63,7 +63,7 @@ def _means(
     """Of each class the mean trajectories, codes (parts, K, values): one a group, of ``most`` parts of the
     groups where there are more."""
     means = []
-    for label in range(config.classes):
+    for label in range(config.classes - config.readout_rule.spare_classes):
         own = np.unique(groups[labels == label])
         parts = [part for part in np.array_split(own, most) if len(part)]
         touches = [values[(labels == label) & np.isin(groups, part)] for part in parts]
@@ -82,6 +82,7 @@ def with_prototypes(
     state_code_bits: int = CODE_BITS,
     unknown: float | None = None,
     decision: str = "last",
+    spare_classes: int = 0,
     source: str = "recordings",
 ) -> IntegerModel:
     """``model`` with prototypes that decide in place of its logits.
@@ -96,6 +97,8 @@ def with_prototypes(
     unknown:
         Share of touches of a group left out that may be further from every prototype than `unknown_above`,
         which is chosen so; None: nothing is unknown.
+    spare_classes:
+        The last classes of ``model``, which no touch shows.
     decision:
         ``last``, by distances of the whole touch; or ``vote``.
 
@@ -106,19 +109,27 @@ def with_prototypes(
     """
     values_of = decide_touches(dense(model), touches)
     values = values_of.hidden if model.config.recurrent else values_of.logits
-    for label, name in enumerate(model.config.network.class_names):
+    trained = model.config.classes - spare_classes
+    for label, name in enumerate(model.config.network.class_names[:trained]):
         if not (labels == label).any():
             raise InputError(
                 f"{source}: show no whole touch of class {name}, and a prototype is made of those; record "
                 "some, or look at their onsets with 'eskin inspect'"
             )
-    count = max(len(np.unique(groups[labels == label])) for label in range(model.config.classes))
+    if (labels >= trained).any():
+        name = model.config.network.class_names[int(labels.max())]
+        raise InputError(
+            f"{source}: show class {name}, and the last {spare_classes} classes are spare; leave its recordings out, or "
+            "give a smaller --spare-classes"
+        )
+    count = max(len(np.unique(groups[labels == label])) for label in range(trained))
     rule: dict[str, Any] = {
         "readout": "prototypes",
         "prototypes": max(1, min(prototypes, count)),
         "taught": taught,
         "state_code_bits": state_code_bits,
         "state_code_shift": code_shift(model.config, values, state_code_bits),
+        "spare_classes": spare_classes,
     }
     config = model.config.replace(decision=decision, margin_threshold=0, early_margin=0, early_steps=1)
     config = config.with_readout(**rule)
@@ -126,8 +137,9 @@ def with_prototypes(
     def of(rows: np.ndarray) -> IntegerModel:
         means = _means(config, values[rows], labels[rows], groups[rows], config.readout_rule.prototypes)
         # a place too many repeats another, which changes no distance
+        shape = (config.readout_rule.prototypes, *means[0].shape[1:])
         stored = np.array(
-            [np.resize(mean, (config.readout_rule.prototypes, *mean.shape[1:])) for mean in means]
+            [np.resize(mean, shape) for mean in means] + [np.zeros(shape, np.int64)] * spare_classes
         )
         return _filled(model, config, stored)
 
@@ -142,7 +154,7 @@ def with_prototypes(
     codes, furthest = trajectory_codes(config, values, values), []
     for group in np.unique(groups):
         rest = groups != group
-        if all((labels[rest] == label).any() for label in range(config.classes)):
+        if all((labels[rest] == label).any() for label in range(trained)):
             furthest.append(class_distances(of(rest), codes[~rest])[:, -1].min(axis=-1))
     if not furthest:
         raise InputError(

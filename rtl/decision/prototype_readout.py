@@ -214,8 +214,12 @@ class PrototypeReadout(wiring.Component):
             m.d.comb += self.wrong.eq(comparing & used_of & read.data.xor())
             with m.If(comparing):
                 m.d.sync += damaged.eq(Mux(begin_of, was_damaged, damaged) | read.data.xor())
-        with m.If(whole_place & (first_done | (counts_too & (total < nearest)))):
+        nearer = whole_place & (first_done | (counts_too & (total < nearest)))
+        with m.If(nearer):
             m.d.sync += nearest.eq(total)
+        if rule.spare_classes:  # a class may have no place in use
+            with m.If(nearer & first_done & ~used_done):
+                m.d.sync += nearest.eq(-1)
         told, scores = Signal(), Signal(range(config.classes))
         m.d.sync += told.eq(whole_place & last_done)
         done = told & (scores == config.classes - 1)
@@ -305,7 +309,11 @@ class PrototypeReadout(wiring.Component):
             ),
             self.in_use.eq(in_use),
         ]
-        m.d.sync += used_of.eq(counts[label] + rule.prototypes > slot)
+        in_place: Value = counts[label] + rule.prototypes > slot
+        if rule.spare_classes:
+            spare = label >= config.classes - rule.spare_classes
+            in_place &= ~spare | (slot >= rule.prototypes)
+        m.d.sync += used_of.eq(in_place)
         with m.If(teaches):
             m.d.sync += [chosen.eq(self.label), following.eq(self.option)]
         with m.If(self.ended):

@@ -158,6 +158,21 @@ def test_frames_of_few_taxels_take_no_more_cycles_than_their_schedule(taxels, fi
     assert 3 <= result["cycles"]["frame_max"] <= frame_cycles(config)
 
 
+@each_row(
+    "fields",
+    [
+        {"taxels": 256, "feature_kinds": ("mean", "activity"), "decision": "last"},
+        {"class_names": tuple(f"class {k}" for k in range(128)), "margin_threshold": 3},
+    ],
+)
+def test_the_largest_arrays_and_the_most_classes(fields, tmp_path):
+    config = CONFIG.replace(hop=4, window=8, touch_frames=16, steps=3, sample_rate_hz=100.0, lanes=4)
+    model = random_integer_model(config.replace(**fields), 3)
+    recordings = random_recordings(model.config, (40,), 3)
+    result = cosimulate(model, recordings, simulator="icarus", work=tmp_path, builds=BUILDS)
+    assert result["bit_exact"] and result["decisions"] > 3
+
+
 def test_declared_pace_measures_latency_and_meets_the_budgets(play, vectors, tmp_path):
     clock = 1.0e6
     result = play("verilator", pace="declared", clock_hz=clock)

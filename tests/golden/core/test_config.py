@@ -90,6 +90,7 @@ def test_serial_lanes_asked_for_without_a_number_are_one():
     [
         ("network", "class_names", "abc", "is 'abc'; give a list"),
         ("network", "class_names", ["a", 2], "give text"),
+        ("network", "class_names", [str(k) for k in range(129)], "has 129 names; a classifier has 2 to 128"),
         ("sensor", "masked_taxels", [1.5], r"is \[1.5\]; give whole numbers"),
         ("features", "feature_shift", [10.5, 9], "give whole numbers"),
         ("sensor", "sample_rate_hz", True, "is True; give a finite number"),

@@ -15,6 +15,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
 from eskin.golden.model.pipeline import run
 from eskin.golden.training import enrol as enrolling
+from eskin.golden.training import prototypes as prototypes_of
 from eskin.golden.training import recipe
 from eskin.golden.training.enrol import Question, enrol, judge, summary, teach_folder
 from eskin.golden.training.quantise import quantise
@@ -275,7 +276,7 @@ def watch_fits(monkeypatch, *, train_on: bool = True) -> dict:
     fit_first, fit_more = enrolling.fit_networks, enrolling.fit
 
     def first(data, config, recipe, parts, *rest):
-        seen.update(first=parts, config=config)
+        seen.update(first=parts, config=config, data=data)
         return fit_first(data, config, recipe, parts, *rest)
 
     def more(pairs, data, recipe, new, old, *rest):
@@ -446,6 +447,36 @@ def test_teaching_is_judged_from_no_touch_on():
     for row in rows:
         assert row["others_after"] >= row["others_before"] - 0.15  # one of nine
         assert row["k"] == 0 or row["after"] > row["before"] + 0.1
+
+
+def test_a_class_that_no_recording_shows_is_known_once_it_is_taught(taught_ready, tmp_path):
+    """Network and prototypes of rise and fall alone: pulse is the spare class."""
+    known = OLD.subset(np.flatnonzero(OLD.labels != 2))
+    train(known, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
+    model = quantise(tmp_path / "m", known, readout={"groups": ["person"], "spare_classes": 1})
+    pulses = OLD.subset(np.flatnonzero(OLD.labels == 2)[2:])
+    assert model.config.readout_rule.spare_classes == 1 and not model.arrays["prototypes"][2].any()
+    assert not (run(model, OLD).decision == 2).any()
+    teach_few = pulses.subset([0, 4, 8])
+    taught, _ = prototypes_of.teach_recordings(model, teach_few)
+    assert run(taught, pulses).accuracy(pulses.labels) > 0.6
+    assert run(taught, known).accuracy(known.labels) > run(model, known).accuracy(known.labels) - 0.2
+    with pytest.raises(InputError, match="show class pulse, and the last 1 classes are spare"):
+        quantise(tmp_path / "m", OLD, readout={"groups": ["person"], "spare_classes": 1})
+
+
+def test_a_new_class_is_judged_before_and_after_it_is_taught(monkeypatch):
+    seen = watch_fits(monkeypatch, train_on=False)
+    rows = judge(BOTH, question(ks=(2,), readout="prototypes", new_class=True))
+    names = list(BOTH.class_names)
+    assert [(row["value"], row["k"]) for row in rows] == [(name, k) for k in (0, 2) for name in names]
+    for number, part in enumerate(seen["first"]):
+        shown = BOTH.labels[seen["data"].touches.recording[part]]
+        assert (shown != number).all() and len(np.unique(shown)) == 2
+    assert all(row["after"] == 0 for row in rows[:3])
+    assert sum(row["after"] for row in rows[3:]) > 0 and all(0 <= row["unknown"] <= 1 for row in rows)
+    means = summary(["mounting"], "all", True, [rows])["mean"]
+    assert means["0"]["after"] == 0 < means["2"]["after"] and means["0"]["unknown"] is not None
 
 
 def test_a_model_is_taught_and_forgets_from_python(taught_ready):

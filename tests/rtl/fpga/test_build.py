@@ -18,7 +18,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
 from eskin.cli import main as command_line
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import random_integer_model
 from eskin.pages.views import tables, words
@@ -644,6 +644,16 @@ def test_four_lanes_but_one_where_nothing_multiplies(board, lanes):
     config = job.suited(CONFIG, target(board))
     assert config.hardware.lanes == lanes and (config.hardware.lane_type == "serial") == (lanes == 1)
     assert job.suited(CONFIG, target(board), 2, "plain").hardware == CONFIG.with_lanes(2, "plain").hardware
+
+
+def test_sums_too_wide_for_dsp_lanes_are_made_on_plain_ones():
+    """512 inputs; ``train`` and ``build`` refused them by the type that they chose themselves."""
+    config = AcceleratorConfig.of(
+        taxels=256, feature_kinds=("mean", "activity"), window=614, sample_rate_hz=100.0
+    )
+    assert config.accumulator_bits == 33
+    assert job.suited_lane_type(config, target("icebreaker")) == "plain"
+    assert job.suited_lane_type(config.replace(taxels=128), target("icebreaker")) == "dsp"
 
 
 class Program(wiring.Component):
