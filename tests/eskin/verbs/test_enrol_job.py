@@ -141,7 +141,8 @@ def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
     )
 
     def one_seed(result):
-        names = ("value", "k", "before", "after", "others_before", "others_after", "recordings", "others")
+        figures = "before after others_before others_after"
+        names = ("value", "k", *figures.split(), "recordings", "others", "lacking")
         return [{name: row[name] for name in names} for row in result["rows"]]
 
     assert call(*options, "--seeds", "2", "--json", tmp_path / "two.json")[0] == 0
