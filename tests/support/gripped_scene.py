@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.scene import _grid
 
 GRIP_COUNTS, GRIP_NOISE, GRIP_OFFSET = 24.0, 0.6, 3.0
 """Counts that a firm grip gives the taxel under its middle; standard deviation of a sample's noise; counts of
@@ -50,7 +49,10 @@ def gripped_recordings(
         Unsigned 8-bit counts; groups ``person``, ``trial``.
 
     """
-    grid = _grid(rows, columns)
+    across, down = np.meshgrid(
+        (2 * np.arange(columns) + 1) / columns - 1, (2 * np.arange(rows) + 1) / rows - 1
+    )
+    grid = np.stack([across.ravel(), down.ravel()], axis=1)
     objects = np.random.default_rng([seed, 0])
     places, widths = objects.uniform(-0.8, 0.8, (classes, 2, 2)), objects.uniform(0.3, 0.6, (classes, 2))
     weights = objects.uniform(0.5, 1.0, (classes, 2))
