@@ -324,8 +324,9 @@ def test_the_first_group_that_can_be_left_out_is_taken():
 
 
 def test_kinds_that_need_too_many_inputs_are_no_candidates():
-    wide = BASE.replace(taxels=100, rest="none", rest_frames=0, onset="immediate")
-    assert {config.features.feature_kinds for config in features(wide, 8)} == {("mean",), ("activity",)}
+    wide = BASE.replace(taxels=200, rest="none", rest_frames=0, onset="immediate")
+    kinds = {config.features.feature_kinds for config in features(wide, 8)}
+    assert kinds == {("mean",), ("activity",), ("mean", "activity"), ("mean", "integral")}
     assert len({config.features.feature_kinds for config in features(BASE, 8)}) == 5
 
 
