@@ -209,6 +209,12 @@ class Bench:
         return self.cycle
 
 
+def put(ctx, block, **values) -> None:
+    """Set inputs of a block by their names."""
+    for name, value in values.items():
+        ctx.set(getattr(block, name), value)
+
+
 def simulate(dut, body, *background) -> None:
     """Run ``async def body(ctx)`` to its end beside the testbenches ``background``."""
     top = Module()

@@ -6,7 +6,6 @@ from __future__ import annotations
 import random
 
 from amaranth.hdl import ResetInserter, Signal
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat
@@ -14,6 +13,7 @@ from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.engine.engine import _AddendMemory
 from eskin.rtl.program.memory_map import Memory
 from eskin.rtl.program.schedule import schedule
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 WIDE = dict(
@@ -39,9 +39,7 @@ def test_every_word_is_read_back_whole(formats, parts):
     reset = Signal()
 
     async def write(ctx, address, data):
-        ctx.set(dut.load.address, address)
-        ctx.set(dut.load.data, data)
-        ctx.set(dut.load.enable, 1)
+        put(ctx, dut.load, address=address, data=data, enable=1)
         await ctx.tick()
         ctx.set(dut.load.enable, 0)
         ctx.set(reset, 1)
@@ -58,8 +56,7 @@ def test_every_word_is_read_back_whole(formats, parts):
                 for part in range(parts):
                     await write(ctx, parts * address + part, word >> 16 * part & 0xFFFF)
             else:
-                for signal, value in ((dut.write_address, address), (dut.write_data, word), (dut.write, 1)):
-                    ctx.set(signal, value)
+                put(ctx, dut, write_address=address, write_data=word, write=1)
                 await ctx.tick()
                 ctx.set(dut.write, 0)
         ctx.set(dut.load.select, 1 << load_lines(config)[0])  # another memory's word
@@ -72,7 +69,4 @@ def test_every_word_is_read_back_whole(formats, parts):
             await ctx.tick()
             assert ctx.get(dut.read_data) == word, address
 
-    sim = Simulator(ResetInserter(reset)(dut))
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(ResetInserter(reset)(dut), bench)

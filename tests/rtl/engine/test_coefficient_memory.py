@@ -6,7 +6,6 @@ from __future__ import annotations
 import random
 
 from amaranth.hdl import Fragment
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat
@@ -15,14 +14,12 @@ from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.program.cells import cell_program
 from eskin.rtl.program.memory_map import Memory
 from eskin.rtl.program.microcode import Layout
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
 def run(dut, body) -> None:
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(body)
-    sim.run()
+    simulate(dut, body)
 
 
 def configuration(cell: str, lanes: int, **changes):
@@ -44,13 +41,7 @@ def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
 
         async def load(select, address, word):
             line = 1 << load_lines(config)[select]
-            for signal, value in (
-                (dut.load.select, line),
-                (dut.load.address, address),
-                (dut.load.data, word),
-                (dut.load.enable, 1),
-            ):
-                ctx.set(signal, value)
+            put(ctx, dut.load, select=line, address=address, data=word, enable=1)
             await ctx.tick()
             ctx.set(dut.load.enable, 0)
 
@@ -64,8 +55,7 @@ def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
                 expected[address] = code = (
                     config.gate_one if index == 0 else rng.randrange(1, config.gate_one)
                 )
-                for signal, value in ((dut.write_address, address), (dut.write_data, code), (dut.write, 1)):
-                    ctx.set(signal, value)
+                put(ctx, dut, write_address=address, write_data=code, write=1)
                 await ctx.tick()
                 ctx.set(dut.write, 0)
         ctx.set(dut.enable, 1)
@@ -73,8 +63,7 @@ def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
             ctx.set(dut.address, address)
             await ctx.tick()
             assert (ctx.get(dut.gate) | ctx.get(dut.constant)) == word, address
-        ctx.set(dut.enable, 0)
-        ctx.set(dut.address, 0)
+        put(ctx, dut, enable=0, address=0)
         await ctx.tick()
         assert (ctx.get(dut.gate) | ctx.get(dut.constant)) == word, "without enable the word stays"
 

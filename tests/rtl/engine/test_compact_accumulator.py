@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.rtl.engine.compact_accumulator import CompactAccumulator
 from eskin.rtl.program.compact_program import Use
 from eskin.rtl.program.schedule import schedule
 from tests.rtl.engine.test_engine import small
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
@@ -26,8 +25,7 @@ def test_random_sums(seed):
     async def bench(ctx):
         bit = 0  # one that was fetched stays over sums
         for _ in range(60):
-            ctx.set(dut.mac, 0)
-            ctx.set(dut.clear, 1)
+            put(ctx, dut, mac=0, clear=1)
             await ctx.tick()
             ctx.set(dut.clear, 0)
             acc, plane, due = code.reset_value, code.first_plane, None
@@ -64,7 +62,4 @@ def test_random_sums(seed):
         assert -(1 << code.accumulator_bits - 1) <= acc < 1 << code.accumulator_bits - 1
         return acc, word >> said["plane"] & 1 if said["fetch"] else bit
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)

@@ -27,7 +27,7 @@ from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.timing import is_compact
 from tests.rtl.engine.test_engine import beats, check_exact_and_cycles, expected, run, small, windows
-from tests.support.stream_bench import Bench
+from tests.support.stream_bench import Bench, put
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
@@ -312,8 +312,7 @@ def test_windows_that_come_while_results_are_written_wait():
                 ctx.get(tap.valid) for tap in (dut.feature, dut.state, dut.logit)
             ):
                 await ctx.tick()
-            ctx.set(dut.i.p, beat)
-            ctx.set(dut.i.valid, 1)
+            put(ctx, dut.i, p=beat, valid=1)
             refused.append(not ctx.get(dut.i.ready))
             while not (await ctx.tick().sample(dut.i.ready))[-1]:
                 pass

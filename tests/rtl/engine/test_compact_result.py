@@ -5,14 +5,13 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.activation import sigmoid_table, tanh_table
 from eskin.golden.core.formats import narrow
 from eskin.rtl.engine.compact_result import CompactResult
 from eskin.rtl.program.compact_program import Kind
 from eskin.rtl.program.schedule import schedule
 from tests.rtl.engine.test_engine import small
+from tests.support.stream_bench import put, simulate
 
 
 def test_sat_of_every_kind_and_the_tables_answers():
@@ -35,9 +34,7 @@ def test_sat_of_every_kind_and_the_tables_answers():
             end = 1 << fmt.width - 1
             edges = [-largest - 1, -end - 1, -end, -end + 1, -1, 0, 1, end - 2, end - 1, end, largest]
             for acc in edges + [rng.randrange(-2 * end, 2 * end) for _ in range(40)]:
-                ctx.set(dut.acc, max(min(acc, largest), -largest - 1))
-                ctx.set(dut.kind, kind)
-                ctx.set(dut.table, 0)
+                put(ctx, dut, acc=max(min(acc, largest), -largest - 1), kind=kind, table=0)
                 wanted = int(narrow(max(min(acc, largest), -largest - 1), 0, fmt))
                 bits = (1 << fmt.width) - 1
                 assert ctx.get(dut.result) & bits == wanted & bits, (kind, acc)
@@ -46,13 +43,8 @@ def test_sat_of_every_kind_and_the_tables_answers():
                     tanh = rng.randrange(2)
                     ctx.set(dut.tanh, tanh)
                     await ctx.tick()
-                    ctx.set(dut.table, 1)
-                    ctx.set(dut.kind, Kind.STATE)
-                    ctx.set(dut.acc, rng.randrange(-end, end))
+                    put(ctx, dut, table=1, kind=Kind.STATE, acc=rng.randrange(-end, end))
                     assert ctx.get(dut.result) == tables[tanh][wanted + formats.table_entries // 2]
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert len(seen) == 8, "inside and at an end of each"

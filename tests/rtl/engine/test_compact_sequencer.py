@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.engine.compact_sequencer import FIELDS, CompactSequencer, Packing
 from eskin.rtl.program.compact_program import Executed, Op
 from eskin.rtl.program.schedule import schedule
 from tests.rtl.engine.test_engine import small
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 
@@ -73,7 +72,4 @@ def test_every_instruction_in_its_place_and_number(held):
                 await ctx.tick()
             ctx.set(dut.go, 0)
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat, clamp, narrow
 from eskin.rtl.engine.elementwise import ElementwiseUnit
 from eskin.rtl.program.schedule import schedule
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 CASES = {
@@ -82,10 +81,7 @@ def test_equal_to_the_formulas(changes):
                     narrow(kept, config.state_index_shift, config.index_format) if tick else before
                 )
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
 
 
 def test_the_cases_are_what_their_names_say():

@@ -12,11 +12,11 @@ from types import SimpleNamespace
 import pytest
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import memory, wiring
-from amaranth.sim import Simulator
 
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.engine import coefficient_memory, compact_engine, engine
 from tests.rtl.engine.test_engine import expected, run, small, windows
+from tests.support.stream_bench import put, simulate
 
 CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
@@ -133,8 +133,7 @@ def test_a_colliding_read_is_poisoned_until_the_next(read, seen):
         ):
             ctx.set(signal, value)
         await ctx.tick()
-        ctx.set(port.addr, read)
-        ctx.set(port.en, 1)
+        put(ctx, port, addr=read, en=1)
         await ctx.tick()
         ctx.set(port.en, 0)
         ctx.set(write.en, 0)
@@ -145,7 +144,4 @@ def test_a_colliding_read_is_poisoned_until_the_next(read, seen):
         await ctx.tick()
         assert ctx.get(port.data) == (0x1234 if read == 5 else 0x42)
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)

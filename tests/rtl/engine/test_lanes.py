@@ -7,7 +7,6 @@ import random
 
 import pytest
 from amaranth.hdl import Fragment
-from amaranth.sim import Simulator
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,6 +14,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature, make_lane
 from eskin.rtl.engine.sb_mac16 import DspLane
 from eskin.rtl.program.timing import timing
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 A_BITS, B_BITS, ACC_BITS = 16, 8, 30
@@ -93,10 +93,7 @@ def play(lane_type: str, with_operands: bool, accumulates: bool, sums, gap_of_ti
                     seen[number] = ctx.get(dut.acc)
                 await ctx.tick()
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert {number: seen[number] for number in checks} == checks
     return seen, checks
 

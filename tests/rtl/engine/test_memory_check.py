@@ -36,7 +36,7 @@ from eskin.rtl.program.signature import (
 )
 from eskin.rtl.top.accelerator import Accelerator
 from tests.rtl.top.test_accelerator import CONFIGS, Host, check, play, recordings
-from tests.support.stream_bench import Bench
+from tests.support.stream_bench import Bench, put
 
 REFUSED = "thesis, serial lane"
 QUICK = "thesis, ROM, one lane"
@@ -191,8 +191,7 @@ def run_with(model, data, writes, seen, after=None) -> int:
                     "first": int(taxel == 0),
                     "last": int(taxel == model.config.sensor.taxels - 1),
                 }
-                ctx.set(dut.i.payload, beat)
-                ctx.set(dut.i.valid, 1)
+                put(ctx, dut.i, payload=beat, valid=1)
                 while not (await ctx.tick().sample(dut.i.ready))[-1]:
                     flags[0] = ctx.get(dut.bus.r_data)
             ctx.set(dut.i.valid, 0)

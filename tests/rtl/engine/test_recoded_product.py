@@ -6,9 +6,9 @@ from __future__ import annotations
 import random
 
 from amaranth.hdl import Module, Signal, signed
-from amaranth.sim import Simulator
 
 from eskin.rtl.engine.recoded_product import sum_with_product
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 EVERY = [(3, 2, 9), (4, 3, 9), (3, 4, 7), (4, 4, 12), (2, 5, 8), (5, 6, 12)]
@@ -27,9 +27,7 @@ def sums(a_bits: int, b_bits: int, bits: int, cases) -> list[int]:
                 ctx.set(signal, value)
             found.append(ctx.get(total))
 
-    simulator = Simulator(m)
-    simulator.add_testbench(play)
-    simulator.run()
+    simulate(m, play)
     return found
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.rtl.engine.row_chain import RowChain
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 BITS = 26
@@ -28,13 +27,7 @@ def test_chain_against_a_list(lanes):
             shift &= not swap  # never asked for together
             sums = [rng.choice([-top, top - 1, rng.randrange(-top, top)]) for _ in range(lanes)]
             addend = rng.choice([-top, top - 1, rng.randrange(-top, top)])
-            for signal, value in (
-                (dut.tick, tick),
-                (dut.swap, swap),
-                (dut.shift, shift),
-                (dut.addend, addend),
-            ):
-                ctx.set(signal, value)
+            put(ctx, dut, tick=tick, swap=swap, shift=shift, addend=addend)
             for lane, value in enumerate(sums):
                 ctx.set(dut.acc[lane], value)
             await ctx.tick()
@@ -46,10 +39,7 @@ def test_chain_against_a_list(lanes):
             assert ctx.get(dut.total) == places[0]
             assert [ctx.get(dut.load[lane]) for lane in range(lanes)] == places
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert min(moved.values()) > 20
 
 
@@ -58,21 +48,16 @@ def test_addends_are_in_place_after_as_many_shifts_as_lanes_while_the_sums_leave
     dut, left = RowChain(BITS, lanes), []
 
     async def bench(ctx):
-        ctx.set(dut.tick, 1)
-        ctx.set(dut.swap, 1)
+        put(ctx, dut, tick=1, swap=1)
         for lane, value in enumerate(sums):
             ctx.set(dut.acc[lane], value)
         await ctx.tick()
-        ctx.set(dut.swap, 0)
-        ctx.set(dut.shift, 1)
+        put(ctx, dut, swap=0, shift=1)
         for value in addends:
             left.append(ctx.get(dut.total))
             ctx.set(dut.addend, value)
             await ctx.tick()
         assert [ctx.get(dut.load[lane]) for lane in range(lanes)] == addends
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert left == sums

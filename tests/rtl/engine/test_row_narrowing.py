@@ -6,11 +6,10 @@ from __future__ import annotations
 import random
 from types import SimpleNamespace
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat, narrow
 from eskin.rtl.engine.row_narrowing import RowNarrowing
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
@@ -44,8 +43,7 @@ def check(config, totals) -> None:
 
     async def bench(ctx):
         for total in totals:
-            ctx.set(dut.total, total)
-            ctx.set(dut.tanh, 0)
+            put(ctx, dut, total=total, tanh=0)
             sigmoid = ctx.get(dut.index)
             ctx.set(dut.tanh, 1)
             got = (sigmoid, ctx.get(dut.index), ctx.get(dut.value), ctx.get(dut.logit))
@@ -53,9 +51,7 @@ def check(config, totals) -> None:
             for seen, code in zip(ends, got, strict=True):
                 seen.add(code)
 
-    sim = Simulator(dut)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     formats = (
         config.index_format,
         config.index_format,
@@ -82,9 +78,7 @@ def test_a_proven_logit_has_no_saturator_and_needs_none():
             ctx.set(dut.total, total)
             assert ctx.get(dut.logit) == expected(Proven, total)[3] == total >> 8
 
-    sim = Simulator(dut)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
 
 
 def test_every_total_of_a_small_format():

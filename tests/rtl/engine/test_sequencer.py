@@ -6,13 +6,13 @@ import random
 
 import pytest
 from amaranth.hdl import ResetInserter, Signal
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.engine.sequencer import Sequencer
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 from eskin.rtl.program.schedule import schedule
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 FIELDS = (*ADDRESSES, *CONTROLS)
@@ -46,10 +46,7 @@ def play(code: Microcode, cycles: int, go=lambda cycle: 1, restart=lambda cycle:
                 waits.append(cycle)
             assert ended <= enable
 
-    sim = Simulator(ResetInserter(anew)(dut))
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(ResetInserter(anew)(dut), bench)
     return taken, waits
 
 
@@ -151,10 +148,7 @@ def test_a_checked_program_is_right_word_by_word_and_a_changed_word_is_told():
                 if enable and wrong:
                     cycles.add(cycle)
 
-        sim = Simulator(dut)
-        sim.add_clock(1e-6)
-        sim.add_testbench(bench)
-        sim.run()
+        simulate(dut, bench)
         return cycles
 
     assert told(Sequencer(code)) == set() and told(Changed(code)) == {1}, "the first word comes in cycle 1"

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.engine.window_queue import WindowQueue
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 CONFIG = PRESETS["thesis"].replace(taxels=5)
@@ -30,10 +29,11 @@ def test_windows_are_read_in_order_and_never_overwritten(eager):
             offers, hold = at < len(beats) and rng.random() < eager, rng.random() < 0.2
             number, taxel = beats[min(at, len(beats) - 1)]
             length, final = windows[number]
-            ctx.set(dut.i.valid, offers)
-            ctx.set(
-                dut.i.p,
-                {
+            put(
+                ctx,
+                dut.i,
+                valid=offers,
+                p={
                     "value": 0,
                     "length": length,
                     "first": taxel == 0,
@@ -62,10 +62,7 @@ def test_windows_are_read_in_order_and_never_overwritten(eager):
             if took and taxel == CONFIG.inputs - 1:
                 held.append(number)
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert seen == windows and overruns > 3
 
 
@@ -74,13 +71,9 @@ def test_a_step_is_open_from_its_start_to_its_end():
 
     async def bench(ctx):
         for started, done in ((0, 0), (1, 0), (0, 0), (0, 1), (0, 0)):
-            ctx.set(dut.started, started)
-            ctx.set(dut.step_done, done)
+            put(ctx, dut, started=started, step_done=done)
             seen.append((ctx.get(dut.computing), ctx.get(dut.open)))
             await ctx.tick()
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert seen == [(0, 0), (0, 0), (1, 1), (1, 1), (0, 0)]

@@ -5,10 +5,9 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.frame_aligner import FrameAligner
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 TAXELS = 5
@@ -30,8 +29,7 @@ def play(beats: list[tuple[int, int]], seed: int) -> tuple[list[tuple[int, int |
             offers = number < len(beats) and rng.random() < 0.8
             advance = rng.random() < 0.7
             ctx.set(dut.i.valid, offers)
-            ctx.set(dut.i.p.first, beats[number][0] if offers else 0)
-            ctx.set(dut.i.p.last, beats[number][1] if offers else 0)
+            put(ctx, dut.i.p, first=beats[number][0] if offers else 0, last=beats[number][1] if offers else 0)
             ctx.set(dut.advance, advance)
             if advance and ctx.get(dut.offered):
                 taken.append((ctx.get(dut.index), number if ctx.get(dut.fresh) else None))
@@ -43,10 +41,7 @@ def play(beats: list[tuple[int, int]], seed: int) -> tuple[list[tuple[int, int |
             idle += number == len(beats)
             await ctx.tick()
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     return taken, faults
 
 

@@ -8,6 +8,7 @@ from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.frame_marks import FrameMarks, TouchMarks, marks_of
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 
@@ -75,7 +76,4 @@ def test_marks_of_a_touch_are_those_of_its_windows(hop, odd, steps, frames):
             await ctx.tick()
             number += taken
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)

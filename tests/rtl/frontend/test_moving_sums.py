@@ -6,10 +6,10 @@ from __future__ import annotations
 import random
 
 from amaranth.hdl import signed
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.moving_sums import MovingSums
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 TAXELS, FRAMES = 5, 40
@@ -30,19 +30,21 @@ def test_the_verdict_of_each_block_is_that_of_plain_sums(mean, check):
 
     async def bench(ctx):
         beats = [(frame, taxel) for frame in range(FRAMES) for taxel in range(TAXELS)]
-        ctx.set(dut.advance, 1)
-        ctx.set(dut.coming_valid, 1)
-        ctx.set(dut.coming_index, 0)
+        put(ctx, dut, advance=1, coming_valid=1, coming_index=0)
         await ctx.tick()
         over = False
         for number, (frame, taxel) in enumerate(beats):
             end = (frame + 1) % check == 0
-            ctx.set(dut.index, taxel)
-            ctx.set(dut.last, taxel == TAXELS - 1)
-            ctx.set(dut.block_end, end)
-            ctx.set(dut.masked, masked[taxel])
-            ctx.set(dut.complement, ~values[frame][taxel])
-            ctx.set(dut.coming_index, (taxel + 1) % TAXELS)
+            put(
+                ctx,
+                dut,
+                index=taxel,
+                last=taxel == TAXELS - 1,
+                block_end=end,
+                masked=masked[taxel],
+                complement=~values[frame][taxel],
+                coming_index=(taxel + 1) % TAXELS,
+            )
             waits = 0
             ctx.set(dut.last_taken, 0)
             if end and taxel == TAXELS - 1:
@@ -54,17 +56,13 @@ def test_the_verdict_of_each_block_is_that_of_plain_sums(mean, check):
                 assert waits == 3
                 verdicts.append(over)
                 over = False
-                ctx.set(dut.advance, 1)
-                ctx.set(dut.last_taken, 1)
+                put(ctx, dut, advance=1, last_taken=1)
             else:
                 over |= bool(ctx.get(dut.over))
             assert number or not ctx.get(dut.decided)
             await ctx.tick()
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     sums = [
         [sum(row[k] for row in values[max(0, end - mean) : end]) for k in range(TAXELS)]
         for end in range(check, FRAMES + 1, check)

@@ -14,7 +14,7 @@ from eskin.golden.model.preprocess import find_touches
 from eskin.rtl.frontend.front_end import FrontEnd
 from eskin.rtl.frontend.normaliser import Normaliser
 from tests.support.front_end_cases import CASES, make_stream, sample_beats
-from tests.support.stream_bench import Bench, values
+from tests.support.stream_bench import Bench, put, values
 
 
 def shifted(config, shifts=(2, 0, 1, 3)):
@@ -61,9 +61,7 @@ def load_words(config, means):
 def loader(port, words):
     async def load(ctx):
         for address, word in words:
-            ctx.set(port.address, address)
-            ctx.set(port.data, word)
-            ctx.set(port.enable, 1)
+            put(ctx, port, address=address, data=word, enable=1)
             await ctx.tick()
         ctx.set(port.enable, 0)
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 import random
 
 import numpy as np
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.rest_level import RestLevel, exact_reciprocal
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
@@ -21,33 +21,30 @@ def test_a_level_settles_on_the_mean_and_then_follows_by_a_sixteenth_or_stays(ru
     samples, seen = [rng.randint(20000, 20400) for _ in range(60)], []
 
     async def bench(ctx):
-        ctx.set(dut.coming_index, 3)
-        ctx.set(dut.w_index, 3)
-        ctx.set(dut.advance, 1)
+        put(ctx, dut, coming_index=3, w_index=3, advance=1)
         await ctx.tick()
         for number, sample in enumerate(samples):
-            ctx.set(dut.sample, ~sample)
-            ctx.set(dut.settle_first, number == 0)
+            put(ctx, dut, sample=~sample, settle_first=number == 0)
             deviation = ctx.get(dut.deviation)
             await ctx.tick()
             settling = number < frames
-            ctx.set(dut.settling, settling)
-            ctx.set(dut.settle_last, number == frames - 1)
-            ctx.set(dut.negative, not settling and deviation < 0)
+            put(
+                ctx,
+                dut,
+                settling=settling,
+                settle_last=number == frames - 1,
+                negative=not settling and deviation < 0,
+            )
             level = ctx.get(dut.next)
             if settling or rule == "tracked":
-                ctx.set(dut.w_level, level)
-                ctx.set(dut.w_enable, 1)
+                put(ctx, dut, w_level=level, w_enable=1)
             await ctx.tick()
             ctx.set(dut.w_enable, 0)
             await ctx.tick()
             if not settling:
                 seen.append((~deviation, level >> dut.level_frac - 4))
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     baseline, expected = (32 * sum(samples[:frames]) + frames) // (2 * frames), []
     for sample in samples[frames:]:
         deviation = sample - (baseline + 8 >> 4)

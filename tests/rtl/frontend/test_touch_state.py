@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.frontend.touch_state import TouchState
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 TOUCHES = PRESETS["thesis"].replace(
@@ -26,10 +25,7 @@ def test_frames_of_a_touch_with_its_history_then_as_many_quiet_ones(share):
         state, before, left, quiet = ("armed", 0, 0, 0)
         for _ in range(1500):
             met, judged, leaves = rng.random() < share, rng.random() < 0.9, rng.random() < 0.7
-            ctx.set(dut.met, met)
-            ctx.set(dut.judged, judged)
-            ctx.set(dut.last, 1)
-            ctx.set(dut.frame_left, leaves)
+            put(ctx, dut, met=met, judged=judged, last=1, frame_left=leaves)
             onset = state == "armed" and met and judged
             assert (ctx.get(dut.armed), ctx.get(dut.touch)) == (state == "armed", state == "touch")
             assert ctx.get(dut.onset) == onset and ctx.get(dut.started) == (onset and leaves)
@@ -49,8 +45,5 @@ def test_frames_of_a_touch_with_its_history_then_as_many_quiet_ones(share):
                     before = min(before + 1, TOUCHES.windows.pretrigger_frames)
             await ctx.tick()
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert touches > 4

@@ -24,7 +24,7 @@ from eskin.rtl.program.memory_map import (
 )
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.top.accelerator import Accelerator
-from tests.support.stream_bench import Bench, values
+from tests.support.stream_bench import Bench, put, values
 
 STAGES = ("sum", "fault", "feature", "state", "logit")
 
@@ -199,8 +199,7 @@ def play(
                         "first": int(taxel == 0),
                         "last": int(taxel == config.sensor.taxels - 1),
                     }
-                    ctx.set(dut.i.payload, beat)
-                    ctx.set(dut.i.valid, 1)
+                    put(ctx, dut.i, payload=beat, valid=1)
                     while not (await ctx.tick().sample(dut.i.ready))[-1]:
                         pass
             ctx.set(dut.i.valid, 0)
