@@ -82,15 +82,3 @@ def test_equal_to_the_formulas(changes):
                 )
 
     simulate(dut, bench)
-
-
-def test_the_cases_are_what_their_names_say():
-    configs = {name: PRESETS["thesis"].replace(**changes) for name, changes in CASES.items()}
-    wide, short = configs["features wider than states"], configs["features narrower than states"]
-    assert configs["aligned"].feature_align > 0 and schedule(configs["on the one lane"]).shared
-    assert wide.feature_align == short.feature_align == 0
-    assert (
-        wide.formats.feature_format.width > wide.formats.state_format.width
-        and short.formats.feature_format.width < short.formats.state_format.width
-    )
-    assert configs["an index with one fraction bit less than a state"].state_index_shift == 1

@@ -98,30 +98,15 @@ def play(lane_type: str, with_operands: bool, accumulates: bool, sums, gap_of_ti
     return seen, checks
 
 
-@pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), KINDS)
-def test_sums_are_exact_and_there_in_their_slot(lane_type, with_operands, accumulates):
-    sums = dot_products(3, 60, 6 if accumulates else 1)
-    seen, checks = play(lane_type, with_operands, accumulates, sums)
+@each_row("gaps", [(0,), (0, 0, 1, 5)])
+@each_row(("lane_type", "with_operands", "accumulates"), KINDS)
+def test_sums_are_exact_and_there_in_their_slot(lane_type, with_operands, accumulates, gaps):
+    """Slots of one cycle and of any number; sums that begin at either end of the accumulator first."""
+    ends = [(end, [(0, 0)]) for end in (-(1 << ACC_BITS - 1), (1 << ACC_BITS - 1) - 1)]
+    sums, rng = ends + dot_products(3, 60, 6 if accumulates else 1), random.Random(4)
+    seen, checks = play(lane_type, with_operands, accumulates, sums, lambda: rng.choice(gaps))
     early = [number for number, total in checks.items() if seen[number - 1] != total]
     assert len(early) > 0.5 * len(checks), "the sum is there a slot sooner than the timing says"
-
-
-@each_row(("lane_type", "with_operands", "accumulates"), KINDS)
-def test_a_sum_begins_at_either_end_of_the_accumulator(lane_type, with_operands, accumulates):
-    sums = [(end, [(0, 0)]) for end in (-(1 << ACC_BITS - 1), (1 << ACC_BITS - 1) - 1)]
-    play(lane_type, with_operands, accumulates, sums)
-
-
-@pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), KINDS)
-def test_a_slot_may_take_any_number_of_cycles(lane_type, with_operands, accumulates):
-    rng = random.Random(4)
-    play(
-        lane_type,
-        with_operands,
-        accumulates,
-        dot_products(5, 40, 4 if accumulates else 1),
-        lambda: rng.choice([0, 0, 1, 5]),
-    )
 
 
 @settings(max_examples=30, derandomize=True, deadline=None)

@@ -117,14 +117,6 @@ def test_every_change_of_a_small_format(limit, signed):
         assert np.array_equal(failed, activity(config, stream - 8 * signed) <= limit)
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(600)
-@pytest.mark.parametrize("limit", [30, 127])
-def test_every_change_of_eight_bits(limit):
-    config = config_of(taxels=128, sample_bits=8, fault_frames=2, fault_activity=limit)
-    check(config, pairs(8, 128))
-
-
 CASES = {
     "rest none": dict(),
     "settling": dict(rest="initial", rest_frames=13),

@@ -31,8 +31,7 @@ from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import residue, unseen
 from eskin.verbs.build_job import misfit_sentence
-from eskin.verbs.flow import cosimulate
-from tests.rtl.engine.test_engine import check_exact_and_cycles, expected, run, small, windows
+from tests.rtl.engine.test_engine import check_exact, check_exact_and_cycles, small, windows
 from tests.support.table import each_row
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
@@ -195,25 +194,7 @@ def test_one_serial_lane_keeps_every_bit(dense, feature, logit, sets):
 def test_bit_exact_with_stalls(decision, lanes, lane_type):
     config = linear(lanes, classes=5, taxels=8, lane_type=lane_type, decision=decision)
     model = random_integer_model(config, seed=lanes)
-    centred = windows(model.config, touches=3, seed=lanes)
-    features, _, logits, rows = expected(model, centred)
-    seen, got_rows, _ = run(model, centred, stall=0.3, seed=lanes)
-    assert (seen["feature"], seen["state"], seen["logit"], got_rows) == (features, [], logits, rows)
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(300)
-@pytest.mark.parametrize("lane_type", ["plain", "serial"])
-def test_partial_touches_begin_anew(tmp_path, lane_type):
-    """The whole chain: recordings that end inside a touch, one after the other; the next touch begins with
-    its bias and first window."""
-    config = with_network(PRESETS["pvdf"], cell="linear").replace(
-        hop=12, window=24, steps=4, lane_type=lane_type, lanes=1, rearm_frames=20
-    )
-    model = random_integer_model(config, seed=5)
-    recordings = random_recordings(model.config, [300, 150, 420], seed=2)
-    result = cosimulate(model, recordings, work=tmp_path, builds=BUILDS, simulator="verilator", stalls=True)
-    assert result["bit_exact"] and result["steps"] > 8, result["mismatch_list"]
+    check_exact(model, windows(model.config, touches=3, seed=lanes), stall=0.3, seed=lanes)
 
 
 # ---------------------------------------------------------------------- checksum and images
