@@ -68,8 +68,8 @@ def test_front_end(name, stalls):
     ("cell", "reset", "lanes", "lane_type", "ports"),
     [
         ("gru", "before", 4, "dsp", 10),
-        ("gru", "after", 1, "plain", 8),
-        ("lstm", "before", 1, "dsp", 7),
+        ("gru", "after", 1, "plain", 7),
+        ("lstm", "before", 1, "dsp", 6),
         ("gru", "before", 1, "serial", 3),
     ],
 )

@@ -71,23 +71,6 @@ def check(code: Microcode, taken, passes: list[bool]) -> None:
     ]
 
 
-def test_every_slot_in_its_cycle_and_on_to_the_next_step(code):
-    length = len(code.slots)
-    taken, _ = play(code, code.idle_words + 3 * length)
-    check(code, taken, [False, False, False])
-    cycles = [cycle for cycle, _, _ in taken]
-    assert cycles == list(range(1, code.idle_words + 3 * length)), (
-        "the first word takes a cycle to arrive, then none is lost"
-    )
-
-
-def test_restart_begins_with_the_prologue(code):
-    length = len(code.slots)
-    end = code.idle_words + length  # the cycle with the last slot of the first pass
-    taken, _ = play(code, 2 * end + length, restart=lambda cycle: cycle <= end)
-    check(code, taken, [True, False, False])
-
-
 def test_restart_is_looked_at_in_the_last_word_but_two(code):
     # slots up to that word's last, in cycle `before`
     before = code.idle_words + sum(word["repeat"] + 1 for word in code.words[:-2])
