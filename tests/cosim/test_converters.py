@@ -24,25 +24,12 @@ from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.generate import generate, pack_decision
 from eskin.verbs.flow import BUILD, cosimulate
 from tests.support.array_touches import REST, touches
+from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 from tests.support.touch_cuts import beginnings
 
-CONFIG = AcceleratorConfig.of(
-    taxels=8,
-    hidden=4,
-    sample_bits=14,
-    band_low=7600,
-    band_high=8800,
-    hop=20,
-    window=41,
-    touch_frames=200,
-    steps=8,
-    pretrigger_frames=10,
-    rearm_frames=20,
-    decision="vote",
-    lanes=2,
-    sample_rate_hz=1000.0,
-    clock_hz=2e6,
+CONFIG = SMALL.replace(
+    taxels=8, sample_bits=14, band_low=7600, band_high=8800, sample_rate_hz=1000.0, clock_hz=2e6
 )
 OTHERS = {
     "mcp3208x2": dict(converter="mcp3208x2"),

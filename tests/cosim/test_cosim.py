@@ -28,24 +28,12 @@ from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
+from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = ROOT / "build" / "simulators"
-CONFIG = AcceleratorConfig.of(
-    taxels=4,
-    hidden=4,
-    band_low=25920,
-    band_high=26880,
-    hop=20,
-    window=41,
-    touch_frames=200,
-    steps=8,
-    pretrigger_frames=10,
-    rearm_frames=20,
-    decision="vote",
-    lanes=2,
-)
+CONFIG = SMALL
 LENGTHS = (400, 700, 30, 5)
 """Several touches, a partial one, one without a step, and no touch at all."""
 NUMBERS = (11, 4, 25, 7)

@@ -25,7 +25,6 @@ from eskin.cosim.netlist import (
     recovered_hardware,
     shorten_names,
 )
-from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import IntegerModel, random_integer_model, with_network
 from eskin.golden.model.pipeline import run
@@ -34,21 +33,17 @@ from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate, netlist_of
 from tests.support.lut_fault import flip_lut_bit
+from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
-CONFIG = AcceleratorConfig.of(
-    taxels=4,
-    hidden=4,
-    band_low=25920,
-    band_high=26880,
+CONFIG = SMALL.replace(
     hop=8,
     window=17,
     touch_frames=40,
     steps=3,
     pretrigger_frames=4,
     rearm_frames=16,
-    decision="vote",
     lanes=1,
     table_entries=64,
 )
@@ -436,12 +431,13 @@ GOWIN_MEMORIES = [  # cell, bits of a byte, widths of words, words that a write 
 ]
 
 
-def test_the_block_memories_of_gowin_work_in_every_width(tmp_path):
+@pytest.mark.parametrize("widths", [(8, 9), pytest.param(range(37), marks=pytest.mark.slow)], ids=len)
+def test_the_block_memories_of_gowin_work_in_every_width(tmp_path, widths):
     """Initial words, words written by bytes and read back at every width, and what a write reads in each mode,
     against an array of bits."""
     for cell, byte, width in GOWIN_MEMORIES:
         modes = [None] if cell.startswith("SDP") else range(3) if width in (4, 2 * byte) else [1]
-        for mode in modes:
+        for mode in modes if width in widths else ():
             _gowin_memory(cell, byte, width, mode, tmp_path)
 
 

@@ -18,6 +18,7 @@ from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.export import export
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
+from tests.support.small_designs import SMALL
 
 DEFENDED = {
     "fault_frames": 64,
@@ -26,6 +27,7 @@ DEFENDED = {
     "onset_span": 4,
     "margin_threshold": 10,
 }
+FLAGGED = SMALL.replace(fault_frames=32, fault_activity=40)
 TOUCH = PRESETS["pvdf"].replace(
     window_mode="touch",
     pretrigger_frames=50,
@@ -86,29 +88,8 @@ def test_real_recordings_with_failing_taxels(shared_data, tmp_path):
     assert result["stages"]["status"]["compared_values"] == 5 * 5  # with TAXEL_FAULTS and its bit of FAULTS
 
 
-def small(**changes) -> AcceleratorConfig:
-    return AcceleratorConfig.of(
-        **{
-            "taxels": 4,
-            "hidden": 4,
-            "band_low": 25920,
-            "band_high": 26880,
-            "hop": 20,
-            "window": 41,
-            "touch_frames": 200,
-            "steps": 8,
-            "pretrigger_frames": 10,
-            "rearm_frames": 20,
-            "lanes": 2,
-            "fault_frames": 32,
-            "fault_activity": 40,
-            **changes,
-        }
-    )
-
-
 def test_the_testbench_compares_the_flags_too(tmp_path):
-    model = random_integer_model(small(margin_threshold=2), 5)
+    model = random_integer_model(FLAGGED.replace(margin_threshold=2), 5)
     made = (random_recordings(model.config, (700,), seed) for seed in range(20))
     recordings = next(one for one in made if 0 < run(model, one).touches.faults.mean() < 1)
     out = generate_design(model, tmp_path / "d", recordings=recordings)
@@ -128,8 +109,8 @@ def test_the_testbench_compares_the_flags_too(tmp_path):
 
 def test_what_is_off_leaves_nothing_behind():
     """No block, no register, no port of a defence; cells are compared in `eskin stability`'s table."""
-    on = random_integer_model(small(onset_hits=2, onset_span=2), 1)
-    off = random_integer_model(small(fault_frames=0), 1)
+    on = random_integer_model(FLAGGED.replace(onset_hits=2, onset_span=2), 1)
+    off = random_integer_model(SMALL, 1)
     defended, plain = export(on.config, on.arrays), export(off.config, off.arrays)
     for block in ("fault_detector", "onset_filter"):
         assert block in defended and block not in plain
