@@ -263,9 +263,11 @@ def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
 
 
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Files and compiler options of the model of the configuration's converter, and of its wiring."""
+    """Files and compiler options of the model of the configuration's converter, and of its wiring. A chip on SPI
+    without a model of its own is played by that of any SPI converter."""
     folder, name = Path(__file__).with_name("converters"), config.interface.converter
-    return (folder / "pins.svh", folder / f"{name}.sv"), (f"-DCONVERTER_{name}",)
+    models = (folder / f"{model}.sv" for model in (name, "spi"))
+    return (folder / "pins.svh", next(filter(Path.is_file, models))), (f"-DCONVERTER_{name}",)
 
 
 def _misbehaviour(fault: tuple[int, int, int] | None) -> dict[str, int]:
