@@ -21,6 +21,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import signed_bits
 from eskin.golden.core.images import Conv, Pool
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import ImageTrace
 from eskin.golden.model.model import IntegerModel
@@ -124,7 +125,7 @@ def _wide(config: AcceleratorConfig) -> str:
     return "int64_t" if max(config.sum_bits, *map(signed_bits, bounds)) + config.mean_frac > 31 else "int32_t"
 
 
-def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
+def _frame_values(config: AcceleratorConfig) -> Record:
     """What the templates take beside the fields of the configuration."""
     rule, windows, features = config.onset_rule, config.windows, config.features
     formats, kinds, faults = config.formats, features.feature_kinds, config.faults.fault_frames
@@ -193,7 +194,7 @@ def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
     }
 
 
-def _state(config: AcceleratorConfig, values: dict[str, Any]) -> list[tuple[str, str, tuple[int, ...]]]:
+def _state(config: AcceleratorConfig, values: Record) -> list[tuple[str, str, tuple[int, ...]]]:
     """The fields of the state, widest first, so that nothing lies between them."""
     taxels, classes, depth = config.sensor.taxels, config.classes, values["depth"]
     onset, recurrent, vote = config.onset_rule, config.recurrent, config.network.decision == "vote"
@@ -248,7 +249,7 @@ def _image_tables(model: IntegerModel) -> list[Table]:
     return tables
 
 
-def _image_values(config: AcceleratorConfig) -> dict[str, Any]:
+def _image_values(config: AcceleratorConfig) -> Record:
     logit, sizes, rows = config.formats.logit_format, [0, 0], []
     source, weighted = "pixels", config.weighted_stages
     for index, (stage, shift) in enumerate(zip(weighted, config.layer_shifts, strict=True)):
@@ -319,7 +320,7 @@ def sources(model: IntegerModel) -> dict[str, str]:
         )
     image = config.is_image
     tables = _image_tables(model) if image else _frame_tables(model)
-    values: dict[str, Any] = _image_values(config) if image else _frame_values(config)
+    values: Record = _image_values(config) if image else _frame_values(config)
     if not image:
         values["state"] = _state(config, values)
     values = (
