@@ -401,7 +401,7 @@ def taught_ready(model, tmp_path_factory):
 
 def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp_path):
     rule = load_config(taught_ready).readout_rule
-    assert (rule.prototypes, rule.taught, rule.state_code_bits) == (4, 3, 4) and rule.unknown_above > 0
+    assert (rule.prototypes, rule.taught, rule.state_code_bits) == (8, 3, 4) and rule.unknown_above > 0
     result = teach_folder(taught_ready, FEW, tmp_path / "m")
     before, after = accuracy(taught_ready, REST), accuracy(tmp_path / "m", REST)
     assert before < 0.7 and after > before + 0.1
@@ -412,6 +412,19 @@ def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp
     assert result["touches"] == {"rise": 2, "fall": 2, "pulse": 2} == result["in_use"] and result["passed"]
     quantise(tmp_path / "m", OLD)  # and back
     assert IntegerModel.load(tmp_path / "m").config == IntegerModel.load(model).config
+
+
+def test_taught_touches_are_nearer_only_where_that_costs_the_others_nothing(model):
+    """Not where there is no group to leave out, nor where what one group is taught is wrong of the others."""
+    ready, shown = IntegerModel.load(model), OLD.subset(np.arange(2, 90))
+    swapped = dataclasses.replace(
+        shown, labels=np.where(shown.groups["person"] == 0, (shown.labels + 1) % 3, shown.labels)
+    )
+    shifts = [
+        prototypes_of.of_recordings(ready, recordings, groups, prototypes=4).config.readout_rule.taught_shift
+        for recordings, groups in ((shown, ["person"]), (shown, []), (swapped, ["person"]))
+    ]
+    assert shifts == [1, 0, 0]
 
 
 def test_what_is_unknown_is_a_share_of_known_touches(taught_ready):
