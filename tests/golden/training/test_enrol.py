@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import eskin
+from eskin.cli.common import show
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
@@ -454,12 +455,17 @@ def test_what_cannot_be_taught_is_refused_and_nothing_is_written(taught_ready, t
     assert kept == {path.name: path.read_bytes() for path in taught_ready.iterdir()}
 
 
-def test_teaching_is_judged_from_no_touch_on():
+def test_teaching_is_judged_from_no_touch_on(capsys):
     rows = judge(BOTH, question(readout="prototypes"))
     assert [(row["value"], row["k"]) for row in rows] == [(v, k) for k in (0, 1, 2) for v in ("0", "1")]
     for row in rows:
         assert row["others_after"] >= row["others_before"] - 0.15  # one of nine
         assert row["k"] == 0 or row["after"] > row["before"] + 0.1
+    for touch in (1, 0):  # an evaluation that brings something, and one that brings nothing
+        of_k = [row for row in rows if row["k"] in (0, touch)]
+        said = summary(["mounting"], "all", True, [of_k], "prototypes")
+        show("enrolments", **said, readout="prototypes", new_class=False, seeds=[7])
+        assert capsys.readouterr().err.startswith("teach: the most" if touch else "do not teach, train on:")
 
 
 def test_a_class_that_no_recording_shows_is_known_once_it_is_taught(taught_ready, tmp_path):
