@@ -157,9 +157,9 @@ def taught_at_random(model: IntegerModel, recordings: Recordings, builds: Path, 
 
 
 @pytest.mark.timeout(900)
-@each_row("cell", ["gru", "linear"])
-def test_what_is_taught_in_hardware_is_what_the_stream_is_taught(cell):
-    model = forget(taught_model(cell))
+@each_row(("cell", "taught_shift"), [("gru", 1), ("linear", 0)])
+def test_what_is_taught_in_hardware_is_what_the_stream_is_taught(cell, taught_shift):
+    model = forget(taught_model(cell, taught_shift=taught_shift))
     both = taught_at_random(model, scene(30, seed=8), BUILDS, seed=3)
     assert both.decisions > 150 and both.refused > 5 and both.taught > 5
 
