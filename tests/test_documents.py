@@ -133,6 +133,7 @@ def test_files_that_are_named_are_there(path):
 
 
 # ------------------------------------------------------------------ commands
+@cache
 def verbs() -> dict[str, click.Command]:
     return get_command(app).commands
 

@@ -156,7 +156,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         "--streams: frames come from the converter 'matrix'; leave it out",
     ),
     (
-        ("quantise --readout",),
+        ("quantise --readout", "enrol --evaluate --readout"),
         ("rom",),
         "field loadable: is false, and the memory of prototypes is one that the host fills",
     ),

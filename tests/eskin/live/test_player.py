@@ -84,19 +84,6 @@ def test_what_is_shown_is_what_golden_says(recordings, cell, piece, monkeypatch)
     )
 
 
-def test_nothing_is_thinned_out_for_the_model_and_the_record(model, recordings, tmp_path):
-    """A viewer who never takes anything: the record is whole, and the model decides as ever."""
-    stage = Stage(ModelSource(model), recordings, recorder=Recorder(tmp_path / "mine.npz", model.config))
-    stage.hub.attach()
-    stage.go()
-    assert stage.player._recorder.close()
-    with np.load(tmp_path / "mine.npz") as archive:
-        assert (archive["samples"] == recordings.samples).all() and (
-            archive["labels"] == recordings.labels
-        ).all()
-        assert archive["decision"][:, 0].tolist() == run(model, recordings).decision.tolist()
-
-
 class FakeTime:
     """A clock that only `Controls.wait` moves; ``asked(controls, times)`` may do something in each wait and
     end it early."""

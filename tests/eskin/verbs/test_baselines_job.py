@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -15,17 +14,13 @@ from eskin.golden.core.errors import InputError
 from eskin.verbs import baselines_job
 from tests.support.result_case import ROW_KEYS
 from tests.support.table import each_row
-from tests.support.touch_scenes import SMALL, scene
+from tests.support.touch_scenes import archived, scene
 
 
 @pytest.fixture
 def archive(tmp_path, monkeypatch):
     """An archive of the scene in the current folder; the pieces that are judged are noted."""
-    recordings = scene(40)
-    names = {"class_names": np.array(recordings.class_names), "sample_rate_hz": recordings.sample_rate_hz}
-    arrays = {name: getattr(recordings, name) for name in ("samples", "offsets", "labels")}
-    np.savez(tmp_path / "data.npz", **arrays, **names, person=recordings.groups["person"])
-    (tmp_path / "c.json").write_text(SMALL.to_json())
+    archived(scene(40), tmp_path)
     monkeypatch.chdir(tmp_path)
     seen = []
     real = judging.judge

@@ -10,13 +10,13 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from eskin.cosim.flow import joined
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.jobs import Jobs
+from eskin.golden.data.archive import save_archive
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.verbs import cosim_job, flow
 from tests.support.touch_scenes import SMALL, scene
@@ -230,17 +230,8 @@ def eskin(*words: str) -> None:
 @pytest.mark.timeout(900)
 def test_a_real_cluster_gives_the_local_results(cluster, model, here):
     """The verbs themselves: cosim of more recordings than a part has, and a sweep."""
-    recordings = scene(70)
     model.save(here / "model")
-    np.savez(
-        here / "d.npz",
-        samples=recordings.samples,
-        offsets=recordings.offsets,
-        labels=recordings.labels,
-        class_names=np.array(recordings.class_names),
-        sample_rate_hz=recordings.sample_rate_hz,
-        person=recordings.groups["person"],
-    )
+    save_archive(scene(70), here / "d.npz")
     (here / "c.json").write_text(SMALL.to_json())
     (here / "g.json").write_text('{"hidden": [4, 5], "weight_bits": [4, 8]}')
     sweep = "sweep --data d.npz --config c.json --grid g.json --group person --folds 2 --seeds 1".split()

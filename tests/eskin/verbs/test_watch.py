@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.data.archive import save_archive
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import random_images, run_images
 from eskin.golden.model.model import random_integer_model
@@ -209,33 +209,11 @@ def test_a_touch_taught_in_the_browser_is_known_the_next_time(simulate):
 def folder(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     random_integer_model(SMALL, 3).save("model")
-    recordings = scene(9, seed=2)
-    np.savez(
-        "data.npz",
-        samples=recordings.samples.astype(np.uint16),
-        offsets=recordings.offsets,
-        labels=recordings.labels,
-        class_names=np.array(recordings.class_names),
-        sample_rate_hz=recordings.sample_rate_hz,
-    )
+    save_archive(scene(9, seed=2), tmp_path / "data.npz")
     return tmp_path
 
 
-@pytest.fixture
-def call(folder, monkeypatch, capsys):
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["eskin", "watch", *map(str, words)])
-        status = 0
-        try:
-            command_line.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        return status, *capsys.readouterr()
-
-    return run
-
-
-PLAY = ("model", "--data", "data.npz", "--speed", "max")
+PLAY = ("watch", "model", "--data", "data.npz", "--speed", "max")
 
 
 def test_a_line_for_each_recording_and_what_was_recorded(call, folder):
@@ -293,7 +271,7 @@ def test_an_interrupt_ends_in_order_with_a_whole_record(folder):
     assert not list(folder.glob("played.*.frames"))
 
 
-def test_an_interrupt_while_the_archive_is_written_changes_nothing(call, monkeypatch):
+def test_an_interrupt_while_the_archive_is_written_changes_nothing(call, folder, monkeypatch):
     close = Recorder.close
     monkeypatch.setattr(Recorder, "close", lambda self: (os.kill(os.getpid(), signal.SIGINT), close(self))[1])
     assert call(*PLAY, "--terminal", "--record", "played.npz")[0] == 0
@@ -336,7 +314,7 @@ def test_an_interrupt_while_the_archive_is_written_changes_nothing(call, monkeyp
 )
 def test_mistakes_are_one_sentence(call, folder, words, sentence):
     before = sorted(folder.rglob("*"))
-    status, out, errors = call(*words)
+    status, out, errors = call("watch", *words)
     assert (
         (status, out) == (2, "")
         and errors.count("\n") == 1
@@ -356,7 +334,7 @@ def images(folder):
 
 
 def test_images_are_watched(call, images):
-    status, out, errors = call(*"images --data images.npz --speed max --terminal".split())
+    status, out, errors = call(*"watch images --data images.npz --speed max --terminal".split())
     lines = [line.split(": ")[1] for line in out.splitlines() if line.startswith("recording ")]
     order = [0, 1, 2, 3, 4, 5]  # the classes in turn
     assert (status, errors) == (0, "") and "6 recordings to their end, 30 frames" in out
@@ -374,7 +352,7 @@ def test_images_are_watched(call, images):
 )
 def test_what_images_do_not_have_is_one_sentence(call, folder, images, words, sentence):
     before = sorted(folder.rglob("*"))
-    status, out, errors = call("images", *words)
+    status, out, errors = call("watch", "images", *words)
     assert (
         (status, out) == (2, "")
         and errors.count("\n") == 1
@@ -394,7 +372,7 @@ def test_a_port_that_is_taken(call, folder):
     )
 
 
-def test_a_difference_ends_with_1(call, monkeypatch):
+def test_a_difference_ends_with_1(call, folder, monkeypatch):
     from tests.eskin.live.test_sources import Twin
 
     def simulator(design, config, registers, boot, builds):

@@ -4,7 +4,6 @@ apart."""
 from __future__ import annotations
 
 import shutil
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -211,13 +210,6 @@ def test_a_changed_byte_is_noticed_or_harmless(tmp_path_factory, place, value):
     except InputError:
         return
     assert np.array_equal(loaded.samples, arrays()["samples"])
-
-
-def test_members_that_are_no_arrays_do_not_matter(tmp_path):
-    path = archive(tmp_path)
-    with zipfile.ZipFile(path, "a") as file:
-        file.writestr("README.txt", "recorded on a Friday")
-    assert len(load_recordings(path)) == 3
 
 
 # ---------------------------------------------------------------------- sets

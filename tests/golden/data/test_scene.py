@@ -54,13 +54,6 @@ def test_shape_and_balance(scene):
     assert (scene.groups["direction"] == scene.groups["trial"] % 2).all()
 
 
-def test_codes_lie_in_the_converter_and_rest_is_rest(scene):
-    assert scene.samples.min() > 0 and scene.samples.max() < 65535  # nothing is clipped
-    quiet = np.stack([scene.recording(i)[:400] for i in range(len(scene))])
-    assert abs(quiet.mean() - 1.65 / scene.volt_per_code) < 60
-    assert 14 < quiet.std(axis=1).mean() < 30  # 1.2 mV of noise is 19 codes
-
-
 def test_same_seed_same_scene():
     small = dict(persons=2, trials=1, sample_rate_hz=500.0)
     first = synthetic_recordings(**small)
@@ -90,17 +83,6 @@ def test_other_arrays(rows, columns):
     assert (of_array.first_touch() >= 0).all() and (of_array.completed[of_array.first_touch()] == 20).all()
 
 
-def test_touch_on_one_row_after_the_other():
-    """Taxel = row * columns + column: a roll in direction 0 loads the rows of a column together, in direction
-    1 the columns of a row."""
-    scene = synthetic_recordings(persons=4, trials=2, columns=5)
-    for index in np.flatnonzero(scene.labels == 1):
-        deviation = scene.recording(index) - scene.recording(index)[:400].mean(axis=0)
-        peak = np.argmax(deviation, axis=0).reshape(4, 5) / 3000
-        together, apart = (0, 1) if scene.groups["direction"][index] == 0 else (1, 0)
-        assert np.ptp(peak, axis=together).mean() < 0.35 * np.ptp(peak, axis=apart).mean()
-
-
 def test_mean_and_deviation_do_not_tell_the_classes_apart(scene, touches):
     """Logistic regression on per-taxel mean and standard deviation over the touch, unseen persons: below 85 %
     (seen: 60 %)."""
@@ -121,6 +103,7 @@ def test_mean_and_deviation_do_not_tell_the_classes_apart(scene, touches):
         assert 1 / 3 < accuracy < 0.75
 
 
+@pytest.mark.slow
 def test_the_time_course_does(scene):
     """A GRU of 12 units on the window means, unseen persons: 92 % or more (seen: 99 %)."""
     record = cross_validate(scene, SYNTHETIC, [["person"]], [0], folds=3)[0]

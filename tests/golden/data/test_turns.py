@@ -102,6 +102,7 @@ def test_without_the_touch_nothing_is_left(scene, config):
     assert row["passed"] and row["recordings"] == len(scene) and row["accuracy"] > 0.9
 
 
+@pytest.mark.slow
 def test_larger_networks_do_better_on_unseen_persons(scene, config):
     """Integers, leaving out persons: the linear cell at most 94 %, then GRU 4, then GRU 12."""
     linear, small, large = (

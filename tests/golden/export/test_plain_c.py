@@ -110,6 +110,7 @@ def clang() -> None:
     pytest.importorskip("ziglang", reason="ziglang (extra soc) is not installed")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", [IMAGES, RING], ids=["image", "ring"])
 def test_clang_agrees(config, tmp_path):
     clang()
@@ -126,7 +127,13 @@ def test_clang_agrees(config, tmp_path):
     assert verdict(tmp_path / "c", *command) == f"{count} decisions compared, 0 different\n"
 
 
-@pytest.mark.parametrize("core", compiled.CORES)
+@pytest.mark.parametrize(
+    "core",
+    [
+        pytest.param(core, marks=pytest.mark.slow if number else ())
+        for number, core in enumerate(compiled.CORES)
+    ],
+)
 def test_a_microcontroller_decides_the_same_and_its_instructions_are_counted(core, tmp_path):
     clang()
     pytest.importorskip("unicorn", reason="unicorn is not installed")

@@ -31,9 +31,7 @@ from eskin.golden.model.preprocess import (
 from eskin.golden.model.vectors import random_recordings
 from eskin.golden.training import batches as batching
 from eskin.golden.training import datasets
-from eskin.golden.training import fit as fitting
 from eskin.golden.training.crossval import cross_validate
-from eskin.golden.training.quantise import IntegerNetwork
 from eskin.golden.training.recipe import RECIPES
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -251,24 +249,6 @@ def test_a_masked_taxel_is_silent_in_all_its_kinds():
     features, _, _ = batches.draw()
     silent = (features == 0).flatten(0, -2).all(0)
     assert silent.tolist() == [index // 3 == 1 for index in range(config.inputs)]
-
-
-def test_training_in_integers_gives_the_exported_integers():
-    config = ALL.replace(feature_scale="taxel")
-    data = datasets.find_dataset(scene(24, seed=7), config, QUICK)
-    rows = np.arange(len(data.touches.recording))
-    (model,) = fitting.fit_networks(
-        data, config, dataclasses.replace(QUICK, updates=10), [rows], 0, lambda done, total: None
-    )
-    start = fitting.post_training(model, data, rows, {})
-    network = IntegerNetwork([model], [start])
-    real = torch.tensor(model.features(real_features(config, data.touches.sums)))[None]
-    codes = network.feature_codes(real).numpy()[0]
-    exact = normalise(
-        start.config, data.touches.sums, data.touches.completed, start.arrays["mean"], start.arrays["scale"]
-    )
-    done = np.arange(config.windows.steps) < data.touches.completed[:, None]
-    assert np.array_equal(codes[done], exact[done])
 
 
 def test_amplified_integrals_are_those_of_the_amplified_sums():

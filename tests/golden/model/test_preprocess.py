@@ -75,32 +75,6 @@ def test_thesis_windows_hold_an_impulse():
         assert sums.tolist() == expected
 
 
-WINDOW_LENGTHS = {
-    10: (1229, 618),
-    20: (615, 311),
-    50: (245, 166),
-    100: (123, 105),
-    200: (61,),
-    256: (49, 48, 24),
-}
-"""Frames of the distinct windows for N of the thesis: hop = floor(6144 / N), 2 hop + 1 frames, cut at frame
-6144."""
-
-
-@each_row("count", WINDOW_LENGTHS)
-def test_window_lengths_of_every_count(count):
-    hop = 6144 // count
-    config = THESIS.replace(hop=hop, window=2 * hop + 1, steps=count, band_low=0, band_high=1)
-    stream = quiet_stream(6300, config, level=1)
-    stream[99, 0] = 2
-    touches = find_touches(config, recordings_of(config, stream))
-    lengths = WINDOW_LENGTHS[count]
-    assert config.window_lengths == lengths
-    tail = len(lengths) - 1  # the first length is the common one, each other one stands once at the end
-    assert touches.sums[0, :, 1].tolist() == [lengths[0]] * (count - tail) + list(lengths[1:])
-    assert touches.completed[0] == count
-
-
 @pytest.mark.parametrize("name", ["thesis", "pvdf"])
 @pytest.mark.parametrize("clip", [0, 112])
 def test_the_word_of_a_window_sum_holds_a_jump_from_end_to_end_and_a_bit_less_does_not(name, clip):

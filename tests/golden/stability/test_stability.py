@@ -76,7 +76,12 @@ def test_modes_of_a_state_are_not_run_on_a_linear_cell():
 
 
 @pytest.mark.parametrize(
-    "mode", [mode for mode in HARDWARE if mode.run in BROKEN_DESIGNS], ids=lambda mode: mode.run
+    "mode",
+    [
+        pytest.param(mode, id=mode.run, marks=pytest.mark.slow if mode.run == "probe" else ())
+        for mode in HARDWARE
+        if mode.run in BROKEN_DESIGNS
+    ],
 )
 def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypatch):
     monkeypatch.setattr(stability_job, "STREAMED", 1)

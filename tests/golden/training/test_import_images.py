@@ -142,27 +142,3 @@ def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path, state, changes, wo
     with pytest.raises(InputError, match=words) as refused:
         import_network(saved(tmp_path / "n.pt", state), config(), out=tmp_path / "m", **options)
     assert "\n" not in str(refused.value) and not (tmp_path / "m").exists()
-
-
-def test_other_files_and_options_are_refused(tmp_path):
-    (tmp_path / "n.npz").write_bytes(b"x")
-    with pytest.raises(InputError, match="is no .pt or .pth file"):
-        import_network(tmp_path / "n.npz", config(), out=tmp_path / "m", mean=0, std=255)
-    (tmp_path / "n.pt").write_bytes(b"x")
-    with pytest.raises(InputError, match="is damaged or no torch file"):
-        import_network(tmp_path / "n.pt", config(), out=tmp_path / "m", mean=0, std=255)
-    (tmp_path / "c.json").write_text(config().to_json())
-    line = [
-        "import",
-        str(tmp_path / "n.pt"),
-        "--out",
-        str(tmp_path / "m"),
-        "--config",
-        str(tmp_path / "c.json"),
-        "--cell",
-        "gru",
-    ]
-    refused = CliRunner().invoke(app, line)
-    assert isinstance(
-        refused.exception, InputError
-    ) and "--cell: is for networks that read recordings" in str(refused.exception)

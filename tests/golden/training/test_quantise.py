@@ -27,6 +27,7 @@ from eskin.golden.training.quantise import (
     quantise_model,
 )
 from tests.golden.model.test_cells import CELLS
+from tests.support.folder import contents
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
@@ -215,6 +216,7 @@ def test_a_second_quantisation_starts_afresh(tmp_path):
     ("widths", "words"),
     [
         ({"weight_bits": 1}, "field weight_format: 1 bits"),
+        ({"weight_bits": -1}, "field weight_format: -1 bits"),
         ({"weight_bits": 17}, "field weight_format: 17 bits"),
         ({"state_bits": 3}, "field state_format: 3 bits"),
         ({"feature_bits": 40}, "field feature_format: 40 bits"),
@@ -224,10 +226,10 @@ def test_a_second_quantisation_starts_afresh(tmp_path):
 )
 def test_widths_that_cannot_work_are_refused_and_nothing_changes(tmp_path, widths, words):
     saved(tmp_path / "model")
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    before = contents(tmp_path)
     with pytest.raises(InputError, match=words):
         quantise(tmp_path / "model", **widths)
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert contents(tmp_path) == before
 
 
 def test_weights_of_16_bits_widen_the_accumulator_and_dsp_lanes_refuse_them():

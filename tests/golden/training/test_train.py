@@ -10,6 +10,7 @@ import torch
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.groups import FEATURE_KINDS
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
 from eskin.golden.model.pipeline import float_features, run
@@ -112,18 +113,6 @@ def test_many_networks_are_trained_in_shares(monkeypatch):
     assert not np.isnan(curves.losses).any()
 
 
-def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
-    recordings, recipe = scene(30, seed=4), dataclasses.replace(QUICK, updates=20)
-
-    def time_of(**changes):
-        (result,) = cross_validate(recordings, SMALL.replace(**changes), [[]], (0,), folds=2, recipe=recipe)
-        return result["decision_time_s"], [row["time_s"] for row in result["per_step"]]
-
-    time, times = time_of(decision="early", early_steps=2, early_margin=0)
-    assert times[1] <= time < times[-1]
-    assert time_of(decision="early", early_steps=1, early_margin=0)[0] == pytest.approx(times[0])
-
-
 def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
     monkeypatch.setitem(recipes.RECIPES, "onset", dataclasses.replace(QUICK, updates=30, weight_limit=0.4))
     train(scene(30, seed=4), SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
@@ -138,42 +127,29 @@ def test_the_thesis_recipe_learns_from_the_last_step():
     assert result["float_accuracy"] > 0.8
 
 
-def test_training_repeats_by_seed(tmp_path, quick):
-    recordings = scene(30, seed=4)
-    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
-        train(recordings, SMALL, TrainingRequest(folds=2, seeds=1, seed=seed), out=tmp_path / name)
-    a, b, c = (FloatModel.load(tmp_path / name).arrays for name in "abc")
-    assert all((a[name] == b[name]).all() for name in a)
-    assert any((a[name] != c[name]).any() for name in a)
-    first, second = (load_training(tmp_path / name) for name in "ab")
-    assert first["cross_validation"] == second["cross_validation"]
-
-
-def test_training_leaves_torch_as_it_was(tmp_path, quick):
-    threads, state = torch.get_num_threads(), torch.get_rng_state()
-    train(scene(30, seed=4), SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
+def test_the_seed_alone_decides_and_torch_is_left_as_it_was(tmp_path, quick):
+    """Neither the folds nor what torch drew before; and folds of one seed give one cross-validation."""
+    recordings, threads, state = scene(30, seed=4), torch.get_num_threads(), torch.get_rng_state()
+    for name, seed, folds in (("a", 5, 2), ("b", 5, 2), ("c", 5, 0), ("d", 6, 0)):
+        train(recordings, SMALL, TrainingRequest(folds=folds, seeds=1, seed=seed), out=tmp_path / name)
+    a, b, c, d = (FloatModel.load(tmp_path / name).arrays for name in "abcd")
+    assert all((a[name] == b[name]).all() and (a[name] == c[name]).all() for name in a)
+    assert any((a[name] != d[name]).any() for name in a)
+    first, second = (load_training(tmp_path / name)["cross_validation"] for name in "ab")
+    assert first == second and len(first)
     assert torch.get_num_threads() == threads and (torch.get_rng_state() == state).all()
 
 
-def test_the_model_written_does_not_depend_on_the_folds(tmp_path, quick):
-    recordings = scene(30, seed=4)
-    train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "a")
-    train(recordings, SMALL, TrainingRequest(folds=3, seeds=2), out=tmp_path / "b")
-    a, b = (FloatModel.load(tmp_path / name).arrays for name in "ab")
-    assert all((a[name] == b[name]).all() for name in a)
-
-
 # ---------------------------------------------------------------------- quantisation-aware
-@each_row(("cell", "reset"), CELLS)
-@each_row(
-    "widths",
-    [
-        {"weight_bits": 8},
-        {"weight_bits": 4, "state_bits": 12, "gate_bits": 8, "table_entries": 128},
-        {"weight_bits": 2, "state_bits": 12, "feature_bits": 8, "table_entries": 64},
-        {"weight_bits": 3, "state_bits": 16, "gate_bits": 14, "feature_bits": 6},
-    ],
-)
+WIDTHS = [
+    {"weight_bits": 8},
+    {"weight_bits": 4, "state_bits": 12, "gate_bits": 8, "table_entries": 128},
+    {"weight_bits": 2, "state_bits": 12, "feature_bits": 8, "table_entries": 64},
+    {"weight_bits": 3, "state_bits": 16, "gate_bits": 14, "feature_bits": 6},
+]
+
+
+@each_row(("cell", "reset", "widths"), [(*CELLS[number % 3], widths) for number, widths in enumerate(WIDTHS)])
 def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, cell, reset, widths):
     """Every batch of a fine-tuning run: features, then logits, against numpy and IntegerModel.forward of what
     is exported then."""
@@ -211,7 +187,14 @@ def test_bits_of_a_feature_that_no_format_uses_are_refused_in_training_too(monke
         cross_validate(scene(30, seed=4), SMALL, [[]], (0,), widths={"feature_bits": 16}, **asked)
 
 
-@each_row("config", [SMALL, SMALL.replace(compand="log", compand_knee=7, compand_frac=6)])
+@each_row(
+    "config",
+    [
+        SMALL,
+        SMALL.replace(compand="log", compand_knee=7, compand_frac=6),
+        SMALL.replace(feature_kinds=FEATURE_KINDS, activity_block=2, integral_knee=4, feature_scale="taxel"),
+    ],
+)
 def test_training_features_go_through_the_integer_normaliser(config):
     recordings = scene(30, seed=4)
     data = datasets.find_dataset(recordings, config, QUICK)
@@ -233,7 +216,7 @@ def test_training_features_go_through_the_integer_normaliser(config):
             start.arrays["scale"],
         )
         np.testing.assert_array_equal(code[done], exact[done])
-        assert np.ptp(exact) > 100 and model.arrays["sigma"] > (1 if config is SMALL else 0.5)
+        assert np.ptp(exact) > 100 and (model.arrays["sigma"] > (1 if config is SMALL else 0.5)).all()
 
 
 def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
@@ -241,7 +224,7 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     recordings = scene(60, seed=1)
     by_training = {}
     for aware in (False, True):
-        for bits in (8, 2):
+        for bits in (2,) if aware else (8, 2):
             (record,) = cross_validate(
                 recordings,
                 SMALL,
@@ -257,7 +240,7 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
                 assert record[f"{kind}_accuracy"] == pytest.approx(np.mean(record[f"{kind}_by_seed"]))
                 assert len(record[f"{kind}_by_seed"]) == len(record["per_fold"]) == 2
     assert by_training[True, 2]["integer_accuracy"] > by_training[False, 2]["integer_accuracy"] + 0.05
-    assert by_training[True, 8]["integer_accuracy"] > 0.85 and by_training[False, 8]["agreement"] > 0.95
+    assert by_training[False, 8]["agreement"] > 0.95
     # they start from the same float networks
     assert len({record["float_accuracy"] for record in by_training.values()}) == 1
 
@@ -490,23 +473,6 @@ def test_the_folder_and_the_record(tmp_path, quick):
     quantise(tmp_path / "m", recordings)
     result = evaluate(tmp_path / "m", recordings)
     assert result["recordings"] == 30 and result["not_touched"] == 1
-
-
-def test_a_model_folder_is_replaced_and_others_are_not(tmp_path, quick):
-    recordings = scene(30, seed=9)
-    train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
-    quantise(tmp_path / "m")
-    train(recordings, SMALL, TrainingRequest(folds=0, seed=1), out=tmp_path / "m")
-    assert sorted(path.name for path in (tmp_path / "m").iterdir()) == [
-        "config.json",
-        "float.npz",
-        "training.json",
-    ]
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "thesis.doc").write_text("x")
-    with pytest.raises(InputError, match=r"thesis\.doc"):
-        train(recordings, SMALL, out=tmp_path / "other")
-    assert [path.name for path in (tmp_path / "other").iterdir()] == ["thesis.doc"]
 
 
 @each_row(

@@ -225,21 +225,6 @@ def test_a_folder_is_trained_quantised_and_judged(folder):
     )
 
 
-def test_finished_networks_are_not_trained_again(folder, monkeypatch):
-    out, scene, record = folder
-    monkeypatch.setattr("eskin.golden.training.image_models.judge", None)
-    again = train_image_model(
-        scene,
-        config(),
-        out=out.parent / "again",
-        folds=2,
-        recipe=QUICK,
-        workers=1,
-        keep=Memo(out.parent / "kept"),
-    )
-    assert again["cross_validation"] == record["cross_validation"]
-
-
 def test_each_kind_of_weights_is_judged_seed_by_seed(folder, monkeypatch):
     out, scene, record = folder
     (split,) = record["cross_validation"]

@@ -284,6 +284,16 @@ def test_counters_cover_every_register_multiplier_and_memory():
     )
 
 
+def test_a_block_that_only_adds_is_a_register():
+    for value, counts in (("2'h0", True), ("32'sd0", True), ("2'h2", False)):
+        adder = NETLIST.replace("A_REG(1'h0)", f"TOPADDSUB_LOWERINPUT({value})").replace(
+            ".B(16'h0003)", ".B(16'h0003),\n    .O(total)"
+        )
+        text = instrument(adder, lambda name: name.split(".")[0])
+        assert ("wire [32:0] now_0 = {q[0], total}" in text) == counts
+        assert ("operands_0" in text) != counts
+
+
 def test_a_count_is_read_back(tmp_path):
     (tmp_path / FILE).write_text(
         "cycles 100\ntoggles cell 30\ntoggles ring 4\nmultiplies 5\nram_reads 6\nlarge_uses 7\n"
