@@ -209,6 +209,19 @@ def put(ctx, block, **values) -> None:
         ctx.set(getattr(block, name), value)
 
 
+async def give_frame(ctx, port, samples, pauses=lambda: False, count: int | None = None) -> None:
+    """Offer a frame, or its first ``count`` samples, each until it is taken, after cycles in which
+    ``pauses()``."""
+    for taxel, sample in enumerate(samples[:count]):
+        while pauses():
+            ctx.set(port.valid, 0)
+            await ctx.tick()
+        beat = {"sample": int(sample), "first": taxel == 0, "last": taxel == len(samples) - 1}
+        put(ctx, port, payload=beat, valid=1)
+        await ctx.tick().until(port.ready)
+    ctx.set(port.valid, 0)
+
+
 def simulate(dut, body, *background) -> None:
     """Run ``async def body(ctx)`` to its end beside the testbenches ``background``."""
     top = Module()

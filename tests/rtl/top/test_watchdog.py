@@ -13,7 +13,7 @@ from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.watchdog import Watchdog, bound, longest_wait
 from tests.rtl.top.test_accelerator import CONFIGS, Host, recordings
-from tests.support.stream_bench import Bench, put
+from tests.support.stream_bench import Bench, give_frame, put
 
 
 def test_it_acts_at_the_bound_and_counts_anew_after_progress():
@@ -46,7 +46,7 @@ def test_it_acts_at_the_bound_and_counts_anew_after_progress():
 def feed(bench: Bench, model, data, frame_cycles: int = 0) -> list[int]:
     """Load the model and play the recordings, frames ``frame_cycles`` apart at least; FAULTS after each
     recording."""
-    dut, taxels, flags = bench.dut, model.config.sensor.taxels, []
+    dut, flags = bench.dut, []
 
     async def drive(ctx):
         host = Host(dut, ctx)
@@ -59,20 +59,7 @@ def feed(bench: Bench, model, data, frame_cycles: int = 0) -> list[int]:
             for frame, samples in enumerate(data.recording(number)):
                 while bench.cycle < begin + frame * frame_cycles:
                     await ctx.tick()
-                for taxel, sample in enumerate(samples):
-                    put(
-                        ctx,
-                        dut.i,
-                        payload={
-                            "sample": int(sample),
-                            "first": int(taxel == 0),
-                            "last": int(taxel == taxels - 1),
-                        },
-                        valid=1,
-                    )
-                    while not (await ctx.tick().sample(dut.i.ready))[-1]:
-                        pass
-                ctx.set(dut.i.valid, 0)
+                await give_frame(ctx, dut.i, samples)
             await host.write(Register.CONTROL, Control.FINISH)
             await host.until_idle()
             flags.append(await host.read(Register.FAULTS))
