@@ -34,7 +34,12 @@ CLOCK_HZ = 1.152e6
 
 def taught_by_buttons() -> IntegerModel:
     config = CONFIG.replace(
-        loadable=True, clock_hz=CLOCK_HZ, converter_hz=CLOCK_HZ / 4, decision="last", steps=4, touch_frames=130
+        loadable=True,
+        clock_hz=CLOCK_HZ,
+        converter_hz=CLOCK_HZ / 4,
+        decision="last",
+        steps=4,
+        touch_frames=130,
     ).with_readout(readout="prototypes", prototypes=2, taught=3, state_code_bits=4, state_code_shift=10)
     return forget(random_integer_model(config, 1))
 

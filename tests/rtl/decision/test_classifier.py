@@ -28,8 +28,7 @@ def play(config, touches, *, stall=0.0, seed=0):
 
     async def watch(ctx):
         count = 0
-        while True:
-            _, _, taken, closed = await ctx.tick().sample(dut.o.valid & dut.o.ready, dut.ended)
+        async for _, _, taken, closed in ctx.tick().sample(dut.o.valid & dut.o.ready, dut.ended):
             count += taken
             if closed:
                 ended.append(count)

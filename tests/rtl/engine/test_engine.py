@@ -115,8 +115,7 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
         logit, feature, state = engine.logit, engine.feature, engine.state
         taps = [signal for tap in (logit, feature, state) for signal in (tap.valid, tap.value)]
         taps += [engine.started, engine.step.valid, engine.step.value]
-        while True:
-            _, _, lv, l, fv, f, sv, s, started, done, slots = await ctx.tick().sample(*taps)
+        async for _, _, lv, l, fv, f, sv, s, started, done, slots in ctx.tick().sample(*taps):
             for name, valid, value in (
                 ("logit", lv, l),
                 ("feature", fv, f),

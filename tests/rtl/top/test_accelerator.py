@@ -145,8 +145,7 @@ def play(
             for stage in STAGES
             for signal in (getattr(dut.probe, stage).valid, getattr(dut.probe, stage).value)
         ]
-        while True:
-            sampled = (await ctx.tick().sample(*taps))[2:]
+        async for _, _, *sampled in ctx.tick().sample(*taps):
             for k, stage in enumerate(STAGES):
                 if sampled[2 * k]:
                     streams[stage].append(int(sampled[2 * k + 1]))
