@@ -50,17 +50,19 @@ class World:
 
     async def run(self, ctx):
         dut, rng = self.dut, self.random
+        ticks = aiter(
+            ctx.tick().sample(
+                dut.frame.valid, dut.frame.ready, dut.frame.payload, dut.decision.valid, dut.decision.ready,
+                dut.bus.addr, dut.bus.w_stb, dut.bus.r_stb, dut.bus.w_data,
+            )
+        )  # fmt: skip
         while True:
             if not ctx.get(dut.decision.valid) and self.offers and rng.random() < 0.1:
                 ctx.set(dut.decision.payload, dict(zip(NAMES, self.offers[0], strict=True)))
                 ctx.set(dut.decision.valid, 1)
             held = self.stalls and ctx.get(dut.decision.valid)
             ctx.set(dut.frame.ready, rng.random() < 0.6 and not held)
-            got = await ctx.tick().sample(
-                dut.frame.valid, dut.frame.ready, dut.frame.payload, dut.decision.valid, dut.decision.ready,
-                dut.bus.addr, dut.bus.w_stb, dut.bus.r_stb, dut.bus.w_data,
-            )  # fmt: skip
-            _, _, offered, ready, sample, valid, take, address, writes, reads, word = got
+            _, _, offered, ready, sample, valid, take, address, writes, reads, word = await anext(ticks)
             if offered and ready:
                 self.samples.append((sample.sample, sample.first, sample.last))
             if valid and take:

@@ -91,9 +91,9 @@ def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
 
     async def measure(ctx):
         waited = 0
-        tick = ctx.tick().sample(dut.watching.due, dut.watching.done)
+        ticks = aiter(ctx.tick().sample(dut.watching.due, dut.watching.done))
         while True:
-            _, _, due, done = await tick
+            _, _, due, done = await anext(ticks)
             waited = waited + 1 if due and not done else 0
             longest[0] = max(longest[0], waited)
 
@@ -118,9 +118,9 @@ def test_engine_and_classifier_are_reset_once_after_a_touch_and_never_in_it(monk
     arms, rests = [], []
 
     async def watch(ctx):
-        tick = ctx.tick().sample(*resets)
+        ticks = aiter(ctx.tick().sample(*resets))
         while True:
-            _, _, front_end, engine, classifier = await tick
+            _, _, front_end, engine, classifier = await anext(ticks)
             if front_end:
                 arms.append(bench.cycle)
             elif classifier:
