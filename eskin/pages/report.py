@@ -560,8 +560,8 @@ def _placed(name: Annotation, inside: Bbox, taken: Sequence[Bbox]) -> Bbox:
 
     def put(place: tuple[int, int]) -> Bbox:
         x, y = place
-        name.set(position=place, ha="left" if x > 0 else "right")
-        name.set_va("center" if y == 0 else "bottom" if y > 0 else "top")
+        aside, above = "left" if x > 0 else "right", "bottom" if y > 0 else "top"
+        name.set(position=place, ha=aside, va="center" if y == 0 else above)
         return name.get_window_extent()
 
     def covered(place: tuple[int, int]) -> int:

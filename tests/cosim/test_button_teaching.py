@@ -3,27 +3,13 @@ that was taught the same, also after its power was off."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-import pytest
 
-from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.conversion import through_converter
 from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.prototypes import forget, taught_in_use
+from eskin.golden.model.prototypes import forget
 from eskin.golden.model.stream import Stream
-from eskin.golden.model.taught_log import played, sizes
-from eskin.golden.model.vectors import random_recordings
-from eskin.rtl.fpga.export import _verilog
-from eskin.rtl.fpga.synthesis import synthesise
-from eskin.rtl.fpga.targets import target
-from eskin.rtl.fpga.wiring import Wiring
-from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_contents, log_layout
-from eskin.verbs.flow import BUILD
 from tests.cosim.test_skin import CONFIG
-from tests.support.skin import Played, play
 
 CHOOSE, TEACH = 1, 2
 PRESS, REST, GAP = 70, 80, 180
