@@ -59,8 +59,7 @@ class Player:
 
         async def watch(ctx):
             flag = self.dut.wrong if self.config.hardware.checksum else Const(0, 1)
-            while True:
-                _, _, refused, wrong = await ctx.tick().sample(self.dut.refused, flag)
+            async for _, _, refused, wrong in ctx.tick().sample(self.dut.refused, flag):
                 self.refused += refused
                 self.wrong += wrong
 
