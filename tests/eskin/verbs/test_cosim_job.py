@@ -112,63 +112,25 @@ def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, m
 
 
 def test_joined_counts_and_extremes():
-    one = {
-        **dict.fromkeys(
-            ("recordings", "frames", "steps", "decisions", "simulated_cycles", "input_stalls"), 3
-        ),
-        **{
-            "compared_values": 5,
-            "mismatches": 0,
-            "overruns": 0,
-            "wall_s": 2.0,
-            "cycles_per_s": 2,
-            "pace": "declared",
-            "clock_hz": 1e6,
-        },
-        "cycles": {
-            "frame_max": 9,
-            "step_min": 30,
-            "step_max": 40,
-            "step_ideal": 20,
-            "decision_latency_max": 50,
-        },
-        "stages": {"sum": {"compared_values": 5, "mismatches": 0}},
-        "registers": {"STATUS": 1, "FAULTS": 8, "TOUCHES": 2, "LONGEST": 40},
-        "mismatch_list": [],
-        "gave_up": None,
-    }
-    none = {
-        "frame_max": 12,
-        "step_min": None,
-        "step_max": None,
-        "step_ideal": 20,
-        "decision_latency_max": None,
-    }
-    other = {
-        **one,
-        "overruns": 1,
-        "cycles": none,
-        "registers": {"STATUS": 3, "FAULTS": 16, "TOUCHES": 0, "LONGEST": 7},
-    }
-    found = joined(SMALL, [one, other])
-    assert found["cycles"] == {
-        "frame_max": 12,
-        "step_min": 30,
-        "step_max": 40,
-        "step_ideal": 20,
-        "decision_latency_max": 50,
-    }
-    assert found["registers"] == {"STATUS": 3, "FAULTS": 24, "TOUCHES": 0, "LONGEST": 40}
-    assert (found["recordings"], found["wall_s"], found["stages"]["sum"]["compared_values"]) == (6, 4.0, 10)
-    assert found["bit_exact"] and not found["passed"], "an overrun misses the frame's budget"
-    assert joined(SMALL, [one, one])["passed"]
-    wrong = {**one, "mismatches": 1, "mismatch_list": ["x"]}
-    assert (
-        joined(SMALL, [one, wrong])["mismatch_list"] == ["x"] and not joined(SMALL, [one, wrong])["bit_exact"]
-    )
-    assert joined(SMALL, [one, wrong])["verdict"] == "differs"
-    stuck = {**wrong, "gave_up": {"recording": 4, "frame": 2}}
-    assert joined(SMALL, [one, wrong, stuck])["verdict"] == "gave up"
+    counts = "recordings frames steps decisions simulated_cycles input_stalls compared_values"
+    cycles = dict(frame_max=9, step_min=30, step_max=40, step_ideal=20, decision_latency_max=50)
+    first = dict.fromkeys(counts.split(), 3) | dict(mismatches=0, overruns=0, wall_s=2.0, cycles_per_s=2)
+    first |= dict(pace="declared", clock_hz=1e6, cycles=cycles, mismatch_list=[], gave_up=None)
+    first["stages"] = {"sum": {"compared_values": 5, "mismatches": 0}}
+    first["registers"] = dict(STATUS=1, FAULTS=8, TOUCHES=2, LONGEST=40)
+    second = first | {"overruns": 1, "registers": dict(STATUS=3, FAULTS=16, TOUCHES=0, LONGEST=7)}
+    second["cycles"] = cycles | dict(frame_max=12, step_min=None, step_max=None, decision_latency_max=None)
+    both = joined(SMALL, [first, second])
+    assert both["cycles"] == cycles | {"frame_max": 12}
+    assert both["registers"] == dict(STATUS=3, FAULTS=24, TOUCHES=0, LONGEST=40)
+    assert (both["recordings"], both["wall_s"], both["stages"]["sum"]["compared_values"]) == (6, 4.0, 10)
+    assert both["bit_exact"] and not both["passed"], "an overrun misses the frame's budget"
+    assert joined(SMALL, [first, first])["passed"]
+    wrong = first | {"mismatches": 1, "mismatch_list": ["x"]}
+    differs = joined(SMALL, [first, wrong])
+    assert (differs["mismatch_list"], differs["bit_exact"], differs["verdict"]) == (["x"], False, "differs")
+    stuck = wrong | {"gave_up": {"recording": 4, "frame": 2}}
+    assert joined(SMALL, [first, wrong, stuck])["verdict"] == "gave up"
 
 
 def test_the_lowest_clock_is_not_looked_for_on_a_cluster(model, here):

@@ -49,21 +49,14 @@ def folder(tmp_path, text_of):
 @each_row(
     ("extra", "groups", "note"),
     [
-        ({"label": lambda r, k: r % 2}, {}, "column 'label' tells the class, too,"),
         ({"class_id": lambda r, k: 7 * (r % 2)}, {}, "column 'class_id' tells the class, too,"),
         (
             {"operator": lambda r, k: r // 3},
             {"operator": [0, 0, 0, 1, 1, 1, 2, 2]},
             "column 'operator' has one value in each recording",
         ),
-        (
-            {"hand": lambda r, k: "lr"[r // 4]},
-            {"hand": [*"llllrrrr"]},
-            "column 'hand' has one value in each recording",
-        ),
         ({"person": lambda r, k: r // 2}, {"person": [0, 0, 1, 1, 2, 2, 3, 3]}, "groups: person"),
         ({"tick": lambda r, k: 1000 * r + k**3}, {}, "column 'tick' runs on like a time"),
-        ({"left": lambda r, k: 900 - k}, {}, "column 'left' runs on like a time"),
         ({"clock": lambda r, k: k // 4}, {}, "column 'clock' runs on like a time"),
         ({"byte": lambda r, k: (250 + k) % 256}, {}, "column 'byte' runs on like a time"),
         ({"time": lambda r, k: k / 100, "elapsed": lambda r, k: 9 + k}, {}, "column 'elapsed' is time, too,"),

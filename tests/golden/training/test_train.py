@@ -113,6 +113,18 @@ def test_many_networks_are_trained_in_shares(monkeypatch):
     assert not np.isnan(curves.losses).any()
 
 
+def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
+    recordings, recipe = scene(30, seed=4), dataclasses.replace(QUICK, updates=20)
+
+    def time_of(**changes):
+        (result,) = cross_validate(recordings, SMALL.replace(**changes), [[]], (0,), folds=2, recipe=recipe)
+        return result["decision_time_s"], [row["time_s"] for row in result["per_step"]]
+
+    time, times = time_of(decision="early", early_steps=2, early_margin=0)
+    assert times[1] <= time < times[-1]
+    assert time_of(decision="early", early_steps=1, early_margin=0)[0] == pytest.approx(times[0])
+
+
 def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
     monkeypatch.setitem(recipes.RECIPES, "onset", dataclasses.replace(QUICK, updates=30, weight_limit=0.4))
     train(scene(30, seed=4), SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
