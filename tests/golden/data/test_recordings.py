@@ -394,6 +394,7 @@ BAD_TEXTS = [
     ("", "holds no frame"),
     ("0.0\n0.1\n", "has no taxel column"),
     ("0,1,2,3\n1,2,3,4\n", "commas may be decimal points or separators"),
+    (text_of().replace("4,000000", "-0,5"), r"line 4, column 5: -0\.5 V is outside"),
     (text_of().replace("4,000000", "4,200000"), r"line 4, column 5: 4\.2 V is outside the converter's 0 to"),
     (text_of().replace("0,000333", ""), "line 2, column 1: the time is missing"),
 ]

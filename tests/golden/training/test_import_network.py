@@ -235,6 +235,7 @@ ELSE = "holds other things than tensors"
         ({"recurrent__weight_hh_l0": None}, "weight_hh_l0: is missing"),
         ({"head__weight": None}, "has 0 dense layers"),
         ({"head__bias": None}, "head.bias: is missing"),
+        ({"recurrent__weight_ih_l0_reverse": ONES(30, 16)}, "reverse: belongs to a second layer"),
         ({"recurrent__weight_ih_l1": ONES(30, 10)}, "l1: belongs to a second layer"),
         ({"b__weight_ih_l0": ONES(30, 16)}, "is there 2 times"),
         ({"two__weight": ONES(3, 3)}, "has 2 dense layers"),
