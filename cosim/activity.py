@@ -20,11 +20,13 @@ from pathlib import Path
 
 CELL = re.compile(
     r"^  (?P<type>SB_DFF\w*|TRELLIS_FF|SB_MAC16|MULT18X18D|SB_RAM40_4K\w*|DP16KD|SB_SPRAM256KA) "
-    r"(?:#\(\n.*?\n  \) )?(?P<name>\\\S+|\w+) *\(\n"
+    r"(?:#\(\n(?P<parameters>.*?)\n  \) )?(?P<name>\\\S+|\w+) *\(\n"
     r"(?P<ports>.*?)\n  \);$",
     re.MULTILINE | re.DOTALL,
 )
 PORT = re.compile(r"^    \.(\w+)\((.*)\),?$", re.MULTILINE)
+ADDER, ADDER_BITS = re.compile(r"TOPADDSUB_LOWERINPUT\(\d+'\w*?0+\)"), 32
+"""A block that adds its operands as they are: its output is a register like others."""
 OPERANDS = {"SB_MAC16": re.compile(r"[AB]"), "MULT18X18D": re.compile(r"[AB]\d+")}
 READ_ENABLES = {"SB_RAM40_4K": (("RE", "RCLKE"),), "DP16KD": (("CEA",), ("CEB",))}
 LARGE = "SB_SPRAM256KA"
@@ -53,15 +55,18 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
     block_of:
         Block of a register by its name in the flat design.
     """
-    bits: dict[str, list[str]] = defaultdict(list)
+    bits: dict[str, list[tuple[str, int]]] = defaultdict(list)
     operands: list[str] = []
     reads: list[str] = []
     uses: list[str] = []
     for cell in CELL.finditer(verilog):
         ports = dict(PORT.findall(cell["ports"]))
         kind = cell["type"]
-        if "Q" in ports:
-            bits[block_of(cell["name"].lstrip("\\"))].append(ports["Q"])
+        adds = ADDER.search(cell["parameters"] or "")
+        if adds or "Q" in ports:
+            bits[block_of(cell["name"].lstrip("\\"))].append(
+                (ports["O"], ADDER_BITS) if adds else (ports["Q"], 1)
+            )
         elif kind in OPERANDS:
             operands.append(
                 ", ".join(value for port, value in ports.items() if OPERANDS[kind].fullmatch(port))
@@ -89,7 +94,7 @@ def instrument(verilog: str, block_of: Callable[[str], str]) -> str:
 
     count("cycles", "activity_cycles", "1")
     for index, (block, nets) in enumerate(sorted(bits.items())):
-        held(f"now_{index}", len(nets), ", ".join(nets))
+        held(f"now_{index}", sum(wide for _, wide in nets), ", ".join(net for net, _ in nets))
         count(f"toggles {block}", f"toggles_{index}", f"64'($countones(now_{index} ^ before_now_{index}))")
     for index, pair in enumerate(operands):
         held(f"operands_{index}", 36, pair)

@@ -7,12 +7,15 @@ from amaranth.lib import enum
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.decision.classifier import Classifier
+from eskin.rtl.program.timing import holds_two_largest
 from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove
 
 CLASSES, STEPS = 3, 3
 CONFIG = PRESETS["thesis"].replace(
-    taxels=4, steps=STEPS, feature_shift=(4,), class_names=("a", "b", "c"), margin_threshold=7
+    taxels=4, steps=STEPS, lanes=1, feature_shift=(4,), class_names=("a", "b", "c"), margin_threshold=7
 )
+HOLDING = CONFIG.replace(lanes=4)
+"""The two largest scores are held as they come."""
 
 
 def _decisions(m: Module, config) -> None:
@@ -62,7 +65,7 @@ def _decisions(m: Module, config) -> None:
     final = locals_ + 1 == STEPS
     given = globals_ != 0
     # the two largest are held as the scores come: a score is compared in the cycle after it
-    once = not config.recurrent
+    once = holds_two_largest(config)
     search, search_inside = (
         Phase.READ if once else Phase.SEARCH,
         inside.parts["SearchOnce" if once else "SearchTwice"],
@@ -272,7 +275,7 @@ def early(m: Module) -> None:
 
 
 @proof(
-    "the same where the two largest scores are held as they come (linear cell)",
+    "the same where the two largest scores are held as they come",
     depth=6,
     reduced="3 classes, 3 steps",
     bugs=(
@@ -287,4 +290,14 @@ def early(m: Module) -> None:
     ),
 )
 def once(m: Module) -> None:
-    _decisions(m, CONFIG.replace(cell="linear", decision="last"))
+    _decisions(m, HOLDING.replace(decision="last"))
+
+
+@proof(
+    "the same for a vote where the two largest scores are held, but for unsure",
+    depth=6,
+    reduced="3 classes, 3 steps",
+    bugs=BUGS[:2],
+)
+def vote_once(m: Module) -> None:
+    _decisions(m, HOLDING.replace(decision="vote", margin_threshold=2))

@@ -13,6 +13,7 @@ CLASSES = 3
 CONFIG = PRESETS["thesis"].replace(
     taxels=4,
     steps=3,
+    lanes=1,
     feature_shift=(4,),
     class_names=("a", "b", "c"),
     logit_format=QFormat(4, 2),

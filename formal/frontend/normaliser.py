@@ -69,10 +69,11 @@ def stream_rules(m: Module) -> None:
     bugs=(
         Bug(
             "WRAP instead of SAT",
-            "forced.eq(above != negative.replicate(len(above)).as_signed())",
-            "forced.eq(0)",
+            "forced.eq(masked | (above != negative.replicate(len(above)).as_signed()))",
+            "forced.eq(masked)",
             depth=8,
         ),
+        Bug("a masked taxel is not forced", "forced.eq(masked | ", "forced.eq(0 | ", depth=8),
         Bug(
             "the other length's mean",
             "if several else self.i.p.length",

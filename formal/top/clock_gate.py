@@ -41,6 +41,7 @@ CONFIG = PRESETS["thesis"].replace(
     one_port=True,
 )
 LONG_WAY = CONFIG.replace(
+    lanes=4,
     rest="tracked",
     rest_frames=2,
     clip=7,
@@ -86,8 +87,10 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
 
     collect(m.submodules.dut.elaborate(None))
     # What the classifier's own proof says of a classifier that is not busy.
-    decider, search = inside.parts["Classifier"], inside.parts["SearchTwice"]
-    under_way = Cat(decider.offered, decider.tallying, decider.finished, search.searching, search.subtracting)
+    decider, search = inside.parts["Classifier"], inside.parts.get("SearchTwice")
+    searching = search.searching if search else inside.parts["SearchOnce"].arriving
+    subtracting = (search or inside.parts["SearchOnce"]).subtracting
+    under_way = Cat(decider.offered, decider.tallying, decider.finished, searching, subtracting)
     assume(decider.busy | ~(under_way.any() | decider.number.any()))
     # And the recording's state of its own.
     assume(~inside.parts["RecordingState"].finished | inside.parts["RecordingState"].finishing)
@@ -154,7 +157,7 @@ def stands_still(m: Module) -> None:
     "the same with a rest level, deviations that are clipped and the onset by baseline, whose verdict waits",
     depth=DRAINED,
     method="any state",
-    reduced=REDUCED + ", blocks of 2 checks",
+    reduced=REDUCED.replace("2 lanes", "4 lanes") + ", blocks of 2 checks",
     bugs=(
         Bug(
             "beats in the detector are not waited for",

@@ -59,8 +59,8 @@ def class_loss(
 ) -> torch.Tensor:
     """(models) loss of logits (models, batch, steps, C), over the steps that count."""
     losses = torch.nn.functional.cross_entropy(
-        logits.flatten(0, -2), labels[..., None].expand(counts.shape).flatten(), reduction="none"
-    ).view(counts.shape)
+        logits.movedim(-1, 1), labels[..., None].expand(counts.shape), reduction="none"
+    )
     if recipe.loss == "last":
         last = counts.sum(-1, keepdim=True) - 1
         return losses.gather(-1, last).mean(dim=(1, 2))

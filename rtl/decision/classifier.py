@@ -37,8 +37,8 @@ class Classifier(wiring.Component):
     logit : In(struct)
         Class by class, never held up.
     o : Out(stream of decision_layout)
-        Offered `eskin.rtl.program.timing.logit_to_decision` cycles after the step's last logit: classes + 4,
-        in a linear cell 3; the global decision follows the last local one (vote: classes and as many cycles
+        Offered `eskin.rtl.program.timing.logit_to_decision` cycles after the step's last logit: 3 with linear
+        cells and from 4 lanes on, else classes + 4; the global decision follows the last local one (vote: classes and as many cycles
         later).
     finish : In(1)
         Pulse while idle: the recording has ended; a touch with at least one step gets its global decision,

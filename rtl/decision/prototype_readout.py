@@ -51,7 +51,8 @@ class PrototypeReadout(wiring.Component):
     load : In
         The host's writes, never while not idle.
     teach, forget : In(1), only with taught places
-        Pulses. ``label`` is the class; ``option``: of the next touch, of all classes.
+        Pulses. ``label`` is the class; ``option``: of the next touch, of all classes; ``loaded``: of the touch whose
+        codes the host has written into the touch's own place.
     locked : In(1)
         A touch is open.
     look : In(1)
@@ -59,6 +60,8 @@ class PrototypeReadout(wiring.Component):
         address stays and nothing else happens.
     refused : Out(1)
         Pulse: that was not, or will not be, done.
+    teaching_done : Out(1)
+        Pulse: a touch is taught.
     in_use : Out(8)
         Places that hold a taught touch.
     """
@@ -67,7 +70,14 @@ class PrototypeReadout(wiring.Component):
         self._config = config
         self._teaches = config.readout_rule.taught > 0
         score = shape_of(config.score_format)
-        commands = {"teach": In(1), "forget": In(1), "label": In(7), "option": In(1), "locked": In(1)}
+        commands = {
+            "teach": In(1),
+            "forget": In(1),
+            "label": In(7),
+            "option": In(1),
+            "loaded": In(1),
+            "locked": In(1),
+        }
         looking = {"look": In(1), "place": Out(9)}
         super().__init__(
             {
@@ -82,7 +92,11 @@ class PrototypeReadout(wiring.Component):
             }
             | ({"wrong": Out(1)} if config.hardware.checksum else {})
             | ({"far": Out(1)} if config.readout_rule.unknown_above else {})
-            | (commands | looking | {"refused": Out(1), "in_use": Out(8)} if self._teaches else {})
+            | (
+                commands | looking | {"refused": Out(1), "teaching_done": Out(1), "in_use": Out(8)}
+                if self._teaches
+                else {}
+            )
         )
 
     def elaborate(self, platform):
@@ -290,7 +304,7 @@ class PrototypeReadout(wiring.Component):
         complete = address == words
         known = self.label < config.classes
         free = ~self.locked & self.idle
-        teaches = self.teach & free & known & (self.option | whole)
+        teaches = self.teach & free & known & (self.option | self.loaded | whole)
         forgets = self.forget & free & (self.option | known)
         pass_begins, taught_before = Signal(), Signal(range(2 * taught))
         m.d.comb += [
@@ -308,6 +322,7 @@ class PrototypeReadout(wiring.Component):
                 (self.teach & ~teaches) | (self.forget & ~forgets) | (self.ended & following & ~complete)
             ),
             self.in_use.eq(in_use),
+            self.teaching_done.eq(pass_ends),
         ]
         in_place: Value = counts[label] + rule.prototypes > slot
         if rule.spare_classes:

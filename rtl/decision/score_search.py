@@ -10,6 +10,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.memory_style import before_an_adder
+from eskin.rtl.program.timing import holds_two_largest
 
 
 def search_signature(config: AcceleratorConfig) -> wiring.Signature:
@@ -147,5 +148,5 @@ class SearchOnce(wiring.Component):
 
 
 def make_search(config: AcceleratorConfig) -> wiring.Component:
-    """The search of this cell: a recurrent one has a long step, a linear one a short one."""
-    return (SearchTwice if config.recurrent else SearchOnce)(config)
+    """The search that suits the length of a step."""
+    return (SearchOnce if holds_two_largest(config) else SearchTwice)(config)

@@ -112,16 +112,17 @@ class Sequencer(wiring.Component):
             fetch.en.eq(fetching),
             fetch.addr.eq(pc),
         ]
-        # (A condition becomes the flip-flops' clock enable; as an addend it would run through the carries.
-        # Until the first word arrives, the memory's output is still that of before the reset.)
+        # (A condition becomes the flip-flops' clock enable, one of its own their reset; as an addend it would
+        # run through the carries. Until the first word arrives, the memory's output is still that of before
+        # the reset.)
         with m.If(fetching):
             m.d.sync += [pc.eq(pc + 1), turn.eq(primed & fetch.data.turns & ~self.restart)]
             with m.If(turn):  # the step's last word is fetched, and another step follows
                 m.d.sync += pc.eq(before + again)
         with m.If(self.enable):
             m.d.sync += [count.eq(count + 1), ends.eq(~last & (count == field("repeat")))]
-            with m.If(last):
-                m.d.sync += count.eq(0)
+        with m.If(self.enable & last):
+            m.d.sync += count.eq(0)
         m.d.comb += [getattr(self.word, name).eq(field(name)) for name in CONTROLS]
         for name in ADDRESSES:
             m.d.comb += getattr(self.word, name).eq(

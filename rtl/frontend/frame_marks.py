@@ -97,7 +97,7 @@ class TouchMarks(wiring.Component):
         hop_frames, frames = self._config.windows.hop, self._config.last_frame
         odd = self._config.windows.window > 2 * hop_frames
         hop, place = Signal(range(max(2, -(-frames // hop_frames)))), Signal(range(hop_frames))
-        turns = reaches(place, hop_frames - 1)
+        turns = self.hop_last
         # of the next frame: it is its hop's last; a window ends with it, the last frame of two hops or the
         # first after them; the touch ends
         last_hop, last_place = divmod(max(frames - 2, 0), hop_frames)
@@ -107,12 +107,15 @@ class TouchMarks(wiring.Component):
         with m.If(self.taken):
             m.d.sync += [
                 hop.eq(hop + turns),
-                place.eq(Mux(turns, 0, place + 1)),
+                place.eq(place + 1),
                 self.hop_last.eq(hop_last | end),
                 self.emit.eq(whole | end),
                 self.end.eq(end),
             ]
-            with m.If(self.end):
-                m.d.sync += [hop.eq(0), place.eq(0)]
-                m.d.sync += [getattr(self, name).eq(first) for name, first in self._first.items()]
+        # (Not within the condition before, so that it becomes a reset, which takes no logic cell.)
+        with m.If(self.taken & turns):
+            m.d.sync += place.eq(0)
+        with m.If(self.taken & self.end):
+            m.d.sync += hop.eq(0)
+            m.d.sync += [getattr(self, name).eq(first) for name, first in self._first.items()]
         return m

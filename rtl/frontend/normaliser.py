@@ -15,6 +15,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.layouts import centred_layout, sum_layout
 from eskin.rtl.common.memory_style import means_memory
+from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from eskin.rtl.program.memory_map import mean_count
 
 
@@ -126,7 +127,7 @@ class Normaliser(wiring.Component):
         # d with the fraction bits of the means, complemented: ones below
         complement = Cat(Const(-1, frac), self.i.p.complement).as_signed() if frac else self.i.p.complement
         # d - mean = ~(~d + mean): an adder without inverters. Its sum is registered; what follows is
-        # combinational.
+        # combinational. A masked taxel is forced, too, to 0.
         several = config.constants > 1
         kind: Any = self.i.p.kind if config.kinds > 1 else None
         m.d.comb += read.addr.eq(
@@ -141,18 +142,23 @@ class Normaliser(wiring.Component):
         if config.kinds > 1:
             at_last &= reaches(self.i.p.kind, config.kinds - 1)
             at_first &= self.i.p.kind == 0
-        difference = Signal(signed(max(sum_bits - low, width) + 1), reset_less=True)  # complement of d - mean
+        # complement of d - mean
+        m.submodules.adder = adder = RegisteredAdder(config, max(sum_bits - low, width) + 1, before=1)
+        difference = adder.total
         # of the two cycles after a reset, in which no sum can come, the second says 0
-        begun, blanked = (Signal(), Signal())
+        begun, blanked, masked = Signal(), Signal(), Signal()
         m.d.sync += [begun.eq(1), blanked.eq(begun)]
-        m.d.comb += self.blank.eq(begun & ~blanked)
+        m.d.comb += [
+            self.blank.eq(begun & ~blanked),
+            adder.step.eq(~added),
+            adder.word.eq(read.data[low:sum_bits].as_signed()),
+            adder.addend.eq(complement >> low),
+        ]
+        out_of_use = (
+            self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1)
+        )
         with m.If(~added):
-            m.d.sync += difference.eq((complement >> low) + read.data[low:sum_bits].as_signed())
-            with m.If(
-                (self.i.p.masked if config.faults.fault_frames else self.mask.bit_select(self.i.p.taxel, 1))
-                | ~begun
-            ):
-                m.d.sync += difference.eq(-1)
+            m.d.sync += masked.eq(out_of_use | ~begun)
         used = taken if several else taken & at_last  # the mean is read anew
         m.d.sync += [
             mean_read.eq((mean_read | self.i.valid) & ~used),
@@ -162,9 +168,8 @@ class Normaliser(wiring.Component):
         # Narrowing takes one LUT a bit: its select inputs give one of two shifts or, when forced, the level
         # itself.
         above, shifted = Signal(signed(len(difference) + 1 - width)), Signal(width - 1)
-        negative = ~difference[-1]
         choice = Cat(kind, self.i.p.length) if config.kinds > 1 else self.i.p.length
-        forced, level, picked = Signal(), Signal(), Signal.like(choice)
+        forced, level, negative, picked = Signal(), Signal(), Signal(), Signal.like(choice)
         for pick, target, start in ((choice, above, width - 1), (picked, shifted, 0)):
             with m.Switch(pick):
                 for number, shift in enumerate(config.features.feature_shift):
@@ -172,8 +177,9 @@ class Normaliser(wiring.Component):
                     with m.Case(q << (len(kind) if config.kinds > 1 else 0) | k):
                         m.d.comb += target.eq(~difference >> shift + frac - low + start)
         m.d.comb += [
-            forced.eq(above != negative.replicate(len(above)).as_signed()),
-            level.eq(~negative),
+            negative.eq(~difference[-1] & ~masked),
+            forced.eq(masked | (above != negative.replicate(len(above)).as_signed())),
+            level.eq(~negative & ~masked),
             picked.eq(Mux(forced, level.replicate(len(picked)), choice)),
         ]
         m.d.comb += [

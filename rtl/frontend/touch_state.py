@@ -67,12 +67,11 @@ class TouchState(wiring.Component):
                 ),
             ]
             with m.If(frame_left & counts):
-                with m.If(end | (rearming & met)):
-                    m.d.sync += count.eq(0)
-                with m.Elif(rearmed):
-                    m.d.sync += count.eq(config.windows.pretrigger_frames)
-                with m.Else():
-                    m.d.sync += count.eq(count + 1)
+                m.d.sync += count.eq(Mux(rearmed, config.windows.pretrigger_frames, count + 1))
+            # (A condition of its own becomes a reset, which takes no logic cell; to a constant with ones there
+            # would be two kinds of reset, and one carry chain cannot have both.)
+            with m.If(frame_left & (end | (rearming & met))):
+                m.d.sync += count.eq(0)
             recording_first = count == 0
         else:
             step, quiet = Signal(range(config.windows.steps)), Signal(range(needed))

@@ -14,7 +14,7 @@ from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.frame_gap import frame_gap
 from eskin.rtl.common.layouts import beat_layout, comes, expands, sum_layout
-from eskin.rtl.frontend.window_adder import WindowAdder
+from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from eskin.rtl.program.timing import STATE_BEATS
 
 
@@ -159,7 +159,7 @@ class WindowAverager(wiring.Component):
             shape=unsigned(bits + has_faults), depth=2 << len(kind) + len(index), init=[], attrs=NO_COLLISION
         )
         read, write = sums.read_port(), sums.write_port()
-        m.submodules.adder = adder = WindowAdder(config)
+        m.submodules.adder = adder = RegisteredAdder(config, bits, carry=1)
         total, bank, fresh = adder.total, Signal(), Signal()
         word_next = Cat(kind_next, index_next, parity ^ turns ^ (operation_next == Operation.PREVIOUS))
         m.d.comb += [

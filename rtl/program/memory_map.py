@@ -194,8 +194,9 @@ class TeachRegister(Described):
     TEACH = (
         0x48,
         "wo",
-        "That touch is of CLASS: the one that ended last, or (NEXT) the next one",
-        {"CLASS": (0, 6), "NEXT": (7, 7)},
+        "That touch is of CLASS: the one that ended last, or (NEXT) the next one, or (LOADED) the one whose codes "
+        "the host wrote",
+        {"CLASS": (0, 6), "NEXT": (7, 7), "LOADED": (8, 8)},
     )
     FORGET = (
         0x49,
@@ -206,8 +207,9 @@ class TeachRegister(Described):
     TAUGHT = (
         0x4A,
         "ro",
-        "Places in use; REFUSED: a touch was not taught or nothing forgotten, since CLEAR_FAULTS",
-        {"IN_USE": (0, 7), "REFUSED": (8, 8)},
+        "Places in use; REFUSED: a touch was not taught or nothing forgotten, since CLEAR_FAULTS; ODD: changes with "
+        "every touch taught",
+        {"IN_USE": (0, 7), "REFUSED": (8, 8), "ODD": (9, 9)},
         None,
     )
     PLACES = (

@@ -21,12 +21,14 @@ FRAME_EXTRA_CYCLES = FRAME_WAY_CYCLES + 4
 
 
 def logit_to_decision(config: AcceleratorConfig) -> int:
-    """Cycles from a step's last logit to the offer of its decision.
+    """Cycles from a step's last logit to the offer of its decision."""
+    return readout_cycles(config) + (3 if holds_two_largest(config) else config.classes + 4)
 
-    The scores are read again, except in a linear cell: its steps are short, so the two largest scores are
-    held as the logits come.
-    """
-    return readout_cycles(config) + (config.classes + 4 if config.recurrent else 3)
+
+def holds_two_largest(config: AcceleratorConfig) -> bool:
+    """Whether the two largest scores are held as they come, in more cells, or all scores are read again, in
+    classes + 1 cycles more: steps of a linear cell, and those on 4 lanes and more, are short."""
+    return not config.recurrent or config.hardware.lanes >= 4
 
 
 def readout_cycles(config: AcceleratorConfig) -> int:

@@ -192,21 +192,21 @@ class Bench:
             tick = ctx.tick()
             while self._busy or self.cycle - self._moved < self.quiet:
                 await tick
+                self.cycle += 1
                 assert self.cycle < self.max_cycles, (
                     f"timeout: {self._busy} drivers still busy after {self.cycle} cycles"
                 )
 
-        async def count(ctx):
-            # added last: the others see the number of the cycle whose edge they woke at
-            tick = ctx.tick()
-            while True:
-                await tick
-                self.cycle += 1
-
+        # added last: the others see the number of the cycle whose edge they woke at
         self._sim.add_testbench(conductor)
-        self._sim.add_testbench(count, background=True)
         self._sim.run()
         return self.cycle
+
+
+def put(ctx, block, **values) -> None:
+    """Set inputs of a block by their names."""
+    for name, value in values.items():
+        ctx.set(getattr(block, name), value)
 
 
 def simulate(dut, body, *background) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
 import json
 import re
 import shutil
@@ -116,6 +117,17 @@ def test_candidates_stand_against_their_cost_on_the_first_screen(result):
     older = [{"cell": "linear", "hidden": 0, "accuracy": 0.9}]  # before cost was asked for
     edit(result / "run.json", candidates=older)
     assert "Accuracy against cost" not in Page(write_report(result)).text
+
+
+def test_names_of_candidates_cover_no_point_and_no_other_name():
+    scene = [(0.842, 1.2), (0.954, 1.9), (0.975, 2.0), (0.984, 2.2), (0.977, 2.5)]
+    rows = [judged("gru", 4 * k, share, 1e-6 * cost, chosen=k == 3) for k, (share, cost) in enumerate(scene)]
+    for axes, cost in zip(draw_candidates(rows).axes, ("energy_touch_j", "decision_time_s"), strict=True):
+        names = [text.get_window_extent() for text in axes.texts]
+        factor = 1e6 if cost == "energy_touch_j" else 1
+        points = axes.transData.transform([(factor * row[cost], row["accuracy"]) for row in rows])
+        assert names and not any(name.contains(*point) for name in names for point in points)
+        assert not any(a.overlaps(b) for a, b in itertools.combinations(names, 2))
 
 
 def test_the_training_curve_is_drawn_of_trained_networks_only(result):

@@ -13,7 +13,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
 from eskin.golden.training import nested as nesting
 from eskin.golden.training.choice_table import unseen
-from eskin.golden.training.choose_front_end import Field, configure, field_of
+from eskin.golden.training.choose_front_end import TRIED_RECURRENT, Field, configure, field_of
 from eskin.golden.training.choose_network import train_chosen
 from eskin.golden.training.crossval import Terms
 from eskin.golden.training.datasets import Datasets
@@ -62,6 +62,21 @@ def test_no_label_of_a_fold_is_seen_by_what_is_chosen_for_it(gripped, quick, mon
             ["person"]
         )
         assert trained[-1][fold] == before[fold] and not set(before[fold][2]) & set(test.tolist())
+
+
+def test_inside_folds_a_recurrent_network_stands_on_the_front_ends_of_the_choice(gripped):
+    recordings, field = gripped
+    part = np.arange(len(field.numbers))[4:]
+    luck = np.random.default_rng(0).permuted(field.recordings.labels)[None]
+    judged = field.judged(part, ["person"], luck)[0]
+    tried = nested_of(recordings, field, "linear", "gru")._tried(judged)
+    recurrent = [config for config, _ in tried if config.recurrent]
+    gates = {(config.rest_level.rest, config.onset_rule.onset) for config in recurrent}
+    assert 1 < len(recurrent) <= TRIED_RECURRENT and len(gates) > 1
+    assert not tried[0][0].recurrent
+    asked = nested_of(recordings, field, "gru")._tried(judged)
+    assert asked == tried[-len(recurrent) :]
+    assert len(nested_of(recordings, field, "linear")._tried(judged)) == 1
 
 
 @pytest.mark.slow

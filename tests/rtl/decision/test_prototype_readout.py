@@ -8,7 +8,6 @@ import random
 import numpy as np
 import pytest
 from amaranth.hdl import Const
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.model.model import IntegerModel, random_integer_model
@@ -17,6 +16,7 @@ from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.timing import readout_cycles
+from tests.support.stream_bench import simulate
 
 
 def small_model(
@@ -64,12 +64,7 @@ class Player:
                 self.refused += refused
                 self.wrong += wrong
 
-        simulator = Simulator(self.dut)
-        simulator.add_clock(1e-6)
-        simulator.add_testbench(bench)
-        if self.config.readout_rule.taught:
-            simulator.add_testbench(watch, background=True)
-        simulator.run_until(0.1)
+        simulate(self.dut, bench, *[watch] * bool(self.config.readout_rule.taught))
         assert self.done
 
     done = False
@@ -217,7 +212,6 @@ class Player:
     ("cell", "decision", "stall", "spare"),
     [
         ("gru", "last", 0.0, 0),
-        ("gru", "last", 0.4, 0),
         ("gru", "last", 0.4, 1),
         ("gru", "vote", 0.4, 0),
         ("gru", "vote", 0.2, 1),

@@ -13,19 +13,23 @@ from tests.rtl.decision.test_classifier import top_two
 from tests.support.table import each_row
 
 
-def config_of(cell: str, classes: int):
+def config_of(cell: str, lanes: int, classes: int):
     return PRESETS["thesis"].replace(
-        cell=cell, decision="last", class_names=tuple(f"class{k}" for k in range(classes))
+        cell=cell, lanes=lanes, decision="last", class_names=tuple(f"class{k}" for k in range(classes))
     )
 
 
 @each_row("classes", [2, 3, 7, 8])
 @each_row(
-    ("cell", "search", "latency"),
-    [("gru", SearchTwice, lambda n: n + 3), ("linear", SearchOnce, lambda n: 2)],
+    ("cell", "lanes", "search", "latency"),
+    [
+        ("gru", 3, SearchTwice, lambda n: n + 3),
+        ("gru", 4, SearchOnce, lambda n: 2),
+        ("linear", 1, SearchOnce, lambda n: 2),
+    ],
 )
-def test_class_and_margin_of_any_scores_in_their_cycle(cell, search, latency, classes):
-    dut, rng, found = make_search(config_of(cell, classes)), random.Random(classes), []
+def test_class_and_margin_of_any_scores_in_their_cycle(cell, lanes, search, latency, classes):
+    dut, rng, found = make_search(config_of(cell, lanes, classes)), random.Random(classes), []
     assert type(dut) is search
     most = (1 << len(dut.margin)) - 1
     steps = [[rng.choice((0, most, 5, rng.randint(0, most))) for _ in range(classes)] for _ in range(60)]

@@ -154,16 +154,17 @@ def test_dsp_lanes_are_bit_exact_too(cell, reset, lanes):
     check_exact_and_cycles(small(cell, reset, lanes, lane_type="dsp"), touches=2)
 
 
+def check_exact(model: IntegerModel, centred: np.ndarray, **options):
+    """Every stream equals the golden cell's; those that were seen, and the decisions."""
+    seen, got_rows, decisions = run(model, centred, **options)
+    assert (seen["feature"], seen["state"], seen["logit"], got_rows) == expected(model, centred)
+    return seen, decisions
+
+
 def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
-    """Every stream equals the golden cell's, every step and decision takes the schedule's cycles."""
+    """And every step and decision takes the schedule's cycles."""
     model = random_integer_model(config, seed=7 + config.hardware.lanes)
-    centred = windows(model.config, touches=touches, seed=config.hardware.lanes)
-    features, hidden, logits, rows = expected(model, centred)
-    seen, got_rows, decisions = run(model, centred)
-    assert seen["feature"] == features
-    assert seen["state"] == hidden
-    assert seen["logit"] == logits
-    assert got_rows == rows
+    seen, decisions = check_exact(model, windows(model.config, touches=touches, seed=config.hardware.lanes))
     plan = schedule(model.config)
     local = [d.cycle for d in decisions if not d.value["is_global"]]
     assert [d - s for d, s in zip(local, seen["started"], strict=True)] == [plan.decision_cycles] * len(local)
@@ -174,7 +175,4 @@ def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
 def test_bit_exact_with_stalls(lanes):
     config = small("gru", "before", lanes, hidden=12, taxels=16)
     model = random_integer_model(config, seed=lanes)
-    centred = windows(model.config, touches=2, seed=lanes)
-    features, hidden, logits, rows = expected(model, centred)
-    seen, got_rows, _ = run(model, centred, stall=0.3, seed=lanes)
-    assert (seen["feature"], seen["state"], seen["logit"], got_rows) == (features, hidden, logits, rows)
+    check_exact(model, windows(model.config, touches=2, seed=lanes), stall=0.3, seed=lanes)

@@ -20,7 +20,7 @@ from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.fpga.generate import pack_decision
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
-from tests.support.stream_bench import pack, simulate
+from tests.support.stream_bench import pack, put, simulate
 from tests.support.table import each_row
 
 CONFIG = PRESETS["thesis"].replace(taxels=4)
@@ -103,8 +103,7 @@ def play(line, *, divisor=4, config=CONFIG, decisions=(), ready=None, quiet=40, 
             if callable(fields):
                 await fields(ctx, dut)
                 continue
-            ctx.set(dut.decision.payload, fields)
-            ctx.set(dut.decision.valid, 1)
+            put(ctx, dut.decision, payload=fields, valid=1)
             await ctx.tick().until(dut.decision.ready)
             ctx.set(dut.decision.valid, 0)
 
@@ -374,11 +373,9 @@ def test_a_decision_withdrawn_on_its_way_does_not_count(after):
     others = {"class": 1, "margin": 0, "step": 0, "is_global": 0, "partial": 0}
 
     async def offer_and_withdraw(ctx, dut):
-        ctx.set(dut.decision.payload, payload)
-        ctx.set(dut.decision.valid, 1)
+        put(ctx, dut.decision, payload=payload, valid=1)
         await ctx.tick().repeat(after)
-        ctx.set(dut.decision.valid, 0)
-        ctx.set(dut.decision.payload, others)
+        put(ctx, dut.decision, valid=0, payload=others)
         await ctx.tick().repeat(600)
 
     seen = play([*[None] * 50, *link.read_packet(4)], quiet=30, decisions=[offer_and_withdraw, others])

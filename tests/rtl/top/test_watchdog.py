@@ -13,7 +13,7 @@ from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.watchdog import Watchdog, bound, longest_wait
 from tests.rtl.top.test_accelerator import CONFIGS, Host, recordings
-from tests.support.stream_bench import Bench
+from tests.support.stream_bench import Bench, put
 
 
 def test_it_acts_at_the_bound_and_counts_anew_after_progress():
@@ -34,8 +34,7 @@ def test_it_acts_at_the_bound_and_counts_anew_after_progress():
             (1, 0, limit + 2),
             (0, 0, 2),
         ):
-            ctx.set(dut.due, due)
-            ctx.set(dut.done, done)
+            put(ctx, dut, due=due, done=done)
             for _ in range(cycles):
                 await ctx.tick()
 
@@ -61,11 +60,16 @@ def feed(bench: Bench, model, data, frame_cycles: int = 0) -> list[int]:
                 while bench.cycle < begin + frame * frame_cycles:
                     await ctx.tick()
                 for taxel, sample in enumerate(samples):
-                    ctx.set(
-                        dut.i.payload,
-                        {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == taxels - 1)},
+                    put(
+                        ctx,
+                        dut.i,
+                        payload={
+                            "sample": int(sample),
+                            "first": int(taxel == 0),
+                            "last": int(taxel == taxels - 1),
+                        },
+                        valid=1,
                     )
-                    ctx.set(dut.i.valid, 1)
                     while not (await ctx.tick().sample(dut.i.ready))[-1]:
                         pass
                 ctx.set(dut.i.valid, 0)

@@ -1,4 +1,4 @@
-"""The adder of the windows' sums with its register (docs/specification.md, section 2: windows and sums)."""
+"""An adder with its register, in a DSP block that would be idle (docs/specification.md, sections 2 and 3)."""
 
 from __future__ import annotations
 
@@ -13,17 +13,23 @@ BLOCKS, BLOCK_BITS = 8, 32
 """SB_MAC16 of an iCE40 UP5K; bits that one adds."""
 
 
-class WindowAdder(wiring.Component):
-    """Adds complements: ``total = word + addend + 1``, or ``addend`` alone.
+class RegisteredAdder(wiring.Component):
+    """Adds: ``total = word + addend + carry``, or ``addend`` alone.
 
     On an iCE40 whose lanes leave an SB_MAC16 idle the sum sits in it, where it takes no logic cell; the same
-    behaviour is described plainly for any other. tests/rtl/frontend/test_window_adder.py compares the two,
-    with the vendor's cell model.
+    behaviour is described plainly for any other. tests/rtl/frontend/test_registered_adder.py compares the
+    two, with the vendor's cell model.
 
     Parameters
     ----------
     config:
         The accelerator's configuration.
+    bits:
+        Of the sum.
+    carry:
+        0 or 1.
+    before:
+        How many of these adders an idle block goes to first.
 
     Members
     -------
@@ -31,17 +37,17 @@ class WindowAdder(wiring.Component):
         Add at the next clock edge.
     alone : In(1)
         ``word`` does not count.
-    word, addend : In(signed(config.sum_bits))
-    total : Out(signed(config.sum_bits))
-        Complement of a sum: after the edge, until the next ``step``.
+    word, addend : In(signed(bits))
+    total : Out(signed(bits))
+        After the edge, until the next ``step``.
     """
 
-    def __init__(self, config: AcceleratorConfig) -> None:
+    def __init__(self, config: AcceleratorConfig, bits: int, *, carry: int = 0, before: int = 0) -> None:
         lanes = config.hardware.lanes
         # several lanes have one more beside them, for element-wise operations
-        idle = config.hardware.lane_type == "dsp" and lanes + (lanes > 1) < BLOCKS
-        self._in_block = idle and config.sum_bits <= BLOCK_BITS
-        shape = signed(config.sum_bits)
+        idle = config.hardware.lane_type == "dsp" and lanes + (lanes > 1) + before < BLOCKS
+        self._in_block, self._carry = idle and bits <= BLOCK_BITS, carry
+        shape = signed(bits)
         super().__init__(
             {"step": In(1), "alone": In(1), "word": In(shape), "addend": In(shape), "total": Out(shape)}
         )
@@ -55,7 +61,7 @@ class WindowAdder(wiring.Component):
         m.d.comb += self.total.eq(total)
         with m.If(self.step):
             # ``alone`` is a register, so that its choice shares the adder's cells
-            m.d.sync += total.eq(Mux(self.alone, self.addend, self.word + self.addend + 1))
+            m.d.sync += total.eq(Mux(self.alone, self.addend, self.word + self.addend + self._carry))
         return m
 
     def _block(self, m: Module) -> None:
@@ -70,7 +76,7 @@ class WindowAdder(wiring.Component):
             p_TOPADDSUB_UPPERINPUT=1,
             p_BOTADDSUB_UPPERINPUT=1,  # plus C:D
             p_TOPADDSUB_CARRYSELECT=2,
-            p_BOTADDSUB_CARRYSELECT=1,  # plus 1
+            p_BOTADDSUB_CARRYSELECT=self._carry,
             i_CLK=ClockSignal(),
             i_CE=self.step,
             i_A=word[16:],
