@@ -455,24 +455,3 @@ def test_folders_that_are_no_data_set_are_refused(tmp_path):
 
 
 # ---------------------------------------------------------------------- the real ones
-def test_the_real_archives_are_read(shared_data):
-    pvdf = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
-    assert len(pvdf) == 318 and pvdf.frames == 3156672 and list(pvdf.class_counts) == [64, 64, 63, 63, 64]
-    assert set(pvdf.groups) == {
-        "seq",
-        "speed",
-        "trial",
-        "source_file",
-    } and pvdf.volt_per_code == pytest.approx(62.4094e-6, rel=1e-5)
-    assert np.bincount(pvdf.labels[pvdf.evenly(40)]).tolist() == [8] * 5
-    assert [len(grouped_folds(pvdf, [name], 5, 0)) for name in ("trial", "speed", "seq")] == [5, 2, 4]
-    fabric = load_recordings(shared_data / "fabric_slide" / "recordings.npz")
-    assert len(fabric) == 774 and str(fabric.sample_format) == "SQ(16,0)" and fabric.volt_per_code == 0
-    assert len(grouped_folds(fabric, ["force_setting", "velocity_mmps"], 5, 0)) == 5
-    images = load_recordings(shared_data / "tactile_images" / "recordings.npz")
-    assert (len(images), images.image_shape, images.taxels, len(images.class_names)) == (
-        876,
-        (28, 50),
-        50,
-        22,
-    )
