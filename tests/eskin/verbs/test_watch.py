@@ -144,10 +144,8 @@ def test_the_page_in_a_browser():
         assert {address.split("/")[2] for address in browser.requests(page)} == {
             watched.address.split("/")[2]
         }
-    assert (
-        watched.result["decisions"] == dict(enumerate(trace.decision.tolist()))
-        and watched.result["recordings"] == 4
-    )
+    assert watched.result["decisions"] == dict(enumerate(trace.decision.tolist()))
+    assert watched.result["recordings"] == 4
 
 
 def all_wrong(model, label: int):
@@ -229,10 +227,8 @@ def test_a_line_for_each_recording_and_what_was_recorded(call, folder):
         for k, line in enumerate(lines)
     )
     with np.load(folder / "played.npz") as archive:
-        assert (
-            archive["decision"][:, 0].tolist() == trace.decision.tolist()
-            and (archive["samples"] == scene(9, seed=2).samples).all()
-        )
+        assert archive["decision"][:, 0].tolist() == trace.decision.tolist()
+        assert (archive["samples"] == scene(9, seed=2).samples).all()
 
 
 def test_classes_come_in_turn():
@@ -318,11 +314,9 @@ def test_a_port_that_is_taken(call, folder):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         status, out, errors = call(*PLAY, "--host-port", port, "--record", "played.npz")
-    assert (
-        (status, out) == (2, "")
-        and f"--host-port {port}: another program uses it" in errors
-        and not list(folder.glob("*played*"))
-    )
+    assert (status, out) == (2, "")
+    assert f"--host-port {port}: another program uses it" in errors
+    assert not list(folder.glob("*played*"))
 
 
 def test_a_difference_ends_with_1(call, folder, monkeypatch):

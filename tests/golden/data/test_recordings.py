@@ -48,11 +48,9 @@ def test_an_archive_is_read_as_it_was_written(tmp_path):
     assert len(recordings) == 3 and recordings.taxels == 4 and recordings.frames == 30
     assert recordings.samples.dtype == np.int32 and np.array_equal(recordings.samples, expected["samples"])
     assert np.array_equal(recordings.recording(1), expected["samples"][8:20])
-    assert (
-        list(recordings.lengths) == [8, 12, 10]
-        and list(recordings.labels) == [0, 1, 0]
-        and list(recordings.class_counts) == [2, 1]
-    )
+    assert list(recordings.lengths) == [8, 12, 10]
+    assert list(recordings.labels) == [0, 1, 0]
+    assert list(recordings.class_counts) == [2, 1]
     assert recordings.class_names == ("rough", "smooth") and recordings.sample_rate_hz == 250.0
     assert list(recordings.groups) == ["trial"] and list(recordings.groups["trial"]) == [1, 2, 3]
     assert recordings.volt_per_code == 6.25e-5
@@ -210,9 +208,9 @@ def test_a_changed_byte_is_noticed_or_harmless(tmp_path_factory, place, value):
 def test_a_subset_keeps_frames_labels_and_groups_together(make_recordings):
     recordings = make_recordings(lengths=(5, 6, 7, 8), groups={"trial": np.array([1, 2, 3, 4])})
     part = recordings.subset([3, 1])
-    assert (
-        list(part.lengths) == [8, 6] and list(part.groups["trial"]) == [4, 2] and list(part.labels) == [1, 1]
-    )
+    assert list(part.lengths) == [8, 6]
+    assert list(part.groups["trial"]) == [4, 2]
+    assert list(part.labels) == [1, 1]
     assert np.array_equal(part.recording(0), recordings.recording(3)) and np.array_equal(
         part.recording(1), recordings.recording(1)
     )
@@ -356,17 +354,13 @@ GOOD_TEXTS = [
 @each_row("text", GOOD_TEXTS)
 def test_lvm_texts_of_every_habit_give_the_same_codes(tmp_path, text):
     recordings = load_recordings(folder_of(tmp_path, text))
-    assert (
-        len(recordings) == 2
-        and recordings.class_names == ("brush", "roll")
-        and list(recordings.labels) == [0, 1]
-    )
+    assert len(recordings) == 2
+    assert recordings.class_names == ("brush", "roll")
+    assert list(recordings.labels) == [0, 1]
     assert np.array_equal(recordings.recording(1), np.rint(VOLTS / LSB))
-    assert (
-        recordings.sample_rate_hz == 3000.0
-        and str(recordings.sample_format) == "UQ(16,0)"
-        and recordings.volt_per_code == LSB
-    )
+    assert recordings.sample_rate_hz == 3000.0
+    assert str(recordings.sample_format) == "UQ(16,0)"
+    assert recordings.volt_per_code == LSB
 
 
 def test_a_first_row_of_whole_numbers_is_a_frame(tmp_path):
@@ -432,10 +426,8 @@ def test_without_a_steady_time_column_the_rate_is_the_configurations(tmp_path):
         recordings = load_recordings(
             folder_of(tmp_path, text), config=PRESETS["pvdf"].replace(volt_per_code=LSB)
         )
-        assert (
-            recordings.sample_rate_hz == 2000.0
-            and "taken from the configuration 'pvdf'" in recordings.notes[0]
-        )
+        assert recordings.sample_rate_hz == 2000.0
+        assert "taken from the configuration 'pvdf'" in recordings.notes[0]
         assert np.array_equal(recordings.recording(0), np.rint(VOLTS / LSB))
         shutil.rmtree(tmp_path / "lvm")
 

@@ -99,10 +99,8 @@ def test_a_grid_is_every_combination_once():
         {"decision": "early", "early_margin": [100], "early_steps": 3},
     ]
     names = [point.name for point in sweeping.make_points(PRESETS["pvdf"], looks)]
-    assert (
-        names[1] == "GRU 12 companded at 2^11, 8 bit, 4 lanes"
-        and names[2] == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
-    )
+    assert names[1] == "GRU 12 companded at 2^11, 8 bit, 4 lanes"
+    assert names[2] == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
     assert len(sweeping.make_points(SMALL, [{"cell": "lstm", "reset": ["before", "after"]}])) == 1
 
 

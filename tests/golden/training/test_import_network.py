@@ -113,16 +113,12 @@ def test_torch_network_computes_the_same(tmp_path, name, prefix):
     with torch.no_grad():
         expected = network(torch.from_numpy(features)).numpy()
     assert np.abs(expected).max() > 0.3 and np.abs(model.forward(features)[1] - expected).max() < 1e-12
-    assert (
-        (model.config.network.cell, model.config.network.hidden) == (cell, 10)
-        and model.arrays["mu"] == -3.5
-        and model.arrays["sigma"] == 140
-    )
+    assert (model.config.network.cell, model.config.network.hidden) == (cell, 10)
+    assert model.arrays["mu"] == -3.5
+    assert model.arrays["sigma"] == 140
     assert json.loads(json.dumps(record)) == json.loads((tmp_path / "model" / "training.json").read_text())
-    assert (
-        record["imported"]["file"] == str(file)
-        and record["imported"]["arrays"]["dense"] == prefix + "head.weight"
-    )
+    assert record["imported"]["file"] == str(file)
+    assert record["imported"]["arrays"]["dense"] == prefix + "head.weight"
     assert record["parameters"] == model.parameter_count == model.config.parameter_count
 
 

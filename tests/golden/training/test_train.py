@@ -55,11 +55,9 @@ def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
     plain = fitting.fit_networks(data, SMALL, recipe, parts, 0, lambda *_: None)
     for one, other in zip(models, plain, strict=True):
         assert all(np.array_equal(one.arrays[name], other.arrays[name]) for name in one.arrays)
-    assert (
-        len(curves.updates) == losses.CURVE_POINTS
-        and curves.updates[-1] == 30
-        and curves.losses.shape == (20, 3, 2)
-    )
+    assert len(curves.updates) == losses.CURVE_POINTS
+    assert curves.updates[-1] == 30
+    assert curves.losses.shape == (20, 3, 2)
     for m in (0, 1):
         touch = data.touches.take(tests[m])
         logits = models[m].forward(float_features(models[m], touch))[1][0, : touch.completed[0]]
@@ -68,10 +66,8 @@ def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
     assert np.isnan(curves.losses[:, 2, 1]).all() and np.isfinite(curves.losses[..., 0]).all()
     (record,) = cross_validate(recordings, SMALL, [["person"]], (0,), folds=2, recipe=recipe)
     curve = record["training_curve"]
-    assert (
-        len(curve["held_out_loss"]) == len(curve["updates"]) == 20
-        and curve["training_loss"][-1] < curve["training_loss"][0]
-    )
+    assert len(curve["held_out_loss"]) == len(curve["updates"]) == 20
+    assert curve["training_loss"][-1] < curve["training_loss"][0]
     linear = with_network(SMALL, cell="linear")
     (record,) = cross_validate(
         recordings,
@@ -101,12 +97,10 @@ def test_many_networks_are_trained_in_shares(monkeypatch):
     monkeypatch.setattr(fitting, "TOGETHER", 3)
     curves, told = losses.LossCurves(data, SMALL, recipe, [rows[[place]] for place in range(7)]), []
     models = fitting.fit_networks(data, SMALL, recipe, parts, 0, lambda *done: told.append(done), curves)
-    assert (
-        sizes == [(3,), (3,), (1,)]
-        and len(models) == 7
-        and curves.losses.shape == (4, 7, 2)
-        and told[-1] == (12, 12)
-    )
+    assert sizes == [(3,), (3,), (1,)]
+    assert len(models) == 7
+    assert curves.losses.shape == (4, 7, 2)
+    assert told[-1] == (12, 12)
     assert len({model.arrays["W_z"].tobytes() for model in models}) == 7, (
         "each begins with weights of its own"
     )
@@ -286,11 +280,9 @@ def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, 
         out=tmp_path / "m",
     )
     tuned = IntegerModel.load(tmp_path / "m")
-    assert (
-        load_training(tmp_path / "m") == record
-        and record["quantisation_aware"]
-        and record["widths"] == {"weight_bits": 4}
-    )
+    assert load_training(tmp_path / "m") == record
+    assert record["quantisation_aware"]
+    assert record["widths"] == {"weight_bits": 4}
     assert tuned.config.weight_bits == 4 and record["cross_validation"][0]["agreement"] > 0
     assert {entry["signal"]: entry["format"] for entry in record["ranges"]}["weight"] == str(
         tuned.config.formats.weight_format
@@ -462,18 +454,14 @@ def test_the_folder_and_the_record(tmp_path, quick):
     assert (config.network.hidden, config.windows.steps) == (8, 5) and record[
         "parameters"
     ] == config.parameter_count
-    assert (
-        record["seed"] == 3
-        and record["recordings"] == 30
-        and record["touched"] == 29
-        and record["data"] == "scene"
-    )
+    assert record["seed"] == 3
+    assert record["recordings"] == 30
+    assert record["touched"] == 29
+    assert record["data"] == "scene"
     (split,) = record["cross_validation"]
-    assert (
-        split["groups"] == ["person"]
-        and split["seeds"] == [3, 4]
-        and split["folds"] == len(split["per_fold"]) == 3
-    )
+    assert split["groups"] == ["person"]
+    assert split["seeds"] == [3, 4]
+    assert split["folds"] == len(split["per_fold"]) == 3
     assert np.sum(split["confusion"]) == 2 * 30
     shares = [fold["recordings"] * fold["integer_accuracy"] for fold in split["per_fold"]]
     assert (
@@ -533,11 +521,9 @@ def test_accuracy_on_the_piezo_recordings(shared_data):
     trial, speed, seq = cross_validate(
         recordings, PRESETS["pvdf"], [["trial"], ["speed"], ["seq"]], (0, 1, 2)
     )
-    assert (
-        trial["integer_accuracy"] >= 0.99
-        and speed["integer_accuracy"] >= 0.97
-        and seq["integer_accuracy"] >= 0.70
-    )
+    assert trial["integer_accuracy"] >= 0.99
+    assert speed["integer_accuracy"] >= 0.97
+    assert seq["integer_accuracy"] >= 0.70
     assert min(split["agreement"] for split in (trial, speed, seq)) >= 0.995
     assert trial["per_step"][2]["integer_accuracy"] >= 0.98
 
