@@ -338,7 +338,7 @@ class PrototypeReadout(wiring.Component):
             m.d.sync += [chosen.eq(self.label), following.eq(self.option)]
         with m.If(self.ended):
             m.d.sync += [whole.eq(complete), following.eq(0)]
-        with m.If(self.vector.valid | (self.clear & self.locked)):
+        with m.If(self.vector.valid | (self.clear & self.locked) | loads):
             m.d.sync += whole.eq(0)
         m.d.sync += teaching.eq((teaching | pass_begins) & ~pass_ends)
         with m.If(pass_ends):

@@ -134,3 +134,14 @@ def test_wrong_until_taught_by_buttons_and_right_after_the_power_was_off(level, 
     assert [next_day.touch(kind, 2) for kind in range(TOUCHES)] == truths
     again = plays(hardware, next_day, board.flash[: len(flash)], tmp_path / "next")
     assert again.flash == board.flash
+
+
+def test_buttons_have_the_pins_behind_the_converters():
+    board, config = target("icebreaker"), button_model().config
+    pins = Wiring(config=config, target=board, sensing=True, flash=True).sites()
+    assert [pins[name] for name in ("choose_n", "teach_n", "refused")] == list(board.pins[4:7])
+    dense = config.with_readout(readout="dense")
+    assert "teach_n" not in Wiring(config=dense, target=board, sensing=True, flash=True).sites()
+    assert len(flash_contents(config, button_model().arrays)) == (
+        log_layout(config).offset - FLASH_OFFSET + 2 * 4096
+    )

@@ -135,13 +135,14 @@ class Taught:
     def reload(self) -> None:
         """Loads the model as the stream has it, so that what was taught stays over a reset."""
         self.device.write(Register.CONTROL, Control.ARM)  # no touch is open then
-        self.stream.arm()
         self.device.settle()
         held = self.stream.model.arrays | self.read_back()
+        self.stream = Stream(self.stream.model)
         for address, word in boot_writes(self.config, held):
             self.device.write(address, word)
         assert not self.device.read(Register.FAULTS) & Fault.WRITE_REFUSED
         self.check()
+        self.command()
 
 
 def taught_at_random(model: IntegerModel, recordings: Recordings, builds: Path, seed: int) -> Taught:
