@@ -1,8 +1,8 @@
 """A network in an ONNX file: one GRU or LSTM in one direction and a dense layer, or a dense layer alone.
 
-What the file says of cell, sizes and reset gate is taken from its nodes. Then its graph is computed on random inputs
-and compared with the network that was read: nodes that only move values are not believed, so a readout of another
-step, a transposed layout or an offset is found. Nothing of a file is run but the operators below.
+What the file says of cell, sizes and reset gate is taken from its nodes. Then its graph is computed on random
+inputs and compared with the network that was read: nodes that only move values are not believed, so a readout
+of another step, a transposed layout or an offset is found. Nothing of a file is run but the operators below.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ ATTRIBUTES = {
 
 @dataclass(frozen=True)
 class Node:
-    """A node: as the file has it; type, name (of its first output where it has none), domain, inputs and outputs,
-    attributes."""
+    """A node: as the file has it; type, name (of its first output where it has none), domain, inputs and
+    outputs, attributes."""
 
     made: onnx.NodeProto
     op_type: str
@@ -241,8 +241,8 @@ OPERATORS = (
         "Slice",
     ),
 )
-"""All that may stand in a file; everything else is refused by its name. GRU and LSTM are computed here, the rest by
-onnx's own reference."""
+"""All that may stand in a file; everything else is refused by its name. GRU and LSTM are computed here, the
+rest by onnx's own reference."""
 
 
 def _recurrent(g: Graph, node: Node, i: list[np.ndarray]) -> list[np.ndarray]:
@@ -287,9 +287,9 @@ def _recurrent(g: Graph, node: Node, i: list[np.ndarray]) -> list[np.ndarray]:
 # ---------------------------------------------------------------------- what the nodes say
 @dataclass(frozen=True)
 class OnnxNetwork:
-    """A network as its file says it. cell, reset, gate_activation, hidden, classes; columns: of the first weights;
-    arrays: by the names of the specification, section 8 (a linear cell: V (C, columns), b_y); names: what they are
-    called in the file; metadata: of an exported file, else empty."""
+    """A network as its file says it. cell, reset, gate_activation, hidden, classes; columns: of the first
+    weights; arrays: by the names of the specification, section 8 (a linear cell: V (C, columns), b_y); names:
+    what they are called in the file; metadata: of an exported file, else empty."""
 
     graph: Graph
     cell: str
@@ -449,8 +449,8 @@ def _metadata(graph: Graph) -> Record:
 def convert_onnx(
     network: OnnxNetwork, config: AcceleratorConfig, cell: str | None, reset: str | None
 ) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
-    """``config`` with cell and sizes of the file, and the float network's arrays. ``cell`` and ``reset``: what the
-    user says, held against the file.
+    """``config`` with cell and sizes of the file, and the float network's arrays. ``cell`` and ``reset``:
+    what the user says, held against the file.
 
     Raises
     ------
