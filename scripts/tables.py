@@ -3,9 +3,8 @@ row as soon as it is known. Networks have random numbers: nothing depends on the
 
 cells SCENE ...
     Linear, GRU 4, 8, 12 on the front ends of several scenes. A SCENE is a model folder of ``eskin train``
-    without
-    --cell, whose training.json has the accuracy of every candidate on recordings left out, by itself or as
-    NAME=FOLDER; or a preset's name, then without accuracies. Cycles are those of the program on 4 DSP lanes;
+    without --cell, whose training.json has the accuracy of every candidate on recordings left out, by itself
+    or as NAME=FOLDER; or a preset's name, then without accuracies. Cycles are those of the program on 4 DSP lanes;
     latency is from the last sample of a window to its decision at the icebreaker's 12 MHz. Energy is the
     estimate of ``eskin build`` for cell and classifier, good to a factor (docs/energy.md).
 designs [SCENE ...]
