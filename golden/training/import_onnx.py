@@ -206,8 +206,8 @@ class Graph:
         made.ClearField("domain")  # ai.onnx is the default one's other name
         given = {name: array for name, array in zip(made.input, inputs, strict=True) if name}
         opset = onnx.helper.make_opsetid("", self.opset)
-        function = onnx.helper.make_function("eskin", "node", given, made.output, [made], [opset])
-        return ReferenceEvaluator(function).run(None, given, {})
+        function = onnx.helper.make_function("eskin", "node", [*given], made.output, [made], [opset])
+        return [*ReferenceEvaluator(function).run(None, given, {})]
 
 
 # ---------------------------------------------------------------------- operators
