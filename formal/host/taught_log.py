@@ -1,5 +1,5 @@
-"""The log in the flash: what counts is never erased nor written over, nothing else in the chain is touched, and
-addresses are in range. From any state in which that holds it holds in the next cycle."""
+"""The log in the flash: what counts is never erased nor written over, nothing else in the chain is touched,
+and addresses are in range. From any state in which that holds it holds in the next cycle."""
 
 from __future__ import annotations
 

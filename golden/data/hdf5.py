@@ -1,5 +1,5 @@
-"""Recordings from HDF5: the arrays of an archive as datasets, or one dataset a recording, its class and groups
-in attributes or in the name of the group above (docs/other_tools.md)."""
+"""Recordings from HDF5: the arrays of an archive as datasets, or one dataset a recording, its class and
+groups in attributes or in the name of the group above (docs/other_tools.md)."""
 
 from __future__ import annotations
 
@@ -77,8 +77,8 @@ def load_hdf5(path: Path, reading: Reading, config: AcceleratorConfig | None) ->
 
 
 def _by_dataset(arrays: Record, notes: Record, reading: Reading, refuse) -> Record:
-    """Every table of numbers as a recording, with classes, rate, unit and groups of their attributes, or of the
-    group that holds them."""
+    """Every table of numbers as a recording, with classes, rate, unit and groups of their attributes, or of
+    the group that holds them."""
     names = sorted(
         (
             name

@@ -1,8 +1,8 @@
 """The integer model as plain C: C99, integers alone, one call a frame, constants in tables.
 
-docs/specification.md, sections 1 to 8, 10 (faults) and 15, a third time beside golden model and hardware: it takes
-their tables and formats, and adds up hops, as the hardware does. `templates` hold the code; here is what they are
-filled with.
+docs/specification.md, sections 1 to 8, 10 (faults) and 15, a third time beside golden model and hardware: it
+takes their tables and formats, and adds up hops, as the hardware does. `templates` hold the code; here is
+what they are filled with.
 """
 
 from __future__ import annotations
@@ -304,8 +304,8 @@ def products(config: AcceleratorConfig) -> dict[str, float]:
 
 
 def sources(model: IntegerModel) -> dict[str, str]:
-    """``eskin_model.h`` and ``eskin_model.c``, library.properties of Arduino and module.yml of Zephyr with what
-    it names: text by path.
+    """``eskin_model.h`` and ``eskin_model.c``, library.properties of Arduino and module.yml of Zephyr with
+    what it names: text by path.
 
     Raises
     ------

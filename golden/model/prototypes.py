@@ -1,7 +1,8 @@
-"""The readout by prototypes: a touch is of the class of the nearest stored trajectory, and is taught by storing
-its own (docs/specification.md, section 18).
+"""The readout by prototypes: a touch is of the class of the nearest stored trajectory, and is taught by
+storing its own (docs/specification.md, section 18).
 
-A trajectory is what the hidden state (of a linear cell: the logits) is after each step of a touch, in few bits.
+A trajectory is what the hidden state (of a linear cell: the logits) is after each step of a touch, in few
+bits.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
     -------
     numpy.ndarray
         int64 (n, K, C): sums of absolute differences over the values of a step, with any decision but
-        ``vote`` over all steps so far; of a taught touch without its ``taught_shift`` lowest bits; of each class
-        the smallest over its prototypes and the places in use. A
-        spare class without any is as far as `score_format` can say.
+        ``vote`` over all steps so far; of a taught touch without its ``taught_shift`` lowest bits; of each
+        class the smallest over its prototypes and the places in use. A spare class without any is as far as
+        `score_format` can say.
     """
     config, arrays = model.config, model.arrays
     steps = codes.shape[-2]  # may be fewer than a touch has

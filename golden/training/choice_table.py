@@ -35,7 +35,8 @@ def front_end_brief(row: Record) -> str:
 
 
 def windows_brief(row: Record) -> str:
-    """The same for a narrow column: ``10 x 192/96 m+a`` is 10 windows of 192 frames every 96, mean and activity."""
+    """The same for a narrow column: ``10 x 192/96 m+a`` is 10 windows of 192 frames every 96, mean and
+    activity."""
     steps, _, _, window, _, hop = row["front_end"].split(", ")[2].split()
     return f"{steps} x {window}/{hop} {'+'.join(kind[0] for kind in kinds_of(row).split('+'))}"
 

@@ -66,8 +66,8 @@ def group_numbers(recordings: Recordings, groups: Sequence[str]) -> np.ndarray:
 def _centres(
     config: AcceleratorConfig, values: np.ndarray, labels: np.ndarray, most: int
 ) -> list[np.ndarray]:
-    """Of each class the trajectories that its touches lie around, codes (``most`` or fewer, K, values): centres by
-    k-means. A mean over a group is near none of its touches where these differ, in speed say."""
+    """Of each class the trajectories that its touches lie around, codes (``most`` or fewer, K, values):
+    centres by k-means. A mean over a group is near none of its touches where these differ, in speed say."""
     centres = []
     with threadpool_limits(1):
         for label in range(config.classes - config.readout_rule.spare_classes):
@@ -97,9 +97,9 @@ def with_prototypes(
     Parameters
     ----------
     touches, labels, groups:
-        Whole touches, the class of each, and a number for what it was recorded in. Groups are left out, part by
-        part, to choose ``taught_shift``: 1, so that a taught touch is as near again, where teaching a group the
-        prototypes know nothing of costs the others HALVING_COSTS at most.
+        Whole touches, the class of each, and a number for what it was recorded in. Groups are left out, part
+        by part, to choose ``taught_shift``: 1, so that a taught touch is as near again, where teaching a
+        group the prototypes know nothing of costs the others HALVING_COSTS at most.
     prototypes:
         A class at most.
     unknown:

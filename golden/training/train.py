@@ -94,8 +94,9 @@ def train(
     notes:
         Called with the record before it is written; what it returns is added.
     callback:
-        Told of the training on all recordings: {``loss``} at each epoch of a recurrent cell, and at the end, as
-        one epoch more, {``accuracy``}, the share of the touches trained on that the float network decides rightly.
+        Told of the training on all recordings: {``loss``} at each epoch of a recurrent cell, and at the end,
+        as one epoch more, {``accuracy``}, the share of the touches trained on that the float network decides
+        rightly.
 
     Returns
     -------
