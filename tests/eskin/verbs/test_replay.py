@@ -55,12 +55,12 @@ def test_equal_decisions(replay, model, recordings, tmp_path):
         status, out, errors = replay(device.port, "--json", str(tmp_path / "replay.json"))
     assert (status, errors) == (0, "") and "equal" in out
     result = json.loads((tmp_path / "replay.json").read_text())
-    assert (
-        result["bit_exact"] and result["passed"] and result["mismatches"] == 0 and result["recordings"] == 5
-    )
-    assert (
-        result["frames"] == recordings.frames == device.taken and result["decisions"] == device.decisions > 10
-    )
+    assert result["bit_exact"]
+    assert result["passed"]
+    assert result["mismatches"] == 0
+    assert result["recordings"] == 5
+    assert result["frames"] == recordings.frames == device.taken
+    assert result["decisions"] == device.decisions > 10
     assert result["repeated"] == result["replayed"] == result["unanswered"] == result["damaged"] == 0
     loads = boot_writes(model.config, model.arrays)
     assert device.writes[1 : 1 + len(loads)] == loads
@@ -102,12 +102,10 @@ def test_one_differing_decision_is_found(replay, model, recordings, column, fiel
     with Device(model.config, decide) as device:
         status, out, _ = replay(device.port)
     mismatches = [line for line in out.splitlines() if line.startswith("mismatch: ")]
-    assert (
-        status == 1
-        and len(mismatches) == 1
-        and mismatches[0].startswith("mismatch: recording 2")
-        and field in mismatches[0]
-    )
+    assert status == 1
+    assert len(mismatches) == 1
+    assert mismatches[0].startswith("mismatch: recording 2")
+    assert field in mismatches[0]
 
 
 @each_row("way", ["missing", "extra", "touches"])

@@ -251,12 +251,10 @@ def test_every_indentation_is_detected_where_an_offline_detector_sees_it(shared_
     touches = find_touches(config, recordings)
     assert time.process_time() - begun < 20
     first = touches.first_touch()
-    assert (
-        len(first) == 318
-        and (first >= 0).all()
-        and (touches.completed[first] == 20).all()
-        and not touches.partial[first].any()
-    )
+    assert len(first) == 318
+    assert (first >= 0).all()
+    assert (touches.completed[first] == 20).all()
+    assert not touches.partial[first].any()
     lag = []
     for index, onset in enumerate(touches.onset_frame[first]):
         stream = recordings.recording(index)
@@ -272,12 +270,10 @@ def test_every_slide_opens_at_once(shared_data):
     touches = find_touches(
         config, load_recordings(shared_data / "fabric_slide" / "recordings.npz", config=config)
     )
-    assert (
-        len(touches) == 774
-        and (touches.start_frame == 1).all()
-        and (touches.onset_frame == 0).all()
-        and (touches.completed == 20).all()
-    )
+    assert len(touches) == 774
+    assert (touches.start_frame == 1).all()
+    assert (touches.onset_frame == 0).all()
+    assert (touches.completed == 20).all()
 
 
 def test_taking_touches_carries_all_that_is_known_of_them():

@@ -116,18 +116,6 @@ def test_noise_stays_at_chance_and_what_was_chosen_on_it_does_not(tmp_path):
     assert any("on the folds it was chosen on" in sentence for sentence in record["warnings"])
 
 
-@pytest.mark.slow
-def test_classes_that_are_there_are_found_and_luck_is_far(gripped, quick, tmp_path):
-    recordings, _ = gripped
-    record = train_chosen(recordings, None, priced(), out=tmp_path / "m", folds=4, seeds=1)
-    nested = record["cross_validation"][0]["nested"]
-    assert nested["integer_accuracy"] > 0.9 and nested["shuffled"]["as_good"] == pytest.approx(
-        1 / (1 + SHUFFLES)
-    )
-    # recurrent ones had 6 updates
-    assert {fold["network"] for fold in nested["per_fold"]} == {"linear (least squares)"}
-
-
 def test_where_nothing_is_chosen_the_figure_is_as_it_was(gripped, quick, tmp_path):
     recordings, _ = gripped
     asked = with_network(configure(recordings, None, priced()).config, cell="linear")

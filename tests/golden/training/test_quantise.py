@@ -309,10 +309,8 @@ def test_weak_signals_get_features_finer_than_their_sums():
     ranges = profile(model, find_touches(SMALL, scene(20, seed=1)))
     integer = quantise_model(weak, ranges)
     assert integer.config.features.feature_shift == (-6,) and 2**14 <= integer.arrays["scale"][0] < 2**15
-    assert (
-        integer.config.mean_frac == 6
-        and integer.config.formats == quantise_model(model, ranges).config.formats
-    )
+    assert integer.config.mean_frac == 6
+    assert integer.config.formats == quantise_model(model, ranges).config.formats
     preset = FloatModel(SMALL.replace(name="thesis"), weak.arrays, "made")
     plain = quantise_model(preset, ranges).config
     assert plain.mean_frac == 0 and plain.formats.feature_format.frac_bits < 8
@@ -331,9 +329,8 @@ def test_bits_of_a_feature_are_given_or_refused(cell, tmp_path):
             given.append(bits)
         except InputError as error:
             assert f"{bits} bits were asked for" in str(error) and f"at most {given[-1]} feat" in str(error)
-    assert (
-        given == list(range(4, 4 + len(given))) and given[-1] == {"linear": 16, "gru": given[-1]}[cell] >= 10
-    )
+    assert given == list(range(4, 4 + len(given)))
+    assert given[-1] == {"linear": 16, "gru": given[-1]}[cell] >= 10
 
 
 # ---------------------------------------------------------------------- evaluation
@@ -348,11 +345,9 @@ def test_evaluate_counts_what_it_says(tmp_path):
     assert result["integer_accuracy"] == pytest.approx(right / 20)
     same = sum(int(a == b) for a, b in zip(trace.decision, ideal.decision, strict=True))
     assert result["agreement"] == pytest.approx(same / 20)
-    assert (
-        np.sum(result["confusion"]) == 20
-        and np.trace(result["confusion"]) == right
-        and np.sum(result["confusion"], axis=0)[-1] == 1
-    )
+    assert np.sum(result["confusion"]) == 20
+    assert np.trace(result["confusion"]) == right
+    assert np.sum(result["confusion"], axis=0)[-1] == 1
     assert [row["step"] for row in result["per_step"]] == [1, 2, 3, 4, 5, 6]
     assert sum(
         c["recordings"] * c["integer_accuracy"] for c in result["per_class"].values()
@@ -367,9 +362,9 @@ def test_float_and_integer_decisions_are_not_mixed_up():
     trace = run(quantise_model(model, profile(model, find_touches(SMALL, recordings))), recordings)
     ideal = dataclasses.replace(trace, decision=np.where(trace.decision < 0, -1, (trace.decision + 1) % 3))
     result = compare(ideal, trace, np.maximum(trace.decision, 0))
-    assert (
-        result["integer_accuracy"] == 0.95 and result["float_accuracy"] == 0 and result["agreement"] == 0.05
-    )
+    assert result["integer_accuracy"] == 0.95
+    assert result["float_accuracy"] == 0
+    assert result["agreement"] == 0.05
     assert np.trace(result["confusion"]) == 19
     classes = result["per_class"].values()
     assert sum(row["recordings"] * row["integer_accuracy"] for row in classes) == pytest.approx(19)
@@ -399,14 +394,10 @@ def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_pat
     plain, lean = quantise_model(model, ranges), quantise_model(model, ranges, lean=True)
     chosen = lean.config
     assert chosen.features.aligned_means and not plain.config.features.aligned_means
-    assert (
-        len(set(chosen.features.feature_shift)) == 1
-        and not (lean.arrays["mean"] % (1 << chosen.features.feature_shift[0])).any()
-    )
-    assert (
-        chosen.formats.feature_format.frac_bits >= plain.config.formats.feature_format.frac_bits
-        and chosen.operand_bits <= 16
-    )
+    assert len(set(chosen.features.feature_shift)) == 1
+    assert not (lean.arrays["mean"] % (1 << chosen.features.feature_shift[0])).any()
+    assert chosen.formats.feature_format.frac_bits >= plain.config.formats.feature_format.frac_bits
+    assert chosen.operand_bits <= 16
     # every weight, bias and state at its worst: the logit still fits
     worst = chosen.network.hidden * 2 ** (
         chosen.formats.dense_format.width - 1 + chosen.formats.state_format.width - 1
