@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from amaranth.back import rtlil
@@ -89,15 +90,15 @@ def test_kinds_of_feature_that_are_off_leave_no_trace(monkeypatch):
     assert len(designs) == 1
 
 
-def exported(design):
+def exported(design) -> tuple[Any, str, str]:
     """Component, module and text of one of `DESIGNS`."""
     kind, system = DESIGNS[design]
     model = model_of(kind)
     config, arrays = model.config, model.arrays
     images = None if config.hardware.loadable else memory_images(config, arrays)
     if system:
-        system = {"bus": None} | system
-        return BusTop(config, images, **system), *export_bus(config, arrays, **system)
+        asked = {"bus": None, **system}
+        return BusTop(config, images, **asked), *export_bus(config, arrays, **asked)
     if config.interface.converter != "none":
         return Sensing(config, images), SENSING, export_sensing(config, arrays)
     return make_accelerator(config, images), TOP, export(config, arrays)
