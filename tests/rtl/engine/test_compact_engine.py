@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from amaranth.hdl import Module, ResetInserter
 from amaranth.lib import wiring
-from hypothesis import Phase, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core.activation import sigmoid_table, tanh_table
@@ -28,6 +28,7 @@ from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.timing import is_compact
 from tests.rtl.engine.test_engine import beats, check_exact, check_exact_and_cycles, expected, small, windows
 from tests.support.small_designs import CELLS, reference
+from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, put
 from tests.support.table import each_row
 
@@ -154,7 +155,7 @@ def models(draw) -> IntegerModel:
 SEEN: set[str] = set()
 
 
-@settings(max_examples=40, derandomize=True, deadline=None, phases=[Phase.generate])
+@examples(40, 400)
 @given(model=models())
 def check_program(model: IntegerModel) -> None:
     centred = windows(model.config, touches=2, seed=3)

@@ -17,7 +17,6 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
-from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import random_integer_model
@@ -191,19 +190,11 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def call(folder, monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
+def call(call, folder, monkeypatch) -> Callable[..., tuple[int, str, str]]:
+    """Of ``eskin build model`` in that folder."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("COLUMNS", "250")
-
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["eskin", "build", "model", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            command_line.main()
-            sys.exit(0)
-        said = capsys.readouterr()
-        return int(end.value.code or 0), said.out, said.err
-
-    return run
+    return lambda *words: call("build", "model", *words)
 
 
 @pytest.mark.parametrize("tiny", [True, pytest.param(False, marks=pytest.mark.slow)])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core.config import PRESETS
@@ -14,6 +14,7 @@ from eskin.rtl.host.decision_queue import DEPTHS
 from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister
 from eskin.rtl.top.bus_top import FRONTS
 from tests.support.bus_bench import Cpu, ShellBehind
+from tests.support.strategies import examples
 from tests.support.stream_bench import simulate
 
 CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=(), margin_threshold=3)
@@ -241,7 +242,7 @@ def test_arm_begins_anew(depth):
     ),
     st.integers(0, 999),
 )
-@settings(max_examples=4, deadline=None)
+@examples(4, 40)
 def test_words_are_the_models_whatever_the_design(changes, seed):
     config = CONFIG.replace(**changes, feature_shift=())
     decisions = rows(random.Random(seed), config, 6)
