@@ -39,6 +39,7 @@ import numpy as np
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.vectors import random_recordings
 from eskin.golden.studies.energy import estimate, scheduled_activity
@@ -54,7 +55,7 @@ from eskin.verbs import asic_job, build_job, defence_cost, energy_job
 BOARD, LANES, FRAMES = "icebreaker", 4, 300
 SCENES = ("thesis", "synthetic", "pvdf")
 ALL = ("mean", "activity", "integral")
-FEATURES: dict[str, dict[str, Any]] = {
+FEATURES: dict[str, Record] = {
     "mean": {},
     "mean, a scale a taxel": {"feature_scale": "taxel"},
     "mean, activity (sum)": {"feature_kinds": ALL[:2]},
@@ -66,7 +67,7 @@ FEATURES: dict[str, dict[str, Any]] = {
     "integral": {"feature_kinds": ("integral",)},
 }
 """Changes to the preset by the name of the row."""
-BUSES: dict[str, dict[str, Any]] = {
+BUSES: dict[str, Record] = {
     "Wishbone": {"bus": "wishbone"},
     "APB": {"bus": "apb"},
     "AXI4-Lite": {"bus": "axi4lite"},
@@ -86,7 +87,7 @@ CHECKS = {
 Row = tuple[Any, ...]
 
 
-def scene(text: str) -> tuple[str, AcceleratorConfig, list[dict[str, Any]]]:
+def scene(text: str) -> tuple[str, AcceleratorConfig, list[Record]]:
     """Name, front end and judged candidates of a SCENE."""
     if text in PRESETS:
         return text, PRESETS[text], []
@@ -107,7 +108,7 @@ def cells_of(design: Any) -> dict[str, int]:
 
 
 # ---------------------------------------------------------------------- cells
-def accuracy_of(candidates: Sequence[dict[str, Any]], config: AcceleratorConfig) -> str:
+def accuracy_of(candidates: Sequence[Record], config: AcceleratorConfig) -> str:
     """The best recipe's accuracy of that network, in words; - where it was judged on another front end, or
     not at all."""
     hidden = config.network.hidden if config.recurrent else 0

@@ -556,12 +556,13 @@ POINT = 6
 
 def _placed(name: Annotation, inside: Bbox, taken: Sequence[Bbox]) -> Bbox:
     """Put a point's name where it covers least of what is ``taken`` and stays ``inside``; where it lies."""
-    places = [(x, y) for far in (6, 20, 34) for y in (-far, far) for x in (8, -8)] + [(12, 0), (-12, 0)]
+    first = 1 if name.get_weight() == "bold" else -1  # the taken one's above its point, the others' below
+    places = [(x, first * y) for far in (6, 20, 34) for y in (far, -far) for x in (8, -8, 0)]
 
     def put(place: tuple[int, int]) -> Bbox:
         x, y = place
-        name.set(position=place, ha="left" if x > 0 else "right")
-        name.set_va("center" if y == 0 else "bottom" if y > 0 else "top")
+        aside = "center" if x == 0 else "left" if x > 0 else "right"
+        name.set(position=place, ha=aside, va="bottom" if y > 0 else "top")
         return name.get_window_extent()
 
     def covered(place: tuple[int, int]) -> int:

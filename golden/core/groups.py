@@ -395,7 +395,8 @@ class ReadoutRule(Group):
     taught: places a class for touches that are taught in use. state_code_bits: of a stored value, which is a
     state (a linear cell: logit) less its state_code_shift lowest bits, rounded. unknown_above: a touch whose
     distance from the nearest, a step, is larger is unsure; 0: none is. spare_classes: so many of the classes, the
-    last ones, have no prototype of training: objects that are known once they are taught.
+    last ones, have no prototype of training: objects that are known once they are taught. taught_shift: the distance
+    of a taught touch counts without so many of its lowest bits, so with 1 half.
     """
 
     readout: Readout = "dense"
@@ -405,8 +406,14 @@ class ReadoutRule(Group):
     state_code_shift: Annotated[StrictInt, Interval(ge=0, le=15)] = 0
     unknown_above: Code = 0
     spare_classes: Annotated[StrictInt, Interval(ge=0, le=30)] = 0
+    taught_shift: Annotated[StrictInt, Interval(ge=0, le=3)] = 0
 
     def refusals(self) -> Iterator[Refusal]:
+        if self.taught_shift and not self.taught and self.readout != "dense":
+            yield (
+                "taught_shift",
+                f"is {self.taught_shift}, and there is no place for a taught touch; set taught",
+            )
         if self.spare_classes and not self.taught and self.readout != "dense":
             yield "spare_classes", f"is {self.spare_classes}, and there is no place to teach them; set taught"
         for field in dataclasses.fields(self):

@@ -24,6 +24,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.jobs import Record
 from eskin.golden.studies.converter_power import converter_power
 
 BATTERY_J = 1000e-3 * 5.0 * 3600
@@ -182,9 +183,7 @@ MICROCONTROLLER = Microcontroller(
 )
 
 
-def run_in_software(
-    part: Microcontroller, cycles: dict[str, float], config: AcceleratorConfig
-) -> dict[str, Any]:
+def run_in_software(part: Microcontroller, cycles: dict[str, float], config: AcceleratorConfig) -> Record:
     """Energy of the exported C: per_step_j (the step alone), preprocessing_per_touch_j (all frames of a touch),
     per_touch_j (both), idle_w (frames come in, nothing touches; asleep between them), band, rests_on.
 
@@ -309,9 +308,7 @@ def scheduled_activity(
     )
 
 
-def estimate(
-    config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float
-) -> dict[str, Any]:
+def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float) -> Record:
     """The energy of one configuration on one part.
 
     Parameters
@@ -391,7 +388,7 @@ CHECK = ("name", "configuration", "value", "limit", "unit")
 """Keys of a check of `compare`, beside ``met``."""
 
 
-def compare(rows: list[dict[str, Any]], *, what: str = "touch") -> dict[str, Any]:
+def compare(rows: list[Record], *, what: str = "touch") -> Record:
     """Configurations side by side: the one with the least energy a touch, the one with the least average
     power, what was aimed at.
 

@@ -20,6 +20,7 @@ from onnx import numpy_helper
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.model.cells import Float, run_cell
 from eskin.golden.model.model import constants_shape, network_shapes, with_network
 from eskin.golden.training.torch_files import MOST_VALUES, check_readable
@@ -58,7 +59,7 @@ class Node:
     domain: str
     input: list[str]
     output: list[str]
-    attributes: dict[str, Any]
+    attributes: Record
 
 
 def _text(value: Any) -> Any:
@@ -146,7 +147,7 @@ class Graph:
                     node, f"has {_text(entry.name):.40} of another type than ONNX's; save the network again"
                 )
 
-    def _attributes(self, node: Node, made: Any) -> dict[str, Any]:
+    def _attributes(self, node: Node, made: Any) -> Record:
         try:
             values = {_text(entry.name): onnx.helper.get_attribute_value(entry) for entry in made.attribute}
         except Exception:
@@ -347,9 +348,9 @@ class OnnxNetwork:
     columns: int
     arrays: dict[str, np.ndarray]
     names: dict[str, str]
-    metadata: dict[str, Any] = field(default_factory=dict)
+    metadata: Record = field(default_factory=dict)
 
-    def scale(self, config: AcceleratorConfig) -> dict[str, Any] | None:
+    def scale(self, config: AcceleratorConfig) -> Record | None:
         """mean, std and their source as an exported file keeps them; None where it keeps none of this
         configuration's."""
         if not self.metadata:
@@ -480,7 +481,7 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
     return np.asarray(weights, dtype=np.float64), np.asarray(bias, dtype=np.float64).ravel(), names
 
 
-def _metadata(graph: Graph) -> dict[str, Any]:
+def _metadata(graph: Graph) -> Record:
     if METADATA not in graph.metadata:
         return {}
     try:

@@ -87,7 +87,7 @@ class _Steps(torch.autograd.Function):
         return h[1:]
 
     @staticmethod
-    def backward(ctx: Any, wanted: torch.Tensor) -> tuple[torch.Tensor, ...]:  # type: ignore[override]
+    def backward(ctx: Any, wanted: torch.Tensor) -> tuple[torch.Tensor, ...]:
         h, gates, n, u, u_n = ctx.saved_tensors
         before, (z, r) = h[:-1], gates.chunk(2, 2)
         of_n, of_z, of_r = (1 - z) * (1 - n * n), (before - n) * z * (1 - z), before * r * (1 - r)

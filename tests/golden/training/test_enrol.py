@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import eskin
+from eskin.cli.common import show
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
@@ -387,7 +388,7 @@ def taught_ready(model, tmp_path_factory):
 
 def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp_path):
     rule = load_config(taught_ready).readout_rule
-    assert (rule.prototypes, rule.taught, rule.state_code_bits) == (4, 3, 4) and rule.unknown_above > 0
+    assert (rule.prototypes, rule.taught, rule.state_code_bits) == (8, 3, 4) and rule.unknown_above > 0
     result = teach_folder(taught_ready, FEW, tmp_path / "m")
     before, after = accuracy(taught_ready, REST), accuracy(tmp_path / "m", REST)
     assert before < 0.7 and after > before + 0.1
@@ -398,6 +399,19 @@ def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp
     assert result["touches"] == {"rise": 2, "fall": 2, "pulse": 2} == result["in_use"] and result["passed"]
     quantise(tmp_path / "m", OLD)  # and back
     assert IntegerModel.load(tmp_path / "m").config == IntegerModel.load(model).config
+
+
+def test_taught_touches_are_nearer_only_where_that_costs_the_others_nothing(model):
+    """Not where there is no group to leave out, nor where what one group is taught is wrong of the others."""
+    ready, shown = IntegerModel.load(model), OLD.subset(np.arange(2, 90))
+    swapped = dataclasses.replace(
+        shown, labels=np.where(shown.groups["person"] == 0, (shown.labels + 1) % 3, shown.labels)
+    )
+    shifts = [
+        prototypes_of.of_recordings(ready, recordings, groups, prototypes=4).config.readout_rule.taught_shift
+        for recordings, groups in ((shown, ["person"]), (shown, []), (swapped, ["person"]))
+    ]
+    assert shifts == [1, 0, 0]
 
 
 def test_what_is_unknown_is_a_share_of_known_touches(taught_ready):
@@ -427,12 +441,17 @@ def test_what_cannot_be_taught_is_refused_and_nothing_is_written(taught_ready, t
     assert kept == {path.name: path.read_bytes() for path in taught_ready.iterdir()}
 
 
-def test_teaching_is_judged_from_no_touch_on():
+def test_teaching_is_judged_from_no_touch_on(capsys):
     rows = judge(BOTH, question(readout="prototypes"))
     assert [(row["value"], row["k"]) for row in rows] == [(v, k) for k in (0, 1, 2) for v in ("0", "1")]
     for row in rows:
         assert row["others_after"] >= row["others_before"] - 0.15  # one of nine
         assert row["k"] == 0 or row["after"] > row["before"] + 0.1
+    for touch in (1, 0):  # an evaluation that brings something, and one that brings nothing
+        of_k = [row for row in rows if row["k"] in (0, touch)]
+        said = summary(["mounting"], "all", True, [of_k], "prototypes")
+        show("enrolments", **said, readout="prototypes", new_class=False, seeds=[7])
+        assert capsys.readouterr().err.startswith("teach: the most" if touch else "do not teach, train on:")
 
 
 def test_a_class_that_no_recording_shows_is_known_once_it_is_taught(taught_ready, tmp_path):

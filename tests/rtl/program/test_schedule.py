@@ -10,21 +10,12 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat
 from eskin.rtl.program.cells import cell_program, in_one_phase
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import RowGroup, Schedule
+from tests.support.small_designs import CELLS, reference
 from tests.support.table import each_row
-
-CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
-
-
-def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **changes) -> AcceleratorConfig:
-    return PRESETS["thesis"].replace(
-        cell=cell, reset=reset, lanes=lanes, state_format=QFormat(4, 12), **changes
-    )
 
 
 @each_row(("lanes", "limit"), [(1, 1.15), (2, 1.15), (4, 1.15), (6, 1.15), (12, 1.40)])

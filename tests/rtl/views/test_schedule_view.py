@@ -12,24 +12,16 @@ from pathlib import Path
 import pytest
 
 from eskin.cli import main as command_line
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat
 from eskin.rtl.program.compact_program import Kind, Op
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import Schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.views import schedule_view as view
+from tests.support.small_designs import CELLS, reference
 from tests.support.table import each_row
 
-CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 KINDS = [(1, "plain"), (4, "plain"), (40, "plain"), (1, "dsp"), (4, "dsp")]
-
-
-def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **changes) -> AcceleratorConfig:
-    return PRESETS["thesis"].replace(
-        cell=cell, reset=reset, lanes=lanes, state_format=QFormat(4, 12), **changes
-    )
 
 
 def unit(plan: Schedule, name: str) -> list[view.Span]:
