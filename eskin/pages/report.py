@@ -556,7 +556,7 @@ POINT = 6
 
 def _placed(name: Annotation, inside: Bbox, taken: Sequence[Bbox]) -> Bbox:
     """Put a point's name where it covers least of what is ``taken`` and stays ``inside``; where it lies."""
-    first = 1 if name.get_weight() == "bold" else -1  # the taken one's above its point, the others' below
+    first = 1 if name.get_fontweight() == "bold" else -1  # the taken one's above its point, the others' below
     places = [(x, first * y) for far in (6, 20, 34) for y in (far, -far) for x in (8, -8, 0)]
 
     def put(place: tuple[int, int]) -> Bbox:
