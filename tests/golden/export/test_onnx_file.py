@@ -203,8 +203,8 @@ def not_numbers(made):
         (lambda made: node(made, "readout_bias").input.__delitem__(slice(None)), "node 'readout_bias' of type Add: has 0 inputs"),
         (lambda made: node(made, "readout_bias").input.append("features"), "node 'readout_bias' of type Add: has 3 inputs"),
         (reverse, "node 'cell' of type GRU: runs reverse"),
-        
-        
+
+
         (start, "starts from a state that is not 0"),
         (bomb, "node 'bomb' of type ConstantOfShape: cannot be computed"),
         (external, "lies in another file"),
