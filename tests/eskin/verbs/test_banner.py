@@ -11,6 +11,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training.choose_network import train_chosen
 from eskin.pages.report import write_report
+from tests.support.parts import of_parts
 from tests.support.prices import priced
 from tests.support.result_case import edit, make_result
 from tests.support.table import each_row
@@ -29,8 +30,7 @@ def doubtful(made: Recordings) -> Recordings:
     parts = [made.recording(index)[: 28 if index % 6 == 0 else None] for index in range(len(made))]
     labels = np.where(made.labels == 2, 1, made.labels)
     labels[np.flatnonzero(made.labels == 1)[[3, 9]]] = 2
-    offsets = np.cumsum([0, *map(len, parts)])
-    return dataclasses.replace(made, samples=np.concatenate(parts), offsets=offsets, labels=labels)
+    return of_parts(made, parts, labels=labels)
 
 
 @each_row(("change", "updates"), [(doubtful, 4), (lambda made: made, 150)])

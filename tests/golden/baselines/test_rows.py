@@ -123,6 +123,19 @@ def test_an_order_holds_by_more_than_its_error_or_not(first, second, holds):
     assert outcome["above"]["spread"] == 0.1
 
 
+def test_networks_of_the_thesis_have_its_sizes():
+    """Table 3.1: 1083, 843 and 1113 parameters; 1119 with torch's second bias row (reset after)."""
+    thesis = PRESETS["thesis"]
+    sizes = {
+        name: METHODS[name].network(thesis)[0].parameter_count
+        for name in ("gru12-n20", "gru10-n20", "lstm10-n20", "lstm10-n256")
+    }
+    assert sizes == {"gru12-n20": 1083, "gru10-n20": 843, "lstm10-n20": 1113, "lstm10-n256": 1113}
+    assert METHODS["gru12-n20"].network(thesis)[0].replace(reset="after").parameter_count == 1119
+    windows = METHODS["gru12-n20"].network(thesis)[0].windows
+    assert (windows.hop, windows.window, windows.steps) == (307, 615, 20)
+
+
 @pytest.mark.parametrize("steps", [20, 50, 100, 200, 256])
 def test_windows_of_the_thesis_cover_the_same_touch(steps):
     config = thesis_network(PRESETS["pvdf"], "lstm", 10, steps)

@@ -12,10 +12,11 @@ from eskin.golden.baselines import simple, tiles
 from eskin.golden.baselines.judge import Judging, judge
 from eskin.golden.baselines.rows import judge_baseline
 from eskin.golden.baselines.scene import Scene
-from eskin.golden.baselines.simple import SIMPLE
+from eskin.golden.baselines.simple import SIMPLE, cnn_channels, cnn_network, cnn_size
 from eskin.golden.baselines.tensor import TENSOR
 from eskin.golden.baselines.tiles import TILED
 from eskin.golden.baselines.transfer import TRANSFER
+from eskin.golden.core.config import PRESETS
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training import yardsticks
 from tests.support.touch_scenes import SMALL, scene
@@ -90,3 +91,12 @@ def test_random_kernels_are_counted(touches):
     fitted = simple.fit_kernels(touches, np.arange(40), 0)
     assert fitted.multiplies == count * inputs * steps * length + 3 * 2 * count
     assert fitted.parameters == count * (inputs * length + 1) + 3 * (2 * count + 1)
+
+
+@pytest.mark.parametrize("name", ["pvdf", "fabric", "thesis"])
+def test_the_cnn_is_of_similar_size(name):
+    config = PRESETS[name]
+    parameters, multiplies = cnn_size(config, cnn_channels(config))
+    assert 0.75 * config.parameter_count < parameters <= config.parameter_count
+    assert sum(p.numel() for p in cnn_network(config).parameters()) == parameters
+    assert multiplies > parameters  # its kernels are used at every step

@@ -3,6 +3,8 @@ sizes, learning."""
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 import torch
@@ -60,3 +62,33 @@ def test_multiplies_are_those_of_the_layers():
     )
     gates = IMAGES * pixels * (9 * (1 + FILTERS) * 4 * FILTERS + 3 * FILTERS)
     assert multiplies(ConvLstm(8, 16, 5), IMAGES, 8, 16) == gates + FILTERS * 16 + FILTERS * 16 * 32 + 32 * 5
+
+
+def test_sizes_of_the_thesis():
+    """Table 3.1: ConvLSTM 314M parameters, every image's state in its first dense layer; a CNN without its
+    last layers before an LSTM 15M (VGG16), 26M (ResNet50, which Keras counts with four numbers of batch norm
+    a channel), which 58 to 87 units give."""
+    images, side, filters, dense, classes = 24, 64, 32, 100, 3
+    gates = 4 * filters * (9 * (1 + filters) + 1)
+    assert gates + (images * side**2 * filters + 1) * dense + (dense + 1) * classes == 314_611_347
+    widths = [3, 64, 64, 128, 128, 256, 256, 256, *[512] * 6]
+    vgg16 = sum(9 * a * b + b for a, b in itertools.pairwise(widths))
+
+    def layer(kernel: int, a: int, b: int) -> int:
+        return kernel**2 * a * b + 5 * b
+
+    resnet50, width = layer(7, 3, 64), 64
+    for inner, blocks in ((64, 3), (128, 4), (256, 6), (512, 3)):
+        resnet50 += layer(1, width, 4 * inner)
+        for _ in range(blocks):
+            resnet50 += layer(1, width, inner) + layer(3, inner, inner) + layer(1, inner, 4 * inner)
+            width = 4 * inner
+    assert (vgg16, resnet50) == (14_714_688, 23_587_712)
+    millions = [
+        [
+            round((cnn + 4 * n * (values + n) + classes * (n + 1)) / 1e6)
+            for cnn, values in ((vgg16, 2048), (resnet50, 8192))
+        ]
+        for n in range(200)
+    ]
+    assert [n for n, sizes in enumerate(millions) if sizes == [15, 26]] == [*range(58, 88)]

@@ -15,6 +15,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.derive import derive_config
+from tests.support.parts import of_parts
 from tests.support.prices import priced
 from tests.support.table import each_row
 
@@ -35,10 +36,9 @@ def cut(recordings: Recordings, *, taxels=None, decimate=1, shift=0, begin=0, en
     """``recordings`` as another sensor would have given them: fewer taxels, a lower rate, fewer bits, another
     part of the time."""
     parts = [recordings.recording(i)[begin:end:decimate, :taxels] >> shift for i in range(len(recordings))]
-    return replace(
+    return of_parts(
         recordings,
-        samples=np.concatenate(parts),
-        offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]),
+        parts,
         sample_rate_hz=recordings.sample_rate_hz / decimate,
         sample_bits=recordings.sample_bits - shift,
         volt_per_code=recordings.volt_per_code * 2**shift,
@@ -129,12 +129,7 @@ def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
     """Every recording is cut 1300 frames after its onset: the preset's windows need 2016."""
     ends = find_touches(PRESETS["pvdf"], pvdf, steps=0)
     ends = ends.onset_frame[ends.first_touch()] + 1300
-    parts = [pvdf.recording(i)[: ends[i]] for i in range(len(pvdf))]
-    short = replace(
-        pvdf,
-        samples=np.concatenate(parts),
-        offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]),
-    )
+    short = of_parts(pvdf, [pvdf.recording(i)[: ends[i]] for i in range(len(pvdf))])
     config, reasons = derive_config(short)
     assert config.name == "derived"
     assert "preset 'pvdf'" in reasons[0]

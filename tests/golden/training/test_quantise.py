@@ -256,47 +256,44 @@ def test_quantising_without_touches_or_ranges_is_refused(tmp_path):
         quantise(tmp_path / "nothing")
 
 
+UNIT = dict.fromkeys(("weight", "recurrent", "dense", "bias", "dense bias", "logit"), (-1.0, 1.0))
+UNIT |= {COVERED_FEATURE: (-7.0, 7.0)}
+
+
+def in_words(formats) -> str:
+    """Of features, recurrent weights and state."""
+    return f"{formats.feature_format} {formats.recurrent_format} {formats.state_format}"
+
+
 def test_the_rarest_features_get_bits_on_top_and_the_state_makes_room_for_recurrent_weights():
-    ranges = {s: (-1.0, 1.0) for s in ("weight", "recurrent", "dense", "bias", "dense bias", "logit")} | {
-        COVERED_FEATURE: (-7.0, 7.0)
-    }
+    def chosen(rarest: float, **widths):
+        return choose_formats(PRESETS["fabric"], UNIT | {"feature": (-rarest, 7.0)}, **widths).formats
 
-    def chosen(rarest: float, **widths) -> list[str]:
-        formats = choose_formats(PRESETS["fabric"], ranges | {"feature": (-rarest, 7.0)}, **widths).formats
-        return [
-            str(getattr(formats, name)) for name in ("feature_format", "recurrent_format", "state_format")
-        ]
-
-    assert chosen(7.5) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
-    assert chosen(30.0) == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]  # as fine as before, and nothing saturates
-    one_table = choose_formats(PRESETS["fabric"], ranges | {"feature": (-30.0, 7.0)}).formats
+    assert in_words(chosen(7.5)) == "SQ(4,8) SQ(2,6) SQ(2,12)"
+    finer = chosen(30.0)  # as fine as before, and nothing saturates
+    assert in_words(finer) == "SQ(6,8) SQ(2,6) SQ(2,10)"
     # as in the preset: one table serves gates and states
-    assert one_table.gate_frac == one_table.state_format.frac_bits + 1
+    assert finer.gate_frac == finer.state_format.frac_bits + 1
     # no state gives up more, and recurrent weights nothing
-    assert chosen(500.0) == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]
-    # as asked for: the rarest saturate
-    assert chosen(30.0, feature_bits=12) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
-    # a state as asked for makes no room
-    assert chosen(30.0, state_bits=14) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
-    assert chosen(30.0, lean=True)[0].startswith("SQ(4,")
+    assert in_words(chosen(500.0)) == in_words(finer)
+    # as asked for: the rarest saturate, or the state makes no room
+    for widths in ({"feature_bits": 12}, {"state_bits": 14}):
+        assert in_words(chosen(30.0, **widths)) == "SQ(4,8) SQ(2,6) SQ(2,12)"
+    assert in_words(chosen(30.0, lean=True)).startswith("SQ(4,")
 
 
 def test_a_preset_keeps_the_formats_that_it_always_had():
     """Version 0.1.0: features of 12 bits for all but the rarest, the state as the preset has it."""
     config = PRESETS["fabric"].replace(hidden=4)
-    model = float_model(config)
-    ranges = {s: (-1.0, 1.0) for s in ("weight", "recurrent", "dense", "bias", "dense bias", "logit")}
-    ranges |= {COVERED_FEATURE: (-7.0, 7.0), "feature": (-30.0, 7.0)}
+    arrays = float_model(config).arrays
 
-    def formats(name: str, **widths) -> list[str]:
-        of_model = FloatModel(config.replace(name=name), model.arrays, "made")
-        chosen = quantise_model(of_model, ranges, **widths).config.formats
-        return [
-            str(getattr(chosen, field)) for field in ("feature_format", "recurrent_format", "state_format")
-        ]
+    def formats(name: str, **widths) -> str:
+        model = FloatModel(config.replace(name=name), arrays, "made")
+        return in_words(quantise_model(model, UNIT | {"feature": (-30.0, 7.0)}, **widths).config.formats)
 
-    assert formats("fabric") == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
-    assert formats("derived") == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]
+    assert (
+        formats("fabric") == "SQ(4,8) SQ(2,6) SQ(2,12)" and formats("derived") == "SQ(6,8) SQ(2,6) SQ(2,10)"
+    )
     # asked for: no preset's any more
     assert formats("fabric", feature_bits=14) == formats("derived", feature_bits=14)
 

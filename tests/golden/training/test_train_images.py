@@ -94,9 +94,7 @@ def test_shapes_are_learned_and_the_integers_agree(trained):
     scene = shapes(40, 7)
     images = images_of(scene)
     ideal = float_images(trained, images)
-    whole = run_images(
-        integers_of(trained, choose_image_formats(trained, profile_images(trained, images))), images
-    )
+    whole = run_images(quantised(trained, images), images)
     assert ideal.accuracy(scene.labels) > 0.9
     assert whole.agreement(ideal) > 0.97 and not np.array_equal(
         whole.config.formats.logit_format.to_real(whole.logits), ideal.logits
