@@ -13,10 +13,11 @@ from eskin.rtl.fpga.synthesis import ECP5, GOWIN, ICE40_DSP, ICE40_HX, ICE40_LP,
 
 
 class Room(NamedTuple):
-    """Logic cells and block memories of a part."""
+    """Logic cells, block memories and multipliers of a part, as nextpnr reports them."""
 
     cells: int
     blocks: int
+    multipliers: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,10 +49,10 @@ class Target:
 # its way) may go on for ever.
 _SMALL = ("--router", "router2")
 _PARTS: dict[tuple[str, str], tuple[Family, Room | None, tuple[str, ...]]] = {
-    ("iCE40UP5K", "SG48"): (ICE40_DSP, Room(5280, 30), ("--up5k", "--package", "sg48")),
-    ("iCE40HX1K", "TQ144"): (ICE40_HX, Room(1280, 16), ("--hx1k", "--package", "tq144", *_SMALL)),
-    ("iCE40LP1K", "CM36"): (ICE40_LP, Room(1280, 16), ("--lp1k", "--package", "cm36", *_SMALL)),
-    ("LFE5U-25F", "BG381"): (ECP5, Room(24288, 56), ("--25k", "--package", "CABGA381", "--speed", "6")),
+    ("iCE40UP5K", "SG48"): (ICE40_DSP, Room(5280, 30, 8), ("--up5k", "--package", "sg48")),
+    ("iCE40HX1K", "TQ144"): (ICE40_HX, Room(1280, 16, 0), ("--hx1k", "--package", "tq144", *_SMALL)),
+    ("iCE40LP1K", "CM36"): (ICE40_LP, Room(1280, 16, 0), ("--lp1k", "--package", "cm36", *_SMALL)),
+    ("LFE5U-25F", "BG381"): (ECP5, Room(24288, 56, 28), ("--25k", "--package", "CABGA381", "--speed", "6")),
     ("GW1NR-9C", "QN88P"): (GOWIN, None, ("--device", "GW1NR-LV9QN88PC6/I5", "--vopt", "family=GW1N-9C")),
 }
 _PACK = {"GW1NR-9C": ("-d", "GW1N-9C", "-o")}

@@ -112,7 +112,7 @@ def test_a_cell_belongs_to_the_block_that_drives_its_output(two_blocks, tmp_path
         "top": 8,
     }
     assert sum(counts["cells"] for counts in result.blocks.values()) == result.utilisation["logic cells"][0]
-    every = [result.utilisation[what][1] for what in ("logic cells", "block memories")]
+    every = [result.utilisation[what][1] for what in ("logic cells", "block memories", "multipliers")]
     assert every == list(target("icebreaker").room or ())
     # The adder's carries lie in the block that adds, with the two-bit room that nextpnr needs at a chain's
     # end at most.
