@@ -18,7 +18,7 @@ def counted():
 def test_the_constants_are_those_of_the_counted_netlists(counted):
     toggles, cells = fit(counted)
     assert tuple(np.round(toggles)) == (STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES)
-    assert list(CELLS.values()) == [round(count) for count in cells]
+    assert list(CELLS.values()) == [round(float(count), 1) for count in cells]
 
 
 def test_the_counted_designs_are_at_most_a_tenth_off(counted):
