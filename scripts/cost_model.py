@@ -19,10 +19,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import nnls
 
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.jobs import Record
 from eskin.golden.core.memo import Memo, code_version, content_key
 from eskin.golden.data.recordings import Recordings
@@ -62,24 +63,28 @@ def _design(taxels: int, classes: int, hop: int, steps: int, cell: str, hidden: 
 
 
 DESIGNS: dict[str, AcceleratorConfig] = {
-    "16 taxels, mean, linear": _design(16, 3, 48, 10, "linear", None, **TRACKED),
-    "16 taxels, mean, GRU 8": _design(16, 3, 24, 20, "gru", 8, **TRACKED),
-    "8 taxels, mean + activity, linear": _design(
-        8, 5, 64, 20, "linear", None, feature_kinds=ALL[:2], activity_block=16, **TRACKED
+    "16 taxels, mean, linear, P = 4": _design(16, 3, 48, 10, "linear", None, lanes=4, **TRACKED),
+    "16 taxels, mean, GRU 8, P = 4": _design(16, 3, 24, 20, "gru", 8, lanes=4, **TRACKED),
+    "8 taxels, mean + activity, linear, P = 2": _design(
+        8, 5, 64, 20, "linear", None, lanes=2, feature_kinds=ALL[:2], activity_block=16, **TRACKED
     ),
-    "8 taxels, all kinds, GRU 4": _design(8, 5, 32, 10, "gru", 4, feature_kinds=ALL, **TRACKED),
-    "19 taxels, mean, linear, at once": _design(19, 20, 28, 19, "linear", None, **AT_ONCE),
-    "32 taxels, mean, GRU 12": _design(32, 4, 32, 10, "gru", 12, **TRACKED),
-    "4 taxels, all kinds, linear": _design(4, 2, 64, 20, "linear", None, feature_kinds=ALL, **TRACKED),
-    "64 taxels, mean, linear": _design(64, 7, 16, 10, "linear", None, **TRACKED),
-    "12 taxels, mean + integral, LSTM 6": _design(
-        12, 3, 40, 8, "lstm", 6, feature_kinds=("mean", "integral"), **AT_ONCE
+    "8 taxels, all kinds, GRU 4, P = 1": _design(
+        8, 5, 32, 10, "gru", 4, lanes=1, feature_kinds=ALL, **TRACKED
     ),
-    "16 taxels, all kinds, GRU 16": _design(16, 6, 32, 20, "gru", 16, feature_kinds=ALL, **TRACKED),
-    "thesis": PRESETS["thesis"],
-    "pvdf preset, GRU 12": PRESETS["pvdf"],
+    "19 taxels, mean, linear, at once, P = 4": _design(19, 20, 28, 19, "linear", None, lanes=4, **AT_ONCE),
+    "32 taxels, mean, GRU 12, P = 6": _design(32, 4, 32, 10, "gru", 12, lanes=6, **TRACKED),
+    "4 taxels, all kinds, linear, P = 1": _design(
+        4, 2, 64, 20, "linear", None, lanes=1, feature_kinds=ALL, **TRACKED
+    ),
+    "64 taxels, mean, linear, P = 4": _design(64, 7, 16, 10, "linear", None, lanes=4, **TRACKED),
+    "12 taxels, mean + integral, LSTM 6, P = 2": _design(
+        12, 3, 40, 8, "lstm", 6, lanes=2, feature_kinds=("mean", "integral"), **AT_ONCE
+    ),
+    "16 taxels, all kinds, GRU 16, P = 6": _design(
+        16, 6, 32, 20, "gru", 16, lanes=6, feature_kinds=ALL, **TRACKED
+    ),
 }
-"""Shapes that no data set of the project has given, but for the two presets."""
+"""Shapes that no data set of the project has given."""
 
 COLUMNS = (
     "frames",
@@ -196,7 +201,8 @@ def read_rows(document: str) -> dict[str, Record]:
 
 
 def fit(counted_rows: dict[str, Record]) -> tuple[np.ndarray, np.ndarray]:
-    """(STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES), and CELLS in their order: least squares of the errors as shares."""
+    """(STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES), and CELLS in their order: least squares of the errors as
+    shares, none of CELLS below 0."""
     part = PARTS[target(BOARD).device]
     cycles, multiplies, joule, has, cells = [], [], [], [], []
     for name, row in counted_rows.items():
@@ -211,7 +217,7 @@ def fit(counted_rows: dict[str, Record]) -> tuple[np.ndarray, np.ndarray]:
     energy, count = np.array(joule), np.array(cells)
     left = 1 - np.array(multiplies) / energy
     toggles = np.linalg.lstsq(np.array(cycles) * part.toggle_j / energy[:, None], left, rcond=None)[0]
-    of_cells = np.linalg.lstsq(np.array(has) / count[:, None], np.ones(len(count)), rcond=None)[0]
+    of_cells = nnls(np.array(has) / count[:, None], np.ones(len(count)))[0]
     return toggles, of_cells
 
 

@@ -1,28 +1,29 @@
-"""Tables of what designs cost, for the documents: ``python -m scripts.tables TABLE [ROW ...]`` prints one, a row as
-soon as it is known. Networks have random numbers: nothing depends on them.
+"""Tables of what designs cost, for the documents: ``python -m scripts.tables TABLE [ROW ...]`` prints one, a
+row as soon as it is known. Networks have random numbers: nothing depends on them.
 
 cells SCENE ...
-    Linear, GRU 4, 8, 12 on the front ends of several scenes. A SCENE is a model folder of ``eskin train`` without
-    --cell, whose training.json has the accuracy of every candidate on recordings left out, by itself or as
-    NAME=FOLDER; or a preset's name, then without accuracies. Cycles are those of the program on 4 DSP lanes; latency is
-    from the last sample of a window to its decision at the icebreaker's 12 MHz. Energy is the estimate of ``eskin
-    build`` for cell and classifier, good to a factor (docs/energy.md).
+    Linear, GRU 4, 8, 12 on the front ends of several scenes. A SCENE is a model folder of ``eskin train``
+    without --cell, whose training.json has the accuracy of every candidate on recordings left out, by itself
+    or as NAME=FOLDER; or a preset's name, then without accuracies. Cycles are those of the program on 4 DSP lanes;
+    latency is from the last sample of a window to its decision at the icebreaker's 12 MHz. Energy is the
+    estimate of ``eskin build`` for cell and classifier, good to a factor (docs/energy.md).
 designs [SCENE ...]
-    Of each SCENE a GRU of 12 with 1 and 4 DSP lanes and a linear cell with 4, placed with seeds 1 to 3; the first of
-    them as plain C on a microcontroller; with ``--liberty`` a GRU with 4 lanes and ROMs on a chip. Energy and power are
-    the estimate of ``eskin build``: a touch with all its frames; waiting with a clock that stops between samples, of a
-    chip its leakage.
+    Of each SCENE a GRU of 12 with 1 and 4 DSP lanes and a linear cell with 4, placed with seeds 1 to 3; the
+    first of them as plain C on a microcontroller; with ``--liberty`` a GRU with 4 lanes and ROMs on a chip.
+    Energy and power are the estimate of ``eskin build``: a touch with all its frames; waiting with a clock
+    that stops between samples, of a chip its leakage.
 buses [SHELL ...]
-    Bus shells: cells of the whole design (preset ``thesis``, one lane) less those of the bare one; the highest clock of
-    one placement (seed 1) with registers around all ports; cycles of a frame of 16 taxels that goes in through the C
-    driver, pair by pair, as fast as the Verilated design takes it.
+    Bus shells: cells of the whole design (preset ``thesis``, one lane) less those of the bare one; the
+    highest clock of one placement (seed 1) with registers around all ports; cycles of a frame of 16 taxels
+    that goes in through the C driver, pair by pair, as fast as the Verilated design takes it.
 features [KINDS ...]
-    Kinds of feature on the PVDF preset; frame, frame_plain: most cycles of a frame that ends a window, and of another.
+    Kinds of feature on the PVDF preset; frame, frame_plain: most cycles of a frame that ends a window, and of
+    another.
 checks
     Checksum and watchdog, placed once, with the link, which tells the faults.
 
-Cells are Yosys' counts on an iCE40 UP5K before placement where nothing else is said, onset to decision without the
-serial link.
+Cells are Yosys' counts on an iCE40 UP5K before placement where nothing else is said, onset to decision
+without the serial link.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ import numpy as np
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.vectors import random_recordings
 from eskin.golden.studies.energy import estimate, scheduled_activity
@@ -54,7 +56,7 @@ from eskin.verbs import asic_job, build_job, defence_cost, energy_job
 BOARD, LANES, FRAMES = "icebreaker", 4, 300
 SCENES = ("thesis", "synthetic", "pvdf")
 ALL = ("mean", "activity", "integral")
-FEATURES: dict[str, dict[str, Any]] = {
+FEATURES: dict[str, Record] = {
     "mean": {},
     "mean, a scale a taxel": {"feature_scale": "taxel"},
     "mean, activity (sum)": {"feature_kinds": ALL[:2]},
@@ -66,7 +68,7 @@ FEATURES: dict[str, dict[str, Any]] = {
     "integral": {"feature_kinds": ("integral",)},
 }
 """Changes to the preset by the name of the row."""
-BUSES: dict[str, dict[str, Any]] = {
+BUSES: dict[str, Record] = {
     "Wishbone": {"bus": "wishbone"},
     "APB": {"bus": "apb"},
     "AXI4-Lite": {"bus": "axi4lite"},
@@ -86,7 +88,7 @@ CHECKS = {
 Row = tuple[Any, ...]
 
 
-def scene(text: str) -> tuple[str, AcceleratorConfig, list[dict[str, Any]]]:
+def scene(text: str) -> tuple[str, AcceleratorConfig, list[Record]]:
     """Name, front end and judged candidates of a SCENE."""
     if text in PRESETS:
         return text, PRESETS[text], []
@@ -107,7 +109,7 @@ def cells_of(design: Any) -> dict[str, int]:
 
 
 # ---------------------------------------------------------------------- cells
-def accuracy_of(candidates: Sequence[dict[str, Any]], config: AcceleratorConfig) -> str:
+def accuracy_of(candidates: Sequence[Record], config: AcceleratorConfig) -> str:
     """The best recipe's accuracy of that network, in words; - where it was judged on another front end, or
     not at all."""
     hidden = config.network.hidden if config.recurrent else 0
@@ -181,8 +183,8 @@ def on_a_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) -> R
 
 
 def in_software(config: AcceleratorConfig) -> Row:
-    """The same as plain C on a microcontroller, in cycles of its core; a recording made up, which costs what others
-    do."""
+    """The same as plain C on a microcontroller, in cycles of its core; a recording made up, which costs what
+    others do."""
     model = random_integer_model(config, 1)
     settling, again = config.rest_level.rest_frames, config.onset_rule.rearm_frames
     played = random_recordings(config, [settling + 2 * config.last_frame + 2 * again], 1)
@@ -257,8 +259,8 @@ def feature_rows(asked: argparse.Namespace) -> Iterator[Row]:
 
 
 def check_rows(asked: argparse.Namespace) -> Iterator[Row]:
-    """With and without checksum and watchdog. Without the link nobody reads the faults, and what finds them is not
-    there either."""
+    """With and without checksum and watchdog. Without the link nobody reads the faults, and what finds them
+    is not there either."""
     base = PRESETS[asked.preset].with_lanes(asked.lanes, asked.lane_type)
     for name, fields in CHECKS.items():
         model = random_integer_model(base.replace(**dict.fromkeys(fields, True)), 1)

@@ -498,16 +498,17 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
     figure, panels = panel_row(len(COSTS), 10.4, 3.6)
     labelled: list[tuple[Axes, list[Annotation], list[tuple[float, Record]]]] = []
     for axes, (key, (label, factor)) in zip(panels, COSTS.items(), strict=True):
-        shown = [row for row in rows if row[key] is not None]
+        # rounded, so that costs that are equal but for their last bits are one
+        shown = [row | {key: float(f"{factor * row[key]:.6g}")} for row in rows if row[key] is not None]
         front = pareto(shown, key)
-        line = [(factor * shown[index][key], shown[index]["accuracy"]) for index in front]
+        line = [(shown[index][key], shown[index]["accuracy"]) for index in front]
         axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
         named: set[tuple[float, float]] = set()
         names: list[Annotation] = []
         for index, row in sorted(
             enumerate(shown), key=lambda item: (not item[1]["chosen"], item[0] not in front)
         ):
-            place = factor * row[key], row["accuracy"]
+            place = row[key], row["accuracy"]
             colour = INTEGER_COLOUR if row["chosen"] else FLOAT_COLOUR
             axes.errorbar(
                 *place,
@@ -532,7 +533,7 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
         axes.margins(x=0.15, y=0.15)
         cost_axis(axes)
         axes.set_xlabel(label)
-        labelled.append((axes, names, [(factor * row[key], row) for row in shown]))
+        labelled.append((axes, names, [(row[key], row) for row in shown]))
     axes = panels[0]
     filled = f"filled: fits the {board}" if board else "hollow: fits no board"
     axes.set(title=f"grey: the best at each cost; {filled}", ylabel="accuracy, integer, cross-validated")
@@ -556,12 +557,13 @@ POINT = 6
 
 def _placed(name: Annotation, inside: Bbox, taken: Sequence[Bbox]) -> Bbox:
     """Put a point's name where it covers least of what is ``taken`` and stays ``inside``; where it lies."""
-    places = [(x, y) for far in (6, 20, 34) for y in (-far, far) for x in (8, -8)] + [(12, 0), (-12, 0)]
+    first = 1 if name.get_fontweight() == "bold" else -1  # the taken one's above its point, the others' below
+    places = [(x, first * y) for far in (6, 20, 34) for y in (far, -far) for x in (8, -8, 0)]
 
     def put(place: tuple[int, int]) -> Bbox:
         x, y = place
-        aside, above = "left" if x > 0 else "right", "bottom" if y > 0 else "top"
-        name.set(position=place, ha=aside, va="center" if y == 0 else above)
+        aside = "center" if x == 0 else "left" if x > 0 else "right"
+        name.set(position=place, ha=aside, va="bottom" if y > 0 else "top")
         return name.get_window_extent()
 
     def covered(place: tuple[int, int]) -> int:

@@ -4,8 +4,8 @@
              + steps * (cycles of a step * (e_clock + STEP_TOGGLES * e_toggle) + multiplies * e_multiply)
 
 Cycles are those of the schedule, e_... those of `eskin.golden.studies.energy`. Cells are a sum over what the
-design has. These constants are fitted to counted netlists by ``python -m scripts.cost_model``, which prints
-how far they are off (docs/energy.md). Block memories are those of the elaborated design.
+design has (`parts_of`). These constants are fitted to counted netlists by ``python -m scripts.cost_model``,
+which prints how far they are off (docs/energy.md). Block memories are those of the elaborated design.
 """
 
 from __future__ import annotations
@@ -27,8 +27,18 @@ CODE = ("rtl", "verbs/cost.py")
 """What these figures depend on, beside golden."""
 BOARD = "icebreaker"
 """The board that candidates are priced on unless another is named."""
-CELLS = {"always": 808, "onset": 290, "recurrent": -112, "activity": 181, "integral": 367}
+CELLS = {
+    "always": 625.5,
+    "taxels": 0.9,
+    "address bits": 11.2,
+    "lanes": 25.5,
+    "onset": 214.1,
+    "kinds beyond the mean": 233.1,
+    "few taxels": 369.6,
+}
 """Logic cells of what a design has."""
+FEW_TAXELS = 4
+"""So few words of state are kept in flip-flops."""
 LINK_CELLS, LINK_BLOCKS = 471, 1
 """What the host's link adds."""
 
@@ -37,7 +47,7 @@ LINK_CELLS, LINK_BLOCKS = 471, 1
 def cost_of(config: AcceleratorConfig, board: str = BOARD) -> Cost:
     """The cost of a configuration on the lanes that suit the board."""
     target = find_target(board)
-    config = suited(config, target)
+    config = on_board(config, target)
     energy = estimated(config, target.device)
     return Cost(
         energy_touch_j=energy["per_touch_j"] + energy["preprocessing_per_touch_j"],
@@ -45,6 +55,15 @@ def cost_of(config: AcceleratorConfig, board: str = BOARD) -> Cost:
         latency_s=decision_cycles(config) / target.clock_hz,
         touch_s=config.last_frame / config.sensor.sample_rate_hz,
     )
+
+
+def on_board(config: AcceleratorConfig, target: Target) -> AcceleratorConfig:
+    """On lanes that suit the board, at most as many as it has multipliers for: one more is for element-wise
+    operations."""
+    made, room = suited(config, target), target.room
+    if room is None or not room.multipliers or made.hardware.lanes < room.multipliers:
+        return made
+    return made.with_lanes(room.multipliers - 1)
 
 
 def estimated(config: AcceleratorConfig, part: str) -> Record:
@@ -55,14 +74,16 @@ def estimated(config: AcceleratorConfig, part: str) -> Record:
 
 
 def parts_of(config: AcceleratorConfig) -> dict[str, float]:
-    """How many of each of CELLS the design has."""
-    kinds, early = config.features.feature_kinds, not config.opens_at_once
+    """How many of each of CELLS the design has; address bits: of inputs and hidden units."""
+    hidden = config.network.hidden if config.recurrent else 0
     return {
         "always": 1,
-        "onset": early,
-        "recurrent": config.recurrent,
-        "activity": "activity" in kinds,
-        "integral": "integral" in kinds,
+        "taxels": config.sensor.taxels,
+        "address bits": (config.inputs - 1).bit_length() + hidden.bit_length(),
+        "lanes": config.hardware.lanes,
+        "onset": not config.opens_at_once,
+        "kinds beyond the mean": config.kinds - 1,
+        "few taxels": config.sensor.taxels <= FEW_TAXELS and not config.opens_at_once,
     }
 
 
@@ -75,7 +96,7 @@ def cells_of(config: AcceleratorConfig) -> int:
 def blocks_of(config: AcceleratorConfig, board: str = BOARD) -> int:
     """Block memories, onset to decision."""
     target: Target = find_target(board)
-    return block_memories(suited(config, target), target.family.name, target.family.blocks)
+    return block_memories(on_board(config, target), target.family.name, target.family.blocks)
 
 
 def fits(config: AcceleratorConfig, board: str = BOARD) -> bool:
@@ -83,7 +104,7 @@ def fits(config: AcceleratorConfig, board: str = BOARD) -> bool:
     recurrent cell may lie in large memories."""
     target = find_target(board)
     room = target.room
-    if room is None or cells_of(config) + LINK_CELLS > room.cells:
+    if room is None or cells_of(on_board(config, target)) + LINK_CELLS > room.cells:
         return False
     return any(
         blocks_of(made, board) + LINK_BLOCKS <= room.blocks

@@ -1,5 +1,5 @@
-"""The log of taught touches in a board's flash (docs/specification.md, section 18): what a board makes of one when
-it is switched on."""
+"""The log of taught touches in a board's flash (docs/specification.md, section 18): what a board makes of one
+when it is switched on."""
 
 from __future__ import annotations
 

@@ -301,7 +301,7 @@ KEPT_BYTES = 3 << 28
 """Touches of gates that are kept for other windows on them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Judged:
     """A candidate and whether each recording looked at was decided rightly; missed: recordings without a
     touch or a completed window."""

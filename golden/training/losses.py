@@ -78,8 +78,8 @@ Callback = Callable[[int, dict[str, float]], None]
 
 
 class Told:
-    """Tells ``callback`` the mean ``loss`` since the epoch before, CURVE_POINTS times in a training; in place of
-    `LossCurves` where one network is trained."""
+    """Tells ``callback`` the mean ``loss`` since the epoch before, CURVE_POINTS times in a training; in place
+    of `LossCurves` where one network is trained."""
 
     def __init__(self, callback: Callback) -> None:
         self._callback, self._trained = callback, list[float]()

@@ -93,12 +93,14 @@ class _Steps(torch.autograd.Function):
         of_n, of_z, of_r = (1 - z) * (1 - n * n), (before - n) * z * (1 - z), before * r * (1 - r)
         rows = n.new_empty(*n.shape[:2], 3 * n.shape[2], n.shape[3])
         row, row_n = rows.split([u.shape[1], u_n.shape[1]], 2)
+        row_z, row_r = row.chunk(2, 2)
         u, u_n = u.mT.contiguous(), u_n.mT.contiguous()
         of_state = torch.zeros_like(n[0])
         for k in reversed(range(len(n))):
             of_state += wanted[k]
             torch.mul(of_state, of_n[k], out=row_n[k])
             gated = u_n @ row_n[k]
-            torch.cat([of_state * of_z[k], gated * of_r[k]], 1, out=row[k])
+            torch.mul(of_state, of_z[k], out=row_z[k])
+            torch.mul(gated, of_r[k], out=row_r[k])
             of_state = torch.baddbmm(torch.addcmul(of_state * z[k], gated, r[k]), u, row[k])
         return rows, (row @ before.mT).sum(0), (row_n @ (r * before).mT).sum(0)

@@ -228,9 +228,14 @@ class PrototypeReadout(wiring.Component):
             m.d.comb += self.wrong.eq(comparing & used_of & read.data.xor())
             with m.If(comparing):
                 m.d.sync += damaged.eq(Mux(begin_of, was_damaged, damaged) | read.data.xor())
-        nearer = whole_place & (first_done | (counts_too & (total < nearest)))
+        compared: Value = total
+        if rule.taught_shift:
+            taught_of, taught_done = Signal(name="taught_of"), Signal(name="taught_done")
+            m.d.sync += [taught_of.eq(slot >= rule.prototypes), taught_done.eq(taught_of)]
+            compared = Mux(taught_done, total >> rule.taught_shift, total)
+        nearer = whole_place & (first_done | (counts_too & (compared < nearest)))
         with m.If(nearer):
-            m.d.sync += nearest.eq(total)
+            m.d.sync += nearest.eq(compared)
         if rule.spare_classes:  # a class may have no place in use
             with m.If(nearer & first_done & ~used_done):
                 m.d.sync += nearest.eq(-1)
@@ -333,7 +338,7 @@ class PrototypeReadout(wiring.Component):
             m.d.sync += [chosen.eq(self.label), following.eq(self.option)]
         with m.If(self.ended):
             m.d.sync += [whole.eq(complete), following.eq(0)]
-        with m.If(self.vector.valid | (self.clear & self.locked)):
+        with m.If(self.vector.valid | (self.clear & self.locked) | loads):
             m.d.sync += whole.eq(0)
         m.d.sync += teaching.eq((teaching | pass_begins) & ~pass_ends)
         with m.If(pass_ends):

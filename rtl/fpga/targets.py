@@ -13,10 +13,11 @@ from eskin.rtl.fpga.synthesis import ECP5, GOWIN, ICE40_DSP, ICE40_HX, ICE40_LP,
 
 
 class Room(NamedTuple):
-    """Logic cells and block memories of a part."""
+    """Logic cells, block memories and multipliers of a part, as nextpnr reports them."""
 
     cells: int
     blocks: int
+    multipliers: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +26,8 @@ class Target:
 
     device: the part's name. room: what it has; None: no estimate there. family: for Yosys. place: nextpnr's
     options for part and package; pack: the packer's. clock_pin, clock_hz: the board's oscillator (the
-    upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led: a
-    lamp, or a free pin. pins: further free pins, in the order in which they are given out. flash: (select,
+    upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led:
+    a lamp, or a free pin. pins: further free pins, in the order in which they are given out. flash: (select,
     clock, to it, from it) of the SPI flash that holds the bitstream, where all four are pins of the part.
     """
 
@@ -48,10 +49,10 @@ class Target:
 # its way) may go on for ever.
 _SMALL = ("--router", "router2")
 _PARTS: dict[tuple[str, str], tuple[Family, Room | None, tuple[str, ...]]] = {
-    ("iCE40UP5K", "SG48"): (ICE40_DSP, Room(5280, 30), ("--up5k", "--package", "sg48")),
-    ("iCE40HX1K", "TQ144"): (ICE40_HX, Room(1280, 16), ("--hx1k", "--package", "tq144", *_SMALL)),
-    ("iCE40LP1K", "CM36"): (ICE40_LP, Room(1280, 16), ("--lp1k", "--package", "cm36", *_SMALL)),
-    ("LFE5U-25F", "BG381"): (ECP5, Room(24288, 56), ("--25k", "--package", "CABGA381", "--speed", "6")),
+    ("iCE40UP5K", "SG48"): (ICE40_DSP, Room(5280, 30, 8), ("--up5k", "--package", "sg48")),
+    ("iCE40HX1K", "TQ144"): (ICE40_HX, Room(1280, 16, 0), ("--hx1k", "--package", "tq144", *_SMALL)),
+    ("iCE40LP1K", "CM36"): (ICE40_LP, Room(1280, 16, 0), ("--lp1k", "--package", "cm36", *_SMALL)),
+    ("LFE5U-25F", "BG381"): (ECP5, Room(24288, 56, 28), ("--25k", "--package", "CABGA381", "--speed", "6")),
     ("GW1NR-9C", "QN88P"): (GOWIN, None, ("--device", "GW1NR-LV9QN88PC6/I5", "--vopt", "family=GW1N-9C")),
 }
 _PACK = {"GW1NR-9C": ("-d", "GW1N-9C", "-o")}

@@ -85,10 +85,10 @@ ERASES = {4096: 0x20, 65536: 0xD8}
 class LogLayout:
     """The log of taught touches in the flash.
 
-    offset: its first byte. half, stride: bytes of each half, and from record to record, powers of two. erase: the
-    command that erases a half. tag_bits: of what a record begins with, so that it has whole bytes. The rest is the
-    memory PROTOTYPES: steps, values a step, bits a word, prototypes and places for taught touches a class, words of
-    codes.
+    offset: its first byte. half, stride: bytes of each half, and from record to record, powers of two. erase:
+    the command that erases a half. tag_bits: of what a record begins with, so that it has whole bytes. The
+    rest is the memory PROTOTYPES: steps, values a step, bits a word, prototypes and places for taught touches
+    a class, words of codes.
     """
 
     offset: int

@@ -10,11 +10,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from amaranth.hdl import Fragment, MemoryInstance, Shape
 
 from eskin.golden.core.config import MOST_INPUTS, AcceleratorConfig
+from eskin.golden.core.jobs import Record
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.views.schedule_view import cell_name, lanes_name, resized, save_figure, summary, write_csv
@@ -59,19 +59,21 @@ def block_memories(config: AcceleratorConfig, family: str, shapes: Sequence[tupl
     """Block memories of the accelerator on a family of FPGAs: each memory, once for every port that reads it,
     cut into blocks of the shape (words, bits) that needs fewest. Memories that are asked to be made of
     something else, or hold so few words that they are, and columns of a ROM that never change need none."""
-    return sum(
-        readers * min(-(-words // depth) * -(-bits // width) for depth, width in shapes)
-        for bits, words, readers in _blocks(Fragment.get(_accelerator(config), family))
-    )
+    total = 0
+    for bits, words, readers, asked in _blocks(Fragment.get(_accelerator(config), family)):
+        needed = min(-(-words // depth) * -(-bits // width) for depth, width in shapes)
+        total += readers * needed if asked or bits * words > FEW_BITS * needed else 0
+    return total
 
 
 FEW_BITS, FEW_WORDS = 68, 64
-"""A memory of so many bits is made of flip-flops where nothing asks for more, a ROM of so many words of
-LUTs."""
+"""A memory of so many bits for each block that it would take is made of flip-flops where nothing asks for
+more, a ROM of so many words of LUTs."""
 
 
-def _blocks(fragment: Fragment) -> Iterator[tuple[int, int, int]]:
-    """(bits of a word, words, ports that read) of each memory that block memories hold."""
+def _blocks(fragment: Fragment) -> Iterator[tuple[int, int, int, bool]]:
+    """(bits of a word, words, ports that read, a block memory is asked for) of each memory that block
+    memories may hold."""
     if isinstance(fragment, MemoryInstance):
         data, style = fragment._data, fragment._attrs.get("ram_style", "auto")
         bits = Shape.cast(data.shape).width
@@ -79,8 +81,8 @@ def _blocks(fragment: Fragment) -> Iterator[tuple[int, int, int]]:
             words, stuck = data.init._raw, (1 << data.depth) - 1
             columns = [sum((word >> bit & 1) << n for n, word in enumerate(words)) for bit in range(bits)]
             bits = 0 if data.depth <= FEW_WORDS else sum(column not in (0, stuck) for column in columns)
-        if style == "block" or (style == "auto" and bits * data.depth > FEW_BITS):
-            yield bits, data.depth, len(fragment._read_ports)
+        if style in ("block", "auto"):
+            yield bits, data.depth, len(fragment._read_ports), style == "block"
     for inner, _, _ in fragment.subfragments:
         yield from _blocks(inner)
 
@@ -102,7 +104,7 @@ def memory_bits(config: AcceleratorConfig) -> dict[str, int]:
     return bits
 
 
-def cost(config: AcceleratorConfig) -> dict[str, Any]:
+def cost(config: AcceleratorConfig) -> Record:
     """The cost of one configuration: sizes, ``step_cycles``, ``decision_cycles`` (from the features on),
     ``ideal_cycles``, ``multiplies``, ``weight_bits`` (the network's weights alone, without the unused places
     of idle lanes) and ``memory_bits``."""
@@ -120,7 +122,7 @@ def cost(config: AcceleratorConfig) -> dict[str, Any]:
 
 def complexity(
     config: AcceleratorConfig, progress: Callable[[str, int, int], None] | None = None
-) -> dict[str, list[dict[str, Any]]]:
+) -> dict[str, list[Record]]:
     """`cost` against ``TAXELS`` (classes as in ``config``) and against ``CLASSES`` (taxels as in
     ``config``)."""
     some = [taxels for taxels in TAXELS if taxels * config.kinds <= MOST_INPUTS]
@@ -153,12 +155,12 @@ SHOWN = {
 COLUMNS = tuple(SHOWN)
 
 
-def cells(point: dict[str, Any]) -> tuple[str, ...]:
+def cells(point: Record) -> tuple[str, ...]:
     """A `cost` as words, by ``COLUMNS``."""
     return tuple(str(point[key]) for key in SHOWN.values())
 
 
-def flat_rows(sweeps: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
+def flat_rows(sweeps: dict[str, list[Record]]) -> list[Record]:
     """Rows for a CSV: the sweep's name, then each figure, a column a memory."""
     return [
         {"against": name}
@@ -176,7 +178,7 @@ CURVES = {
 """Figures of a `cost` in each of the first two charts of a row."""
 
 
-def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
+def chart(config: AcceleratorConfig, sweeps: dict[str, list[Record]]):
     """A matplotlib Figure: a row a sweep; cycles, multiplies with weight bits, memory bits by memory."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
@@ -212,9 +214,7 @@ def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
     return figure
 
 
-def files(
-    config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]
-) -> dict[str, Callable[[Path], None]]:
+def files(config: AcceleratorConfig, sweeps: dict[str, list[Record]]) -> dict[str, Callable[[Path], None]]:
     """The files of `complexity` by name, each as what writes it to a path."""
     picture = chart(config, sweeps)
     return {

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -102,6 +103,15 @@ ARRAYS = {
     ),
 }
 """At a clock that is low enough to simulate them in seconds."""
+
+
+@pytest.mark.parametrize(("name", "model"), [("ad7476", "ad7476.sv"), ("adc128s102", "spi.sv")])
+def test_a_chip_without_a_model_of_its_own_is_played_by_that_of_any_spi_converter(name, model):
+    """The second is no row of ours: what a newcomer adds."""
+    config = SimpleNamespace(interface=SimpleNamespace(converter=name))
+    sources, options = flow.converter_model(config)
+    assert [path.name for path in sources] == ["pins.svh", model] and options == (f"-DCONVERTER_{name}",)
+    assert all(path.is_file() for path in sources)
 
 
 def tell(name: str, scene: str, config: AcceleratorConfig, result) -> None:

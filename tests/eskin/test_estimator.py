@@ -11,13 +11,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from sklearn.base import clone, is_classifier
+from sklearn.base import clone
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
-from sklearn.utils import InputTags, get_tags
+from sklearn.utils import InputTags
 from sklearn.utils.estimator_checks import check_estimator
-from sklearn.utils.validation import check_is_fitted
 
 import eskin
 from eskin.estimator import probabilities
@@ -49,14 +48,6 @@ def test_parameters_go_in_and_out():
     with pytest.raises(eskin.InputError, match="no_such_preset"):
         model.set_params(config="no_such_preset")
     assert model.get_params()["config"] is SMALL
-
-
-def test_tags_and_whether_it_is_fitted(fitted):
-    tags = get_tags(fitted)
-    assert is_classifier(fitted) and not tags.input_tags.two_d_array and tags.target_tags.required
-    check_is_fitted(fitted)
-    with pytest.raises(Exception, match="not fitted"):
-        check_is_fitted(clone(fitted))
 
 
 def test_shares_add_up_and_follow_the_decision(fitted, lists):

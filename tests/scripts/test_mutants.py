@@ -95,7 +95,7 @@ def run(project: Path, *words: str) -> tuple[int, str, dict]:
     )
     out = project / "build" / "mutants"
     done = subprocess.run(
-        [sys.executable, "-c", code, str(project), "--out", str(out), "--limit", "2", *words],
+        [sys.executable, "-c", code, str(project), "--out", str(out), "--limit", "4", *words],
         cwd=ROOT,
         capture_output=True,
         text=True,

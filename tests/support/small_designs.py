@@ -1,8 +1,9 @@
-"""A small design whose touches last 200 frames, which others vary."""
+"""Designs that many tests vary: a small one whose touches last 200 frames; the thesis's with any cell."""
 
 from __future__ import annotations
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.formats import QFormat
 
 SMALL = AcceleratorConfig.of(
     taxels=4,
@@ -18,3 +19,10 @@ SMALL = AcceleratorConfig.of(
     decision="vote",
     lanes=2,
 )
+CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
+
+
+def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **changes) -> AcceleratorConfig:
+    """The thesis's sizes and formats; states with room for an LSTM's."""
+    wide = {"state_format": QFormat(4, 12)}
+    return PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, **wide | changes)

@@ -131,12 +131,10 @@ def write_tables(folder: Path) -> None:
 def test_convert_says_what_it_understood_and_writes_the_same_recordings(call, folder):
     write_tables(folder / "csv")
     status, out, _ = call(*"convert csv --out made.npz".split())
-    assert (
-        status == 0
-        and "2 folders are classes, 8 files recordings" in out
-        and "200 Hz" in out
-        and "eskin inspect made.npz" in out
-    )
+    assert status == 0
+    assert "2 folders are classes, 8 files recordings" in out
+    assert "200 Hz" in out
+    assert "eskin inspect made.npz" in out
     with np.load("made.npz") as made:
         samples = np.concatenate(
             [arrays()["samples"][100 * n : 100 * (n + 1)] for n in (0, 2, 4, 6, 1, 3, 5, 7)]
@@ -183,11 +181,9 @@ def test_inspect_shows_the_archive_and_writes_picture_and_figures(call, folder):
     status, out, _ = call(*"inspect data.npz --config config.json --json figures.json".split())
     assert status == 0
     figures = json.loads(Path("figures.json").read_text())
-    assert (
-        figures["recordings"] == 8
-        and figures["taxels"] == 4
-        and figures["classes"] == {"rough": 4, "smooth": 4}
-    )
+    assert figures["recordings"] == 8
+    assert figures["taxels"] == 4
+    assert figures["classes"] == {"rough": 4, "smooth": 4}
     assert figures["groups"] == {"trial": 4} and figures["lengths"] == {"min": 100, "median": 100, "max": 100}
     assert [taxel["state"] for taxel in figures["taxel"]] == ["ok"] * 4
     onsets = figures["onset_frames"]
@@ -226,10 +222,8 @@ def test_inspect_lists_few_recordings_and_says_what_next(call, folder):
     assert len(json.loads(Path("figures.json").read_text())["onset_frames"]) == 32
     np.savez("data.npz", **good)
     _, out, _ = call(*"inspect data.npz --config config.json".split())
-    assert (
-        "next: eskin run --data data.npz --group trial" in out
-        and "fewer than 5 recordings of rough, smooth" in out
-    )
+    assert "next: eskin run --data data.npz --group trial" in out
+    assert "fewer than 5 recordings of rough, smooth" in out
 
 
 def test_inspect_describes_an_archive_that_gives_no_configuration(call, folder):
@@ -237,10 +231,8 @@ def test_inspect_describes_an_archive_that_gives_no_configuration(call, folder):
     np.savez("data.npz", **arrays(samples=wide))
     assert call(*"inspect data.npz --json figures.json".split())[0] == 0
     figures = json.loads(Path("figures.json").read_text())
-    assert (
-        figures["onset_frames"] is None
-        and "taxels: is 257; it must lie in 1..256" in figures["configuration"]["reasons"][0]
-    )
+    assert figures["onset_frames"] is None
+    assert "taxels: is 257; it must lie in 1..256" in figures["configuration"]["reasons"][0]
 
 
 def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model):
@@ -281,12 +273,10 @@ def test_cosim_compares_and_a_spoiled_weight_ends_with_1(call, folder, model, mo
     status, out, err = call(*words)
     result = json.loads(Path("c.json").read_text())
     assert status == 0 and result["bit_exact"] and result["recordings"] == 2 and result["steps"] == 8, err
-    assert (
-        result["lanes"] == 2
-        and result["simulator"] == "icarus"
-        and "bit-exact" in out
-        and os.listdir("build/cosim") == []
-    )
+    assert result["lanes"] == 2
+    assert result["simulator"] == "icarus"
+    assert "bit-exact" in out
+    assert os.listdir("build/cosim") == []
 
     from eskin.verbs import flow
 

@@ -46,15 +46,11 @@ def test_the_screen_shows_what_the_page_shows(model):
         screen.feed(message)
         if message["k"] == "decided":
             text = drawn(screen)
-            assert (
-                f"{names[message['label']]} decided" in text
-                and f"{message['since']:.3f} s after the onset" in text
-            )
-            assert (
-                text.count("■") == len(screen.steps) == message["step"] + 1
-                and "logits" in text
-                and "hidden state" in text
-            )
+            assert f"{names[message['label']]} decided" in text
+            assert f"{message['since']:.3f} s after the onset" in text
+            assert text.count("■") == len(screen.steps) == message["step"] + 1
+            assert "logits" in text
+            assert "hidden state" in text
         if message["k"] == "step":
             assert names[message["label"]] in drawn(screen)
     assert screen.lines[0].startswith("recording 0: no touch") and len(screen.lines) == 5

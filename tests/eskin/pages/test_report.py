@@ -122,7 +122,10 @@ def test_candidates_stand_against_their_cost_on_the_first_screen(result):
 def test_names_of_candidates_cover_no_point_and_no_other_name():
     scene = [(0.842, 1.2), (0.954, 1.9), (0.975, 2.0), (0.984, 2.2), (0.977, 2.5)]
     rows = [judged("gru", 4 * k, share, 1e-6 * cost, chosen=k == 3) for k, (share, cost) in enumerate(scene)]
+    rows[1]["decision_time_s"] = float(np.nextafter(0.25, 1))
     for axes, cost in zip(draw_candidates(rows).axes, ("energy_touch_j", "decision_time_s"), strict=True):
+        low, high = axes.get_xlim()
+        assert high / low > 1.1  # and no scale of last bits
         names = [text.get_window_extent() for text in axes.texts]
         factor = 1e6 if cost == "energy_touch_j" else 1
         points = axes.transData.transform([(factor * row[cost], row["accuracy"]) for row in rows])

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.runner import SimulationError
+from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.training.choose_front_end import Plan
@@ -468,3 +469,16 @@ def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
     )
     page = (tmp_path / "run/report.html").read_text()
     assert "Accuracy against cost" in page and "The front end and its rivals" in page
+
+
+@pytest.mark.parametrize(
+    ("taxels", "board", "said"),
+    [
+        (16, "icebreaker", ", fits the icebreaker"),
+        (256, "icebreaker", "does not fit the icebreaker with its link; the ulx3s would hold it"),
+        (256, "ulx3s", ", fits the ulx3s"),
+    ],
+)
+def test_before_anything_is_simulated_a_board_is_named(taxels, board, said):
+    config = AcceleratorConfig().replace(taxels=taxels, cell="linear")
+    assert main_job.board_sentence(config, board).endswith(said)

@@ -162,11 +162,9 @@ def test_normalised_codes_are_the_real_features(subset, scale):
         )
         ratio = scale_of * 2.0 ** -(shift_of + filled.formats.gate_frac)
         allowed = 0.5 + ratio * (2.0**shift_of + 1) / 2 + np.abs(ideal) / (2 * scale_of)
-        assert (
-            inside.sum() > 60
-            and (np.abs(codes - ideal) <= allowed)[inside].all()
-            and allowed[inside].max() < 4
-        )
+        assert inside.sum() > 60
+        assert (np.abs(codes - ideal) <= allowed)[inside].all()
+        assert allowed[inside].max() < 4
         live = ~np.array(config.input_mask)
         assert not codes[..., ~live].any() and (codes[done][:, live] != 0).any(axis=0).all()
 
@@ -261,7 +259,5 @@ def test_amplified_integrals_are_those_of_the_amplified_sums():
     exact = companded(4 * sums, config.features.integral_knee, 12)
     assert np.abs(gained - exact).max() <= 8 and np.abs(exact - stacked[:, 0]).max() > 1000
     plain = sums_alone(ALL)
-    assert (
-        np.array_equal(amplified(plain, sums[:, None], 2.0), 2 * sums[:, None])
-        and plain.inputs == ALL.sensor.taxels
-    )
+    assert np.array_equal(amplified(plain, sums[:, None], 2.0), 2 * sums[:, None])
+    assert plain.inputs == ALL.sensor.taxels

@@ -113,16 +113,12 @@ def test_torch_network_computes_the_same(tmp_path, name, prefix):
     with torch.no_grad():
         expected = network(torch.from_numpy(features)).numpy()
     assert np.abs(expected).max() > 0.3 and np.abs(model.forward(features)[1] - expected).max() < 1e-12
-    assert (
-        (model.config.network.cell, model.config.network.hidden) == (cell, 10)
-        and model.arrays["mu"] == -3.5
-        and model.arrays["sigma"] == 140
-    )
+    assert (model.config.network.cell, model.config.network.hidden) == (cell, 10)
+    assert model.arrays["mu"] == -3.5
+    assert model.arrays["sigma"] == 140
     assert json.loads(json.dumps(record)) == json.loads((tmp_path / "model" / "training.json").read_text())
-    assert (
-        record["imported"]["file"] == str(file)
-        and record["imported"]["arrays"]["dense"] == prefix + "head.weight"
-    )
+    assert record["imported"]["file"] == str(file)
+    assert record["imported"]["arrays"]["dense"] == prefix + "head.weight"
     assert record["parameters"] == model.parameter_count == model.config.parameter_count
 
 
@@ -233,19 +229,16 @@ ELSE = "holds other things than tensors"
     [
         ({"recurrent__weight_ih_l0": None}, "is there 0 times"),
         ({"recurrent__weight_hh_l0": None}, "weight_hh_l0: is missing"),
-        ({"recurrent__bias_ih_l0": None}, "bias_ih_l0: is missing"),
         ({"head__weight": None}, "has 0 dense layers"),
         ({"head__bias": None}, "head.bias: is missing"),
-        ({"recurrent__weight_ih_l1": ONES(30, 10)}, "l1: belongs to a second layer"),
         ({"recurrent__weight_ih_l0_reverse": ONES(30, 16)}, "reverse: belongs to a second layer"),
+        ({"recurrent__weight_ih_l1": ONES(30, 10)}, "l1: belongs to a second layer"),
         ({"b__weight_ih_l0": ONES(30, 16)}, "is there 2 times"),
         ({"two__weight": ONES(3, 3)}, "has 2 dense layers"),
         ({"norm__weight": ONES(10)}, "norm.weight: belongs to neither the recurrent layer nor"),
         ({"recurrent__weight_ih_l0": ONES(33, 16)}, "weight_ih_l0.*: has shape"),
-        ({"recurrent__weight_ih_l0": ONES(30)}, "weight_ih_l0.*: has shape"),
         ({"recurrent__bias_hh_l0": ONES(33)}, "bias_hh_l0.*: has shape"),
         ({"head__weight": ONES(3, 11)}, "head.weight.*: has shape"),
-        ({"head__bias": ONES(3, 1)}, "head.bias.*: has shape"),
         ({"head__bias": ONES(4)}, "head.bias: has 4 values for 3 classes of head.weight"),
         ({"head__bias": ONES(3).to_sparse()}, "head.bias: is no plain array of numbers"),
         ({"epoch": 3}, f"{ELSE}; save only the weights"),
@@ -283,7 +276,6 @@ GOOD = keras_arrays(3, 2)
         ({"arr_1": GOOD[1].T}, r"arr_1: has shape \(21, 7\), neither \(hidden, 3 x hidden\) of a GRU nor"),
         ({"arr_0": GOOD[0].T}, r"arr_0: has shape \(21, 16\), .*not go with a GRU of 7 units \(arr_1\)"),
         ({"arr_2": GOOD[2].ravel()}, "array arr_2: has shape .1, 42., which does not go with"),
-        ({"arr_2": np.float64(1)}, "array arr_2: has shape"),
         ({"arr_3": np.ones((8, 3))}, r"array arr_3: has shape \(8, 3\)"),
         ({"arr_4": np.ones(4)}, "array arr_4: has 4 values for 3 classes of arr_3"),
         ({"arr_0": np.full((16, 21), np.nan)}, "arr_0: holds values that are no finite numbers"),

@@ -6,12 +6,13 @@ import pytest
 from amaranth.hdl import Module, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core import formats
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.common import fixed
+from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, simulate, values
 from tests.support.table import each_row
 
@@ -67,7 +68,7 @@ def test_narrow_every_code(shift):
     assert got == [formats.narrow(code, shift, target) for code in codes]
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60, 600)
 @given(
     width=st.integers(2, 40),
     shift=st.integers(0, 30),

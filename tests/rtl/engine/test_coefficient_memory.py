@@ -7,26 +7,19 @@ import random
 
 from amaranth.hdl import Fragment
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.program.cells import cell_program
 from eskin.rtl.program.memory_map import Memory
 from eskin.rtl.program.microcode import Layout
+from tests.support.small_designs import reference
 from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
-def configuration(cell: str, lanes: int, **changes):
-    return PRESETS["thesis"].replace(
-        cell=cell, lanes=lanes, lane_type="dsp", state_format=QFormat(4, 12), **changes
-    )
-
-
 @each_row(("lanes", "cell"), [(1, "gru"), (4, "lstm")])
 def test_what_is_written_is_read_and_nothing_with_it(lanes, cell):
-    config = configuration(cell, lanes)
+    config = reference(cell, lanes=lanes, lane_type="dsp")
     program = cell_program(config)
     place, rng = Layout(config, program), random.Random(lanes)
     dut = CoefficientMemory(config, program)
@@ -67,7 +60,7 @@ def test_what_is_written_is_read_and_nothing_with_it(lanes, cell):
 
 @each_row("lanes", [1, 4])
 def test_where_memories_begin_as_told_only_a_shared_lane_has_one_for_each(lanes):
-    config = configuration("gru", lanes)
+    config = reference("gru", lanes=lanes, lane_type="dsp")
 
     def parts(platform: str | None) -> set[str]:
         return {

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from amaranth.hdl import Module, ResetInserter
 from amaranth.lib import wiring
-from hypothesis import Phase, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core.activation import sigmoid_table, tanh_table
@@ -27,10 +27,10 @@ from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.timing import is_compact
 from tests.rtl.engine.test_engine import beats, check_exact, check_exact_and_cycles, expected, small, windows
+from tests.support.small_designs import CELLS, reference
+from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, put
 from tests.support.table import each_row
-
-CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 
 
 def serial(cell: str = "gru", reset: str = "before", **changes):
@@ -155,7 +155,7 @@ def models(draw) -> IntegerModel:
 SEEN: set[str] = set()
 
 
-@settings(max_examples=40, derandomize=True, deadline=None, phases=[Phase.generate])
+@examples(40, 400)
 @given(model=models())
 def check_program(model: IntegerModel) -> None:
     centred = windows(model.config, touches=2, seed=3)
@@ -212,11 +212,7 @@ def test_what_the_hardware_relies_on_between_instructions(cell, reset):
     """A sum is finished a cycle after its last MAC; a table answers a cycle after its index; a STORE comes
     after an instruction that does nothing, or after the look-up; jumps have one more instruction; a run is of
     a length that the column counter knows."""
-    code = planned(
-        PRESETS["thesis"].replace(
-            cell=cell, reset=reset, lanes=1, lane_type="serial", state_format=QFormat(4, 12)
-        )
-    )
+    code = planned(reference(cell, reset, 1, lane_type="serial"))
     for before, after in (*pairwise(code.prologue), *pairwise(code.step)):
         one, two = before.instruction, after.instruction
         assert one.op != Op.MAC or not (two.op in (Op.STORE, Op.JUMP) or two.clear)
@@ -391,9 +387,7 @@ def test_words_loaded_at_any_pace_are_there():
 # ---------------------------------------------------------------------- memory contents
 @each_row(("cell", "reset"), CELLS[1:])
 def test_images_hold_every_parameter(cell, reset):
-    config = PRESETS["thesis"].replace(
-        cell=cell, reset=reset, lanes=1, lane_type="serial", state_format=QFormat(4, 12)
-    )
+    config = reference(cell, reset, 1, lane_type="serial")
     model = random_integer_model(config, seed=3)
     code, images = planned(model.config), memory_images(model.config, model.arrays)
     assert is_compact(model.config) and set(images) == {0, Memory.CONSTANTS, Memory.MEANS}

@@ -13,9 +13,10 @@ from eskin.golden.core.formats import QFormat, narrow
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.compact_engine import make_engine
+from eskin.rtl.engine.window_queue import WindowQueue
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import schedule
-from tests.support.stream_bench import Bench, values
+from tests.support.stream_bench import Bench, put, simulate, values
 
 
 class EngineBench(wiring.Component):
@@ -115,8 +116,7 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
         logit, feature, state = engine.logit, engine.feature, engine.state
         taps = [signal for tap in (logit, feature, state) for signal in (tap.valid, tap.value)]
         taps += [engine.started, engine.step.valid, engine.step.value]
-        while True:
-            _, _, lv, l, fv, f, sv, s, started, done, slots = await ctx.tick().sample(*taps)
+        async for _, _, lv, l, fv, f, sv, s, started, done, slots in ctx.tick().sample(*taps):
             for name, valid, value in (
                 ("logit", lv, l),
                 ("feature", fv, f),
@@ -176,3 +176,16 @@ def test_bit_exact_with_stalls(lanes):
     config = small("gru", "before", lanes, hidden=12, taxels=16)
     model = random_integer_model(config, seed=lanes)
     check_exact(model, windows(model.config, touches=2, seed=lanes), stall=0.3, seed=lanes)
+
+
+def test_a_step_is_open_from_its_start_to_its_end():
+    dut, seen = WindowQueue(small("gru", "before", 3), 3), []
+
+    async def bench(ctx):
+        for started, done in ((0, 0), (1, 0), (0, 0), (0, 1), (0, 0)):
+            put(ctx, dut, started=started, step_done=done)
+            seen.append((ctx.get(dut.computing), ctx.get(dut.open)))
+            await ctx.tick()
+
+    simulate(dut, bench)
+    assert seen == [(0, 0), (0, 0), (1, 1), (1, 1), (0, 0)]

@@ -7,13 +7,14 @@ import random
 
 import pytest
 from amaranth.hdl import Fragment
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature, make_lane
 from eskin.rtl.engine.sb_mac16 import DspLane
 from eskin.rtl.program.timing import timing
+from tests.support.strategies import examples
 from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
@@ -109,7 +110,7 @@ def test_sums_are_exact_and_there_in_their_slot(lane_type, with_operands, accumu
     assert len(early) > 0.5 * len(checks), "the sum is there a slot sooner than the timing says"
 
 
-@settings(max_examples=30, derandomize=True, deadline=None)
+@examples(30, 300)
 @given(
     lane_type=st.sampled_from(["plain", "dsp"]),
     terms=st.lists(

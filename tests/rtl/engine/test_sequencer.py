@@ -34,12 +34,11 @@ def play(code: Microcode, cycles: int, go=lambda cycle: 1, restart=lambda cycle:
 
     async def bench(ctx):
         fields = [getattr(dut.word, name) for name in FIELDS]
+        ticks = aiter(ctx.tick().sample(dut.enable, dut.waiting, dut.ended, *fields))
         for cycle in range(cycles):
             for signal, value in ((dut.go, go(cycle)), (dut.restart, restart(cycle)), (anew, reset(cycle))):
                 ctx.set(signal, value)
-            _, _, enable, waiting, ended, *values = await ctx.tick().sample(
-                dut.enable, dut.waiting, dut.ended, *fields
-            )
+            _, _, enable, waiting, ended, *values = await anext(ticks)
             if enable:
                 taken.append((cycle, dict(zip(FIELDS, values, strict=True)), ended))
             if waiting:

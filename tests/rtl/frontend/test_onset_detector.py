@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core.errors import InputError
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from eskin.rtl.frontend.rest_level import exact_reciprocal
 from tests.support.front_end_cases import CASES, REST, detect, frame_beats, make_stream, sample_beats
+from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, beats_after_reset, values
 from tests.support.table import each_row
 
@@ -171,7 +172,7 @@ def test_a_reset_begins_a_new_recording(name):
     )
 
 
-@settings(max_examples=12, deadline=None, derandomize=True)
+@examples(12, 200)
 @given(data=st.data())
 def test_equal_to_the_specification_for_any_rule(data):
     draw = data.draw

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core.config import AcceleratorConfig
@@ -20,6 +20,7 @@ from tests.support.front_end_cases import (
     sum_beats,
     window_beats,
 )
+from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, beats_after_reset, values
 from tests.support.table import each_row
 
@@ -58,7 +59,7 @@ def test_sums_of_every_window(name):
     assert values(out) == expected
 
 
-@settings(max_examples=25, deadline=None, derandomize=True)
+@examples(25, 500)
 @given(
     taxels=st.sampled_from([4, 1, 2, 3]),
     hop=st.integers(1, 9),

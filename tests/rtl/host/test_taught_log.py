@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from amaranth.sim import Simulator
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.prototypes import forget, taught_in_use, teach
 from eskin.golden.model.taught_log import played, sizes
@@ -294,3 +295,13 @@ def test_the_power_may_go_at_any_byte():
         log, held = whole.log, whole.holds
     print(cuts, "cuts")
     assert cuts > 200
+
+
+def test_sizes_are_those_of_the_golden_model_and_what_has_no_room_is_refused():
+    rule = {"readout": "prototypes", "taught": 3, "state_code_bits": 4, "state_code_shift": 9}
+    for checksum in (False, True):
+        config = PRESETS["pvdf"].with_readout(**rule).replace(checksum=checksum)
+        layout = log_layout(config)
+        assert (layout.half, layout.stride) == sizes(config) == ((65536, 256) if checksum else (4096, 128))
+    with pytest.raises(InputError, match="takes 275 bytes of 256"):
+        log_layout(config.replace(steps=36))

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from amaranth.lib.crc.catalog import CRC16_IBM_SDLC
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.cosim import link
@@ -20,6 +20,7 @@ from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.fpga.generate import pack_decision
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
+from tests.support.strategies import examples
 from tests.support.stream_bench import pack, put, simulate
 from tests.support.table import each_row
 
@@ -237,7 +238,7 @@ def test_the_check_sequence_is_crc_16_ibm_sdlc():
         assert link.frame_check(body) == reference.compute(body)
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@examples(200, 2000)
 @given(
     bodies=st.lists(
         st.binary(min_size=1, max_size=40)

@@ -24,7 +24,7 @@ from eskin.rtl.program.memory_map import (
 )
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.top.accelerator import Accelerator
-from tests.support.stream_bench import Bench, put, values
+from tests.support.stream_bench import Bench, bus_accesses, give_frame, values
 
 STAGES = ("sum", "fault", "feature", "state", "logit")
 
@@ -105,26 +105,14 @@ class Host:
 
     def __init__(self, dut, ctx) -> None:
         self.dut, self.ctx = dut, ctx
-
-    async def write(self, register: int, word: int) -> None:
-        self.ctx.set(self.dut.bus.addr, register)
-        self.ctx.set(self.dut.bus.w_data, word)
-        self.ctx.set(self.dut.bus.w_stb, 1)
-        await self.ctx.tick()
-        self.ctx.set(self.dut.bus.w_stb, 0)
-
-    async def read(self, register: int) -> int:
-        self.ctx.set(self.dut.bus.addr, register)
-        self.ctx.set(self.dut.bus.r_stb, 1)
-        await self.ctx.tick()
-        self.ctx.set(self.dut.bus.r_stb, 0)
-        return self.ctx.get(self.dut.bus.r_data)
+        self.write, self.read = bus_accesses(ctx, dut.bus)
 
     async def until_idle(self, limit: int = 20_000) -> None:
+        ticks = aiter(self.ctx.tick())
         for _ in range(limit):
             if not self.ctx.get(self.dut.busy):
                 return
-            await self.ctx.tick()
+            await anext(ticks)
         raise AssertionError(f"still busy after {limit} cycles")
 
 
@@ -158,8 +146,7 @@ def play(
             for stage in STAGES
             for signal in (getattr(dut.probe, stage).valid, getattr(dut.probe, stage).value)
         ]
-        while True:
-            sampled = (await ctx.tick().sample(*taps))[2:]
+        async for _, _, *sampled in ctx.tick().sample(*taps):
             for k, stage in enumerate(STAGES):
                 if sampled[2 * k]:
                     streams[stage].append(int(sampled[2 * k + 1]))
@@ -184,25 +171,13 @@ def play(
             await ctx.tick()
             begin = bench.cycle
             for frame, samples in enumerate(data.recording(number)):
-                ctx.set(dut.i.valid, 0)
                 while bench.cycle < begin + frame * frame_cycles:
                     await ctx.tick()
                 if during is not None and frame == 30:
                     await during(host)
-                sent = len(samples) - (left_off if frame == len(data.recording(number)) - 1 else 0)
-                for taxel, sample in enumerate(samples[:sent]):
-                    while stall and rng.random() < stall:
-                        ctx.set(dut.i.valid, 0)
-                        await ctx.tick()
-                    beat = {
-                        "sample": int(sample),
-                        "first": int(taxel == 0),
-                        "last": int(taxel == config.sensor.taxels - 1),
-                    }
-                    put(ctx, dut.i, payload=beat, valid=1)
-                    while not (await ctx.tick().sample(dut.i.ready))[-1]:
-                        pass
-            ctx.set(dut.i.valid, 0)
+                left = left_off if frame == len(data.recording(number)) - 1 else 0
+                pauses = lambda: stall and rng.random() < stall
+                await give_frame(ctx, dut.i, samples, pauses, len(samples) - left)
             await host.write(Register.CONTROL, Control.FINISH)
             await host.until_idle()
             statuses.append(

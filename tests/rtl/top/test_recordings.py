@@ -41,8 +41,13 @@ def model_for(recordings, config, seed: int) -> IntegerModel:
     touches = find_touches(config, recordings)
     mu, sigma = scaling(config, real_features(config, touches.sums), touches.completed)
     # activity of small counts is coarser than 8 fraction bits
-    limit = _feature_frac_limit(config, np.asarray(sigma), {})
-    config = config.replace(feature_format=QFormat(4, min(8, limit)))
+    fraction = min(8, _feature_frac_limit(config, np.asarray(sigma), {}))
+    products = config.formats.dense_format.frac_bits + fraction
+    config = config.replace(
+        feature_format=QFormat(4, fraction),
+        logit_format=QFormat(6, min(10, products - 1)),
+        dense_bias_format=QFormat(5, min(11, products)),
+    )
     filled, mean, scale = normaliser_constants(config, mu, sigma)
     return IntegerModel(
         filled, {**random_integer_model(filled, seed).arrays, "mean": mean, "scale": scale}, "random weights"

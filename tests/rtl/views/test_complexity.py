@@ -6,16 +6,13 @@ from __future__ import annotations
 import csv
 import json
 import re
-import sys
 from pathlib import Path
 
-import pytest
 from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.rtl.fpga.export import export
 from eskin.rtl.program.microcode import Microcode
@@ -76,16 +73,12 @@ def test_cost_is_the_schedules_and_the_networks(taxels, classes):
     assert point["memory_bits_total"] == sum(point["memory_bits"].values())
 
 
-def test_the_verb_writes_what_was_counted(monkeypatch, tmp_path, capsys):
+def test_the_verb_writes_what_was_counted(call, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(complexity, "TAXELS", (4, 20))
     monkeypatch.setattr(complexity, "CLASSES", (2, 9))
-    monkeypatch.setattr(
-        sys, "argv", ["eskin", "schedule", "fabric", "--complexity", "--lanes", "6", "--out", "cost"]
-    )
-    with pytest.raises(SystemExit) as end:
-        command_line.main()
-    assert not end.value.code
+    status, shown, _ = call("schedule", "fabric", "--complexity", "--lanes", 6, "--out", "cost")
+    assert not status
     assert sorted(path.name for path in Path("cost").iterdir()) == [
         f"complexity.{kind}" for kind in ("csv", "json", "png", "svg")
     ]
@@ -101,7 +94,6 @@ def test_the_verb_writes_what_was_counted(monkeypatch, tmp_path, capsys):
     assert sum(int(value) for key, value in rows[0].items() if key.endswith(" bits")) == int(
         rows[0]["memory_bits_total"]
     )
-    shown = capsys.readouterr().out
     assert all(str(point["step_cycles"]) in shown for sweep in sweeps.values() for point in sweep)
 
 
