@@ -226,7 +226,7 @@ class Activity:
 CHOICE = ("name", "clock_hz", "idle_w", "average_w", "hours", "touch_j", "touches")
 """Keys of a choice of `estimate`."""
 COMPUTE_BLOCKS = ("cell", "classifier")
-STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 37.0, 15.0, 35.0, 4.0
+STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 52.0, 12.0, 38.0, 4.0
 """For an uncounted design: register bits that change in a cycle of a step, in one of a frame, in one of a
 frame that an onset detector sees, beyond that, and in one without work. All but the last are fitted to
 counted netlists (``python -m scripts.cost_model``)."""
