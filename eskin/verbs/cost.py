@@ -104,7 +104,13 @@ def fits(config: AcceleratorConfig, board: str = BOARD) -> bool:
     recurrent cell may lie in large memories."""
     target = find_target(board)
     room = target.room
-    if room is None or cells_of(on_board(config, target)) + LINK_CELLS > room.cells:
+    if room is None:
+        return False
+    try:
+        cells = cells_of(on_board(config, target))
+    except InputError:  # lanes of a part without multipliers do not take these formats
+        return False
+    if cells + LINK_CELLS > room.cells:
         return False
     return any(
         blocks_of(made, board) + LINK_BLOCKS <= room.blocks

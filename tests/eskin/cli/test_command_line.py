@@ -404,6 +404,7 @@ def test_what_is_refused_is_one_sentence_and_changes_no_file(call, folder, model
         raise AssertionError("recordings were read before the configuration was refused")
 
     bad_files(folder, model)
+    Path("build/cosim").mkdir(parents=True, exist_ok=True)  # where runs of cosim have their own folders
     before = contents(folder)
     for commands, name, sentence in REFUSED:
         with monkeypatch.context() as patch:
