@@ -33,6 +33,7 @@ from eskin.golden.core import converters, images
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError, SimulationError
 from eskin.golden.core.formats import QFormat
+from eskin.golden.core.jobs import Record
 
 PACES = ("full", "declared")
 MEASURES = ("frame", "step", "windows")
@@ -73,7 +74,7 @@ def cosim(
     work: Path,
     builds: Path,
     progress: Progress | None = None,
-) -> dict[str, Any]:
+) -> Record:
     """Play ``vectors`` into ``design`` and compare every stage.
 
     Parameters
@@ -197,7 +198,7 @@ def result_of(
     clock_hz: float,
     wall_s: float,
     registers: Mapping[str, int],
-) -> dict[str, Any]:
+) -> Record:
     """The CONTRACT's result of a run, as `cosim` describes it; ``passed`` without what only a bench in a
     simulator tries.
 
@@ -263,9 +264,11 @@ def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
 
 
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Files and compiler options of the model of the configuration's converter, and of its wiring."""
+    """Files and compiler options of the model of the configuration's converter, and of its wiring. A chip on
+    SPI without a model of its own is played by that of any SPI converter."""
     folder, name = Path(__file__).with_name("converters"), config.interface.converter
-    return (folder / "pins.svh", folder / f"{name}.sv"), (f"-DCONVERTER_{name}",)
+    models = (folder / f"{model}.sv" for model in (name, "spi"))
+    return (folder / "pins.svh", next(filter(Path.is_file, models))), (f"-DCONVERTER_{name}",)
 
 
 def _misbehaviour(fault: tuple[int, int, int] | None) -> dict[str, int]:
@@ -278,7 +281,7 @@ def conversion(
     capture: Capture,
     work: Path,
     clock_hz: float,
-) -> dict[str, Any]:
+) -> Record:
     """What the frames' way from the pins took, in cycles.
 
     converter, code_bits, scan_cycles (from a scan's begin to its last channel, at most), jitter_cycles
@@ -337,12 +340,12 @@ JOINED |= {
 JOINED["without_probes.bit_exact"] = all
 
 
-def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def joined(config: AcceleratorConfig, results: Sequence[Mapping[str, Any]]) -> Record:
     """One result from those of parts of the recordings, in their order and played alike: counts and seconds
     are sums, cycles the extremes, budgets those of these cycles; the registers are the last part's, with the
     faults of all and the longest of what LONGEST measures.
     """
-    result: dict[str, Any] = copy.deepcopy(dict(results[0]))
+    result: Record = copy.deepcopy(dict(results[0]))
     for place, join in JOINED.items():
         *way, name = place.split(".")
         whole: Any
@@ -378,7 +381,7 @@ def lowest_clock(
     cycles: Mapping[str, int | None] | None = None,
     rounds: int = 8,
     **options: Any,
-) -> tuple[float, dict[str, Any]]:
+) -> tuple[float, Record]:
     """The lowest clock, Hz, that meets every budget, and the declared-pace run at it that shows so;
     ``options`` as for ``cosim``.
 
@@ -403,7 +406,7 @@ def lowest_clock(
             return guess, result
         cycles = result["cycles"]
     clock = latency.needed_clock(config, cycles)
-    lowest: tuple[float, dict[str, Any]] | None = None
+    lowest: tuple[float, Record] | None = None
     for attempt in range(rounds):
         result = cosim(
             design, vectors, pace="declared", clock_hz=clock, work=Path(work) / f"clock{attempt}", **options

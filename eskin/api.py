@@ -221,8 +221,8 @@ class Model(Estimator):
         Parameters
         ----------
         recordings : Recordings, str, path, DataFrame, or list of arrays
-            What ``--data`` takes, loaded or by its name; one long table, whose labels are the classes then; or
-            arrays (frames, taxels) of codes, then with the next two.
+            What ``--data`` takes, loaded or by its name; one long table, whose labels are the classes then;
+            or arrays (frames, taxels) of codes, then with the next two.
         labels : array of int or str
             Of a list of arrays: the class of each, by index or by name.
         sample_rate_hz : float
@@ -230,9 +230,9 @@ class Model(Estimator):
         progress : callable
             Called with (what, done, total).
         callback : callable
-            Called with (epoch, figures) while the network that is kept is trained: figures is {"loss": ...} at
-            each epoch of a recurrent cell, and of every cell at the end {"accuracy": ...} on what it was trained
-            on. What it raises ends the training.
+            Called with (epoch, figures) while the network that is kept is trained: figures is {"loss": ...}
+            at each epoch of a recurrent cell, and of every cell at the end {"accuracy": ...} on what it was
+            trained on. What it raises ends the training.
 
         Returns
         -------
@@ -394,8 +394,8 @@ class Model(Estimator):
         return scores_of_decisions
 
     def predict_proba(self, frames: Frames, *, integer: bool = True) -> np.ndarray:
-        """Shares of the classes: exp of `decision_function` over the sum of all, or the shares of the votes where
-        steps vote. Nobody calibrated them: 0.9 does not mean right nine times in ten.
+        """Shares of the classes: exp of `decision_function` over the sum of all, or the shares of the votes
+        where steps vote. Nobody calibrated them: 0.9 does not mean right nine times in ten.
 
         Returns
         -------

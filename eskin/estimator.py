@@ -11,7 +11,8 @@ from eskin.golden.core.jobs import Record
 
 
 class Estimator:
-    """The words that scikit-learn's tools ask a classifier for; scikit-learn itself is loaded by ``tags`` alone.
+    """The words that scikit-learn's tools ask a classifier for; scikit-learn itself is loaded by ``tags``
+    alone.
 
     A class that has them keeps its parameters by `_keep`, and says what follows from them in ``_configure``.
     """
@@ -63,8 +64,8 @@ class Estimator:
 
 
 def probabilities(scores: np.ndarray, *, votes: bool) -> np.ndarray:
-    """Shares of ``scores`` (n, C) that add up to 1: of votes their shares, else exp(score) over the sum of all; rows
-    that are not a number give equal shares."""
+    """Shares of ``scores`` (n, C) that add up to 1: of votes their shares, else exp(score) over the sum of
+    all; rows that are not a number give equal shares."""
     known = np.where(np.isnan(scores), 0.0, scores)
     if votes:
         shares = known + (known.sum(axis=1, keepdims=True) == 0)

@@ -14,11 +14,11 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from eskin.golden.baselines.rows import nearest, orders
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import replacing
+from eskin.golden.core.jobs import Record
 from eskin.pages.baselines_chart import chart
 from eskin.rtl.views.schedule_view import save_figure
 
@@ -39,9 +39,9 @@ class Scene:
 
     name: str
     title: str
-    rows: list[dict[str, Any]]
+    rows: list[Record]
     recordings: int
-    left_out: list[dict[str, Any]]
+    left_out: list[Record]
 
     @classmethod
     def read(cls, argument: str) -> Scene:
@@ -80,7 +80,7 @@ class Scene:
         """Splits in the order of the results."""
         return list(dict.fromkeys(row["split"] for row in self.rows))
 
-    def of(self, split: str) -> list[dict[str, Any]]:
+    def of(self, split: str) -> list[Record]:
         """Rows of one split."""
         return [row for row in self.rows if row["split"] == split]
 
@@ -96,7 +96,7 @@ def table(scene: Scene) -> Iterator[str]:
     splits = " | ".join(f"unseen {split} (%)" for split in scene.splits)
     yield f"| method | seeds | {splits} | multiplies | parameters | bytes | train (s) | decision (us), 99 % | hardware |"
     yield "| :-- | --: |" + " --: |" * (len(scene.splits) + 5) + " :-- |"
-    by_method: dict[str, dict[str, dict[str, Any]]] = {}
+    by_method: dict[str, dict[str, Record]] = {}
     for row in scene.rows:
         by_method.setdefault(row["method"], {})[row["split"]] = row
     for rows in sorted(
@@ -109,7 +109,7 @@ def table(scene: Scene) -> Iterator[str]:
     yield f"![accuracy against multiplies of a decision, {scene.title}](baselines_{scene.name}.svg)\n"
 
 
-def _line(scene: Scene, rows: dict[str, dict[str, Any]]) -> str:
+def _line(scene: Scene, rows: dict[str, Record]) -> str:
     first = next(iter(rows.values()))
 
     def mean(key: str) -> float:

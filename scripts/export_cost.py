@@ -2,9 +2,9 @@
 microcontroller; one table.
 
 ``python -m scripts.export_cost DATA ... [--emulate N]`` prints it. DATA: archives of recordings or images, or
-NAME=ARCHIVE; the word synthetic. Where a preset has that name it is the front end, else one is derived. Weights
-are random: neither what is compared nor what it costs depends on them. Instructions are counted on an emulated
-Cortex-M0+ over the first N recordings with a touch.
+NAME=ARCHIVE; the word synthetic. Where a preset has that name it is the front end, else one is derived.
+Weights are random: neither what is compared nor what it costs depends on them. Instructions are counted on an
+emulated Cortex-M0+ over the first N recordings with a touch.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ MODELS: dict[str, dict[str, Any]] = {
     "GRU, early": {"cell": "gru", "decision": "early", "early_steps": 2, "early_margin": 64},
     "GRU, taxels fail": {"cell": "gru", "fault_frames": 8},
 }  # fmt: skip
-"""Kinds of model: cells, decisions, kinds of feature. With ``fault_frames`` a taxel of each recording fails."""
+"""Kinds of model: cells, decisions, kinds of feature. With ``fault_frames`` a taxel of each recording
+fails."""
 COLUMNS = (
     "data",
     "model",
@@ -107,8 +108,8 @@ def model_of(config: AcceleratorConfig, kind: str) -> IntegerModel:
 
 
 def with_failing_taxels(config: AcceleratorConfig, recordings: Recordings) -> Recordings:
-    """The recordings with a taxel in each that holds one code from some frame on: before the frames that the last
-    onset replays, among them, or in the touch."""
+    """The recordings with a taxel in each that holds one code from some frame on: before the frames that the
+    last onset replays, among them, or in the touch."""
     samples, touches = recordings.samples.copy(), find_touches(config, recordings)
     onsets = dict(zip(touches.recording.tolist(), touches.onset_frame.tolist(), strict=True))
     windows, count = config.windows, len(recordings)

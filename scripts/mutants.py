@@ -44,6 +44,7 @@ from pathlib import Path
 from typing import Any
 
 from eskin.golden.core.files import write_json
+from eskin.golden.core.jobs import Record
 
 ROOT = Path(__file__).resolve().parents[1]
 SCOPE = Path("tests/mutants.toml")
@@ -337,7 +338,7 @@ class Scope:
     tests: dict[str, list[str]]
     named: dict[Mutant, list[str]]
     skip: frozenset[str]
-    reasons: dict[tuple[str, str, str], dict[str, Any]]
+    reasons: dict[tuple[str, str, str], Record]
 
     @classmethod
     def load(cls, root: Path) -> Scope:
@@ -458,7 +459,7 @@ class Bench:
             digest.update(f"{mutant.file} {mutant.apply(self.contents[mutant.file].decode())}".encode())
         return self.out / f"{digest.hexdigest()[:24]}.json"
 
-    def verdict(self, work: Work) -> dict[str, Any]:
+    def verdict(self, work: Work) -> Record:
         """The one that is kept; nothing where there is none yet."""
         path = self.kept(work)
         return json.loads(path.read_text()) if path.exists() else {}
@@ -484,7 +485,7 @@ class Bench:
                 pool.shutdown(wait=False, cancel_futures=True)
                 self.free = queue.Queue()
 
-    def _judged(self, work: Work) -> dict[str, Any]:
+    def _judged(self, work: Work) -> Record:
         file, tests, limit, mutant = work
         copy = self.free.get()
         if mutant:
@@ -532,7 +533,7 @@ def _put(path: Path, content: bytes) -> None:
 
 def judge(
     root: Path, out: Path, count: int, seed: int, jobs: int, least_limit: float = 60.0, only: str = ""
-) -> dict[str, Any]:
+) -> Record:
     """Choose mutants, run what is not yet known, return the result.
 
     Parameters
@@ -598,7 +599,7 @@ def judge(
     return {"seed": seed, "mutants": rows, "counts": dict(counts), "score": score, "passed": passed}
 
 
-def table(result: dict[str, Any]) -> str:
+def table(result: Record) -> str:
     """The result as Markdown: score, by kind, by file, survivors."""
     outcomes, rows = ("killed", "timeout", "survived", "equivalent"), result["mutants"]
     compared = sum(row["compared"] for row in rows if row["kind"] != "named")

@@ -16,15 +16,16 @@ from pathlib import Path
 from eskin.cli.main import app
 from scripts.docs_site import ROOT, companions, packages, summary_of
 
+ENGINES = ("engine/engine", "engine/compact_engine")
 STAGES = {
-    "sum": "rtl/frontend/window_averager.py",
-    "fault": "rtl/frontend/fault_detector.py",
-    "feature": "rtl/frontend/normaliser.py",
-    "state": "rtl/engine/compact_engine.py",
-    "logit": "rtl/engine/compact_engine.py",
-    "decision": "rtl/decision/classifier.py",
+    "sum": ("frontend/window_averager",),
+    "fault": ("frontend/fault_detector",),
+    "feature": ("frontend/normaliser",),
+    "state": ENGINES,
+    "logit": ENGINES,
+    "decision": ("decision/classifier",),
 }
-"""The block that produces each compared stage."""
+"""The blocks of rtl/ that produce each compared stage."""
 SHARED = [
     ROOT / "golden" / name
     for name in ("core/errors.py", "core/files.py", "core/jobs.py", "data/load.py", "model/model.py")
@@ -60,7 +61,8 @@ def index() -> dict[str, list[Path]]:
     files: dict[str, list[Path]] = {}
     for path in (path for paths in packages().values() for path in paths):
         files.setdefault(path.stem, []).append(path)
-    for name, paths in [*((stage, [ROOT / block]) for stage, block in STAGES.items()), *verbs().items()]:
+    stages = {stage: [ROOT / "rtl" / f"{block}.py" for block in blocks] for stage, blocks in STAGES.items()}
+    for name, paths in (stages | verbs()).items():
         files[name] = list(dict.fromkeys([*files.get(name, []), *paths]))
     return files
 

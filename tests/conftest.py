@@ -1,9 +1,10 @@
 """Fixtures for all tests: the real recordings (where they are), torch's threads, recordings made on the
-spot."""
+spot, the installed command called in this process."""
 
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -68,6 +69,26 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
 def shared_data() -> Path:
     """Folder of the real recordings: ``shared_data / "pvdf_indent" / "recordings.npz"``."""
     return SHARED_DATA
+
+
+@pytest.fixture
+def call(monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
+    """``call("inspect", "data.npz")`` -> (status, standard output, standard error), as the installed command
+    would end."""
+    from eskin.cli import main as command_line
+
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["eskin", *map(str, words)])
+        status = 0
+        try:
+            command_line.main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        return status, *capsys.readouterr()
+
+    return run
 
 
 @pytest.fixture

@@ -18,7 +18,6 @@ from unittest import mock
 
 import numpy as np
 import pytest
-from amaranth.sim import Simulator
 
 from eskin.golden.core.files import write_json
 from eskin.golden.core.formats import QFormat
@@ -32,7 +31,7 @@ from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.timing import is_compact
 from tests.rtl.top import test_accelerator as chain
-from tests.support.stream_bench import Bench, unpack
+from tests.support.stream_bench import Bench, simulate, unpack
 
 PORTS = {
     "frames in": "i",
@@ -405,10 +404,7 @@ def hung(config) -> list[int]:
         await host.write(Register.CONTROL, Control.CLEAR_FAULTS)
         flags.append(await host.read(Register.FAULTS))
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     return flags
 
 

@@ -133,6 +133,7 @@ def test_files_that_are_named_are_there(path):
 
 
 # ------------------------------------------------------------------ commands
+@cache
 def verbs() -> dict[str, click.Command]:
     return get_command(app).commands
 
@@ -180,11 +181,9 @@ def test_verbs_options_and_targets_exist(path):
 
 def test_an_option_that_does_not_exist_is_seen():
     assert sum(len(commands(path)) for path in PAGES) > 40
-    assert (
-        wrong("eskin train --data x --epochs 3") == ["--epochs"]
-        and wrong("make fun") == ["fun"]
-        and wrong("eskin trian") == ["trian"]
-    )
+    assert wrong("eskin train --data x --epochs 3") == ["--epochs"]
+    assert wrong("make fun") == ["fun"]
+    assert wrong("eskin trian") == ["trian"]
 
 
 def test_every_verb_is_in_the_readme():
@@ -270,11 +269,9 @@ def test_every_field_is_named():
     page = docs_site.filled((ROOT / "docs" / "configuration.md").read_text())
     rows = dict(re.findall(r"^\| `(\w+)` \| (.+?) \| .+? \|$", page, re.MULTILINE))
     assert set(GROUP_OF) - set(rows) == set() and "<!-- fields" not in page
-    assert (
-        rows["taxels"] == "whole number, 1..256"
-        and rows["weight_format"] == "signed format"
-        and "`tracked`" in rows["rest"]
-    )
+    assert rows["taxels"] == "whole number, 1..256"
+    assert rows["weight_format"] == "signed format"
+    assert "`tracked`" in rows["rest"]
     said = "\n".join(line for line in page.splitlines() if not line.startswith("| `"))
     assert [name for name in GROUP_OF if f"`{name}`" not in said] == []
 

@@ -73,7 +73,7 @@ JUDGED = "--data {data} --config {config} --group person --seeds 1"
 ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "inspect": ("inspect {data} --config {config} --out {out}/picture.png", ("linear", "image")),
     "convert": ("convert {data} --out {out}/converted.npz", ("linear", "image")),
-    "train": (f"train {JUDGED} --folds 2 --out {{out}}/model", ("lstm", "image")),
+    "train": (f"train {JUDGED} --folds 2 --out {{out}}/model", ("lstm",)),
     "train --fits": (
         f"train {JUDGED} --folds 2 --prefer latency --fits ulx3s --out {{out}}/model",
         ("linear",),
@@ -90,19 +90,16 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "quantise --logit-error": ("quantise {model} --data {data} --logit-error 5 --group person", ("image",)),
     "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
     "compare": ("compare {model} --out {out}", ("gru-after", "image")),
-    "generate": ("generate {model} --out {out}/design", ("rom", "converter", "prototypes", "image")),
+    "generate": ("generate {model} --out {out}/design", ("rom", "prototypes", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
     "generate --streams": ("generate {model} --bus apb --fifo 4 --streams axis --out {out}/design", ()),
     "export --to c": ("export {model} --to c --out {out}/c", ("linear", "image")),
     "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "image")),
     "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
     "schedule": ("schedule {model} --out {out}", ("serial", "image")),
-    "schedule --table": ("schedule {model} --table", ("linear", "image")),
+    "schedule --table": ("schedule {model} --table", ("image",)),
     "schedule --complexity": ("schedule {model} --complexity --out {out}", ("image",)),
-    "cosim": (
-        "cosim {model} --data {data} --recordings 1 --simulator icarus",
-        ("linear", "converter", "image"),
-    ),
+    "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear", "converter")),
     "cosim netlist": (
         "cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker",
         ("converter",),
@@ -159,7 +156,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         "--streams: frames come from the converter 'matrix'; leave it out",
     ),
     (
-        ("quantise --readout",),
+        ("quantise --readout", "enrol --evaluate --readout"),
         ("rom",),
         "field loadable: is false, and the memory of prototypes is one that the host fills",
     ),

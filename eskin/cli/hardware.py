@@ -149,8 +149,7 @@ def cosim(
     converter: Annotated[
         str | None,
         option(
-            "Begin at the pins of this converter: ads7953, mcp3208x2, ad7476, spi, ddc232, mpr121, matrix; "
-            "or none.",
+            "Begin at the pins of this converter, such as ads7953 or spi (docs/interface.md has all); or none.",
             metavar="NAME",
         ),
     ] = None,

@@ -461,15 +461,15 @@ def quantise(
     group: Annotated[
         str | None,
         option(
-            "Group arrays A,B..: with --logit-error what is left out, with --readout what has a prototype of "
-            "its own; default: those of the training."
+            "Group arrays A,B..: with --logit-error what is left out, with --readout what is left out for --unknown and "
+            "for how much nearer a taught touch counts; default: those of the training."
         ),
     ] = None,
     readout: Annotated[
         Readout, option("What decides: the dense layer, or the nearest stored trajectory; that needs --data.")
     ] = "dense",
     prototypes: Annotated[
-        int | None, option("With --readout: prototypes a class at most; default: 4.", min=1, max=16)
+        int | None, option("With --readout: prototypes a class at most; default: 8.", min=1, max=16)
     ] = None,
     taught: Annotated[
         int | None,

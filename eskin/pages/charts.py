@@ -75,8 +75,8 @@ def cost_axis(axes: Axes) -> None:
 
 
 def draw_events(axes, samples: np.ndarray, rate: float, first: int = 0) -> bool:
-    """Samples of two code levels as a raster, a dot for each frame at the rarer one; False, and nothing drawn,
-    of others. ``first``: number of the first frame."""
+    """Samples of two code levels as a raster, a dot for each frame at the rarer one; False, and nothing
+    drawn, of others. ``first``: number of the first frame."""
     levels, counts = np.unique(samples, return_counts=True)
     if len(levels) != 2:
         return False

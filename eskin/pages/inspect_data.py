@@ -52,10 +52,10 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     dict with source, recordings, sample_min, sample_max, classes (name -> recordings), groups (name -> number
     of values), values (arrays of another value in each recording, which are no groups).
 
-    Of recordings also frames, taxels, sample_rate_hz, sample_format, volt_per_code, unit, lengths (min, median,
-    max; frames), taxel (list of min, max, deviation (codes), held (``held_shares``), state: ok, constant,
-    saturated), configuration (name, onset rule, reasons), onset_frames (one a recording: 1-based, 0 open at
-    once, -1 none; or None).
+    Of recordings also frames, taxels, sample_rate_hz, sample_format, volt_per_code, unit, lengths (min,
+    median, max; frames), taxel (list of min, max, deviation (codes), held (``held_shares``), state: ok,
+    constant, saturated), configuration (name, onset rule, reasons), onset_frames (one a recording: 1-based, 0
+    open at once, -1 none; or None).
 
     Of images also image_height, image_width, zeros (share of pixels that are 0), copies (images that are
     equal to an earlier one), silent_rows, silent_columns (those that are the same in every pixel of every

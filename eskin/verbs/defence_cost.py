@@ -1,37 +1,25 @@
 """What a configuration's defences cost in hardware: the design placed for a board, and played in
 co-simulation.
-
-``python -m eskin.verbs.defence_cost`` prints the rows of docs/robustness.md for checksum and
-watchdog (with the link, which tells the faults).
 """
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.jobs import Record
 from eskin.golden.core.memo import content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.fpga.targets import target as find_target
-from eskin.rtl.program.schedule import schedule
 from eskin.verbs import build_job, flow
 
 BOARD = "icebreaker"
 PLAYED = 3
 """Recordings of the co-simulation."""
-CHECKS = {
-    "neither": (False, False),
-    "checksum": (True, False),
-    "watchdog": (False, True),
-    "both": (True, True),
-}
-"""Name of a row: checksum, watchdog."""
 
 
 def placed(
@@ -79,33 +67,3 @@ def hardware_cost(
         "bit_exact": played["bit_exact"],
         "compared_values": played["compared_values"],
     }
-
-
-def main() -> None:
-    """Print what checksum and watchdog cost as a Markdown table."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--preset", default="thesis")
-    parser.add_argument("--lanes", type=int, default=4)
-    parser.add_argument("--type", default="dsp")
-    options = parser.parse_args()
-    head = f"{options.preset}, {options.lanes} {options.type} lanes, with the link"
-    print(f"| {head} | cells | flip-flops | block memories | cycles a step |")
-    print("| --- | --: | --: | --: | --: |")
-    for name, (checksum, watchdog) in CHECKS.items():
-        config = (
-            PRESETS[options.preset]
-            .with_lanes(options.lanes, options.type)
-            .replace(checksum=checksum, watchdog=watchdog)
-        )
-        model = random_integer_model(config, 1)
-        # With the link: without it nobody reads the faults, and what finds them is not there either.
-        cells = placed(model.config, model.arrays, BOARD, build_job.CACHE, link=True)
-        cycles = schedule(model.config).step_cycles
-        print(
-            f"| {name} | {cells['logic_cells']} | {cells.get('ff')} | {cells['bram']} | {cycles} |",
-            flush=True,
-        )
-
-
-if __name__ == "__main__":
-    main()

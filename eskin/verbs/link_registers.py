@@ -1,5 +1,5 @@
-"""A board behind the serial link as the C driver sees a design behind a bus (docs/specification.md, sections 9 and
-17): its ``read`` and ``write`` functions."""
+"""A board behind the serial link as the C driver sees a design behind a bus (docs/specification.md, sections
+9 and 17): its ``read`` and ``write`` functions."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister
 class LinkRegisters:
     """Byte offsets and words of 32 bits on one side, the link's packets on the other.
 
-    Below 0x100 an access goes over the link. SAMPLE and SAMPLE_PAIR gather a frame, which is sent when it is whole;
-    DECISION gives those that came meanwhile, oldest first. There is no interrupt: ENABLE does nothing.
+    Below 0x100 an access goes over the link. SAMPLE and SAMPLE_PAIR gather a frame, which is sent when it is
+    whole; DECISION gives those that came meanwhile, oldest first. There is no interrupt: ENABLE does nothing.
 
     Parameters
     ----------

@@ -46,8 +46,10 @@ from eskin.golden.training.splits import split_folds
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.rtl.fpga.generate import generate
+from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
+from eskin.verbs import cost
 from eskin.verbs.build_job import weights_sentence
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
@@ -180,6 +182,17 @@ def run(
     return record
 
 
+def board_sentence(config: AcceleratorConfig, board: str) -> str:
+    """Whether the board holds the whole design, by the estimate of its cost, and which one would."""
+    boards = [name for name in dict.fromkeys((board, *TARGETS)) if cost.fits(config, name)]
+    size = f"{cost.cells_of(config)} logic cells and {cost.blocks_of(config, board)} block memories"
+    where = f"fits the {board}"
+    if board not in boards:
+        other = f"the {boards[0]} would hold it" if boards else "no board here would hold it"
+        where = f"does not fit the {board} with its link; {other}"
+    return f"the whole design, by estimate {size} without its link, {where}"
+
+
 def default_count(recordings: Recordings, config: AcceleratorConfig) -> int:
     """Recordings, or images, that are co-simulated without a wish."""
     if config.is_image:
@@ -266,6 +279,7 @@ class _Steps:
 
         if not config.is_image:
             self.say(weights_sentence(config))
+            self.say(board_sentence(config, self.prices.board))
 
         def simulate(
             name: str, numbers: np.ndarray, played: Recordings, job: Callable[..., Record | None]

@@ -62,7 +62,8 @@ def replay(
     teach:
         Class that each recording's last touch is taught as, when it is over; one that is not whole is not.
     kept:
-        File of touches taught: what it holds is loaded, and then what the board holds in the end goes into it.
+        File of touches taught: what it holds is loaded, and then what the board holds in the end goes into
+        it.
 
     Returns
     -------
@@ -70,8 +71,8 @@ def replay(
         port, baud, lanes, recordings, frames, decisions, compared_values, mismatches, bit_exact, passed,
         mismatch_list (sentences, the first ones), repeated (packets sent again), replayed (recordings played
         again), unanswered (questions asked again), damaged (packets from the board), wall_s, frames_per_s,
-        in_use (class name -> touches, where a class is taught or touches are kept), taught_equal (what the board
-        was taught is what the model was).
+        in_use (class name -> touches, where a class is taught or touches are kept), taught_equal (what the
+        board was taught is what the model was).
 
     Raises
     ------

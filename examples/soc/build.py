@@ -1,5 +1,5 @@
-"""Files of the example: `prepare` writes firmware, system and what it is to decide, `compare` reads what it said,
-`bitstream` makes a board's. The Makefile calls them."""
+"""Files of the example: `prepare` writes firmware, system and what it is to decide, `compare` reads what it
+said, `bitstream` makes a board's. The Makefile calls them."""
 
 from __future__ import annotations
 

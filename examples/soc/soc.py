@@ -7,8 +7,8 @@
 | 0x80000000 | 0 UART: a write sends a byte; 4 TIME: microseconds since reset; 8 WAIT |
 | 0xC0000000 | without a converter: the latest frame, 16 bits a taxel |
 
-Reading WAIT is answered when the accelerator's interrupt is high (bit 0) or a frame is there (bit 1): until then the
-CPU stands still. SERV has no instruction for that.
+Reading WAIT is answered when the accelerator's interrupt is high (bit 0) or a frame is there (bit 1): until
+then the CPU stands still. SERV has no instruction for that.
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ class Soc(wiring.Component):
     config:
         Of the model. Without a converter the CPU feeds the accelerator.
     program:
-        Words of 32 bits in the memory from the start. None: they come out of the board's flash, and the CPU stays
-        in reset until their checksum has proved right.
+        Words of 32 bits in the memory from the start. None: they come out of the board's flash, and the CPU
+        stays in reset until their checksum has proved right.
     words:
         Of the memory, 32 bits each.
 

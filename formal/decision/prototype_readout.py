@@ -1,5 +1,5 @@
-"""Teaching: no prototype of training is changed, no touch is compared with a place that is half written, and every
-address is in range."""
+"""Teaching: no prototype of training is changed, no touch is compared with a place that is half written, and
+every address is in range."""
 
 from __future__ import annotations
 

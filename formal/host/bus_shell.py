@@ -85,7 +85,7 @@ def answered_once(m: Module) -> None:
     taxel, refused = Signal(range(LAST + 1), name="taxel_due"), Signal(name="refused")
     single, pair = _is(request, ShellRegister.SAMPLE, 1), _is(request, ShellRegister.SAMPLE_PAIR, 1)
     stuck = frame.valid & ~frame.ready & dut.decision.valid & ~dut.decision.ready
-    reads = request.done & _is(request, ShellRegister.DECISION, 0)
+    reads = request.valid & ~request.done & _is(request, ShellRegister.DECISION, 0)
     m.d.sync += [
         taxel.eq(Mux(arm, 0, Mux(taken, Mux(taxel == LAST, 0, taxel + 1), taxel))),
         refused.eq((refused | stuck) & ~arm & ~reads),
@@ -105,7 +105,10 @@ def answered_once(m: Module) -> None:
         ~before(request.valid & ~request.done & ~single & ~pair, "other") | request.done,
         "others take a cycle",
     )
+    queue = inside.parts["DecisionQueue"]
+    prove(~dut.queue.asked | ~queue.shown & ~dut.queue.clear, "the queue's own rules")
     # ---- for the induction
+    prove(~(inside.arming | queue.shown) | request.done, "with an answer")
     prove((inside.taxel == taxel) & (inside.refusing == refused) & (taxel <= LAST), "reference")
     prove(inside.second == ((had == 1) & ~request.done & ~refused & pair & (taxel != 0)), "second")
     prove((had <= 2) & (request.valid | request.done | ((had == 0) & ~struck)), "between accesses")
@@ -124,16 +127,18 @@ def answered_once(m: Module) -> None:
     reduced="5 taxels, no queue",
     quick=True,
     bugs=(
-        Bug(
-            "another read takes a decision",
-            "queue.take.eq(request.valid & done & reads & decides)",
-            "queue.take.eq(request.valid & done & reads)",
-        ),
-        Bug("a write takes a decision", "done & reads & decides", "done & decides"),
+        Bug("another read takes a decision", "own & (place == ShellRegister.DECISION - FIRST)),", "own),"),
+        Bug("a write takes a decision", "acts & reads & own", "acts & own"),
         Bug(
             "a decision is taken before the answer",
-            "request.valid & done & reads & decides",
-            "request.valid & reads & decides",
+            "shown.eq(self.asked)",
+            "shown.eq(self.asked)\n            shown = self.asked",
+            file="rtl/host/decision_queue.py",
+        ),
+        Bug(
+            "a decision is asked for while one is answered",
+            "queue.asked.eq(acts",
+            "queue.asked.eq(request.valid",
         ),
         Bug(
             "a fault does not interrupt",
@@ -165,6 +170,8 @@ def decisions_and_interrupt(m: Module) -> None:
     prove(waits | ~decision.valid | decision.ready, "dropped at once")
     space = dut.frame.ready & ~inside.refusing
     events = Cat(waits, waits & decision.p.is_global, space, dut.any_fault)
+    shown = inside.parts["DecisionQueue"].shown
+    prove(shown == answers, "shown with its answer")
     prove(dut.irq == before((events & enable).any(), "due"), "interrupt")
     prove((inside.enable == enable) & (inside.global_only == only), "reference")
     read = request.done & ~request.write

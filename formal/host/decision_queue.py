@@ -6,7 +6,7 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.host.decision_queue import DecisionQueue, decision_word
-from formal.proof import Bug, free, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free, opened_up, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(), margin_threshold=1)
 WORD_MASK = 0x0FFF_8F83 | 0xF000_0000
@@ -22,10 +22,9 @@ BUGS = (
         "Cat(waiting, offered & self.i.p.is_global).any()",
         "waiting[0]",
     ),
+    Bug("a word that nobody saw is taken", "self.take & shows", "self.take & self.waits"),
     Bug(
-        "one that waits reads as none",
-        "shows, index = self.asked & self.waits",
-        "shows, index = self.asked & full[0]",
+        "one that waits reads as none", "shows.eq(self.asked & self.waits)", "shows.eq(self.asked & full[0])"
     ),
 )
 
@@ -41,10 +40,13 @@ def once_and_in_order(m: Module) -> None:
     dut = DecisionQueue(CONFIG, DEPTH)
     inside = opened_up(dut)
     free(dut.i.valid, dut.i.payload, dut.global_only, dut.clear, dut.take, dut.asked)
+    asked = before(dut.asked, "asked")
+    assume(~dut.asked | ~asked & ~dut.clear)
     count = Signal(range(DEPTH + 1), name="count")
+    shown = before(dut.asked & (count != 0), "shown")
     kept = [Signal(32, name=f"kept_{k}") for k in range(DEPTH)]  # the oldest first
     dropped = dut.global_only & ~dut.i.p.is_global
-    came, left = dut.i.valid & dut.i.ready & ~dropped, dut.take & (count != 0)
+    came, left = dut.i.valid & dut.i.ready & ~dropped, dut.take & shown
     rest = Signal.like(count, name="rest")
     m.d.comb += rest.eq(count - left)
     m.d.sync += count.eq(Mux(dut.clear, 0, rest + came))
@@ -53,11 +55,15 @@ def once_and_in_order(m: Module) -> None:
         m.d.sync += word.eq(Mux(came & (rest == k), decision_word(CONFIG, dut.i.p) & WORD_MASK, moved[k]))
     prove(dut.i.ready == (dropped | (count != DEPTH)), "taken where there is room")
     prove(dut.waits == (count != 0), "waits")
-    prove(dut.word == Mux(dut.asked, Mux(count == 0, 0xFFFF_FFFF, kept[0]), 0), "the oldest")
+    prove(dut.word == Mux(asked, Mux(shown, kept[0], 0xFFFF_FFFF), 0), "the oldest")
     globals_ = [(count > k) & word[29] for k, word in enumerate(kept)]
     offered = dut.i.valid & dut.i.p.is_global
     prove(dut.global_waits == (sum(globals_) + offered != 0), "a global one")
     # ---- for the induction: the ring holds them from its oldest on
+    prove(
+        (inside.shows == shown) & (~shown | (count != 0) & (inside.index == inside.oldest)), "what is shown"
+    )
+    prove(shown | (inside.index == asked), "none")
     prove((count <= DEPTH) & (inside.newest == (inside.oldest + count)[:2]), "count")
     for place in range(DEPTH):
         for k in range(DEPTH):

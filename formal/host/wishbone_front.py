@@ -34,8 +34,8 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=())
         Bug("byte addresses taken for words", "self.wb_adr[2:]", "self.wb_adr[:7]"),
         Bug(
             "a decision is lost to who gives up",
-            "request.valid & done & reads & decides",
-            "done & reads & decides",
+            "queue.take.eq(request.valid)",
+            "queue.take.eq(1)",
             file="rtl/host/bus_shell.py",
         ),
     ),
@@ -43,7 +43,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=())
 def one_acknowledge(m: Module) -> None:
     dut, shell = WishboneFront(), BusShell(CONFIG, depth=0)
     opened_up(dut)
-    opened_up(shell, "shell")
+    queue = opened_up(shell, "shell").parts["DecisionQueue"]
     connect(m, dut.request, shell.request)
     free(dut.wb_cyc, dut.wb_stb, dut.wb_we, dut.wb_adr, dut.wb_sel, dut.wb_dat_w)
     free(shell.bus.r_data, shell.any_fault, shell.decision.valid, shell.decision.payload, shell.frame.ready)
@@ -58,6 +58,7 @@ def one_acknowledge(m: Module) -> None:
         ~(shell.decision.ready & shell.decision.valid & ~shell.queue.global_only) | dut.wb_ack, "a decision"
     )
     prove(~shell.frame.valid | asked & dut.wb_we, "a sample")
+    prove(~queue.shown | shell.request.done, "shown with an answer")
     begun = Signal(name="begun")
     m.d.sync += begun.eq(Mux(dut.wb_ack, 0, asked & (address < 0x40)))
     prove(~(begun & asked & before(asked & ~dut.wb_ack, "same")) | dut.wb_ack, "registers take two cycles")

@@ -17,6 +17,7 @@ from eskin.golden.baselines.registry import METHODS
 from eskin.golden.baselines.scene import Scene
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 
 NEAR = 0.01
@@ -25,7 +26,7 @@ NEAR = 0.01
 
 def row_of(
     method: Method | NetworkMethod, groups: Sequence[str], runs: Sequence[Mapping[str, Any]]
-) -> dict[str, Any]:
+) -> Record:
     """A row of baselines.json: method, label, family, split, groups, accuracy (mean over seeds of the share
     of all recordings), spread (standard deviation over runs), best (run), standard_error (over recordings),
     runs, seeds; parameters, multiplies, bytes, comparisons and train_s (means over runs); decision_us
@@ -73,7 +74,7 @@ def row_of(
     return row
 
 
-def nearest(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def nearest(rows: Sequence[Mapping[str, Any]]) -> Record:
     """Of the rows of one split: best (method) and its accuracy; network: of the hardware-ready ones within
     NEAR of it that with the fewest multiplies, else the most accurate; gap: how far it is below the best,
     accuracy; within: gap <= NEAR."""
@@ -105,7 +106,7 @@ ORDERS = (
 """What table 3.1 of the thesis says: the best of the first above the best of the others."""
 
 
-def orders(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def orders(rows: Sequence[Mapping[str, Any]]) -> list[Record]:
     """The thesis's orders on the rows of one split, as far as the methods are there, in float: order, split,
     above and below (method, accuracy, spread over runs), difference, its standard error over the folds'
     differences, and holds: True, False, or None where the difference is within that error."""
@@ -161,7 +162,7 @@ def judge_baseline(
     splits: Sequence[Sequence[str]],
     seeds: Sequence[int],
     folds: int,
-) -> dict[str, Any]:
+) -> Record:
     """One method on every split of a sweep.
 
     Returns

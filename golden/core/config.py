@@ -422,8 +422,8 @@ class AcceleratorConfig:
 
     @property
     def wide_decisions(self) -> bool:
-        """True where a class needs more than the 5 bits that decisions have for it: they are the decision word of
-        section 17 then."""
+        """True where a class needs more than the 5 bits that decisions have for it: they are the decision
+        word of section 17 then."""
         return self.classes > 32
 
     @property

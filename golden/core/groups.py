@@ -391,11 +391,12 @@ class ReadoutRule(Group):
     """What a step is decided by; ``eskin quantise --readout`` sets it, and training asks for none of it.
 
     readout: ``dense``, the logits; or ``prototypes``, the nearest stored trajectory of the hidden state (of a
-    linear cell: of the logits); the other fields belong to it. prototypes: trajectories a class from training;
-    taught: places a class for touches that are taught in use. state_code_bits: of a stored value, which is a
-    state (a linear cell: logit) less its state_code_shift lowest bits, rounded. unknown_above: a touch whose
-    distance from the nearest, a step, is larger is unsure; 0: none is. spare_classes: so many of the classes, the
-    last ones, have no prototype of training: objects that are known once they are taught.
+    linear cell: of the logits); the other fields belong to it. prototypes: trajectories a class from
+    training; taught: places a class for touches that are taught in use. state_code_bits: of a stored value,
+    which is a state (a linear cell: logit) less its state_code_shift lowest bits, rounded. unknown_above: a
+    touch whose distance from the nearest, a step, is larger is unsure; 0: none is. spare_classes: so many of
+    the classes, the last ones, have no prototype of training: objects that are known once they are taught.
+    taught_shift: the distance of a taught touch counts without so many of its lowest bits, so with 1 half.
     """
 
     readout: Readout = "dense"
@@ -405,8 +406,14 @@ class ReadoutRule(Group):
     state_code_shift: Annotated[StrictInt, Interval(ge=0, le=15)] = 0
     unknown_above: Code = 0
     spare_classes: Annotated[StrictInt, Interval(ge=0, le=30)] = 0
+    taught_shift: Annotated[StrictInt, Interval(ge=0, le=3)] = 0
 
     def refusals(self) -> Iterator[Refusal]:
+        if self.taught_shift and not self.taught and self.readout != "dense":
+            yield (
+                "taught_shift",
+                f"is {self.taught_shift}, and there is no place for a taught touch; set taught",
+            )
         if self.spare_classes and not self.taught and self.readout != "dense":
             yield "spare_classes", f"is {self.spare_classes}, and there is no place to teach them; set taught"
         for field in dataclasses.fields(self):
@@ -481,14 +488,14 @@ class Formats(Group):
 class Hardware(Group):
     """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the
     host bus; False: ROM); clock_hz; decide_within_s (the latency budget from a window's last sample to its
-    decision; 0: one frame, of images one image); checksum (memories and registers are checked as they are used, a fault
-    raises a flag); watchdog (a chain that hangs goes back to idle); one_port (no memory of the pre-trigger
-    ring is read and written in one cycle, as a chip's macros of one port want); one_phase (a recurrent cell's
-    rows are computed when the features are there and not partly before, which spares the memory of partial
-    sums and makes decisions later; dsp and serial lanes always do so); clock_gate (the clock stops
-    while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights in the large
-    memories of an iCE40 UP5K, fewer block memories; ``eskin build`` does so by itself where these run
-    out)."""
+    decision; 0: one frame, of images one image); checksum (memories and registers are checked as they are
+    used, a fault raises a flag); watchdog (a chain that hangs goes back to idle); one_port (no memory of the
+    pre-trigger ring is read and written in one cycle, as a chip's macros of one port want); one_phase (a
+    recurrent cell's rows are computed when the features are there and not partly before, which spares the
+    memory of partial sums and makes decisions later; dsp and serial lanes always do so); clock_gate (the
+    clock stops while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights
+    in the large memories of an iCE40 UP5K, fewer block memories; ``eskin build`` does so by itself where
+    these run out)."""
 
     lanes: Annotated[StrictInt, Interval(ge=1, le=64)] = 4
     lane_type: LaneType = "plain"

@@ -1,5 +1,5 @@
-"""Recordings from HDF5: the arrays of an archive as datasets, or one dataset a recording, its class and groups
-in attributes or in the name of the group above (docs/other_tools.md)."""
+"""Recordings from HDF5: the arrays of an archive as datasets, or one dataset a recording, its class and
+groups in attributes or in the name of the group above (docs/other_tools.md)."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.matlab import NAMES, recordings_of_arrays
 from eskin.golden.data.recordings import ARCHIVE_ARRAYS, Recordings, natural, recordings_of
 from eskin.golden.data.text import Reading, check_unpacked, comes_back
@@ -35,7 +36,7 @@ def load_hdf5(path: Path, reading: Reading, config: AcceleratorConfig | None) ->
     damaged = "is damaged or no HDF5 file; write it again"
     try:
         with h5py.File(path) as file:
-            found: dict[str, Any] = {}
+            found: Record = {}
             file.visititems(
                 lambda name, item: found.update({name: item} if isinstance(item, h5py.Dataset) else {})
             )
@@ -75,9 +76,9 @@ def load_hdf5(path: Path, reading: Reading, config: AcceleratorConfig | None) ->
     return recordings_of_arrays(described, path, reading, config, refuse, counts_from_one=False)
 
 
-def _by_dataset(arrays: dict[str, Any], notes: dict[str, Any], reading: Reading, refuse) -> dict[str, Any]:
-    """Every table of numbers as a recording, with classes, rate, unit and groups of their attributes, or of the
-    group that holds them."""
+def _by_dataset(arrays: Record, notes: Record, reading: Reading, refuse) -> Record:
+    """Every table of numbers as a recording, with classes, rate, unit and groups of their attributes, or of
+    the group that holds them."""
     names = sorted(
         (
             name
@@ -94,7 +95,7 @@ def _by_dataset(arrays: dict[str, Any], notes: dict[str, Any], reading: Reading,
     everywhere = {key: np.array([value[()] for value in values]) for key, values in said.items()
                   if all(value is not None and value.ndim == 0 for value in values)}  # fmt: skip
     above = [name.rpartition("/")[0].rpartition("/")[2] for name in names]
-    made: dict[str, Any] = {"samples": cells, "source_dataset": np.array(names)}
+    made: Record = {"samples": cells, "source_dataset": np.array(names)}
     for key, values in everywhere.items():
         one_of_all = any(key in NAMES[what] for what in ("rate", "unit"))
         if one_of_all and len(set(values.tolist())) > 1:

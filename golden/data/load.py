@@ -37,8 +37,8 @@ def load_recordings(
     reading: Reading | None = None,
 ) -> Recordings:
     """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder by class of
-    ``.csv``, ``.parquet``, ``.lvm`` or ``.png`` files or logs, one long table, a ``.mat`` or HDF5 file, a log,
-    or a word of SCENES.
+    ``.csv``, ``.parquet``, ``.lvm`` or ``.png`` files or logs, one long table, a ``.mat`` or HDF5 file, a
+    log, or a word of SCENES.
 
     Parameters
     ----------

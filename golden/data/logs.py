@@ -42,8 +42,8 @@ def is_log(path: Path) -> bool:
 
 
 def read_log(path: Path, reading: Reading) -> pd.DataFrame:
-    """One row a frame: ``time`` in seconds, then ``t0``, ``t1`` and so on; where ``reading`` names a topic or a
-    table of labels also ``recording``, ``class`` and the table's other columns, without the frames of no
+    """One row a frame: ``time`` in seconds, then ``t0``, ``t1`` and so on; where ``reading`` names a topic or
+    a table of labels also ``recording``, ``class`` and the table's other columns, without the frames of no
     recording.
 
     Raises

@@ -1,5 +1,5 @@
-"""The easy synthetic scene, ``synthetic-easy``: brush, roll and slide on an n x m piezoelectric array, with no
-more physics than separates the three.
+"""The easy synthetic scene, ``synthetic-easy``: brush, roll and slide on an n x m piezoelectric array, with
+no more physics than separates the three.
 
 With 3 classes they are the modalities, with 2 brush and slide, in either direction and sense. More classes
 are modality, heading and speed together, in this order: class i (from 0) is modality i mod 3, heading i / 3

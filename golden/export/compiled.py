@@ -1,4 +1,5 @@
-"""Sizes of the exported C as a compiler for microcontrollers makes it: clang of the Python package ziglang."""
+"""Sizes of the exported C as a compiler for microcontrollers makes it: clang of the Python package
+ziglang."""
 
 from __future__ import annotations
 

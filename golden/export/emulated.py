@@ -115,9 +115,9 @@ def play(model: IntegerModel, recordings: Recordings, core: str, folder: Path) -
     -------
     dict
         core; decisions, different (from the golden model's); instructions and, of a Cortex-M0+, cycles
-        (`thumb_cycles`): ``quiet`` (mean of a frame outside of touches), ``frame`` (mean of one inside without
-        a decision), ``step`` (mean of one with a decision, less ``frame``), ``touch`` (all frames of a touch).
-        NaN where there was none.
+        (`thumb_cycles`): ``quiet`` (mean of a frame outside of touches), ``frame`` (mean of one inside
+        without a decision), ``step`` (mean of one with a decision, less ``frame``), ``touch`` (all frames of
+        a touch). NaN where there was none.
     """
     source, program = folder.absolute() / "emulated.c", folder.absolute() / "emulated.elf"
     source.write_text(PROGRAM)

@@ -19,9 +19,9 @@ METADATA = "eskin_model"
 
 
 def onnx_model(model: FloatModel) -> onnx.ModelProto:
-    """Input ``features`` (batch, K, D), normalised as `FloatModel.features` gives them; output ``logits`` (batch, K,
-    C) of every step, of a linear cell (batch, C) of the last. Configuration and normalisation stand in the file's
-    metadata.
+    """Input ``features`` (batch, K, D), normalised as `FloatModel.features` gives them; output ``logits``
+    (batch, K, C) of every step, of a linear cell (batch, C) of the last. Configuration and normalisation
+    stand in the file's metadata.
 
     Raises
     ------

@@ -1,8 +1,8 @@
 """The integer model as plain C: C99, integers alone, one call a frame, constants in tables.
 
-docs/specification.md, sections 1 to 8, 10 (faults) and 15, a third time beside golden model and hardware: it takes
-their tables and formats, and adds up hops, as the hardware does. `templates` hold the code; here is what they are
-filled with.
+docs/specification.md, sections 1 to 8, 10 (faults) and 15, a third time beside golden model and hardware: it
+takes their tables and formats, and adds up hops, as the hardware does. `templates` hold the code; here is
+what they are filled with.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import signed_bits
 from eskin.golden.core.images import Conv, Pool
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import ImageTrace
 from eskin.golden.model.model import IntegerModel
@@ -124,8 +125,9 @@ def _wide(config: AcceleratorConfig) -> str:
     return "int64_t" if max(config.sum_bits, *map(signed_bits, bounds)) + config.mean_frac > 31 else "int32_t"
 
 
-def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
-    rule, windows, features, network = config.onset_rule, config.windows, config.features, config.network
+def _frame_values(config: AcceleratorConfig) -> Record:
+    """What the templates take beside the fields of the configuration."""
+    rule, windows, features = config.onset_rule, config.windows, config.features
     formats, kinds, faults = config.formats, features.feature_kinds, config.faults.fault_frames
     touch_mode, immediate = windows.window_mode == "touch", config.opens_at_once
     integral, activity = "integral" in kinds, "activity" in kinds
@@ -138,10 +140,7 @@ def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
     counts = [*["!MASK[i]"] * bool(config.sensor.masked_taxels), *["!s->flag_age[i]"] * bool(faults)]
     limit = rule.onset_threshold * rule.onset_mean_frames
     return {
-        "cell": network.cell,
         "rate": f"{config.sensor.sample_rate_hz:g}",
-        "taxels": config.sensor.taxels,
-        "steps": windows.steps,
         "code_min": config.sample_format.min_code,
         "code_max": config.sample_format.max_code,
         "kinds": kinds,
@@ -159,9 +158,6 @@ def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
         "lengths": len(config.window_lengths),
         "touch_mode": touch_mode,
         "immediate": immediate,
-        "hop": windows.hop,
-        "window": windows.window,
-        "touch_frames": windows.touch_frames,
         "depth": depth,
         "ring": ring,
         "replay_faults": bool(faults) and ring > 1,
@@ -169,30 +165,13 @@ def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
         "counts": "".join(f" && {term}" for term in counts),
         "faults": faults,
         "fault_span": 1 << config.fault_bits,
-        "fault_activity": config.faults.fault_activity,
         "rests": config.rest_level.rest != "none",
-        "rest": config.rest_level.rest,
-        "rest_frames": config.rest_level.rest_frames,
-        "clip": config.rest_level.clip,
-        "onset": rule.onset,
-        "band_low": rule.band_low,
-        "band_high": rule.band_high,
         "period": 1 if rule.onset == "band" else rule.onset_check_frames,
         "checks": rule.onset_mean_frames // max(rule.onset_check_frames, 1),
         "onset_limit": f"{limit}{'LL' if limit >> 31 else ''}",
-        "onset_hits": rule.onset_hits,
-        "onset_span": rule.onset_span,
-        "rearm_frames": rule.rearm_frames,
-        "integral_knee": features.integral_knee,
-        "integral_frac": features.integral_frac,
-        "compand_knee": features.compand_knee,
-        "compand_frac": features.compand_frac,
         "recurrent": config.recurrent,
-        "reset": network.reset,
-        "hidden": network.hidden,
         "sets": config.sets,
         "one": config.gate_one,
-        "gate_frac": formats.gate_frac,
         "feature": formats.feature_format,
         "align": 1 << config.feature_align,
         "state_format": formats.state_format,
@@ -206,9 +185,6 @@ def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
         "logit_shift": config.logit_shift,
         "bias_unit": 1 << max(config.bias_shift, 0),
         "dense_bias_unit": 1 << config.dense_bias_shift,
-        "decision": network.decision,
-        "early_margin": network.early_margin,
-        "early_steps": network.early_steps,
         "acc": _word(max(config.accumulator_bits, 32)),
         "weight": "int8_t" if config.weight_bits <= 8 else "int16_t",
         "wide": _wide(config),
@@ -218,7 +194,7 @@ def _frame_values(config: AcceleratorConfig) -> dict[str, Any]:
     }
 
 
-def _state(config: AcceleratorConfig, values: dict[str, Any]) -> list[tuple[str, str, tuple[int, ...]]]:
+def _state(config: AcceleratorConfig, values: Record) -> list[tuple[str, str, tuple[int, ...]]]:
     """The fields of the state, widest first, so that nothing lies between them."""
     taxels, classes, depth = config.sensor.taxels, config.classes, values["depth"]
     onset, recurrent, vote = config.onset_rule, config.recurrent, config.network.decision == "vote"
@@ -273,7 +249,7 @@ def _image_tables(model: IntegerModel) -> list[Table]:
     return tables
 
 
-def _image_values(config: AcceleratorConfig) -> dict[str, Any]:
+def _image_values(config: AcceleratorConfig) -> Record:
     logit, sizes, rows = config.formats.logit_format, [0, 0], []
     source, weighted = "pixels", config.weighted_stages
     for index, (stage, shift) in enumerate(zip(weighted, config.layer_shifts, strict=True)):
@@ -305,8 +281,6 @@ def _image_values(config: AcceleratorConfig) -> dict[str, Any]:
         source = target
     return {
         "layers": ", ".join(config.image.layers),
-        "height": config.image.height,
-        "width": config.image.width,
         "stages": rows,
         "maps": sizes,
         "convolutions": any(row["conv"] for row in rows),
@@ -330,8 +304,8 @@ def products(config: AcceleratorConfig) -> dict[str, float]:
 
 
 def sources(model: IntegerModel) -> dict[str, str]:
-    """``eskin_model.h`` and ``eskin_model.c``, library.properties of Arduino and module.yml of Zephyr with what
-    it names: text by path.
+    """``eskin_model.h`` and ``eskin_model.c``, library.properties of Arduino and module.yml of Zephyr with
+    what it names: text by path.
 
     Raises
     ------
@@ -346,22 +320,25 @@ def sources(model: IntegerModel) -> dict[str, str]:
         )
     image = config.is_image
     tables = _image_tables(model) if image else _frame_tables(model)
-    values: dict[str, Any] = _image_values(config) if image else _frame_values(config)
+    values: Record = _image_values(config) if image else _frame_values(config)
     if not image:
         values["state"] = _state(config, values)
-    values |= {
-        "name": _comment(config.name),
-        "content": model.content,
-        "image": image,
-        "classes": config.classes,
-        "names": ", ".join(map(c_string, config.network.class_names)),
-        "margin_threshold": config.network.margin_threshold,
-        "vote": config.network.decision == "vote",
-        "products": products(config),
-        "tables": tables,
-        "table_bytes": table_bytes(model),
-        "version": version("eskin"),
-    }
+    values = (
+        config.fields()
+        | values
+        | {
+            "name": _comment(config.name),
+            "content": model.content,
+            "image": image,
+            "classes": config.classes,
+            "names": ", ".join(map(c_string, config.network.class_names)),
+            "vote": config.network.decision == "vote",
+            "products": products(config),
+            "tables": tables,
+            "table_bytes": table_bytes(model),
+            "version": version("eskin"),
+        }
+    )
     names = {
         HEADER: "eskin_model.h.j2",
         SOURCE: "eskin_model.c.j2",

@@ -199,8 +199,8 @@ def apply_rows(matrix: Array, vector: Array) -> Array:
 def _gru(
     a: Arithmetic, pre: dict[str, Array], u: dict[str, Array], state: tuple[Array, ...]
 ) -> tuple[Array, ...]:
-    """z, r = sig(row); n = tanh(Wn x + Un (r h) + bn), or with reset after (``bh_n``) tanh(Wn x + bn + r (Un h
-    + bhn)); h' = z h + (1 - z) n."""
+    """z, r = sig(row); n = tanh(Wn x + Un (r h) + bn), or with reset after (``bh_n``) tanh(Wn x + bn + r (Un
+    h + bhn)); h' = z h + (1 - z) n."""
     (h,) = state
     z, r = _parts(a.sigmoid(pre["sigmoid"] + apply_rows(u["sigmoid"], h)), h.shape[-1], h.shape[-1])
     if "bh_n" in pre:

@@ -465,10 +465,10 @@ def normaliser_constants(
     than the feature, and a full-scale feature takes at most 2 bits more than the feature's width. With a
     scale a taxel that holds for the taxel that moves most, and the shift is up to SCALE_ROOM smaller where
     the quietest one's scale would not fit 16 bits. Half of 2**shift is taken off the mean, which turns the
-    floor of the declared narrowing into a rounding. At shift 0 scale may be larger; only where it would not fit
-    16 bits even so, a shift goes below 0 (``mean_frac``): sums of few levels, which features must resolve.
-    ``aligned``: the largest window's for all, which hardware need not choose, and means that end in as many
-    zeros (``aligned_means``); only where one pair serves all inputs.
+    floor of the declared narrowing into a rounding. At shift 0 scale may be larger; only where it would not
+    fit 16 bits even so, a shift goes below 0 (``mean_frac``): sums of few levels, which features must
+    resolve. ``aligned``: the largest window's for all, which hardware need not choose, and means that end in
+    as many zeros (``aligned_means``); only where one pair serves all inputs.
 
     Returns
     -------

@@ -304,8 +304,8 @@ def run(
     touches: Touches | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Trace:
-    """Run a model over recordings: an integer one in exact integers, every stage kept, a float one on the same
-    exact sums in real arithmetic, without streams.
+    """Run a model over recordings: an integer one in exact integers, every stage kept, a float one on the
+    same exact sums in real arithmetic, without streams.
 
     Parameters
     ----------

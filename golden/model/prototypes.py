@@ -1,7 +1,8 @@
-"""The readout by prototypes: a touch is of the class of the nearest stored trajectory, and is taught by storing
-its own (docs/specification.md, section 18).
+"""The readout by prototypes: a touch is of the class of the nearest stored trajectory, and is taught by
+storing its own (docs/specification.md, section 18).
 
-A trajectory is what the hidden state (of a linear cell: the logits) is after each step of a touch, in few bits.
+A trajectory is what the hidden state (of a linear cell: the logits) is after each step of a touch, in few
+bits.
 """
 
 from __future__ import annotations
@@ -43,8 +44,9 @@ def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
     -------
     numpy.ndarray
         int64 (n, K, C): sums of absolute differences over the values of a step, with any decision but
-        ``vote`` over all steps so far; of each class the smallest over its prototypes and the places in use. A
-        spare class without any is as far as `score_format` can say.
+        ``vote`` over all steps so far; of a taught touch without its ``taught_shift`` lowest bits; of each
+        class the smallest over its prototypes and the places in use. A spare class without any is as far as
+        `score_format` can say.
     """
     config, arrays = model.config, model.arrays
     steps = codes.shape[-2]  # may be fewer than a touch has
@@ -52,15 +54,16 @@ def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
     used = taught_in_use(model)
     trained, furthest = config.classes - config.readout_rule.spare_classes, -1 - config.score_format.min_code
     for label in range(config.classes):
-        stored = arrays["prototypes"][label, : None if label < trained else 0]
+        stored = own = arrays["prototypes"][label, : None if label < trained else 0]
         if used[label]:
-            stored = np.concatenate([stored, arrays["taught"][label, : used[label]]])
+            stored = np.concatenate([own, arrays["taught"][label, : used[label]]])
         if not len(stored):
             nearest.append(np.full(codes.shape[:-1], furthest))
             continue
         apart = np.stack([np.abs(codes - place[:steps]).sum(axis=-1) for place in stored])
         if config.network.decision != "vote":
             apart = apart.cumsum(axis=-1)
+        apart[len(own) :] >>= config.readout_rule.taught_shift
         nearest.append(apart.min(axis=0))
     return np.stack(nearest, axis=-1)
 

@@ -187,8 +187,8 @@ class Stream:
         return [self._global(touch, decided, self.frame, partial=True)]
 
     def teach(self, label: int, *, following: bool = False) -> None:
-        """The touch that ended last (``following``: the next one that ends) is of class ``label``: from now on
-        it is a prototype of it. `model` is the model with it.
+        """The touch that ended last (``following``: the next one that ends) is of class ``label``: from now
+        on it is a prototype of it. `model` is the model with it.
 
         Raises
         ------

@@ -9,6 +9,7 @@ from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.stability.core import Bench, Case, Mode, Outcome
 from eskin.golden.stability.images import IMAGE_MODES, ImageBench
 from eskin.golden.stability.table import MODES
@@ -36,7 +37,7 @@ def modes_of(bench: Bench | ImageBench) -> Mapping[str, Mode]:
 
 def judge(
     mode: Mode, bench: Any, simulate: Callable[[str], Outcome] | None = None
-) -> tuple[dict[str, Any], Case | None]:
+) -> tuple[Record, Case | None]:
     """The record of a mode, as in stability.json, and its case for the hardware; ``simulate`` measures what
     has a key for it."""
     begin = time.perf_counter()
@@ -74,7 +75,7 @@ def judge(
     return record, outcome.case
 
 
-def weakest(records: Sequence[dict[str, Any]], count: int = 3) -> list[dict[str, Any]]:
+def weakest(records: Sequence[Record], count: int = 3) -> list[Record]:
     """The ``count`` modes with the least room to their bounds, failed ones first."""
     return sorted(records, key=lambda record: (record["passed"], record["room"]))[:count]
 
@@ -83,10 +84,10 @@ def run_modes(
     bench: Bench | ImageBench,
     *,
     names: Sequence[str] | None = None,
-    judged: Callable[[Sequence[str]], Sequence[dict[str, Any]]] | None = None,
-    simulated: Callable[[Mode], dict[str, Any]] | None = None,
+    judged: Callable[[Sequence[str]], Sequence[Record]] | None = None,
+    simulated: Callable[[Mode], Record] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-) -> dict[str, Any]:
+) -> Record:
     """Run every mode that applies.
 
     Parameters

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.jobs import Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import by_recording, decide_touches
@@ -197,7 +198,7 @@ def compare_defences(
     widths: Mapping[str, Any] | None = None,
     front_ends: dict[str, FrontEnd] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """What each set of defences saves and costs, on recordings that a network has not seen, in integers,
     through the whole front end.
 
@@ -231,14 +232,8 @@ def compare_defences(
 
 
 def _judged(
-    recordings: Recordings,
-    variant: Variant,
-    found: FrontEnd,
-    splits,
-    seeds,
-    folds: int,
-    widths: dict[str, Any],
-) -> dict[str, Any]:
+    recordings: Recordings, variant: Variant, found: FrontEnd, splits, seeds, folds: int, widths: Record
+) -> Record:
     config = variant.config
     work = Folds(recordings, config, variant.recipe, splits, seeds, folds)
     models = work.quantise(work.fit(None), widths)
@@ -249,7 +244,7 @@ def _judged(
     for model, number, test, training in zip(models, numbers, work.tests, work.trainings, strict=True):
         training_margins = _decisions(model, config, clean_rows[training], clean)[1]
         outcome.append((number, test, *_decisions(model, config, clean_rows[test], clean), training_margins))
-    record: dict[str, Any] = {
+    record: Record = {
         "name": variant.name,
         "hidden": config.network.hidden,
         "recipe": dataclasses.asdict(variant.recipe),
@@ -288,7 +283,7 @@ def choose_margin(margins: np.ndarray, coverage: float = COVERAGE) -> int:
     return int(ordered[max(int(np.ceil(coverage * len(ordered))) - 1, 0)])
 
 
-def margin_record(groups: list[str], labels: np.ndarray, outcome, coverage: float) -> dict[str, Any]:
+def margin_record(groups: list[str], labels: np.ndarray, outcome, coverage: float) -> Record:
     """The threshold chosen on training margins, and what it does to unseen recordings.
 
     Returns

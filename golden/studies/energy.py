@@ -2,14 +2,14 @@
 measurements, with its band.
 
     E(step)        = cycles * e_clock + register-bit toggles * e_toggle + multiply cycles * e_multiply
-    E(touch)       = steps * E(step)                                   (the recurrent cell, its normaliser and the decision)
-    E(preprocess)  = frames of a touch * (cycles * e_clock + toggles * e_toggle)
+    E(touch)       = steps * E(step)                                   (the recurrent cell, its normaliser and
+    the decision) E(preprocess)  = frames of a touch * (cycles * e_clock + toggles * e_toggle)
                                        (a frame without a touch takes fewer cycles)
-    P(idle)        = P(static) + clock * (e_clock + idle toggles * e_toggle) + frame rate * frame toggles * e_toggle
-    P(average)     = P(idle) + touches a second * what the steps add
-    hours          = 1000 mAh * 5 V / P                                (thesis, equation 5.1: 18 000 J)
-    E(touch, waiting included) = P(idle) * seconds of the touch + what the steps add
-    touches        = 18 000 J / E(touch, waiting included)             (equation 5.2)
+    P(idle)        = P(static) + clock * (e_clock + idle toggles * e_toggle) + frame rate * frame toggles *
+    e_toggle P(average)     = P(idle) + touches a second * what the steps add hours          = 1000 mAh * 5 V
+    / P                                (thesis, equation 5.1: 18 000 J) E(touch, waiting included) = P(idle) *
+    seconds of the touch + what the steps add touches        = 18 000 J / E(touch, waiting included)
+    (equation 5.2)
 
 Activity is counted in co-simulated netlists (cosim/activity.py) or, for a build without recordings, taken
 from the cycles of the schedule (`scheduled_activity`). No board was measured: one published source, one
@@ -24,6 +24,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.jobs import Record
 from eskin.golden.studies.converter_power import converter_power
 
 BATTERY_J = 1000e-3 * 5.0 * 3600
@@ -160,8 +161,8 @@ PUBLISHED = tuple(
 
 @dataclass(frozen=True)
 class Microcontroller:
-    """A part that runs the exported C. core: as `eskin.golden.export.compiled` calls it. cycle_j: joule a clock
-    cycle, all of the part. asleep_w: between frames. band, rests_on: as of `Part`."""
+    """A part that runs the exported C. core: as `eskin.golden.export.compiled` calls it. cycle_j: joule a
+    clock cycle, all of the part. asleep_w: between frames. band, rests_on: as of `Part`."""
 
     name: str
     core: str
@@ -182,11 +183,9 @@ MICROCONTROLLER = Microcontroller(
 )
 
 
-def run_in_software(
-    part: Microcontroller, cycles: dict[str, float], config: AcceleratorConfig
-) -> dict[str, Any]:
-    """Energy of the exported C: per_step_j (the step alone), preprocessing_per_touch_j (all frames of a touch),
-    per_touch_j (both), idle_w (frames come in, nothing touches; asleep between them), band, rests_on.
+def run_in_software(part: Microcontroller, cycles: dict[str, float], config: AcceleratorConfig) -> Record:
+    """Energy of the exported C: per_step_j (the step alone), preprocessing_per_touch_j (all frames of a
+    touch), per_touch_j (both), idle_w (frames come in, nothing touches; asleep between them), band, rests_on.
 
     ``cycles``: quiet, frame, step, touch, of `eskin.golden.export.emulated.play`.
     """
@@ -289,7 +288,8 @@ def scheduled_activity(
     multipliers: int,
 ) -> Activity:
     """Activity of a design that was not counted: cycles of the schedule, every multiplier busy as often as
-    there are products, STEP_TOGGLES and FRAME_TOGGLES (with ONSET_TOGGLES) register bits changing in a busy cycle.
+    there are products, STEP_TOGGLES and FRAME_TOGGLES (with ONSET_TOGGLES) register bits changing in a busy
+    cycle.
 
     Parameters
     ----------
@@ -309,9 +309,7 @@ def scheduled_activity(
     )
 
 
-def estimate(
-    config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float
-) -> dict[str, Any]:
+def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float) -> Record:
     """The energy of one configuration on one part.
 
     Parameters
@@ -391,7 +389,7 @@ CHECK = ("name", "configuration", "value", "limit", "unit")
 """Keys of a check of `compare`, beside ``met``."""
 
 
-def compare(rows: list[dict[str, Any]], *, what: str = "touch") -> dict[str, Any]:
+def compare(rows: list[Record], *, what: str = "touch") -> Record:
     """Configurations side by side: the one with the least energy a touch, the one with the least average
     power, what was aimed at.
 

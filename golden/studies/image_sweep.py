@@ -20,7 +20,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.images import BIAS_BITS, NETWORKS, SIZES, Conv, Dense, Pool, parse_layer
-from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.jobs import Jobs, Record
 from eskin.golden.core.memo import Memo
 from eskin.golden.data.pictures import image_size, resized
 from eskin.golden.data.recordings import Recordings
@@ -45,7 +45,7 @@ NARROW: dict[str, list[str]] = {
 """Networks of the default grid that have no name among `eskin.golden.core.images.NETWORKS`."""
 
 
-def default_grid(height: int, width: int) -> list[dict[str, Any]]:
+def default_grid(height: int, width: int) -> list[Record]:
     """14 networks with weights of 8 and of 4 bits: TactNet4 at the five sizes it was published for, as shares
     of ``height`` and ``width``; smaller networks at the whole size and at the smallest."""
     sizes = list(dict.fromkeys(f"{_share(height, h, 28)}x{_share(width, w, 50)}" for h, w in SIZES))
@@ -102,7 +102,7 @@ class ImagePoint:
         how = ", trained on" if self.aware else ""
         return f"{self.network} {self.size}, {self.config.weight_bits} bit{how}, {lanes_name(self.to_dict())}"
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """The point in the words of sweep.json."""
         hardware = self.config.hardware
         return {
@@ -249,7 +249,7 @@ class ImageSweepRequest(Request):
 
     def judged(
         self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
-    ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    ) -> tuple[list[Record], Record]:
         """The outcome of each point, in the keys of `eskin.golden.studies.sweep.judge`, and what sweep.json
         holds of images alone: parts, judged_images (of a seed), judged_split, baselines (none). What is kept
         is named by its images and code, not by ``version``."""

@@ -24,7 +24,7 @@ from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.cost import pareto
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.groups import Network
-from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.jobs import Jobs, Record
 from eskin.golden.core.memo import Memo, content_key
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import with_network
@@ -68,7 +68,7 @@ SPREAD = ("accuracy", "spread", "standard_error")
 FLOORS = (0.85, 0.90, 0.92, 0.94)
 """Accuracies for each of which the smallest network is named."""
 
-Judging = Callable[[Any, Any], dict[str, Any]]
+Judging = Callable[[Any, Any], Record]
 """(what all pieces share, a piece of work) -> its outcome."""
 
 _TYPICAL_RANGES = {
@@ -99,7 +99,7 @@ class Point:
         """What `eskin train` takes to make it."""
         return self.config
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> Record:
         """The point in the words of ``FIELDS``."""
         config = self.config
         bits = {
@@ -172,7 +172,7 @@ def lanes_name(config: Mapping[str, Any]) -> str:
     return f"{config['lanes']} {serial}lane{'s' if config['lanes'] != 1 else ''}"
 
 
-def read_grid(path: str | Path) -> list[dict[str, Any]]:
+def read_grid(path: str | Path) -> list[Record]:
     """Grids from a JSON file: an object or a list of objects, field -> value or list of values (all
     combinations).
 
@@ -215,7 +215,7 @@ def expand(
     source: str,
     fields: Sequence[str],
     what: str,
-    point_of: Callable[[dict[str, Any]], Any],
+    point_of: Callable[[Record], Any],
 ) -> list[Any]:
     """Every combination of each grid's values as ``point_of`` makes it, each once.
 
@@ -224,7 +224,7 @@ def expand(
     InputError
         A field that is none of ``fields``, an empty list, or a combination that ``point_of`` refuses.
     """
-    points: dict[str, Any] = {}
+    points: Record = {}
     for grid in grids:
         unknown = [name for name in grid if name not in fields]
         if unknown:
@@ -242,7 +242,7 @@ def expand(
     return list(points.values())
 
 
-def _point(base: AcceleratorConfig, fields: dict[str, Any]) -> Point:
+def _point(base: AcceleratorConfig, fields: Record) -> Point:
     for name in (*WIDTHS, "hidden", "steps", "hop", "lanes"):
         if name in fields and (not isinstance(fields[name], int) or isinstance(fields[name], bool)):
             raise InputError(f"field {name}: is {fields[name]!r}; give a whole number")
@@ -284,7 +284,7 @@ class Job:
         return content_key(version, self.config.to_dict(), asdict(self) | {"config": None})
 
 
-def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
+def judge(recordings: Recordings, job: Job) -> Record:
     """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), with parameters and multiplies for a
     baseline; or ``{"refused": why}`` when the trained network has no formats of these widths."""
     if job.baseline:
@@ -306,7 +306,7 @@ def judge(recordings: Recordings, job: Job) -> dict[str, Any]:
     return {"splits": [split_figures(record) for record in records]}
 
 
-def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
+def split_figures(record: Mapping[str, Any]) -> Record:
     """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and
     standard_error (over seeds, of the accuracy over all folds), by_seed, float_accuracy, float_by_seed,
     agreement, decision_time_s, per_step (step, time_s since the onset, accuracy), per_fold (held_out,
@@ -334,7 +334,7 @@ def split_figures(record: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def spread_of(by_seed: Sequence[float], recordings: int) -> dict[str, Any]:
+def spread_of(by_seed: Sequence[float], recordings: int) -> Record:
     """spread: standard deviation over seeds; standard_error: of their mean. One seed says nothing of either:
     then the spread is None and the standard error that of a share of so many recordings."""
     values = np.asarray(by_seed, dtype=np.float64)
@@ -419,7 +419,7 @@ class SweepRequest(Request):
 
     def judged(
         self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
-    ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    ) -> tuple[list[Record], Record]:
         """The outcome of each point (`judge`), and what sweep.json holds of this task alone: baselines,
         judged_split, base."""
         work = self.work()
@@ -444,7 +444,7 @@ def sweep(
     keep: Memo,
     version: str = "",
     judging: Judging | None = None,
-) -> dict[str, Any]:
+) -> Record:
     """Judge every point, mark the front, recommend one point, and name the smallest at each of FLOORS.
 
     Parameters
@@ -507,7 +507,7 @@ def smallest_at(records: Sequence[Mapping[str, Any]], floor: float) -> int | Non
     return min(enough, key=lambda number: size(records[number])[:3], default=None)
 
 
-def _record(point: Any, splits: list[dict[str, Any]], cost: Mapping[str, float]) -> dict[str, Any]:
+def _record(point: Any, splits: list[Record], cost: Mapping[str, float]) -> Record:
     clock_hz = point.config.hardware.clock_hz
     return {
         "name": point.name,
@@ -538,7 +538,7 @@ def size(record: Mapping[str, Any]) -> tuple:
     )
 
 
-def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None) -> dict[str, Any]:
+def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None) -> Record:
     """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how
     much it misses.
 
@@ -639,7 +639,7 @@ def _says(record: Mapping[str, Any]) -> str:
     return f"{record['name']} ({100 * record['accuracy']:.2f}{error} %, {cost})"
 
 
-def flat_rows(result: Mapping[str, Any]) -> list[dict[str, Any]]:
+def flat_rows(result: Mapping[str, Any]) -> list[Record]:
     """Rows for sweep.csv: the point's configuration and figures, then accuracy, spread, float accuracy and
     agreement of every split."""
     rows = []

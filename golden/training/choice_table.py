@@ -4,15 +4,15 @@ terminal and report."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from eskin.golden.core.config import PRESETS
+from eskin.golden.core.jobs import Record
 
 ROWS = 12
 """Rows of a table of front ends."""
 
 
-def front_end_words(row: dict[str, Any]) -> str:
+def front_end_words(row: Record) -> str:
     """A row of the record in words."""
     rest = {"none": "no rest level", "initial": "initial rest level", "tracked": "tracked rest level"}[
         row["rest"]
@@ -29,23 +29,24 @@ def front_end_words(row: dict[str, Any]) -> str:
     return f"{preset}{rest}, {gate}, {windows}, {'+'.join(row['feature_kinds'])}{activity}, {scale}"
 
 
-def front_end_brief(row: dict[str, Any]) -> str:
+def front_end_brief(row: Record) -> str:
     """Windows and kinds of feature of a row of ``candidates``, out of its ``front_end``."""
     return ", ".join(row["front_end"].split(", ")[2:4])
 
 
-def windows_brief(row: dict[str, Any]) -> str:
-    """The same for a narrow column: ``10 x 192/96 m+a`` is 10 windows of 192 frames every 96, mean and activity."""
+def windows_brief(row: Record) -> str:
+    """The same for a narrow column: ``10 x 192/96 m+a`` is 10 windows of 192 frames every 96, mean and
+    activity."""
     steps, _, _, window, _, hop = row["front_end"].split(", ")[2].split()
     return f"{steps} x {window}/{hop} {'+'.join(kind[0] for kind in kinds_of(row).split('+'))}"
 
 
-def kinds_of(row: dict[str, Any]) -> str:
+def kinds_of(row: Record) -> str:
     """The kinds of feature of a row of ``candidates``."""
     return row["front_end"].split(", ")[3].partition(" ")[0]
 
 
-def front_end_table(record: dict[str, Any]) -> list[dict[str, Any]]:
+def front_end_table(record: Record) -> list[Record]:
     """The rows to show, ROWS at most: the chosen one, the best, and the best of every gate, kind of feature,
     scale and set of windows."""
     chosen, rivals = record["chosen"], record["rivals"]
@@ -63,7 +64,7 @@ def front_end_table(record: dict[str, Any]) -> list[dict[str, Any]]:
     return sorted(shown[:ROWS], key=lambda row: (row is not chosen, -row["accuracy"]))
 
 
-def network_name(row: dict[str, Any]) -> str:
+def network_name(row: Record) -> str:
     """``GRU 8``, ``linear`` or ``linear (least squares)``: a row of ``candidates`` of training.json."""
     if not row["hidden"] and row["cell"] != "linear":
         return row["cell"]
@@ -77,7 +78,7 @@ def left_out(groups: Sequence[str]) -> str:
     return " and ".join(groups) or "single recordings"
 
 
-def unseen(split: dict[str, Any]) -> dict[str, Any]:
+def unseen(split: Record) -> Record:
     """The figures of a split's folds that chose nothing: ``nested``, where front end or network were chosen
     on them (None: none)."""
     return split.get("nested") or split

@@ -34,6 +34,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+from scipy.linalg import solve
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.cost import Market
@@ -86,6 +87,9 @@ classes."""
 
 RIVALS, HOPELESS = 2, 0.25
 """Rivals that a recurrent network is tried on, and how far they may be behind the chosen one."""
+
+TRIED_RECURRENT = 4
+"""Front ends that a recurrent network is tried on."""
 
 Progress = Callable[[str, int, int], None]
 """Called with (what, candidates judged, about how many in all)."""
@@ -197,6 +201,11 @@ def gram_of(x: np.ndarray) -> np.ndarray:
     return x @ x.T + 9.0
 
 
+def ridge_weights(gram: np.ndarray, penalty: float, targets: np.ndarray) -> np.ndarray:
+    """(n, targets): weights of the rows in a kernel ridge regression."""
+    return solve(gram + penalty * np.eye(len(gram)), targets, assume_a="pos", check_finite=False)
+
+
 def ridge_decisions(
     gram: np.ndarray, labels: np.ndarray, folds: Sequence[np.ndarray], classes: int
 ) -> np.ndarray:
@@ -216,8 +225,6 @@ def ridge_decisions(
     -------
     (labellings, n).
     """
-    from sklearn.kernel_ridge import KernelRidge
-
     count, n = labels.shape
     targets = (labels.T[..., None] == np.arange(classes)).reshape(n, -1).astype(float)
     unit = float(np.trace(gram)) / n
@@ -226,10 +233,8 @@ def ridge_decisions(
         rest = np.setdiff1d(np.arange(n), fold)
         train_gram, test_gram = gram[np.ix_(rest, rest)], gram[np.ix_(fold, rest)]
         for row, penalty in enumerate(PENALTIES if len(rest) else ()):
-            ridge = KernelRidge(alpha=penalty * unit, kernel="precomputed").fit(train_gram, targets[rest])
-            decided[row][:, fold] = (
-                ridge.predict(test_gram).reshape(len(fold), count, classes).argmax(axis=-1).T
-            )
+            values = test_gram @ ridge_weights(train_gram, penalty * unit, targets[rest])
+            decided[row][:, fold] = values.reshape(len(fold), count, classes).argmax(axis=-1).T
     right = decided == labels
     chosen = np.empty_like(labels)
     for fold in folds:
@@ -296,7 +301,7 @@ KEPT_BYTES = 3 << 28
 """Touches of gates that are kept for other windows on them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Judged:
     """A candidate and whether each recording looked at was decided rightly; missed: recordings without a
     touch or a completed window."""
@@ -340,12 +345,6 @@ def most_accurate(candidates: Sequence[Any]) -> Any:
     return max(candidates, key=lambda candidate: candidate.accuracy)
 
 
-def first_or_best(judged: Sequence[Judged]) -> Judged:
-    """The first one where it is level with the best, else the best."""
-    best = most_accurate(judged)
-    return judged[0] if is_level(best, judged[0]) else best
-
-
 def with_linear(config: AcceleratorConfig) -> AcceleratorConfig:
     """The front end with the network that it is priced with: a linear cell, or its own where that has no room
     for the weights."""
@@ -356,14 +355,17 @@ def with_linear(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def cheapest(
-    judged: Sequence[Judged],
+    judged: Sequence[Any],
     market: Market,
     priced: Callable[[AcceleratorConfig], AcceleratorConfig] = with_linear,
-) -> Judged:
-    """The cheapest of those that are level with the best, ``priced`` as a whole design."""
+) -> Any:
+    """The cheapest of those that are level with the best, ``priced`` as a whole design; of one configuration
+    the first that is level with its most accurate."""
     best = most_accurate(judged)
     level = [candidate for candidate in judged if is_level(best, candidate)]
-    return market.cheapest(level, lambda candidate: priced(candidate.config))
+    taken = market.cheapest(level, lambda candidate: priced(candidate.config))
+    alike = [candidate for candidate in level if candidate.config == taken.config]
+    return next(candidate for candidate in alike if is_level(most_accurate(alike), candidate))
 
 
 def price_of(config: AcceleratorConfig, market: Market) -> tuple[float, ...]:
@@ -467,7 +469,7 @@ NESTED_ON = 400
 """Recordings of a `Field` at most: choices inside folds are many."""
 
 
-NESTED_KINDS = (("mean",), ("mean", "integral"), ("mean", "activity", "integral"))
+NESTED_KINDS = (("mean",), ("mean", "activity"), ("mean", "integral"), ("mean", "activity", "integral"))
 """Kinds of feature of a `Field`."""
 
 
@@ -871,6 +873,18 @@ def rivals_of(judged: Sequence[Judged], chosen: Judged) -> tuple[AcceleratorConf
         if candidate is not chosen and not same and chosen.accuracy - candidate.accuracy <= HOPELESS:
             rivals.setdefault(kind, candidate)
     return tuple(candidate.config for candidate in list(rivals.values())[:RIVALS])
+
+
+def for_recurrent(
+    chosen: AcceleratorConfig,
+    shortlist: Sequence[AcceleratorConfig],
+    rivals: Sequence[AcceleratorConfig],
+    works: Callable[[AcceleratorConfig], bool] = lambda config: True,
+) -> list[AcceleratorConfig]:
+    """Front ends that a recurrent network is tried on, of those where it ``works``: the chosen one, the
+    cheapest of the shortlist, the rivals, then the rest of the shortlist."""
+    listed = dict.fromkeys((chosen, *shortlist[:1], *rivals, *shortlist))
+    return [config for config in listed if works(config)][:TRIED_RECURRENT]
 
 
 def row_of(config: AcceleratorConfig) -> dict[str, Any]:

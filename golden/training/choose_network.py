@@ -48,7 +48,7 @@ from eskin.golden.training.choose_front_end import (
     Plan,
     cheapest,
     configure,
-    is_level,
+    for_recurrent,
     most_accurate,
     row_of,
 )
@@ -57,7 +57,7 @@ from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_models import train_image_model
 from eskin.golden.training.losses import Callback
-from eskin.golden.training.nested import Nested, fits, fixed_network, halved
+from eskin.golden.training.nested import Nested, fits, fixed_network, shortened
 from eskin.golden.training.recipe import AS_RECORDED, Recipe, choose_recipe
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.golden.training.train import TrainingRequest, train
@@ -65,9 +65,6 @@ from eskin.golden.training.train import TrainingRequest, train
 GRU_UNITS, LARGER_UNITS = (4, 8, 12), 16
 LEVEL = 1.0
 """Standard errors of an accuracy by which a larger network must be better to be tried further."""
-
-TRIED_RECURRENT = 4
-"""Front ends that a recurrent network is tried on."""
 
 OUT_OF_REACH = 3.0
 """Standard errors behind another candidate, with one seed, from which a network is not looked at any
@@ -79,6 +76,9 @@ where 1 reaches 97.2 %, leaving conditions out, and 92.6 against 89.0 % leaving 
 both, 100 level."""
 
 AUTO = "auto"
+
+STAND_INS = ("linear", None), ("gru", 8)
+"""Networks that inner folds choose among."""
 
 LEAST = {
     "energy": "takes the least energy a touch ({energy_touch_j:.3g} J)",
@@ -151,17 +151,6 @@ def network(config: AcceleratorConfig, cell: str, hidden: int | None) -> Acceler
     return changed if changed.recurrent else changed.replace(decision="last")
 
 
-def cheapest_enough(candidates: Sequence[Candidate], market: Market) -> Candidate:
-    """The cheapest of those that are level with the best
-    (``eskin.golden.training.choose_front_end.is_level``); of as cheap ones the first that is level with the
-    most accurate of them."""
-    best = most_accurate(candidates)
-    enough = [candidate for candidate in candidates if is_level(best, candidate)]
-    taken = market.cheapest(enough, lambda candidate: candidate.config)
-    alike = [candidate for candidate in enough if candidate.config == taken.config]
-    return next(candidate for candidate in alike if is_level(most_accurate(alike), candidate))
-
-
 def goes_on(candidates: Sequence[Candidate]) -> bool:
     """GRU 12, the last of ``candidates``, is not level: below the best, or still better than GRU 8, by more
     than a standard error."""
@@ -219,7 +208,7 @@ def recurrent_front_end(
     """
     tried: list[Candidate] = []
     for number, config in enumerate(sorted(front_ends, key=market.price), 1):
-        recipe = halved((config, choose_recipe(config, terms.protocol)))[1]
+        recipe = shortened((config, choose_recipe(config, terms.protocol)), 2)[1]
         progress = terms.called(f"front end {number} of {len(front_ends)}")
         own = dataclasses.replace(terms, seeds=terms.seeds[:1], widths={}, progress=progress)
         tried.append(cross_validate_network(own, config, recipe))
@@ -328,7 +317,7 @@ def choose_network(
         )
     if len(units) > 1 and goes_on(candidates):
         judge("gru", recurrent, LARGER_UNITS)
-    chosen = cheapest_enough(candidates, market)
+    chosen = cheapest(candidates, market, lambda config: config)
     return chosen, [candidate.row(candidate is chosen, market) for candidate in candidates]
 
 
@@ -410,8 +399,7 @@ class _Choice:
 
     def _recurrent_front_end(self) -> tuple[AcceleratorConfig, list[dict[str, Any]]]:
         plan, wish = self.plan, self.wish
-        listed = dict.fromkeys((plan.config, *plan.shortlist[:1], *plan.rivals, *plan.shortlist))
-        front_ends = list(listed)[:TRIED_RECURRENT]
+        front_ends = for_recurrent(plan.config, plan.shortlist, plan.rivals)
         resized = wish.front_end(plan.config) != plan.config
         fixed = self.config.network
         if len(front_ends) < 2 or not self.terms.folds or not self.config.recurrent or wish.reset or resized:
@@ -442,13 +430,11 @@ class _Choice:
         protocol = self.terms.protocol
         networks = [fixed_network(self.wish.on, protocol)]
         if self.chooses:
-            linear, gru = (
-                dataclasses.replace(self.wish, cell=cell, hidden=hidden)
-                for cell, hidden in (("linear", None), ("gru", 8))
-            )
-            squares = {"squares": True, "name": "least squares", **AS_RECORDED}
-            networks = [fixed_network(linear.on, protocol, **squares), fixed_network(gru.on, protocol)]
-            networks = [candidate for candidate in networks if fits(candidate, self.linear)]
+            on = [dataclasses.replace(self.wish, cell=cell, hidden=hidden).on for cell, hidden in STAND_INS]
+            recipes = {"squares": True, "name": "least squares"}, {"penalty": WEAK_PENALTY}
+            linears = [fixed_network(on[0], protocol, **recipe, **AS_RECORDED) for recipe in recipes]
+            networks = [network for network in linears if fits(network, self.linear)]
+            networks.append(fixed_network(on[1], protocol))
         return Nested(self.terms, field, networks, self.plan.market)
 
     @property

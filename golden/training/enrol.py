@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -49,6 +49,7 @@ from eskin.golden.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.golden.training.fit import fit_networks, one_thread, post_training
 from eskin.golden.training.losses import Progress, class_loss, descend
 from eskin.golden.training.prototypes import (
+    PARTS,
     dense,
     group_numbers,
     teach_recordings,
@@ -442,6 +443,18 @@ def accuracy(model: IntegerModel, data: Dataset, recordings: np.ndarray) -> floa
     return float(np.mean(by_recording(made.decision, placed) == data.labels[recordings]))
 
 
+def _right(network: IntegerModel, data: Dataset) -> Callable[[IntegerModel], np.ndarray]:
+    """Of ``network``, or of it with prototypes, (R) bool: what `accuracy` is the mean of. Its states are computed
+    once."""
+    made = decide_touches(dense(network), data.touches)
+
+    def right(model: IntegerModel) -> np.ndarray:
+        decided = decide_touches(model, data.touches, forward=lambda *_: (made.hidden, made.logits))
+        return by_recording(decided.decision, data.index) == data.labels
+
+    return right
+
+
 def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> dict[str, Any]:
     """Teach the model in ``model_dir`` the touches of ``few`` and write it to ``out``; config.json and all
     weights stay.
@@ -483,6 +496,8 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> dic
 
 
 # ---------------------------------------------------------------------- how much it brings
+DRAWS = 10
+"""Which touches are taught is drawn so often, and figures are means; training on is done once."""
 SET_ASIDE = 5
 """Of so many recordings of a class in a group one is set aside, and judges what enrolment costs on the other
 groups."""
@@ -619,8 +634,8 @@ def judge_classes(
 
     before and after are of its recordings that are not taught, others of the other classes' recordings that were
     set aside. Before it is taught: unknown, the share of its whole touches that are unsure by the threshold of
-    FALSE_ALARMS of groups left out, and false_alarms, the same of the others' that were set aside; unknown_even,
-    its share further from every prototype than all but FALSE_ALARMS of the others'.
+    FALSE_ALARMS of groups left out, and false_alarms, the same of the others' that were set aside; unknown_here and
+    false_alarms_here by a threshold that holds where the prototypes were recorded: recordings were left out for it.
     """
     values = group_values(recordings, question.groups, (0,))
     aside, config = set_aside(recordings, values), question.configs[0]
@@ -637,48 +652,52 @@ def judge_classes(
         place = np.argsort([*(set(range(len(names))) - {label}), label])  # the class's is the last one
         shown = part[whole[part]]
         seen = where[shown]
-        ready = with_prototypes(
-            network,
-            data.touches.take(shown),
-            place[labels[seen]],
-            groups[seen],
-            taught=max(question.ks),
-            unknown=FALSE_ALARMS,
-            spare_classes=1,
-            source=f"recordings '{recordings.source}'",
-        )
-        generator = np.random.default_rng([question.seed, *name.encode()])
-        one_each: list[int] = []  # a recording of each value, in any order
-        for members in values.values():
-            own = members[(labels[members] == label) & (data.index[members] >= 0)]
-            own = own[whole[data.index[own]]]
-            one_each += [int(generator.choice(own))] if len(own) else []
-        drawn = generator.permutation(np.array(one_each, dtype=np.int64))[: max(question.ks)]
-        if len(drawn) < max(question.ks):
-            raise InputError(
-                f"recordings '{recordings.source}': class {name} has whole touches of {len(drawn)} values of "
-                f"{' and '.join(question.groups)}, and {max(question.ks)} are to be taught; use a smaller k"
+
+        ready, here = (
+            with_prototypes(
+                network,
+                data.touches.take(shown),
+                place[labels[seen]],
+                left_out[seen],
+                taught=max(question.ks),
+                unknown=FALSE_ALARMS,
+                spare_classes=1,
+                source=f"recordings '{recordings.source}'",
             )
-        judged = np.setdiff1d(np.flatnonzero(labels == label), drawn)
-        others = np.flatnonzero(aside & (labels != label))
+            for left_out in (groups, np.arange(len(labels)) % PARTS)
+        )
         known = dataclasses.replace(data, labels=place[labels])
-        row = {"value": name, "recordings": len(judged), "others": len(others), "lacking": []}
-        row |= {"before": 0.0, "others_before": accuracy(dense(network), known, others)}
-        at_first = [
-            decide_touches(ready, data.touches.take(touched[whole[touched]]))
-            for touched in (touch_rows(data, judged), touch_rows(data, others))
-        ]
-        far, near = (-made.scores[:, -1].max(axis=-1) for made in at_first)
-        row["unknown"], row["false_alarms"] = (float(made.unsure.mean()) for made in at_first)
-        row["unknown_even"] = float(np.mean(far > np.quantile(near, 1.0 - FALSE_ALARMS)))
-        for k in sorted({0, *question.ks}):
-            touched = touch_rows(data, drawn[:k])
-            taught = teach_touches(ready, data.touches.take(touched), place[labels[where[touched]]])
-            figures = {
-                "after": accuracy(taught, known, judged),
-                "others_after": accuracy(taught, known, others),
-            }
-            rows.append(row | {"k": k} | figures)
+        right, generator = _right(network, known), np.random.default_rng([question.seed, *name.encode()])
+        own, others = np.flatnonzero(labels == label), np.flatnonzero(aside & (labels != label))
+        row = {"value": name, "recordings": len(own), "others": len(others), "lacking": []}
+        row |= {"before": 0.0, "others_before": float(right(dense(network))[others].mean())}
+        for kind, untaught in (("", ready), ("_here", here)):
+            for figure, which in (("unknown", own), ("false_alarms", others)):
+                touched = touch_rows(data, which)
+                made = decide_touches(untaught, data.touches.take(touched[whole[touched]]))
+                row[figure + kind] = float(made.unsure.mean())
+        figures: dict[int, list[tuple[float, float]]] = {k: [] for k in sorted({0, *question.ks})}
+        for _ in range(DRAWS):
+            one_each: list[int] = []  # a recording of each value, in any order
+            for members in values.values():
+                of_value = np.intersect1d(members[data.index[members] >= 0], own)
+                of_value = of_value[whole[data.index[of_value]]]
+                one_each += [int(generator.choice(of_value))] if len(of_value) else []
+            drawn = generator.permutation(np.array(one_each, dtype=np.int64))[: max(question.ks)]
+            if len(drawn) < max(question.ks):
+                raise InputError(
+                    f"recordings '{recordings.source}': class {name} has whole touches of {len(drawn)} values of "
+                    f"{' and '.join(question.groups)}, and {max(question.ks)} are to be taught; use a smaller k"
+                )
+            for k, of_draws in figures.items():
+                touched = touch_rows(data, drawn[:k])
+                taught = right(
+                    teach_touches(ready, data.touches.take(touched), place[labels[where[touched]]])
+                )
+                of_draws.append((taught[np.setdiff1d(own, drawn)].mean(), taught[others].mean()))
+        for k, of_draws in figures.items():
+            after, others_after = np.mean(of_draws, axis=0).tolist()
+            rows.append(row | {"k": k, "after": after, "others_after": others_after})
     return sorted(rows, key=lambda row: row["k"])
 
 
@@ -715,15 +734,18 @@ def _judge_values(
     ]
     setting = SETTINGS[_layers(config, question.layers), question.old]
     jobs: list[tuple[int, int, np.ndarray]] = []  # value, k, rows to enrol
-    judged = []
-    ks = question.ks if question.readout == "dense" else tuple(sorted({0, *question.ks}))
+    judged, of_value = [], []  # recordings that judge: of each job, how many of each value
+    by_prototypes = question.readout == "prototypes"
+    ks = tuple(sorted({0, *question.ks})) if by_prototypes else question.ks
     for number, (value, members) in enumerate(values.items()):
-        drawn = _draw(recordings, data, members, most, value, question)
-        judged.append(np.setdiff1d(members, np.concatenate(drawn)))
-        jobs += [
-            (number, k, touch_rows(data, np.concatenate([of_class[:k] for of_class in drawn]))) for k in ks
-        ]
-    if question.readout == "prototypes":
+        generator = np.random.default_rng([question.seed, *value.encode()])
+        for _ in range(DRAWS if by_prototypes and question.draw == "random" else 1):
+            drawn = _draw(recordings, data, members, most, value, question, generator)
+            for k in ks:
+                jobs.append((number, k, touch_rows(data, np.concatenate([own[:k] for own in drawn]))))
+                judged.append(np.setdiff1d(members, np.concatenate(drawn)))
+        of_value.append(len(judged[-1]))
+    if by_prototypes:
         after = _taught(recordings, question, data, parts, [pair.integer for pair in before], jobs)
     else:
         old = [parts[number] for number, _, _ in jobs] if question.old else None
@@ -731,20 +753,26 @@ def _judge_values(
         new = [new for *_, new in jobs]
         fitted = fit(pairs, data, recipe, new, old, setting, question.seed, progress)
         after = [pair.integer for pair in fitted]
-
-    def figures(model: IntegerModel, number: int) -> tuple[float | None, ...]:
-        return tuple(
-            accuracy(model, data, which[number]) if len(which[number]) else None for which in (judged, others)
+    right = [_right(pair.integer, data) for pair in before]
+    at_first = [of(pair.integer) for of, pair in zip(right, before, strict=True)]
+    figures: dict[tuple[int, int], list[list[float]]] = {}
+    for (number, k, _), which, model in zip(jobs, judged, after, strict=True):
+        later = right[number](model) if by_prototypes else _right(model, data)(model)
+        figures.setdefault((number, k), []).append(
+            [
+                float(of[where].mean()) if len(where) else np.nan
+                for where in (which, others[number])
+                for of in (at_first[number], later)
+            ]
         )
-
-    at_first = [figures(pair.integer, number) for number, pair in enumerate(before)]
     rows = []
-    for (number, k, _), model in zip(jobs, after, strict=True):
-        own, of_others = figures(model, number)
+    for (number, k), of_draws in figures.items():
         value = list(values)[number]
-        row = {"value": value, "k": k, "before": at_first[number][0], "after": own}
-        row |= {"others_before": at_first[number][1], "others_after": of_others}
-        row |= {"recordings": len(judged[number]), "others": len(others[number])}
+        own, own_after, *of_others = np.mean(of_draws, axis=0).tolist()
+        row = {"value": value, "k": k, "before": own, "after": own_after}
+        for name, share in zip(("others_before", "others_after"), of_others, strict=True):
+            row[name] = share if len(others[number]) else None
+        row |= {"recordings": of_value[number], "others": len(others[number])}
         rows.append(row | {"lacking": lacking(recordings, values[value])})
     return rows
 
@@ -776,11 +804,16 @@ def _taught(
 
 
 def _draw(
-    recordings: Recordings, data: Dataset, members: np.ndarray, most: int, value: str, question: Question
+    recordings: Recordings,
+    data: Dataset,
+    members: np.ndarray,
+    most: int,
+    value: str,
+    question: Question,
+    generator: np.random.Generator,
 ) -> list[np.ndarray]:
     """Of each class that is among ``members`` ``most`` recordings to enrol, such as show a touch: a user would
     see it and touch again."""
-    generator = np.random.default_rng([question.seed, *value.encode()])
     drawn, lacks = [], lacking(recordings, members)
     for label, name in enumerate(recordings.class_names):
         if name in lacks:
@@ -816,7 +849,11 @@ def summary(
     weighted by their recordings, and spread: the standard deviation of that mean over seeds (None: one seed).
     """
     figures = ["before", "after", "others_before", "others_after"]
-    figures += [name for name in ("unknown", "false_alarms", "unknown_even") if name in by_seed[0][0]]
+    figures += [
+        name
+        for name in ("unknown", "false_alarms", "unknown_here", "false_alarms_here")
+        if name in by_seed[0][0]
+    ]
 
     def means(of_seeds: Mapping[str, np.ndarray | None]) -> dict[str, Any]:
         spread = {
@@ -839,7 +876,7 @@ def summary(
         of_k = [row for row in rows if row["k"] == k]
         overall: dict[str, np.ndarray | None] = {}
         for name in figures:
-            of_others = name.startswith("others") or name == "false_alarms"
+            of_others = name.startswith("others") or name.startswith("false_alarms")
             weight = [row["others" if of_others else "recordings"] for row in of_k]
             whole = all(row[name] is not None for row in of_k)
             values = [row["by_seed"][name] for row in of_k]

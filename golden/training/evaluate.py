@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from eskin.golden.core.jobs import Record
 from eskin.golden.model.image_network import image_seconds
 from eskin.golden.model.pipeline import step_times
 from eskin.golden.model.stage_error import logit_error, records
@@ -22,7 +23,7 @@ MIN_AGREEMENT = 0.98
 """Share of recordings on which both must decide the same."""
 
 
-def evaluate(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
+def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
     """Run both models of a folder over recordings and compare; a recording without a decision counts as
     wrong.
 
@@ -50,7 +51,7 @@ def evaluate(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
     return result | {"logit_error": logit_error(stages), "stages": records(stages), "passed": held(result)}
 
 
-def compare_stages(model_dir: str | Path, recordings: Recordings) -> dict[str, Any]:
+def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
     """Both models of a folder over recordings or images, stage by stage and signal by signal.
 
     Returns
@@ -80,7 +81,7 @@ def compare_stages(model_dir: str | Path, recordings: Recordings) -> dict[str, A
     }
 
 
-def compare(ideal: Any, trace: Any, labels: np.ndarray) -> dict[str, Any]:
+def compare(ideal: Any, trace: Any, labels: np.ndarray) -> Record:
     """The result of ``evaluate`` without ``passed`` and errors, from a float and an integer trace
     (`eskin.golden.model.pipeline.Trace`, or `eskin.golden.model.image_network.ImageTrace`) of the same
     recordings and their labels."""
@@ -136,7 +137,7 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> dict[str, Any]:
     }
 
 
-def held(result: dict[str, Any]) -> bool:
+def held(result: Record) -> bool:
     """True when the integer model is at most MAX_LOSS under the float one and agrees on at least
     MIN_AGREEMENT."""
     return (

@@ -21,7 +21,7 @@ import numpy as np
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import NETWORKS, network
-from eskin.golden.core.jobs import Jobs
+from eskin.golden.core.jobs import Jobs, Record
 from eskin.golden.core.memo import Memo, content_key
 from eskin.golden.data.recordings import Recordings, check_fit
 from eskin.golden.model.image_network import image_seconds, images_of
@@ -103,7 +103,7 @@ def train_image_model(
     keep: Memo | None = None,
     workers: int | None = None,
     progress: Progress | None = None,
-) -> dict[str, Any]:
+) -> Record:
     """Cross-validate (choosing the network where none was asked for), fit it to all images, and write the
     model folder.
 
@@ -140,8 +140,8 @@ def train_image_model(
     candidates = [config] if config else [image_config(recordings, name) for name in CANDIDATES]
     judged_by = recipe if config else dataclasses.replace(recipe, epochs=min(recipe.epochs, CHOOSING_EPOCHS))
     images, groups = images_of(recordings), list(group or [])
-    rows: list[dict[str, Any]] = []
-    records: list[dict[str, Any]] = []
+    rows: list[Record] = []
+    records: list[Record] = []
     if folds:
         jobs, many = Jobs(workers=workers, progress=progress), list(range(seed, seed + seeds))
         tuned_bits = bits if quantisation_aware else 0
@@ -160,7 +160,7 @@ def train_image_model(
     taken = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
     config = candidates[taken]
     model, integer = _fit(config, recordings, recipe, seed, bits if quantisation_aware else 0, progress)
-    record: dict[str, Any] = {
+    record: Record = {
         "seed": seed,
         "recipe": dataclasses.asdict(recipe),
         "config": config.to_dict(),
@@ -238,8 +238,8 @@ def judged_pieces(
     jobs: Jobs,
     keep: Memo | None,
     what: str,
-    judging: Callable[[Any, ImageFold], dict[str, Any]],
-) -> list[list[list[dict[str, Any]]]]:
+    judging: Callable[[Any, ImageFold], Record],
+) -> list[list[list[Record]]]:
     """The result of each piece of several networks, of `eskin.golden.training.train_images.judge` or what
     stands in for it, in their order.
 
@@ -273,10 +273,10 @@ def split_of(
     config: AcceleratorConfig,
     groups: list[str],
     pieces: list[list[ImageFold]],
-    results: list[list[dict[str, Any]]],
+    results: list[list[Record]],
     seeds: list[int],
     integers: str,
-) -> dict[str, Any]:
+) -> Record:
     """The record of a cross-validation, as `eskin.golden.training.crossval.cross_validate` gives it, from
     ``pieces_of`` and their results, and ``correct``: the share of seeds whose integers were right, for each
     image. integers: the key of the results that count."""
@@ -309,8 +309,8 @@ def split_of(
 
 
 def _by_weights(
-    labels: np.ndarray, pieces: list[list[ImageFold]], results: list[list[dict[str, Any]]]
-) -> list[dict[str, Any]]:
+    labels: np.ndarray, pieces: list[list[ImageFold]], results: list[list[Record]]
+) -> list[Record]:
     """{weights, accuracy, spread, agreement, by_seed} of the float network and of each kind of integers;
     accuracy and agreement (with float) are means over seeds, spread the standard deviation over them (0 of
     one)."""
@@ -343,10 +343,10 @@ def _by_weights(
 
 def _candidate_rows(
     candidates: Sequence[AcceleratorConfig],
-    records: Sequence[dict[str, Any]],
+    records: Sequence[Record],
     correct: Sequence[np.ndarray],
     seeds: int,
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """What training.json says of each network; the one with the fewest multiplies within one standard error
     of the best is chosen.
 

@@ -1,8 +1,8 @@
 """A network in an ONNX file: one GRU or LSTM in one direction and a dense layer, or a dense layer alone.
 
-What the file says of cell, sizes and reset gate is taken from its nodes. Then its graph is computed on random inputs
-and compared with the network that was read: nodes that only move values are not believed, so a readout of another
-step, a transposed layout or an offset is found. Nothing of a file is run but the operators below.
+What the file says of cell, sizes and reset gate is taken from its nodes. Then its graph is computed on random
+inputs and compared with the network that was read: nodes that only move values are not believed, so a readout
+of another step, a transposed layout or an offset is found. Nothing of a file is run but the operators below.
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ from typing import Any, NoReturn
 import numpy as np
 import onnx
 from onnx import numpy_helper
+from onnx.reference import ReferenceEvaluator
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.model.cells import Float, run_cell
 from eskin.golden.model.model import constants_shape, network_shapes, with_network
 from eskin.golden.training.torch_files import MOST_VALUES, check_readable
@@ -51,14 +53,16 @@ ATTRIBUTES = {
 
 @dataclass(frozen=True)
 class Node:
-    """A node: type, name (of its first output where it has none), domain, inputs and outputs, attributes."""
+    """A node: as the file has it; type, name (of its first output where it has none), domain, inputs and
+    outputs, attributes."""
 
+    made: onnx.NodeProto
     op_type: str
     name: str
     domain: str
     input: list[str]
     output: list[str]
-    attributes: dict[str, Any]
+    attributes: Record
 
 
 def _text(value: Any) -> Any:
@@ -89,6 +93,7 @@ class Graph:
             raise InputError(
                 f"network '{path}': has opset {shown}; save it with one of {OPSETS[0]} to {OPSETS[1]}"
             )
+        self.opset = versions[0]
         self.constants = {_text(tensor.name): self._array(tensor) for tensor in self.graph.initializer}
         inputs = [value for value in self.graph.input if _text(value.name) not in self.constants]
         if len(inputs) != 1:
@@ -102,7 +107,7 @@ class Graph:
         for entry in self.graph.node:
             taken, given = ([_text(name) for name in names] for names in (entry.input, entry.output))
             name = _text(entry.name) or (given[0] if given else "")
-            node = Node(_text(entry.op_type), name, _text(entry.domain), taken, given, {})
+            node = Node(entry, _text(entry.op_type), name, _text(entry.domain), taken, given, {})
             if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
                 self.refuse(node, f"is none of those that are taken: {TAKEN}")
             self._check_form(node, entry, versions[0])
@@ -146,7 +151,7 @@ class Graph:
                     node, f"has {_text(entry.name):.40} of another type than ONNX's; save the network again"
                 )
 
-    def _attributes(self, node: Node, made: Any) -> dict[str, Any]:
+    def _attributes(self, node: Node, made: Any) -> Record:
         try:
             values = {_text(entry.name): onnx.helper.get_attribute_value(entry) for entry in made.attribute}
         except Exception:
@@ -178,8 +183,7 @@ class Graph:
         known: dict[str, np.ndarray] = dict(self.constants) | {self.input: values, "": np.zeros(0)}
         for node in self.all:
             try:
-                inputs = [known[name] for name in node.input]
-                outputs = OPERATORS[node.op_type](self, node, node.attributes, inputs)
+                outputs = self._outputs(node, [known[name] for name in node.input])
             except InputError:
                 raise
             except Exception:  # shapes that do not fit fail anywhere inside numpy
@@ -193,84 +197,57 @@ class Graph:
             known[name] for name in map(_text, (value.name for value in self.graph.output)) if name in known
         ]
 
+    def _outputs(self, node: Node, inputs: list[np.ndarray]) -> list[np.ndarray]:
+        if node.op_type in GATES:
+            return _recurrent(self, node, inputs)
+        if BOUNDS.get(node.op_type, lambda a, i: 0)(node.attributes, inputs) > MOST_VALUES:
+            raise ValueError("beyond any network")
+        made = node.made
+        made.ClearField("domain")  # ai.onnx is the default one's other name
+        given = {name: array for name, array in zip(made.input, inputs, strict=True) if name}
+        opset = onnx.helper.make_opsetid("", self.opset)
+        function = onnx.helper.make_function("eskin", "node", [*given], made.output, [made], [opset])
+        return [*ReferenceEvaluator(function).run(None, given, {})]
+
 
 # ---------------------------------------------------------------------- operators
-def _small(size: float) -> None:
-    if size > MOST_VALUES:
-        raise ValueError("beyond any network")
+BOUNDS: dict[str, Callable[[Mapping[str, Any], list[np.ndarray]], int]] = {
+    "Gemm": lambda a, i: i[0].shape[a.get("transA", 0)] * i[1].shape[1 - a.get("transB", 0)],
+    "MatMul": lambda a, i: (
+        math.prod(np.broadcast_shapes(i[0].shape[:-2], i[1].shape[:-2]))
+        * math.prod(i[0].shape[-2:-1])
+        * i[1].shape[-1]
+    ),
+    "Add": lambda a, i: math.prod(np.broadcast_shapes(i[0].shape, i[1].shape)),
+    "ConstantOfShape": lambda a, i: math.prod(i[0].tolist()),
+    "Expand": lambda a, i: math.prod(np.broadcast_shapes(i[0].shape, tuple(i[1].tolist()))),
+    "Gather": lambda a, i: i[0].size // max(i[0].shape[a.get("axis", 0)], 1) * i[1].size,
+    "Concat": lambda a, i: sum(part.size for part in i),
+}
+"""How many values come out of an operator that may give more than it takes."""
+OPERATORS = (
+    *GATES,
+    *BOUNDS,
+    *(
+        "Constant",
+        "Identity",
+        "Cast",
+        "Shape",
+        "Transpose",
+        "Squeeze",
+        "Unsqueeze",
+        "Reshape",
+        "Flatten",
+        "Slice",
+    ),
+)
+"""All that may stand in a file; everything else is refused by its name. GRU and LSTM are computed here, the
+rest by onnx's own reference."""
 
 
-def _axes(attributes: Mapping[str, Any], inputs: list[np.ndarray]) -> tuple[int, ...]:
-    axes = attributes["axes"] if "axes" in attributes else inputs[1] if len(inputs) > 1 else ()
-    return tuple(int(axis) for axis in np.ravel(axes))
-
-
-def _reshape(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
-    target = [int(size) for size in np.ravel(a["shape"] if "shape" in a else i[1])]
-    return [i[0].reshape([i[0].shape[axis] if size == 0 else size for axis, size in enumerate(target)])]
-
-
-def _slice(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
-    if "starts" in a:
-        i = [i[0], *(np.array(a[name]) for name in ("starts", "ends", "axes") if name in a)]
-    starts, ends = (np.ravel(part) for part in i[1:3])
-    axes = np.ravel(i[3]) if len(i) > 3 and i[3].size else np.arange(len(starts))
-    steps = np.ravel(i[4]) if len(i) > 4 else np.ones(len(starts), dtype=int)
-    cut: list[slice] = [slice(None)] * i[0].ndim
-    for start, end, axis, step in zip(starts, ends, axes, steps, strict=True):
-        end = None if step < 0 and end < -i[0].shape[int(axis)] else int(end)
-        cut[int(axis)] = slice(int(start), end, int(step))
-    return [i[0][tuple(cut)]]
-
-
-def _gather(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
-    axis = a.get("axis", 0)
-    _small(i[0].size // max(i[0].shape[axis], 1) * i[1].size)
-    return [np.take(i[0], i[1].astype(int), axis=axis)]
-
-
-def _expand(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
-    shape = np.broadcast_shapes(i[0].shape, tuple(int(size) for size in np.ravel(i[1])))
-    _small(math.prod(shape))
-    return [np.broadcast_to(i[0], shape)]
-
-
-def _constant_of_shape(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
-    shape = tuple(int(size) for size in np.ravel(i[0]))
-    _small(math.prod(shape))
-    return [np.full(shape, np.ravel(a.get("value", np.zeros(1)))[0])]
-
-
-def _concat(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
-    _small(sum(part.size for part in i))
-    return [np.concatenate(i, axis=a.get("axis", 0))]
-
-
-def _flatten(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
-    axis = a.get("axis", 1)
-    axis = axis + i[0].ndim if axis < 0 else axis
-    return [i[0].reshape(math.prod(i[0].shape[:axis]), -1)]
-
-
-def _gemm(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
-    left, right = (part.T if a.get(f"trans{name}", 0) else part for name, part in zip("AB", i, strict=False))
-    _small(left.shape[0] * right.shape[1])
-    return [a.get("alpha", 1.0) * (left @ right) + (a.get("beta", 1.0) * i[2] if len(i) > 2 else 0.0)]
-
-
-def _matmul(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
-    batch = np.broadcast_shapes(i[0].shape[:-2], i[1].shape[:-2])
-    _small(math.prod(batch) * math.prod(i[0].shape[-2:-1]) * i[1].shape[-1])
-    return [i[0] @ i[1]]
-
-
-def _add(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
-    _small(math.prod(np.broadcast_shapes(i[0].shape, i[1].shape)))
-    return [i[0] + i[1]]
-
-
-def _recurrent(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) -> list[np.ndarray]:
+def _recurrent(g: Graph, node: Node, i: list[np.ndarray]) -> list[np.ndarray]:
     """GRU and LSTM as ONNX's operators define them."""
+    a = node.attributes
     x, w, r = i[0], i[1][0], i[2][0]
     units, batch_first = r.shape[1], a.get("layout", 0)
     x = x.swapaxes(0, 1) if batch_first else x
@@ -307,36 +284,12 @@ def _recurrent(g: Graph, node: Node, a: Mapping[str, Any], i: list[np.ndarray]) 
     return [every, *ends]
 
 
-OPERATORS: dict[str, Callable[..., list[np.ndarray]]] = {
-    "GRU": _recurrent,
-    "LSTM": _recurrent,
-    "Gemm": _gemm,
-    "MatMul": _matmul,
-    "Add": _add,
-    "Constant": lambda g, n, a, i: [np.asarray(next(iter(a.values())))],
-    "ConstantOfShape": _constant_of_shape,
-    "Identity": lambda g, n, a, i: i[:1],
-    "Cast": lambda g, n, a, i: i[:1],
-    "Shape": lambda g, n, a, i: [np.array(i[0].shape[a.get("start", 0) : a.get("end")])],
-    "Transpose": lambda g, n, a, i: [np.transpose(i[0], a.get("perm"))],
-    "Squeeze": lambda g, n, a, i: [np.squeeze(i[0], _axes(a, i) or None)],
-    "Unsqueeze": lambda g, n, a, i: [np.expand_dims(i[0], _axes(a, i))],
-    "Reshape": _reshape,
-    "Flatten": _flatten,
-    "Gather": _gather,
-    "Slice": _slice,
-    "Concat": _concat,
-    "Expand": _expand,
-}  # fmt: skip
-"""All that may stand in a file; everything else is refused by its name."""
-
-
 # ---------------------------------------------------------------------- what the nodes say
 @dataclass(frozen=True)
 class OnnxNetwork:
-    """A network as its file says it. cell, reset, gate_activation, hidden, classes; columns: of the first weights;
-    arrays: by the names of the specification, section 8 (a linear cell: V (C, columns), b_y); names: what they are
-    called in the file; metadata: of an exported file, else empty."""
+    """A network as its file says it. cell, reset, gate_activation, hidden, classes; columns: of the first
+    weights; arrays: by the names of the specification, section 8 (a linear cell: V (C, columns), b_y); names:
+    what they are called in the file; metadata: of an exported file, else empty."""
 
     graph: Graph
     cell: str
@@ -347,9 +300,9 @@ class OnnxNetwork:
     columns: int
     arrays: dict[str, np.ndarray]
     names: dict[str, str]
-    metadata: dict[str, Any] = field(default_factory=dict)
+    metadata: Record = field(default_factory=dict)
 
-    def scale(self, config: AcceleratorConfig) -> dict[str, Any] | None:
+    def scale(self, config: AcceleratorConfig) -> Record | None:
         """mean, std and their source as an exported file keeps them; None where it keeps none of this
         configuration's."""
         if not self.metadata:
@@ -480,7 +433,7 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
     return np.asarray(weights, dtype=np.float64), np.asarray(bias, dtype=np.float64).ravel(), names
 
 
-def _metadata(graph: Graph) -> dict[str, Any]:
+def _metadata(graph: Graph) -> Record:
     if METADATA not in graph.metadata:
         return {}
     try:
@@ -496,8 +449,8 @@ def _metadata(graph: Graph) -> dict[str, Any]:
 def convert_onnx(
     network: OnnxNetwork, config: AcceleratorConfig, cell: str | None, reset: str | None
 ) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
-    """``config`` with cell and sizes of the file, and the float network's arrays. ``cell`` and ``reset``: what the
-    user says, held against the file.
+    """``config`` with cell and sizes of the file, and the float network's arrays. ``cell`` and ``reset``:
+    what the user says, held against the file.
 
     Raises
     ------

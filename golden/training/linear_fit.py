@@ -39,7 +39,6 @@ def fit_linear(
     -------
     V (sets, C, D) and b_y (C), float64.
     """
-    from sklearn.exceptions import ConvergenceWarning
     from sklearn.linear_model import LogisticRegression
 
     inputs = _inputs(config, features)
@@ -51,7 +50,7 @@ def fit_linear(
     weights, bias = np.zeros((config.classes, inputs.shape[1])), np.zeros(config.classes)
     if len(present) > 1:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConvergenceWarning)
+            warnings.simplefilter("ignore", UserWarning)  # not converged; few touches of each of many classes
             fitted = LogisticRegression(C=penalty, max_iter=MOST_ITERATIONS).fit(
                 (inputs - mean) / spread, labels
             )

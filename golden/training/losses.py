@@ -59,8 +59,8 @@ def class_loss(
 ) -> torch.Tensor:
     """(models) loss of logits (models, batch, steps, C), over the steps that count."""
     losses = torch.nn.functional.cross_entropy(
-        logits.flatten(0, -2), labels[..., None].expand(counts.shape).flatten(), reduction="none"
-    ).view(counts.shape)
+        logits.movedim(-1, 1), labels[..., None].expand(counts.shape), reduction="none"
+    )
     if recipe.loss == "last":
         last = counts.sum(-1, keepdim=True) - 1
         return losses.gather(-1, last).mean(dim=(1, 2))
@@ -78,8 +78,8 @@ Callback = Callable[[int, dict[str, float]], None]
 
 
 class Told:
-    """Tells ``callback`` the mean ``loss`` since the epoch before, CURVE_POINTS times in a training; in place of
-    `LossCurves` where one network is trained."""
+    """Tells ``callback`` the mean ``loss`` since the epoch before, CURVE_POINTS times in a training; in place
+    of `LossCurves` where one network is trained."""
 
     def __init__(self, callback: Callback) -> None:
         self._callback, self._trained = callback, list[float]()

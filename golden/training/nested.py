@@ -6,13 +6,12 @@ and two classes the best of eighty front ends is 60 to 75 % right. Here each fol
 that looks at a label, by a cheaper choice of the same kind:
 
 - *front end*: of a `eskin.golden.training.choose_front_end.Field`, which no label picked, by ridge regression
-  on folds of the training part, NESTED_ON recordings at most: the cheapest that is level with the best. A
-  recurrent network that was asked for may stand on a rival of another gate: half its updates on one inner
-  fold decide.
-- *network*: the one that was asked for; else of the linear cell by least squares, on that front end and on
-  the best one, and a GRU 8 (half the updates, one seed) on the cheapest of the shortlist, the cheapest that
-  is level with the best on the inner folds. The GRU is not tried where it can be neither better by a standard
-  error nor cheaper.
+  on folds of the training part, NESTED_ON recordings at most: the cheapest that is level with the best.
+- *network*: the one that was asked for; else of the linear cell, by least squares and as a logistic
+  regression of a weak penalty, on that front end and on the best one, and a GRU 8 the cheapest that is level
+  with the best on the inner folds, in integers. A GRU stands on each front end that the choice itself would
+  try one on, with a part of the updates and one seed; so does a recurrent network that was asked for. It is
+  not tried where it can be neither better by a standard error nor cheaper.
 - the network chosen is trained on the whole training part with the full recipe, quantised, and judged on the
   fold.
 
@@ -32,7 +31,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from sklearn.kernel_ridge import KernelRidge
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.cost import Market
@@ -42,9 +40,10 @@ from eskin.golden.training.choose_front_end import (
     Field,
     Judged,
     cheapest,
-    first_or_best,
+    for_recurrent,
     inner_folds,
     most_accurate,
+    ridge_weights,
     rivals_of,
     row_of,
     shortlist_of,
@@ -69,6 +68,9 @@ RIDGE_PENALTY = 1e-2
 """Of the ridge regression that decides the folds left out, of the shuffled labels and beside them of the
 right ones."""
 
+SHARE = 4
+"""Of the updates that a recurrent network has on inner folds: one part in so many."""
+
 Network = Callable[[AcceleratorConfig], tuple[AcceleratorConfig, Recipe]]
 """The network on a front end, and its recipe."""
 
@@ -77,7 +79,7 @@ Network = Callable[[AcceleratorConfig], tuple[AcceleratorConfig, Recipe]]
 class Nested:
     """How the choice is made again.
 
-    terms: with the groups that the choice leaves out. networks: the one asked for, or the linear one and a
+    terms: with the groups that the choice leaves out. networks: the one asked for, or linear ones and a
     recurrent one. market: what they cost.
     """
 
@@ -147,39 +149,21 @@ class Nested:
         networks: Sequence[tuple[AcceleratorConfig, Recipe]],
         inner: Sequence[tuple[np.ndarray, np.ndarray]],
     ) -> Iterator[np.ndarray]:
-        """Of each network on its inner fold which recordings it decides rightly; half the updates."""
-        pieces = [Piece(*halved(network), *pair) for network, pair in zip(networks, inner, strict=True)]
+        """Of each network on its inner fold which recordings it decides rightly; 1/SHARE of the updates."""
+        pieces = [
+            Piece(*shortened(network, SHARE), *pair) for network, pair in zip(networks, inner, strict=True)
+        ]
         for piece, run in zip(pieces, self._decided(pieces), strict=True):
             yield run.integer_global == self.terms.recordings.labels[piece.test]
 
     def _chosen(
         self, parts: Sequence[np.ndarray], judged: Sequence[list[Judged]]
     ) -> list[tuple[AcceleratorConfig, Recipe]]:
-        """Configuration and recipe of each training part."""
-        first, *others = self.networks
-        judged = [
-            [
-                candidate
-                for candidate in of_part
-                if fits(first, candidate.config) and self.market.is_candidate(first(candidate.config)[0])
-            ]
-            for of_part in judged
-        ]
-        if not all(judged):
+        """Of each training part the cheapest configuration and recipe of those level with the best on the
+        inner folds."""
+        tried = [self._tried(of_part) for of_part in judged]
+        if not all(tried):
             raise InputError("the network asked for fits none of the front ends; name another")
-        if others:
-            return self._cheapest_networks(parts, judged, first, others[-1])
-        best = [cheapest(of_part, self.market) for of_part in judged]
-        configs = [candidate.config for candidate in best]
-        if first(configs[0])[0].recurrent:
-            configs = self._recurrent_front_ends(parts, judged, best, first)
-        return [first(config) for config in configs]
-
-    def _cheapest_networks(
-        self, parts: Sequence[np.ndarray], judged: Sequence[list[Judged]], linear: Network, recurrent: Network
-    ) -> list[tuple[AcceleratorConfig, Recipe]]:
-        """Of each part the cheapest network that is level with the best on the inner folds."""
-        tried = [self._tried(of_part, linear, recurrent) for of_part in judged]
         inner = [
             self._inner(part) if len(networks) > 1 else []
             for part, networks in zip(parts, tried, strict=True)
@@ -201,49 +185,31 @@ class Nested:
             chosen.append(networks[candidates.index(taken) if taken else 0])
         return chosen
 
-    def _tried(
-        self, judged: list[Judged], linear: Network, recurrent: Network
-    ) -> list[tuple[AcceleratorConfig, Recipe]]:
-        """The networks of one part that inner folds decide on."""
+    def _tried(self, judged: list[Judged]) -> list[tuple[AcceleratorConfig, Recipe]]:
+        """The networks of one part that inner folds decide on, by what the ridge regression ``judged``."""
+        first, (*linears, last) = self.networks[0], self.networks
+        judged = [
+            candidate
+            for candidate in judged
+            if fits(first, candidate.config) and self.market.is_candidate(first(candidate.config)[0])
+        ]
+        if not judged:
+            return []
         ridge = cheapest(judged, self.market)
+        if not linears and not last(ridge.config)[0].recurrent:
+            return [last(ridge.config)]
         listed = shortlist_of(judged, ridge, self.market)
         best = most_accurate([candidate for candidate in judged if candidate.config in listed])
-        networks = [linear(config) for config in dict.fromkeys((ridge.config, best.config))]
-        at = next((config for config in listed if fits(recurrent, config)), None)
-        if at is not None:
-            network = recurrent(at)
-            better = 1 - best.accuracy > best.standard_error
-            if better or self.market.price(network[0]) < self.market.price(networks[0][0]):
-                networks.append(network)
+        on = for_recurrent(ridge.config, listed, rivals_of(judged, ridge), lambda config: fits(last, config))
+        recurrent = [last(config) for config in on]
+        if not linears:
+            return recurrent
+        networks = [
+            linear(config) for config in dict.fromkeys((ridge.config, best.config)) for linear in linears
+        ]
+        better, least = 1 - best.accuracy > best.standard_error, self.market.price(networks[0][0])
+        networks += [gru for gru in recurrent if better or self.market.price(gru[0]) < least]
         return [network for network in networks if self.market.is_candidate(network[0])]
-
-    def _recurrent_front_ends(
-        self,
-        parts: Sequence[np.ndarray],
-        judged: Sequence[list[Judged]],
-        best: Sequence[Judged],
-        network: Network,
-    ) -> list[AcceleratorConfig]:
-        """For each part the front end of a recurrent network: the linear choice, or the rival that does best
-        on the first inner fold."""
-        tried = [
-            [config for config in (candidate.config, *rivals_of(of_part, candidate)) if fits(network, config)]
-            for of_part, candidate in zip(judged, best, strict=True)
-        ]
-        inner = [self._inner(part)[0] for part in parts]
-        several = [
-            (config, pair)
-            for configs, pair in zip(tried, inner, strict=True)
-            for config in configs
-            if len(configs) > 1
-        ]
-        right = self._right([network(config) for config, _ in several], [pair for _, pair in several])
-        return [
-            first_or_best([Judged(config, next(right), 0) for config in configs]).config
-            if len(configs) > 1
-            else configs[0]
-            for configs in tried
-        ]
 
     def _inner(self, part: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
         """(training part, test) of each inner fold, recordings of the archive."""
@@ -275,10 +241,8 @@ class Nested:
                     continue
                 targets = np.eye(classes)[labels[number, touched[train]]]
                 alpha = RIDGE_PENALTY * float(np.trace(gram)) / len(gram)
-                ridge = KernelRidge(alpha=alpha, kernel="precomputed").fit(
-                    gram[np.ix_(train, train)], targets
-                )
-                decided = ridge.predict(gram[np.ix_(unseen, train)]).argmax(axis=1)
+                weights = ridge_weights(gram[np.ix_(train, train)], alpha, targets)
+                decided = (gram[np.ix_(unseen, train)] @ weights).argmax(axis=1)
                 right[number, touched[unseen]] = decided == labels[number, touched[unseen]]
         own, *others = right.mean(axis=1).tolist()
         as_good = (1 + sum(share >= own for share in others)) / (1 + len(others))
@@ -291,12 +255,11 @@ class Nested:
         }
 
 
-def halved(network: tuple[AcceleratorConfig, Recipe]) -> tuple[AcceleratorConfig, Recipe]:
-    """With half the recipe's updates, as choices are made."""
+def shortened(network: tuple[AcceleratorConfig, Recipe], share: int) -> tuple[AcceleratorConfig, Recipe]:
+    """With 1/``share`` of the updates of a recurrent network's recipe, as choices are made."""
     config, recipe = network
-    return config, dataclasses.replace(
-        recipe, updates=max(recipe.updates // 2, 1)
-    ) if config.recurrent else recipe
+    updates = max(recipe.updates // share, 1) if config.recurrent else recipe.updates
+    return config, dataclasses.replace(recipe, updates=updates)
 
 
 def fixed_network(

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from sklearn.cluster import KMeans
+from threadpoolctl import threadpool_limits
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
@@ -16,10 +18,14 @@ from eskin.golden.model.pipeline import decide_touches
 from eskin.golden.model.preprocess import Touches, find_touches
 from eskin.golden.model.prototypes import check_teachable, class_distances, narrowed, teach, trajectory_codes
 
-PROTOTYPES, TAUGHT, CODE_BITS = 4, 3, 4
+PROTOTYPES, TAUGHT, CODE_BITS = 8, 3, 4
 """Default numbers: prototypes a class at most, places for taught touches a class, bits of a value."""
 COVERED = 0.999
 """Share of a linear cell's logits (by magnitude) that their codes hold; larger ones saturate."""
+PARTS = 5
+"""Groups are left out in so many parts at most."""
+HALVING_COSTS = 0.002
+"""Share of the other groups' touches that halving the distances of taught ones may cost."""
 
 
 def whole_touches(touches: Touches, config: AcceleratorConfig) -> np.ndarray:
@@ -32,7 +38,7 @@ def whole_touches(touches: Touches, config: AcceleratorConfig) -> np.ndarray:
 def training_groups(
     recordings: Recordings, record: Mapping[str, Any], groups: Sequence[str] | None
 ) -> list[str]:
-    """The group arrays whose values get a prototype of their own: those asked for; else those of the
+    """The group arrays whose values are left out: those asked for; else those of the
     training's first split that has any; else the first there is.
 
     Raises
@@ -57,18 +63,19 @@ def group_numbers(recordings: Recordings, groups: Sequence[str]) -> np.ndarray:
     return np.unique(stacked, axis=1, return_inverse=True)[1].ravel()
 
 
-def _means(
-    config: AcceleratorConfig, values: np.ndarray, labels: np.ndarray, groups: np.ndarray, most: int
+def _centres(
+    config: AcceleratorConfig, values: np.ndarray, labels: np.ndarray, most: int
 ) -> list[np.ndarray]:
-    """Of each class the mean trajectories, codes (parts, K, values): one a group, of ``most`` parts of the
-    groups where there are more."""
-    means = []
-    for label in range(config.classes - config.readout_rule.spare_classes):
-        own = np.unique(groups[labels == label])
-        parts = [part for part in np.array_split(own, most) if len(part)]
-        touches = [values[(labels == label) & np.isin(groups, part)] for part in parts]
-        means.append(np.array([narrowed(config, part.mean(axis=0)) for part in touches]))
-    return means
+    """Of each class the trajectories that its touches lie around, codes (``most`` or fewer, K, values):
+    centres by k-means. A mean over a group is near none of its touches where these differ, in speed say."""
+    centres = []
+    with threadpool_limits(1):
+        for label in range(config.classes - config.readout_rule.spare_classes):
+            own = values[labels == label].reshape(-1, values[0].size)
+            number = min(most, len(np.unique(own, axis=0)))
+            clusters = KMeans(number, n_init=3, random_state=0).fit(own)
+            centres.append(narrowed(config, clusters.cluster_centers_.reshape(number, *values.shape[1:])))
+    return centres
 
 
 def with_prototypes(
@@ -90,10 +97,11 @@ def with_prototypes(
     Parameters
     ----------
     touches, labels, groups:
-        Whole touches, the class of each, and a number for what it was recorded in; one class and group, one
-        prototype, the mean of its trajectories.
+        Whole touches, the class of each, and a number for what it was recorded in. Groups are left out, part
+        by part, to choose ``taught_shift``: 1, so that a taught touch is as near again, where teaching a
+        group the prototypes know nothing of costs the others HALVING_COSTS at most.
     prototypes:
-        A class at most; where there are more groups, neighbours share one.
+        A class at most.
     unknown:
         Share of touches of a group left out that may be further from every prototype than `unknown_above`,
         which is chosen so; None: nothing is unknown.
@@ -122,10 +130,9 @@ def with_prototypes(
             f"{source}: show class {name}, and the last {spare_classes} classes are spare; leave its recordings out, or "
             "give a smaller --spare-classes"
         )
-    count = max(len(np.unique(groups[labels == label])) for label in range(trained))
     rule: dict[str, Any] = {
         "readout": "prototypes",
-        "prototypes": max(1, min(prototypes, count)),
+        "prototypes": max(1, min(prototypes, int(np.bincount(labels).max()))),
         "taught": taught,
         "state_code_bits": state_code_bits,
         "state_code_shift": code_shift(model.config, values, state_code_bits),
@@ -135,35 +142,50 @@ def with_prototypes(
     config = config.with_readout(**rule)
 
     def of(rows: np.ndarray) -> IntegerModel:
-        means = _means(config, values[rows], labels[rows], groups[rows], config.readout_rule.prototypes)
+        centres = _centres(config, values[rows], labels[rows], config.readout_rule.prototypes)
         # a place too many repeats another, which changes no distance
-        shape = (config.readout_rule.prototypes, *means[0].shape[1:])
+        shape = (config.readout_rule.prototypes, *values.shape[1:])
         stored = np.array(
-            [np.resize(mean, shape) for mean in means] + [np.zeros(shape, np.int64)] * spare_classes
+            [np.resize(own, shape) for own in centres] + [np.zeros(shape, np.int64)] * spare_classes
         )
         return _filled(model, config, stored)
 
-    whole = of(np.ones(len(labels), dtype=bool))
-    if unknown is None:
-        return whole
-    if len(np.unique(groups)) < 2:
+    if unknown is not None and len(np.unique(groups)) < 2:
         raise InputError(
             f"{source}: are of one group, and --unknown needs one to leave out; name another with --group, "
             "or leave it out"
         )
-    codes, furthest = trajectory_codes(config, values, values), []
-    for group in np.unique(groups):
-        rest = groups != group
-        if all((labels[rest] == label).any() for label in range(trained)):
-            furthest.append(class_distances(of(rest), codes[~rest])[:, -1].min(axis=-1))
-    if not furthest:
-        raise InputError(
-            f"{source}: each group holds a class of its own, so none can be left out for --unknown; name "
-            "another with --group, or leave it out"
-        )
-    limit = np.quantile(np.concatenate(furthest), 1.0 - unknown) / config.windows.steps
-    above = int(np.clip(np.ceil(limit), 1, config.distance_bound // config.windows.steps))
-    return IntegerModel(config.with_readout(**rule, unknown_above=above), whole.arrays, whole.source)
+    codes = trajectory_codes(config, values, values)
+    furthest, lost, others = [], 0, 0
+    for part in np.array_split(np.unique(groups), min(PARTS, len(np.unique(groups)))):
+        left = np.isin(groups, part)
+        if not all((labels[~left] == label).any() for label in range(trained)):
+            continue
+        without = of(~left)
+        furthest.append(class_distances(without, codes[left])[:, -1].min(axis=-1))
+        if taught:
+            new = np.flatnonzero(groups == part[0])
+            touches_of = [new[labels[new] == label][:taught] for label in range(trained)]
+            for row in np.concatenate(touches_of):
+                without = teach(without, codes[row], int(labels[row]))
+            for shift, sign in ((0, -1), (1, 1)):
+                shifted = IntegerModel(
+                    config.with_readout(**rule, taught_shift=shift), without.arrays, source
+                )
+                decided = class_distances(shifted, codes[~left])[:, -1].argmin(axis=-1)
+                lost += sign * int((decided != labels[~left]).sum())
+            others += int((~left).sum())
+    rule["taught_shift"] = int(others > 0 and lost <= HALVING_COSTS * others)
+    if unknown is not None:
+        if not furthest:
+            raise InputError(
+                f"{source}: each group holds a class of its own, so none can be left out for --unknown; name "
+                "another with --group, or leave it out"
+            )
+        limit = np.quantile(np.concatenate(furthest), 1.0 - unknown) / config.windows.steps
+        rule["unknown_above"] = int(np.clip(np.ceil(limit), 1, config.distance_bound // config.windows.steps))
+    whole = of(np.ones(len(labels), dtype=bool))
+    return IntegerModel(config.with_readout(**rule), whole.arrays, whole.source)
 
 
 def dense(model: IntegerModel) -> IntegerModel:

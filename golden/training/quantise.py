@@ -489,8 +489,9 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     inputs.
 
     A model of a preset has ``plain`` formats, unless bits of a feature are asked for. Windows of few levels
-    (codes of 0 and 1) have features finer than a count, by means with fraction bits (``feature_shift`` below 0). Weights of fewer than
-    WEIGHT_BITS bits get the formats of ``closest_range``: their largest values may saturate.
+    (codes of 0 and 1) have features finer than a count, by means with fraction bits (``feature_shift`` below
+    0). Weights of fewer than WEIGHT_BITS bits get the formats of ``closest_range``: their largest values may
+    saturate.
     """
     mu, sigma = model.arrays["mu"], model.arrays["sigma"]
     bits = widths.get("weight_bits") or WEIGHT_BITS

@@ -15,6 +15,7 @@ import torch
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.golden.model.model import check_model_target
 from eskin.golden.model.pipeline import decide_touches
 from eskin.golden.training.crossval import Progress, cross_validate, named
@@ -65,7 +66,7 @@ class TrainingRequest:
     recipe: Recipe | None = None
     quantisation_aware: bool = False
     widths: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    known: Sequence[dict[str, Any]] = ()
+    known: Sequence[Record] = ()
 
 
 def train(
@@ -75,10 +76,10 @@ def train(
     *,
     out: str | Path,
     datasets: Datasets | None = None,
-    notes: Callable[[dict[str, Any]], dict[str, Any]] | None = None,
+    notes: Callable[[Record], Record] | None = None,
     progress: Progress | None = None,
     callback: Callback | None = None,
-) -> dict[str, Any]:
+) -> Record:
     """Cross-validate, fit a network on ALL recordings, and write the model folder (config.json, float.npz,
     training.json).
 
@@ -93,8 +94,9 @@ def train(
     notes:
         Called with the record before it is written; what it returns is added.
     callback:
-        Told of the training on all recordings: {``loss``} at each epoch of a recurrent cell, and at the end, as
-        one epoch more, {``accuracy``}, the share of the touches trained on that the float network decides rightly.
+        Told of the training on all recordings: {``loss``} at each epoch of a recurrent cell, and at the end,
+        as one epoch more, {``accuracy``}, the share of the touches trained on that the float network decides
+        rightly.
 
     Returns
     -------
@@ -173,7 +175,7 @@ def _cross_validation(
     recipe: Recipe,
     datasets: Datasets,
     progress: Progress | None,
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """A record for each split of the request, in its order."""
     splits = request.splits
     if splits is None:

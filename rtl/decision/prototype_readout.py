@@ -51,7 +51,8 @@ class PrototypeReadout(wiring.Component):
     load : In
         The host's writes, never while not idle.
     teach, forget : In(1), only with taught places
-        Pulses. ``label`` is the class; ``option``: of the next touch, of all classes.
+        Pulses. ``label`` is the class; ``option``: of the next touch, of all classes; ``loaded``: of the touch whose
+        codes the host has written into the touch's own place.
     locked : In(1)
         A touch is open.
     look : In(1)
@@ -59,6 +60,8 @@ class PrototypeReadout(wiring.Component):
         address stays and nothing else happens.
     refused : Out(1)
         Pulse: that was not, or will not be, done.
+    teaching_done : Out(1)
+        Pulse: a touch is taught.
     in_use : Out(8)
         Places that hold a taught touch.
     """
@@ -67,7 +70,14 @@ class PrototypeReadout(wiring.Component):
         self._config = config
         self._teaches = config.readout_rule.taught > 0
         score = shape_of(config.score_format)
-        commands = {"teach": In(1), "forget": In(1), "label": In(7), "option": In(1), "locked": In(1)}
+        commands = {
+            "teach": In(1),
+            "forget": In(1),
+            "label": In(7),
+            "option": In(1),
+            "loaded": In(1),
+            "locked": In(1),
+        }
         looking = {"look": In(1), "place": Out(9)}
         super().__init__(
             {
@@ -82,7 +92,11 @@ class PrototypeReadout(wiring.Component):
             }
             | ({"wrong": Out(1)} if config.hardware.checksum else {})
             | ({"far": Out(1)} if config.readout_rule.unknown_above else {})
-            | (commands | looking | {"refused": Out(1), "in_use": Out(8)} if self._teaches else {})
+            | (
+                commands | looking | {"refused": Out(1), "teaching_done": Out(1), "in_use": Out(8)}
+                if self._teaches
+                else {}
+            )
         )
 
     def elaborate(self, platform):
@@ -214,9 +228,14 @@ class PrototypeReadout(wiring.Component):
             m.d.comb += self.wrong.eq(comparing & used_of & read.data.xor())
             with m.If(comparing):
                 m.d.sync += damaged.eq(Mux(begin_of, was_damaged, damaged) | read.data.xor())
-        nearer = whole_place & (first_done | (counts_too & (total < nearest)))
+        compared: Value = total
+        if rule.taught_shift:
+            taught_of, taught_done = Signal(name="taught_of"), Signal(name="taught_done")
+            m.d.sync += [taught_of.eq(slot >= rule.prototypes), taught_done.eq(taught_of)]
+            compared = Mux(taught_done, total >> rule.taught_shift, total)
+        nearer = whole_place & (first_done | (counts_too & (compared < nearest)))
         with m.If(nearer):
-            m.d.sync += nearest.eq(total)
+            m.d.sync += nearest.eq(compared)
         if rule.spare_classes:  # a class may have no place in use
             with m.If(nearer & first_done & ~used_done):
                 m.d.sync += nearest.eq(-1)
@@ -290,7 +309,7 @@ class PrototypeReadout(wiring.Component):
         complete = address == words
         known = self.label < config.classes
         free = ~self.locked & self.idle
-        teaches = self.teach & free & known & (self.option | whole)
+        teaches = self.teach & free & known & (self.option | self.loaded | whole)
         forgets = self.forget & free & (self.option | known)
         pass_begins, taught_before = Signal(), Signal(range(2 * taught))
         m.d.comb += [
@@ -308,6 +327,7 @@ class PrototypeReadout(wiring.Component):
                 (self.teach & ~teaches) | (self.forget & ~forgets) | (self.ended & following & ~complete)
             ),
             self.in_use.eq(in_use),
+            self.teaching_done.eq(pass_ends),
         ]
         in_place: Value = counts[label] + rule.prototypes > slot
         if rule.spare_classes:
@@ -318,7 +338,7 @@ class PrototypeReadout(wiring.Component):
             m.d.sync += [chosen.eq(self.label), following.eq(self.option)]
         with m.If(self.ended):
             m.d.sync += [whole.eq(complete), following.eq(0)]
-        with m.If(self.vector.valid | (self.clear & self.locked)):
+        with m.If(self.vector.valid | (self.clear & self.locked) | loads):
             m.d.sync += whole.eq(0)
         m.d.sync += teaching.eq((teaching | pass_begins) & ~pass_ends)
         with m.If(pass_ends):

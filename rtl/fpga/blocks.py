@@ -31,6 +31,7 @@ BLOCKS = {
     "stimulation": "stimulator",
     "registers": "registers",
     "loader": "flash loader",
+    "buttons": "buttons",
 }
 """Submodule of the design: its block. What lies in none is wiring within the accelerator, and the top
 otherwise."""

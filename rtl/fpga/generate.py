@@ -76,14 +76,14 @@ def generate(
         With ``bus`` or ``axis`` the module of `eskin.rtl.top.bus_top.BusTop` too.
 
     The folder
-    ----------
-    accelerator.sv (module accelerator), with a converter sensing.sv (module sensing: the accelerator behind
-    its pins), config.json, memories/*.hex (one word a line, as MEMORY_SELECT addresses them), load.hex (bus
-    writes that load the model: address and word), registers.json, registers.h, eskin.rdl, eskin.svd,
-    component.xml (`eskin.rtl.program.register_files`); with vectors: testbench.sv and vectors/*.hex; behind a bus
-    eskin_BUS.sv (module eskin_BUS), eskin.h and eskin.c (its driver), load.h (load.hex for it); with streams alone
-    eskin_axis.sv. Of these modules the one that a system takes, the last one named here that is there, is in
-    filelist.f, eskin.core (FuseSoC) and component.xml; waiver.vlt has what Verilator's lint shall pass over.
+    ---------- accelerator.sv (module accelerator), with a converter sensing.sv (module sensing: the
+    accelerator behind its pins), config.json, memories/*.hex (one word a line, as MEMORY_SELECT addresses
+    them), load.hex (bus writes that load the model: address and word), registers.json, registers.h,
+    eskin.rdl, eskin.svd, component.xml (`eskin.rtl.program.register_files`); with vectors: testbench.sv and
+    vectors/*.hex; behind a bus eskin_BUS.sv (module eskin_BUS), eskin.h and eskin.c (its driver), load.h
+    (load.hex for it); with streams alone eskin_axis.sv. Of these modules the one that a system takes, the
+    last one named here that is there, is in filelist.f, eskin.core (FuseSoC) and component.xml; waiver.vlt
+    has what Verilator's lint shall pass over.
 
     Raises
     ------
@@ -197,8 +197,8 @@ def waiver(files: Iterable[str]) -> str:
 
 
 def fusesoc_core(folder: Path, top: str, release: str) -> str:
-    """FuseSoC's core description (CAPI2) of what lies in ``folder``: target ``default`` gives ``top``.sv to a system,
-    ``lint`` runs Verilator over it, ``sim`` the testbench in Icarus if there is one."""
+    """FuseSoC's core description (CAPI2) of what lies in ``folder``: target ``default`` gives ``top``.sv to a
+    system, ``lint`` runs Verilator over it, ``sim`` the testbench in Icarus if there is one."""
     lines = [
         "CAPI=2:",
         f"name: eskin:ip:{top}:{release}",
@@ -255,8 +255,8 @@ def load_header(writes: Iterable[tuple[int, int]]) -> str:
 
 
 def c_header(config: AcceleratorConfig, registers: Iterable[Entry] | None = None) -> str:
-    """The register map as a C header: ``registers`` (default: the accelerator's own) and fields, bits, what can be
-    measured, memories."""
+    """The register map as a C header: ``registers`` (default: the accelerator's own) and fields, bits, what
+    can be measured, memories."""
     lines = [
         "/* Register map of the eskin accelerator: word addresses. Generated; do not edit. */",
         "#ifndef ESKIN_REGISTERS_H",

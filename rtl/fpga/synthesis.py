@@ -119,11 +119,12 @@ def counted_family(name: str) -> Family:
 
 
 COUNTED_CELLS = {
-    "lut": ("CC_LUT", "CC_L2T", "LUT", "INV", "MISTRAL_ALUT", "MISTRAL_NOT"),
-    "carry": ("CC_ADDF", "CARRY4", "MISTRAL_ALUT_ARITH"),
-    "ff": ("CC_DFF", "FD", "MISTRAL_FF"),
-    "dsp": ("CC_MULT", "DSP48E1", "MISTRAL_MUL"),
-    "bram": ("CC_BRAM", "RAMB", "MISTRAL_M10K"),
+    "lut": ("SB_LUT4", "CC_LUT", "CC_L2T", "LUT", "INV", "MISTRAL_ALUT", "MISTRAL_NOT"),
+    "carry": ("SB_CARRY", "CC_ADDF", "CARRY4", "MISTRAL_ALUT_ARITH"),
+    "ff": ("SB_DFF", "CC_DFF", "FD", "MISTRAL_FF"),
+    "dsp": ("SB_MAC16", "CC_MULT", "DSP48E1", "MISTRAL_MUL"),
+    "bram": ("SB_RAM40_4K", "CC_BRAM", "RAMB", "MISTRAL_M10K"),
+    "spram": ("SB_SPRAM256KA",),
     "lutram": ("RAM32", "RAM64", "RAM128", "RAM256", "MISTRAL_MLAB", "SRL"),
 }
 """How the names of the cells begin that a column counts; the longest beginning wins."""

@@ -26,8 +26,8 @@ class Target:
 
     device: the part's name. room: what it has; None: no estimate there. family: for Yosys. place: nextpnr's
     options for part and package; pack: the packer's. clock_pin, clock_hz: the board's oscillator (the
-    upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led: a
-    lamp, or a free pin. pins: further free pins, in the order in which they are given out. flash: (select,
+    upduino's is on a pin of its own, 20, behind a solder jumper). uart: (rx, tx) as the FPGA sees them. led:
+    a lamp, or a free pin. pins: further free pins, in the order in which they are given out. flash: (select,
     clock, to it, from it) of the SPI flash that holds the bitstream, where all four are pins of the part.
     """
 

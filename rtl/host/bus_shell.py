@@ -72,24 +72,24 @@ class BusShell(wiring.Component):
         m.submodules.queue = queue = self.queue
         wiring.connect(m, wiring.flipped(self.decision), queue.i)
         acts, done, arming = Signal(), Signal(), Signal()
-        inner = ~request.address[6]  # a register of the accelerator
+        inner, inner_bits = ~request.address[6], 6  # a register of the accelerator
         if self._config.readout_rule.taught:
             inner |= request.address[3:] == min(TeachRegister) >> 3
+            inner_bits = 7
         own, place = request.address[3:] == FIRST >> 3, request.address[:3]
         writes, reads = request.write & request.whole, ~request.write
         ends: Value = ~done
         space: Value | int = 0
         local: dict[ShellRegister, Value] = {}
-        decides = own & (place == ShellRegister.DECISION - FIRST)
         m.d.comb += [
             acts.eq(request.valid & ~done),
-            bus.addr.eq(request.address),
+            bus.addr.eq(request.address[:inner_bits]),
             bus.w_data.eq(request.w_data),
             bus.w_stb.eq(acts & inner & writes),
             bus.r_stb.eq(acts & inner & reads),
             queue.clear.eq(arming),
-            queue.asked.eq(decides),
-            queue.take.eq(request.valid & done & reads & decides),
+            queue.asked.eq(acts & reads & own & (place == ShellRegister.DECISION - FIRST)),
+            queue.take.eq(request.valid),  # what is shown is so with ``done``
         ]
         # in the cycle after the write the accelerator begins anew
         m.d.sync += arming.eq(bus.w_stb & (bus.addr == Register.CONTROL) & (bus.w_data & Control.ARM).any())
@@ -121,7 +121,7 @@ class BusShell(wiring.Component):
                 m.d.sync += refusing.eq(1)
             with m.If(stuck | ~request.valid):  # or given up
                 m.d.sync += second.eq(0)
-            with m.If(queue.take | arming):
+            with m.If(queue.asked | arming):
                 m.d.sync += refusing.eq(0)
             with m.If(arming):
                 m.d.sync += taxel.eq(0)

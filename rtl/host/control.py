@@ -48,7 +48,7 @@ INPUTS = (
 """Status bits from the other blocks."""
 
 
-TEACHING = {"teach": 1, "forget": 1, "label": 7, "option": 1, "locked": 1, "look": 1}
+TEACHING = {"teach": 1, "forget": 1, "label": 7, "option": 1, "loaded": 1, "locked": 1, "look": 1}
 """Commands of a readout that is taught (`eskin.rtl.decision.prototype_readout`)."""
 
 
@@ -108,9 +108,9 @@ class HostControl(wiring.Component):
         A word of a memory is wrong (``checksum``).
     hung : In(1)
         The chain hangs (``watchdog``): cleared as at ``arm``.
-    teach, forget, label, option, locked, look : Out, only with taught places
-        As of the readout; teaching_refused : In(1), taught : In(8): what register TAUGHT shows; place : In(9): a
-        word of PLACES, read from 2 cycles after the access to it before.
+    teach, forget, label, option, loaded, locked, look : Out, only with taught places
+        As of the readout; teaching_refused, teaching_done : In(1), taught : In(8): what register TAUGHT shows;
+        place : In(9): a word of PLACES, read from 2 cycles after the access to it before.
     due : Out(1)
         The recording is being finished, or the detector's touch and the one whose decision is due are not the
         same (``watchdog``).
@@ -140,7 +140,7 @@ class HostControl(wiring.Component):
                 **({"any_fault": Out(1)} if fed_by else {}),
                 **(
                     {name: Out(width) for name, width in TEACHING.items()}
-                    | {"teaching_refused": In(1), "taught": In(8), "place": In(9)}
+                    | {"teaching_refused": In(1), "teaching_done": In(1), "taught": In(8), "place": In(9)}
                     if config.readout_rule.taught
                     else {}
                 ),
@@ -257,13 +257,13 @@ class HostControl(wiring.Component):
         if config.faults.fault_frames:
             readable |= {Register.TAXEL_FAULTS + k: self.flags[16 * k :][:16] for k in range(len(masks))}
         if config.readout_rule.taught:
-            refused, fresh, given = Signal(), Signal(), Signal()
+            refused, odd, fresh, given = Signal(), Signal(name="taught_odd"), Signal(), Signal()
             at_places = bus.addr == TeachRegister.PLACES
             asked = bus.r_stb & at_places
-            with m.If(forgotten):
-                m.d.sync += refused.eq(0)
-            with m.If(self.teaching_refused):
-                m.d.sync += refused.eq(1)
+            m.d.sync += [
+                refused.eq((refused & ~forgotten) | self.teaching_refused),
+                odd.eq(odd ^ self.teaching_done),
+            ]
             # the memory is read ahead; what comes between, a touch or a write, makes that stale
             m.d.sync += [
                 self.look.eq(loader.seek | loader.onward),
@@ -272,14 +272,14 @@ class HostControl(wiring.Component):
             m.d.comb += [
                 self.teach.eq(bus.w_stb & (bus.addr == TeachRegister.TEACH)),
                 self.forget.eq(bus.w_stb & (bus.addr == TeachRegister.FORGET)),
-                Cat(self.label, self.option).eq(bus.w_data[:8]),
+                Cat(self.label, self.option, self.loaded).eq(bus.w_data),
                 self.locked.eq(touch),
                 given.eq(fresh & ~self.look & ~loader.locked),
                 loader.seek.eq(bus.w_stb & at_places),
                 loader.onward.eq(asked & given),
             ]
             readable |= {
-                TeachRegister.TAUGHT: Cat(self.taught, refused),
+                TeachRegister.TAUGHT: Cat(self.taught, refused, odd),
                 TeachRegister.PLACES: Mux(given, Cat(self.place, loader.load.address[:7]), 0xFFFF),
             }
         with m.If(bus.r_stb):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
+from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -60,13 +60,14 @@ class DecisionQueue(wiring.Component):
     clear : In(1)
         What waits is dropped, and what is taken in this cycle.
     word : Out(32), waits : Out(1)
-        The oldest, while it waits.
+        What ``asked`` asks for; one waits.
     global_waits : Out(1)
         One of those that wait is a global one.
     asked : In(1)
-        The word is looked at: all ones while none waits. Otherwise it is 0.
+        The word shows the oldest in the next cycle, or all ones where none waits; otherwise it is 0. Never in two
+        cycles in a row, nor with ``clear``.
     take : In(1)
-        The word is taken, if one waits.
+        The decision that the word shows is taken.
 
     Latency: a cycle; with depth 0 none.
     """
@@ -93,22 +94,32 @@ class DecisionQueue(wiring.Component):
         dropped = self.global_only & ~self.i.p.is_global
         offered, room = self.i.valid & ~dropped, Signal()
         m.d.comb += self.i.ready.eq(dropped | room)
+        # registers, so that of two entries one table of four inputs gives a bit: with `shows` low, `index` is it
+        shows, index = Signal(), Signal(range(max(self._depth, 2)))
         if not self._depth:
+            shown = Signal()
+            m.d.sync += shown.eq(self.asked)
             m.d.comb += [
-                room.eq(self.take),
+                room.eq(self.take & shows),
                 self.waits.eq(offered),
                 self.global_waits.eq(offered & self.i.p.is_global),
+                shows.eq(shown & offered),
+                index.eq(shown),
             ]
-            entries = [word]
-            oldest: Value = Const(0, 0)
+            head: Value = word
         else:
             # A ring, as its entries take what comes without a choice in front of them.
             entries = [Signal(len(places), name=f"entry_{k}") for k in range(self._depth)]
             full = [Signal(name=f"full_{k}") for k in range(self._depth)]
             newest, oldest = Signal(range(self._depth)), Signal(range(self._depth))
-            put, takes = offered & room, self.take & self.waits
+            put, takes = offered & room, self.take & shows
             m.d.comb += [self.waits.eq(Array(full)[oldest]), room.eq(~Array(full)[newest])]
-            m.d.sync += [newest.eq(newest + put), oldest.eq(oldest + takes)]
+            m.d.sync += [
+                newest.eq(newest + put),
+                oldest.eq(oldest + takes),
+                shows.eq(self.asked & self.waits),
+                index.eq(Mux(self.asked & self.waits, oldest, self.asked)),
+            ]
             for k, entry in enumerate(entries):
                 here = put & (newest == k)
                 with m.If(here):
@@ -119,10 +130,8 @@ class DecisionQueue(wiring.Component):
             flag = places.index(DECISION_FIELDS["GLOBAL"][0])
             waiting = [here & entry[flag] for here, entry in zip(full, entries, strict=True)]
             m.d.comb += self.global_waits.eq(Cat(waiting, offered & self.i.p.is_global).any())
-        # Of two entries one table of four inputs gives a bit: with `shows` low, `index` is it.
-        shows, index = self.asked & self.waits, Mux(self.asked & self.waits, oldest, self.asked)
+            head = Value.cast(Array(entries)[index])
         none = index[0]
-        head = Value.cast(Array(entries)[index]) if self._depth else word
         bits = dict(zip(places, Mux(shows, head, none.replicate(len(places))), strict=True))
         m.d.comb += self.word.eq(Cat(bits.get(place, none & ~shows) for place in range(32)))
         return m

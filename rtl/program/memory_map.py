@@ -119,8 +119,8 @@ NO_DECISION = 0xFFFF_FFFF
 class Described(IntEnum):
     """A register: its address, and what the files of a design say of it (`eskin.rtl.program.register_files`).
 
-    access: ``ro``, ``wo``, ``rw``. text: what it holds. fields: bits, or names with places; what has none is one
-    value. reset: None where it depends on the design. effect: of a read or a write, beside its own.
+    access: ``ro``, ``wo``, ``rw``. text: what it holds. fields: bits, or names with places; what has none is
+    one value. reset: None where it depends on the design. effect: of a read or a write, beside its own.
     """
 
     access: str
@@ -194,8 +194,9 @@ class TeachRegister(Described):
     TEACH = (
         0x48,
         "wo",
-        "That touch is of CLASS: the one that ended last, or (NEXT) the next one",
-        {"CLASS": (0, 6), "NEXT": (7, 7)},
+        "That touch is of CLASS: the one that ended last, or (NEXT) the next one, or (LOADED) the one whose codes "
+        "the host wrote",
+        {"CLASS": (0, 6), "NEXT": (7, 7), "LOADED": (8, 8)},
     )
     FORGET = (
         0x49,
@@ -206,8 +207,9 @@ class TeachRegister(Described):
     TAUGHT = (
         0x4A,
         "ro",
-        "Places in use; REFUSED: a touch was not taught or nothing forgotten, since CLEAR_FAULTS",
-        {"IN_USE": (0, 7), "REFUSED": (8, 8)},
+        "Places in use; REFUSED: a touch was not taught or nothing forgotten, since CLEAR_FAULTS; ODD: changes with "
+        "every touch taught",
+        {"IN_USE": (0, 7), "REFUSED": (8, 8), "ODD": (9, 9)},
         None,
     )
     PLACES = (
@@ -369,9 +371,9 @@ def memory_images(
 
 
 def prototype_words(config: AcceleratorConfig) -> int:
-    """Codes of the memory PROTOTYPES: step by step, place by place (with taught places first that of the touch
-    under way; of each class the prototypes, then the taught places), value by value; with ``checksum`` the parity
-    above each."""
+    """Codes of the memory PROTOTYPES: step by step, place by place (with taught places first that of the
+    touch under way; of each class the prototypes, then the taught places), value by value; with ``checksum``
+    the parity above each."""
     rule = config.readout_rule
     places = config.classes * (rule.prototypes + rule.taught) + (rule.taught > 0)
     return config.windows.steps * places * config.trajectory_width
@@ -387,8 +389,8 @@ def _prototype_words(config: AcceleratorConfig) -> dict[int, int]:
 def taught_arrays(
     config: AcceleratorConfig, read: Callable[[int, int], Sequence[int]]
 ) -> dict[str, np.ndarray]:
-    """``taught`` and ``taught_count`` out of the memory PROTOTYPES, the opposite of `prototype_image`; places not in
-    use are 0. ``read(first, count)`` gives words of it."""
+    """``taught`` and ``taught_count`` out of the memory PROTOTYPES, the opposite of `prototype_image`; places
+    not in use are 0. ``read(first, count)`` gives words of it."""
     rule, width, steps = config.readout_rule, config.trajectory_width, config.windows.steps
     places, words = rule.prototypes + rule.taught, prototype_words(config)
     counts = np.array(read(words, config.classes), dtype=np.int64)

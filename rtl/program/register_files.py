@@ -93,8 +93,8 @@ def entry(register: Described, count: int = 1, reset: int | None = None) -> Entr
 
 
 def entries(config: AcceleratorConfig, shell: bool = False, samples: bool = True) -> list[Entry]:
-    """The registers of a design, by address; behind a bus (``shell``) those of its shell too, ``samples`` those
-    that take samples."""
+    """The registers of a design, by address; behind a bus (``shell``) those of its shell too, ``samples``
+    those that take samples."""
     words = len(mask_words(config))
     present = [register for register in Register if register in mapped(config)]
     begin: dict[int, int] = {

@@ -237,6 +237,7 @@ class Accelerator(wiring.Component):
             m.d.comb += [
                 *(getattr(readout, name).eq(getattr(control, name)) for name in TEACHING),
                 control.teaching_refused.eq(readout.refused),
+                control.teaching_done.eq(readout.teaching_done),
                 control.taught.eq(readout.in_use),
                 control.place.eq(readout.place),
             ]

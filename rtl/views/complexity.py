@@ -10,11 +10,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from amaranth.hdl import Fragment, MemoryInstance, Shape
 
 from eskin.golden.core.config import MOST_INPUTS, AcceleratorConfig
+from eskin.golden.core.jobs import Record
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.views.schedule_view import cell_name, lanes_name, resized, save_figure, summary, write_csv
@@ -104,7 +104,7 @@ def memory_bits(config: AcceleratorConfig) -> dict[str, int]:
     return bits
 
 
-def cost(config: AcceleratorConfig) -> dict[str, Any]:
+def cost(config: AcceleratorConfig) -> Record:
     """The cost of one configuration: sizes, ``step_cycles``, ``decision_cycles`` (from the features on),
     ``ideal_cycles``, ``multiplies``, ``weight_bits`` (the network's weights alone, without the unused places
     of idle lanes) and ``memory_bits``."""
@@ -122,7 +122,7 @@ def cost(config: AcceleratorConfig) -> dict[str, Any]:
 
 def complexity(
     config: AcceleratorConfig, progress: Callable[[str, int, int], None] | None = None
-) -> dict[str, list[dict[str, Any]]]:
+) -> dict[str, list[Record]]:
     """`cost` against ``TAXELS`` (classes as in ``config``) and against ``CLASSES`` (taxels as in
     ``config``)."""
     some = [taxels for taxels in TAXELS if taxels * config.kinds <= MOST_INPUTS]
@@ -155,12 +155,12 @@ SHOWN = {
 COLUMNS = tuple(SHOWN)
 
 
-def cells(point: dict[str, Any]) -> tuple[str, ...]:
+def cells(point: Record) -> tuple[str, ...]:
     """A `cost` as words, by ``COLUMNS``."""
     return tuple(str(point[key]) for key in SHOWN.values())
 
 
-def flat_rows(sweeps: dict[str, list[dict[str, Any]]]) -> list[dict[str, Any]]:
+def flat_rows(sweeps: dict[str, list[Record]]) -> list[Record]:
     """Rows for a CSV: the sweep's name, then each figure, a column a memory."""
     return [
         {"against": name}
@@ -178,7 +178,7 @@ CURVES = {
 """Figures of a `cost` in each of the first two charts of a row."""
 
 
-def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
+def chart(config: AcceleratorConfig, sweeps: dict[str, list[Record]]):
     """A matplotlib Figure: a row a sweep; cycles, multiplies with weight bits, memory bits by memory."""
     from matplotlib import colormaps
     from matplotlib.figure import Figure  # slow to import, and only a picture needs it
@@ -214,9 +214,7 @@ def chart(config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]):
     return figure
 
 
-def files(
-    config: AcceleratorConfig, sweeps: dict[str, list[dict[str, Any]]]
-) -> dict[str, Callable[[Path], None]]:
+def files(config: AcceleratorConfig, sweeps: dict[str, list[Record]]) -> dict[str, Callable[[Path], None]]:
     """The files of `complexity` by name, each as what writes it to a path."""
     picture = chart(config, sweeps)
     return {

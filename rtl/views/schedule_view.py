@@ -16,10 +16,10 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
 from eskin.rtl.program.cells import ElementOp, RowBlock
 from eskin.rtl.program.compact_program import CompactSchedule, Kind, Op
 from eskin.rtl.program.microcode import Microcode
@@ -173,7 +173,7 @@ def _formula(op: ElementOp) -> str:
 
 
 # ---------------------------------------------------------------------- figures
-def summary(plan: Schedule | CompactSchedule) -> dict[str, Any]:
+def summary(plan: Schedule | CompactSchedule) -> Record:
     """The figures of a schedule. ``ideal_cycles`` = ceil(multiplies / lanes), times the cycles of a product
     on the bit-serial lane."""
     config = plan.config
@@ -396,7 +396,7 @@ def resized(config: AcceleratorConfig, *, taxels: int, hidden: int, classes: int
     )
 
 
-def ratio_table(config: AcceleratorConfig) -> tuple[list[dict[str, Any]], list[str]]:
+def ratio_table(config: AcceleratorConfig) -> tuple[list[Record], list[str]]:
     """The `summary` of every cell, size and lane count of the table that fits ``config``, whose formats and
     lane type it has; and for the others sentences that say why not."""
     rows, reasons = [], []
@@ -430,7 +430,7 @@ RATIOS = {
 RATIO_COLUMNS = tuple(RATIOS)
 
 
-def ratio_cells(row: dict[str, Any]) -> tuple[str, ...]:
+def ratio_cells(row: Record) -> tuple[str, ...]:
     """A row of the table as words, by ``RATIO_COLUMNS``."""
     values = row | {"name": cell_name(row["cell"], row["reset"]), "busy": 100 * row["busy_share"]}
     return tuple(cell.format(**values) for cell in RATIOS.values())
@@ -442,7 +442,7 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
-def write_csv(rows: Sequence[dict[str, Any]], path: Path) -> None:
+def write_csv(rows: Sequence[Record], path: Path) -> None:
     """``rows``, which share their keys, with a heading."""
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
@@ -450,7 +450,7 @@ def write_csv(rows: Sequence[dict[str, Any]], path: Path) -> None:
         writer.writerows(rows)
 
 
-def table_files(rows: Sequence[dict[str, Any]]) -> dict[str, Callable[[Path], None]]:
+def table_files(rows: Sequence[Record]) -> dict[str, Callable[[Path], None]]:
     """The table's files by name, each as what writes it to a path."""
     return {
         "ratios.json": lambda path: path.write_text(json.dumps(rows, indent=2) + "\n"),

@@ -28,24 +28,12 @@ from eskin.rtl.program.schedule import frame_cycles, schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
+from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = ROOT / "build" / "simulators"
-CONFIG = AcceleratorConfig.of(
-    taxels=4,
-    hidden=4,
-    band_low=25920,
-    band_high=26880,
-    hop=20,
-    window=41,
-    touch_frames=200,
-    steps=8,
-    pretrigger_frames=10,
-    rearm_frames=20,
-    decision="vote",
-    lanes=2,
-)
+CONFIG = SMALL
 LENGTHS = (400, 700, 30, 5)
 """Several touches, a partial one, one without a step, and no touch at all."""
 NUMBERS = (11, 4, 25, 7)
@@ -141,11 +129,10 @@ FEW_TAXELS = {
         feature_kinds=("mean", "activity", "integral"),
         feature_scale="taxel",
     ),
-    "a wider window": {},
 }
 
 
-@each_row(("taxels", "fields"), [(1, "moving sums"), (2, "all kinds, free"), (3, "a wider window")])
+@each_row(("taxels", "fields"), [(1, "moving sums"), (2, "all kinds, free")])
 def test_frames_of_few_taxels_take_no_more_cycles_than_their_schedule(taxels, fields, tmp_path):
     """Windows are so long that no step holds a frame up: what is measured is the frame's own."""
     config = CONFIG.replace(taxels=taxels, hop=60, window=121, touch_frames=240, steps=3, lanes=16)
@@ -158,16 +145,21 @@ def test_frames_of_few_taxels_take_no_more_cycles_than_their_schedule(taxels, fi
     assert 3 <= result["cycles"]["frame_max"] <= frame_cycles(config)
 
 
-@each_row(
-    "fields",
-    [
-        {"taxels": 256, "feature_kinds": ("mean", "activity"), "decision": "last"},
-        {"class_names": tuple(f"class {k}" for k in range(128)), "margin_threshold": 3},
-    ],
-)
-def test_the_largest_arrays_and_the_most_classes(fields, tmp_path):
-    config = CONFIG.replace(hop=4, window=8, touch_frames=16, steps=3, sample_rate_hz=100.0, lanes=4)
-    model = random_integer_model(config.replace(**fields), 3)
+def test_the_largest_array_and_the_most_classes(tmp_path):
+    config = CONFIG.replace(
+        hop=4,
+        window=8,
+        touch_frames=16,
+        steps=3,
+        sample_rate_hz=100.0,
+        lanes=4,
+        taxels=256,
+        feature_kinds=("mean", "activity"),
+        decision="last",
+        class_names=tuple(f"class {k}" for k in range(128)),
+        margin_threshold=3,
+    )
+    model = random_integer_model(config, 3)
     recordings = random_recordings(model.config, (40,), 3)
     result = cosimulate(model, recordings, simulator="icarus", work=tmp_path, builds=BUILDS)
     assert result["bit_exact"] and result["decisions"] > 3
@@ -370,8 +362,9 @@ def test_a_hardware_that_does_not_answer(design, vectors, tmp_path, ready, valid
             not stopped or result["gave_up"]["recording"] in NUMBERS
         )
         assert stopped or said != "a standstill"
-        with_clock = flow.lowest_clock(broken, vectors, **options | {"stalls": False})[1]
-        assert with_clock["pace"] == "declared" and with_clock["verdict"] == result["verdict"]
+        if stopped:
+            with_clock = flow.lowest_clock(broken, vectors, **options | {"stalls": False})[1]
+            assert with_clock["pace"] == "declared" and with_clock["verdict"] == "gave up"
 
 
 # ---------------------------------------------------------------- runner
@@ -537,8 +530,7 @@ def test_a_folder_with_other_files_is_refused_and_an_earlier_one_replaced(model,
 # ---------------------------------------------------------------- larger
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("lanes", [1, 4])
-@pytest.mark.parametrize("name", ["thesis", "synthetic", "pvdf", "fabric"])
+@pytest.mark.parametrize(("name", "lanes"), [("thesis", 4), ("synthetic", 1)])
 def test_presets_are_exact_with_stalls_and_a_refused_write(name, lanes, tmp_path):
     config = AcceleratorConfig.load(name)
     model = random_integer_model(config, 7)

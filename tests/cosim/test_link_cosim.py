@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.config import PRESETS
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
@@ -18,22 +18,17 @@ from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from tests.support.link_flow import play_link
 from tests.support.noisy_port import NoisyPort
+from tests.support.small_designs import SMALL
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILDS = ROOT / "build" / "simulators"
-CONFIG = AcceleratorConfig.of(
-    taxels=4,
-    hidden=4,
-    band_low=25920,
-    band_high=26880,
+CONFIG = SMALL.replace(
     hop=4,
     window=9,
     touch_frames=24,
     steps=5,
     pretrigger_frames=3,
     rearm_frames=12,
-    decision="vote",
-    lanes=2,
     fault_frames=8,
     fault_activity=60,
     margin_threshold=3,
@@ -146,6 +141,7 @@ def test_a_thousand_corruptions(board):
     )
 
 
+@pytest.mark.slow
 def test_a_model_of_someone_elses_at_the_pins(board):
     result = board(order=[2], model="cocotbext")
     assert not result["wrong"] and result["decisions"] and result["repeated"] == 0

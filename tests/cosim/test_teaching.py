@@ -11,21 +11,31 @@ import pytest
 
 from eskin.cosim.device import Design, Device
 from eskin.cosim.link import Link
+from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.pin_port import PinPort
+from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
+from eskin.golden.data.archive import load_archive
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.prototypes import forget, load_taught, taught_in_use
 from eskin.golden.model.stream import Stream
-from eskin.live.feed import Differs, Hardware
+from eskin.live.feed import Differs
+from eskin.live.feed import Hardware as HardwareEvent
 from eskin.live.sources import BoardSource
+from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.fpga.export import export, export_board
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
+from eskin.rtl.fpga.synthesis import synthesise
+from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister, taught_arrays
+from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.verbs.replay_job import play_all
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.link_flow import TIMEOUT_BYTES
+from tests.support.replayed import Recorded
 from tests.support.table import each_row
+from tests.support.touch_cuts import beginnings
 from tests.support.touch_scenes import scene
 
 BUILDS = Path(__file__).resolve().parents[2] / "build" / "simulators"
@@ -41,7 +51,7 @@ class Taught:
     def __init__(self, model: IntegerModel, builds: Path, seed: int) -> None:
         self.config, self.rng = model.config, random.Random(seed)
         self.stream = Stream(model)
-        self.device = Device(Design(export(model.config, model.arrays), builds, PURPOSE), 16)
+        self.device = Recorded(Design(export(model.config, model.arrays), builds, PURPOSE), 16)
         self.device.reset(boot_writes(model.config, model.arrays))
         self.decisions = self.refused = self.taught = 0
 
@@ -54,7 +64,10 @@ class Taught:
         self.stream.arm()
         half = self.rng.randrange(1, len(samples))
         for piece in (samples[:half], samples[half:]):
-            device.frames(piece)
+            stalled = self.rng.randrange(len(piece))
+            device.frames(piece[:stalled])
+            device.cycle(self.rng.randrange(1, 400))
+            device.frames(piece[stalled:])
             device.settle()
             told += self.stream.push(piece)
             if self.rng.random() < 0.5:
@@ -89,7 +102,7 @@ class Taught:
     def check(self, refused: bool | None = None) -> None:
         word = self.device.read(TeachRegister.TAUGHT)
         assert word & 0xFF == taught_in_use(self.stream.model).sum()
-        assert refused is None or word >> 8 == refused
+        assert refused is None or word >> 8 & 1 == refused
         if self.stream.onset_frame is None:
             self.read_back()
         else:
@@ -122,13 +135,14 @@ class Taught:
     def reload(self) -> None:
         """Loads the model as the stream has it, so that what was taught stays over a reset."""
         self.device.write(Register.CONTROL, Control.ARM)  # no touch is open then
-        self.stream.arm()
         self.device.settle()
         held = self.stream.model.arrays | self.read_back()
+        self.stream = Stream(self.stream.model)
         for address, word in boot_writes(self.config, held):
             self.device.write(address, word)
         assert not self.device.read(Register.FAULTS) & Fault.WRITE_REFUSED
         self.check()
+        self.command()
 
 
 def taught_at_random(model: IntegerModel, recordings: Recordings, builds: Path, seed: int) -> Taught:
@@ -144,11 +158,56 @@ def taught_at_random(model: IntegerModel, recordings: Recordings, builds: Path, 
 
 
 @pytest.mark.timeout(900)
-@each_row("cell", ["gru", "linear"])
-def test_what_is_taught_in_hardware_is_what_the_stream_is_taught(cell):
-    model = forget(taught_model(cell))
+@each_row(("cell", "taught_shift"), [("gru", 1), ("linear", 0)])
+def test_what_is_taught_in_hardware_is_what_the_stream_is_taught(cell, taught_shift):
+    model = forget(taught_model(cell, taught_shift=taught_shift))
     both = taught_at_random(model, scene(30, seed=8), BUILDS, seed=3)
     assert both.decisions > 150 and both.refused > 5 and both.taught > 5
+
+
+DATA = {"pvdf": 34, "fabric": 33, "biotac": 33}
+"""Recordings of each data set."""
+
+
+def data_case(name: str, folder: Path) -> tuple[IntegerModel, Recordings]:
+    """Random weights and prototypes, nothing taught, and recordings around their touches."""
+    recordings = load_archive(next(folder.glob(f"{name}_*")) / "recordings.npz")
+    config = PRESETS["pvdf" if name == "pvdf" else "fabric"]
+    if name == "biotac":
+        config = config.replace(
+            taxels=19,
+            sample_signed=False,
+            sample_rate_hz=100.0,
+            hop=24,
+            window=48,
+            class_names=recordings.class_names,
+        )
+    config = config.with_readout(
+        readout="prototypes", prototypes=1, taught=2, state_code_bits=4, state_code_shift=9
+    )
+    model = forget(random_integer_model(config, 5))
+    few = recordings.subset(recordings.evenly(DATA[name]))
+    if name == "pvdf":
+        few = beginnings(few, config, len(few), config.windows.steps, rest=400)
+    return model, few
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+@pytest.mark.parametrize("name", DATA)
+def test_teaching_on_recordings_as_rtl_netlist_and_in_icarus(name, shared_data, tmp_path):
+    """All recordings in Verilator; a third of them again in Icarus, two as a netlist."""
+    model, recordings = data_case(name, shared_data)
+    both = taught_at_random(model, recordings, BUILDS, seed=3)
+    print(name, len(recordings), both.decisions, "decisions", both.taught, "taught", both.refused, "refused")
+    assert both.decisions > 20 * DATA[name] / 2 and both.taught > 5 and both.refused > 5
+    (tmp_path / "accelerator.v").write_text(export(model.config, model.arrays))
+    synthesise(make_accelerator(model.config), target("icebreaker").family, tmp_path / "net")
+    netlist = netlist_hardware(tmp_path / "net" / "accelerator.v", "ice40", "icebreaker", probes=False)
+    bits = decision_layout(model.config).size
+    for count, hardware in ((DATA[name] // 3, Hardware((tmp_path / "accelerator.v",))), (2, netlist)):
+        few = taught_at_random(model, recordings.subset(range(count)), BUILDS, seed=3)
+        print(hardware.level, count, few.device.replay(hardware, bits, tmp_path / hardware.level))
 
 
 def board_of(model: IntegerModel) -> PinPort:
@@ -198,7 +257,7 @@ def test_a_board_is_taught_over_its_serial_line():
         events = [*source.arm(), *source.take(recordings.recording(index)), *source.finish()]
         events += source.forget(0) if index == 6 else source.teach(index % config.classes)
         differences += [event for event in events if isinstance(event, Differs)]
-        hardware = [event for event in events if isinstance(event, Hardware)]
+        hardware = [event for event in events if isinstance(event, HardwareEvent)]
         assert hardware and not any(stage.wrong for event in hardware for stage in event.stages.values())
     assert not differences
     came, held = taught_arrays(config, link.places), source.stream.model

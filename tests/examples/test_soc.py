@@ -51,12 +51,32 @@ def test_each_decision_is_compared(tmp_path, lines, said):
     assert said in text and status == (lines != [*LINES, END])
 
 
+def made(*words):
+    """What `make` says of a target."""
+    done = subprocess.run(["make", *words], cwd=EXAMPLE, capture_output=True, text=True, timeout=3600)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def decided(said):
+    """Names of the runs that compared decisions, none of which differs."""
+    counts = re.findall(r"(\w+): (\d+) decisions compared, (\d+) differ", said)
+    assert all(int(compared) > 0 and differ == "0" for _, compared, differ in counts)
+    return [name for name, *_ in counts]
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 def test_a_recording_each_way_through_the_simulated_system():
-    call = ["make", "sim", "RECORDINGS=1"]
-    done = subprocess.run(call, cwd=EXAMPLE, capture_output=True, text=True, timeout=3600)
-    counts = re.findall(r"(converter|cpu): (\d+) decisions compared, (\d+) differ", done.stdout)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert [name for name, *_ in counts] == ["converter", "cpu"]
-    assert all(int(compared) > 0 and differ == "0" for _, compared, differ in counts)
+    assert decided(made("sim", "RECORDINGS=1")) == ["converter", "cpu"]
+    assert decided(made("cpu", "CLOCK=24e6", "RECORDINGS=1", "BEGIN=1500", "FRAMES=1200")) == ["cpu"]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_bitstreams_reach_their_clocks_and_the_netlist_decides():
+    said = made("bitstream")
+    clocks = re.findall(r"^(\w+): .*; ([\d.]+) MHz of ([\d.]+)", said, re.MULTILINE)
+    assert [board for board, *_ in clocks] == ["icebreaker", "ulx3s"], said
+    assert all(float(reached) > float(wanted) for _, reached, wanted in clocks)
+    assert decided(made("netlist")) == ["icebreaker"]

@@ -37,14 +37,16 @@ def play_frames(
 
     async def drive(ctx):
         begun, start, busy, away, put = 0, False, False, True, dut.put
-        tick = ctx.tick().sample(dut.busy, dut.away, put.valid, put.place, put.code, dut.finished, dut.fault)
+        ticks = aiter(
+            ctx.tick().sample(dut.busy, dut.away, put.valid, put.place, put.code, dut.finished, dut.fault)
+        )
         between(0)
         while len(ended) < count:
             free = not (start or busy or away)
             if start != (start := free if period is None else bench.cycle % period == 0):
                 ctx.set(dut.start, start)
             begun = bench.cycle if start else begun
-            _, _, busy, away, valid, place, code, finished, fault = await tick
+            _, _, busy, away, valid, place, code, finished, fault = await anext(ticks)
             if valid:
                 assert place not in codes
                 codes[place] = code

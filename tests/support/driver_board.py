@@ -9,7 +9,7 @@ from pathlib import Path
 from eskin.cosim.device import Design, Device
 from tests.support.c_driver import Driver
 
-BUILDS = Path("build") / "driver_builds"
+BUILDS = Path("build") / "simulators"
 LIMIT = 5000
 """Cycles within which an access must end."""
 

@@ -32,6 +32,7 @@ from scipy.io import loadmat, savemat
 
 from eskin.cli.main import app
 from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core.converters import CONVERTERS
 from eskin.golden.core.groups import Interface
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.export.onnx_file import write_onnx
@@ -644,9 +645,8 @@ def interfaces(case: Path, rng: random.Random) -> list[str]:
     makes hardware of it."""
     file = case / "in" / "model" / "config.json"
     values = json.loads(file.read_text())
-    chips = "ads7953 mcp3208x2 ad7476 spi ddc232 mpr121 matrix none".split()
     fields: dict[str, Any] = {
-        "converter": rng.choice(chips),
+        "converter": rng.choice((*CONVERTERS, "none")),
         "stimulator": rng.choice(("none", "decisions")),
         "rows": 2,
         "columns": 2,

@@ -18,9 +18,9 @@ class DdcSlave:
     async def play(self, ctx) -> None:
         pins, cycle, due, out, left, latched, count = self.pins, 0, -1, 0, 0, 0, 0
         was = (0, 0, 0)
-        tick = ctx.tick().sample(pins.reset_n, pins.conv, pins.clk_cfg, pins.din_cfg, pins.dclk)
+        ticks = aiter(ctx.tick().sample(pins.reset_n, pins.conv, pins.clk_cfg, pins.din_cfg, pins.dclk))
         while True:
-            _, _, reset_n, conv, clk_cfg, din, dclk = await tick
+            _, _, reset_n, conv, clk_cfg, din, dclk = await anext(ticks)
             cycle += 1
             if not reset_n:
                 latched = count = 0
@@ -73,9 +73,9 @@ class MprSlave:
     async def play(self, ctx) -> None:
         pins, pulls, sda_was, scl_was = self.pins, False, 1, 1
         bits, word, address, pointer, mode, said = 0, 0, 0, -1, "off", 0
-        tick = ctx.tick().sample(pins.scl_low, pins.sda_low)
+        ticks = aiter(ctx.tick().sample(pins.scl_low, pins.sda_low))
         while True:
-            _, _, scl_low, sda_low = await tick
+            _, _, scl_low, sda_low = await anext(ticks)
             scl, sda = not scl_low, not (sda_low or pulls)
             if scl and scl_was and sda != sda_was:
                 mode, bits, word, pulls = ("address", 0, 0, False) if not sda else ("off", 0, 0, False)

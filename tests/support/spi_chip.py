@@ -21,9 +21,9 @@ class SpiSlave:
         idle = (1 << len(pins.cs_n)) - 1
         words, said, heard, select, clock = [0] * lines, 0, 0, idle, 0
         ctx.set(pins.miso, (1 << lines) - 1)
-        tick = ctx.tick().sample(pins.cs_n, pins.sclk, pins.mosi)
+        ticks = aiter(ctx.tick().sample(pins.cs_n, pins.sclk, pins.mosi))
         while True:
-            _, _, now, level, bit = await tick
+            _, _, now, level, bit = await anext(ticks)
             if now != select:
                 self.edges.append((cycle, "select", now))
                 if now == idle:

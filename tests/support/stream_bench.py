@@ -112,9 +112,9 @@ class Bench:
         self._busy += 1
 
         async def driver(ctx):
-            tick, clock = ctx.tick().sample(stream.ready), ctx.tick()
+            ticks = aiter(ctx.tick().sample(stream.ready))  # one for all: a new one every cycle costs more
             while self.cycle < after:
-                await clock
+                await anext(ticks)
             for bits in packed:
                 idle = next(pauses, 0)
                 while stall and rng.random() < stall:
@@ -122,10 +122,10 @@ class Bench:
                 if idle:
                     ctx.set(stream.valid, 0)
                     for _ in range(idle):
-                        await clock
+                        await anext(ticks)
                 ctx.set(payload, bits)
                 ctx.set(stream.valid, 1)
-                while not (await tick)[-1]:
+                while not (await anext(ticks))[-1]:
                     pass
                 taken.append(self.cycle)
                 self._moved = self.cycle
@@ -141,13 +141,17 @@ class Bench:
         rng, out, shape = random.Random(self._random.random()), [], stream.payload.shape()
 
         async def taker(ctx):
-            tick, held, ready = ctx.tick().sample(stream.valid, Value.cast(stream.payload)), None, None
+            ticks, held, ready = (
+                aiter(ctx.tick().sample(stream.valid, Value.cast(stream.payload))),
+                None,
+                None,
+            )
             while True:
                 stalled = bool(stall and rng.random() < stall)
                 if ready is not (not stalled):
                     ready = not stalled
                     ctx.set(stream.ready, ready)
-                _, _, valid, bits = await tick
+                _, _, valid, bits = await anext(ticks)
                 if held is not None:
                     assert valid, f"cycle {self.cycle}: valid fell before ready"
                     assert bits == held, (
@@ -166,9 +170,8 @@ class Bench:
         seen: list[int] = []
 
         async def watcher(ctx):
-            tick = ctx.tick().sample(signal)
-            while True:
-                if (await tick)[-1]:
+            async for _, _, high in ctx.tick().sample(signal):
+                if high:
                     seen.append(self.cycle)
 
         self._sim.add_testbench(watcher, background=True)
@@ -189,24 +192,40 @@ class Bench:
         """Simulate to the end; returns the number of cycles. AssertionError on a timeout."""
 
         async def conductor(ctx):
-            tick = ctx.tick()
+            ticks = aiter(ctx.tick())
             while self._busy or self.cycle - self._moved < self.quiet:
-                await tick
+                await anext(ticks)
+                self.cycle += 1
                 assert self.cycle < self.max_cycles, (
                     f"timeout: {self._busy} drivers still busy after {self.cycle} cycles"
                 )
 
-        async def count(ctx):
-            # added last: the others see the number of the cycle whose edge they woke at
-            tick = ctx.tick()
-            while True:
-                await tick
-                self.cycle += 1
-
+        # added last: the others see the number of the cycle whose edge they woke at
         self._sim.add_testbench(conductor)
-        self._sim.add_testbench(count, background=True)
         self._sim.run()
         return self.cycle
+
+
+def put(ctx, block, **values) -> None:
+    """Set inputs of a block by their names."""
+    for name, value in values.items():
+        ctx.set(getattr(block, name), value)
+
+
+async def give_frame(ctx, port, samples, pauses=lambda: False, count: int | None = None) -> None:
+    """Offer a frame, or its first ``count`` samples, each until it is taken, after cycles in which
+    ``pauses()``."""
+    ticks, payload = aiter(ctx.tick().sample(port.ready)), Value.cast(port.payload)
+    for taxel, sample in enumerate(samples[:count]):
+        while pauses():
+            ctx.set(port.valid, 0)
+            await anext(ticks)
+        beat = {"sample": int(sample), "first": taxel == 0, "last": taxel == len(samples) - 1}
+        ctx.set(payload, pack(port.payload.shape(), beat))
+        ctx.set(port.valid, 1)
+        while not (await anext(ticks))[-1]:
+            pass
+    ctx.set(port.valid, 0)
 
 
 def simulate(dut, body, *background) -> None:

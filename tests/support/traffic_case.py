@@ -19,23 +19,11 @@ from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Control, Register
+from tests.support.small_designs import SMALL
 from tests.support.traffic import Script, beat, by_mark, changed, differences, initial_values, run, width_of
 
 ARM, FINISH = (int(Register.CONTROL), int(Control.ARM)), (int(Register.CONTROL), int(Control.FINISH))
-CONFIG = AcceleratorConfig.of(
-    taxels=4,
-    hidden=4,
-    band_low=25920,
-    band_high=26880,
-    hop=3,
-    window=7,
-    touch_frames=14,
-    steps=3,
-    pretrigger_frames=2,
-    rearm_frames=11,
-    decision="vote",
-    lanes=2,
-)
+CONFIG = SMALL.replace(hop=3, window=7, touch_frames=14, steps=3, pretrigger_frames=2, rearm_frames=11)
 HARMFUL = {int(Register.CONTROL), int(Register.MEMORY_DATA), int(Register.MASK)}
 """Registers that change what a recording gives."""
 

@@ -81,9 +81,9 @@ def test_a_viewer_who_does_not_take_fills_no_memory_and_is_counted(hub):
         taken += sum(len(message["b"]) for message in messages(quick) if message["k"] == "frames")
     got = messages(slow)
     kept = sum(len(message["b"]) for message in got if message["k"] == "frames")
-    assert (
-        kept == module.WAITING_FRAMES and slow.dropped == 3000 - kept and (quick.dropped, taken) == (0, 3000)
-    )
+    assert kept == module.WAITING_FRAMES
+    assert slow.dropped == 3000 - kept
+    assert (quick.dropped, taken) == (0, 3000)
     assert len(got) == kept + module.WAITING_EVENTS and slow.lost == 3000 + 2 - module.WAITING_EVENTS
     assert got[-1]["touch"] == 2999, "the newest stay"
     assert hub.dropped == slow.dropped
@@ -128,8 +128,6 @@ def test_a_faster_source_is_thinned_out_more(hub):
 
 
 def test_large_arrays_get_fewer_display_frames():
-    assert (
-        Hub({}, 3000.0, 16).bucket(1.0) == 30
-        and Hub({}, 3000.0, 160).bucket(1.0) == 150
-        and Hub({}, 50.0, 160).bucket(1.0) == 2
-    )
+    assert Hub({}, 3000.0, 16).bucket(1.0) == 30
+    assert Hub({}, 3000.0, 160).bucket(1.0) == 150
+    assert Hub({}, 50.0, 160).bucket(1.0) == 2

@@ -28,15 +28,11 @@ def test_an_archive_that_loads(tmp_path):
     recorder.end(1)
     assert recorder.frames_written == 30 and recorder.close()
     loaded = load_archive(tmp_path / "new" / "mine.npz")
-    assert (
-        (loaded.samples == samples).all()
-        and loaded.offsets.tolist() == [0, 20, 30]
-        and loaded.labels.tolist() == [2, 1]
-    )
-    assert (
-        loaded.class_names == SMALL.network.class_names
-        and loaded.sample_rate_hz == SMALL.sensor.sample_rate_hz
-    )
+    assert (loaded.samples == samples).all()
+    assert loaded.offsets.tolist() == [0, 20, 30]
+    assert loaded.labels.tolist() == [2, 1]
+    assert loaded.class_names == SMALL.network.class_names
+    assert loaded.sample_rate_hz == SMALL.sensor.sample_rate_hz
     assert loaded.groups == {}, "what the model decided is no group that training may split by"
     with np.load(tmp_path / "new" / "mine.npz") as archive:
         assert archive["decision"].tolist() == [[1], [1]] and archive["samples"].dtype == np.uint16
@@ -71,11 +67,9 @@ def test_frames_stay_when_the_archive_cannot_be_written_and_become_one_later(tmp
     assert f"eskin convert {raw} --out {tmp_path / 'mine.npz'}" in str(error.value)
     save_archive(load_recordings(raw), recorder.path)
     loaded = load_archive(recorder.path)
-    assert (
-        (loaded.samples == samples).all()
-        and loaded.offsets.tolist() == [0, 10, 30]
-        and loaded.labels.tolist() == [2, 0]
-    )
+    assert (loaded.samples == samples).all()
+    assert loaded.offsets.tolist() == [0, 10, 30]
+    assert loaded.labels.tolist() == [2, 0]
     raw.write_bytes(raw.read_bytes()[:-1])
     assert (load_recordings(raw).samples == samples[:29]).all()
     for text in (b"", b"[" * 9, b"{}\n", raw.read_bytes().splitlines()[0] + b"\n", b'{"code": "O"}'):
@@ -91,9 +85,9 @@ def test_signed_and_short_codes_keep_their_type(tmp_path):
     recorder.frames(np.array([[-128, 127, 0, -1]]))
     assert recorder.close()
     loaded = load_archive(tmp_path / "mine.npz")
-    assert (
-        loaded.samples.tolist() == [[-128, 127, 0, -1]] and loaded.sample_bits == 8 and loaded.sample_signed
-    )
+    assert loaded.samples.tolist() == [[-128, 127, 0, -1]]
+    assert loaded.sample_bits == 8
+    assert loaded.sample_signed
 
 
 @each_row(

@@ -3,17 +3,14 @@ that is only heard."""
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import time
 
 import numpy as np
 import pytest
-from rich.console import Console
 
 from eskin.cosim.live import Brought, LiveSimulator
-from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.image_network import images_of, run_images
 from eskin.golden.model.image_stream import ImageStream
@@ -23,7 +20,6 @@ from eskin.golden.model.prototypes import forget
 from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import random_recordings
 from eskin.live.sources import Listener, ModelSource, SimulationSource
-from eskin.live.terminal import Screen
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.verbs.watch_job import BUILDS, board_source
@@ -91,22 +87,6 @@ def expected_values(model, recordings) -> int:
     return sum(len(streams[stage][0]) for stage in ("sum", "fault", "feature", "state", "logit")) + 6 * len(
         streams["decision"][0]
     )
-
-
-def test_a_twin_is_equal_in_every_value(model, recordings):
-    twin = Twin(model)
-    stage = Stage(SimulationSource(model, twin), recordings).go()
-    tally = stage.player.tally
-    assert (
-        (tally.mismatches, tally.said) == (0, [])
-        and tally.compared == expected_values(model, recordings) > 500
-        and twin.closed
-    )
-    steps = [message for message in stage.messages if message["k"] == "step"]
-    sides = [message for message in stage.messages if message["k"] == "hardware" and not message["closing"]]
-    assert [(step["features"], step["logits"]) for step in steps] == [
-        (side["stages"]["feature"]["values"], side["stages"]["logit"]["values"]) for side in sides
-    ]
 
 
 SPOILT = {
@@ -365,42 +345,13 @@ def test_a_board_is_taught_by_its_registers():
         source._link._transport.close()
 
 
-def test_a_board_is_given_images_row_by_row(image_case):
-    model, images = image_case
-    with Device(model.config, golden_decisions(model, images)) as device:
-        transport = SerialPort(device.port, 2000000)
-        source = board_source(model, transport, device.port, 2000000, True)
-        tally = Stage(source, images).go().player.tally
-        transport.close()
-    assert (
-        (tally.mismatches, tally.said, tally.recordings) == (0, [], 5)
-        and device.taken == 25
-        and tally.compared == 5 * 12
-    )
-
-
-def test_the_terminal_draws_an_image(image_case):
-    model, images = image_case
-    stage = Stage(ModelSource(model), images, [0], shape=(5, 7)).go()
-    screen = Screen()
-    for text in [stage.hub._hello, *map(json.dumps, stage.messages)]:
-        screen.feed(json.loads(text))
-    console = Console(width=160, record=True, file=io.StringIO())
-    console.print(screen.draw())
-    said = console.export_text()
-    assert "5 x 7 pixels" in said and "image" in said and "decided" in said and len(screen.rows) == 5
-
-
 def test_images_come_apart_so_that_their_decisions_are_seen(image_case):
     model, images = image_case
-    for speed, least in ((1.0, 4 * 0.15), (4.0, 4 * 0.15 / 4), (math.inf, 0.0)):
-        stage = Stage(ModelSource(model), images, speed=speed, apart_s=0.15)
+    for speed, least in ((1.0, 4 * 0.1), (math.inf, 0.0)):
+        stage = Stage(ModelSource(model), images, speed=speed, apart_s=0.1)
         begin = time.monotonic()
         stage.go()
-        took = time.monotonic() - begin
-        assert (
-            stage.player.tally.recordings == 5 and least <= took and (math.isfinite(speed) or took < 4 * 0.15)
-        )
+        assert stage.player.tally.recordings == 5 and least <= time.monotonic() - begin
     stage = Stage(ModelSource(model), images, speed=1.0, apart_s=60.0).start()
     for number in range(5):
         stage.until(lambda number=number: len(stage.seen("result")) == number + 1)

@@ -13,10 +13,10 @@ from rich.console import Console
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.live.player import Controls, hello
-from eskin.live.sources import ModelSource
+from eskin.live.sources import ModelSource, SimulationSource
 from eskin.live.terminal import Screen, press, watch
+from tests.eskin.live.test_sources import Twin
 from tests.support.live_case import Stage
-from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
 
@@ -46,15 +46,11 @@ def test_the_screen_shows_what_the_page_shows(model):
         screen.feed(message)
         if message["k"] == "decided":
             text = drawn(screen)
-            assert (
-                f"{names[message['label']]} decided" in text
-                and f"{message['since']:.3f} s after the onset" in text
-            )
-            assert (
-                text.count("■") == len(screen.steps) == message["step"] + 1
-                and "logits" in text
-                and "hidden state" in text
-            )
+            assert f"{names[message['label']]} decided" in text
+            assert f"{message['since']:.3f} s after the onset" in text
+            assert text.count("■") == len(screen.steps) == message["step"] + 1
+            assert "logits" in text
+            assert "hidden state" in text
         if message["k"] == "step":
             assert names[message["label"]] in drawn(screen)
     assert screen.lines[0].startswith("recording 0: no touch") and len(screen.lines) == 5
@@ -70,57 +66,27 @@ def drawn_raw(screen: Screen) -> str:
 
 
 def test_hardware_that_differs_is_said(model):
-    screen = Screen()
-    screen.feed({"k": "hello", **hello(model.config, None, [], source="simulation", shape=[2, 2])})
-    screen.feed({"k": "begin", "number": 4, "label": 1, "frames": 90, "level": [0, 0, 0, 0]})
-    screen.feed({"k": "frames", "b": [[1, 9, [-5] * 4, [9] * 4, [3] * 4]]})
-    screen.feed({"k": "onset", "touch": 0, "frame": 3, "start": 1})
-    step = {
-        "touch": 0,
-        "step": 0,
-        "frame": 9,
-        "features": [1],
-        "hidden": [],
-        "logits": [5, 6, 7],
-        "label": 2,
-        "margin": 1,
-    }
-    screen.feed({"k": "step", **step})
-    screen.feed(
-        {
-            "k": "hardware",
-            "touch": 0,
-            "step": 0,
-            "closing": False,
-            "stages": {"logit": {"values": [5, 6, 8], "wrong": [2]}},
-        }
-    )
-    screen.feed({"k": "said", "sentence": "touch 0, step 1: 1 values differ (logit)", "mismatch": True})
-    assert "DIFFERS" in drawn(screen) and "✗" in drawn(screen) and "1 values differ (logit)" in drawn(screen)
-    screen.feed({"k": "result", "number": 4, "label": 1, "decision": 1, "since": 0.5, "wrong": 1})
-    assert (
-        screen.lines[-1]
-        == f"recording 4: {SMALL.network.class_names[1]}, as labelled, 0.500 s after the onset, HARDWARE "
-        "DIFFERS in 1 values"
-    )
+    def spoil(frame, stage, values):
+        return [values[0] + 1, *values[1:]] if stage == "logit" and values else values
+
+    recordings, screen, texts = scene(5, seed=2), Screen(), []
+    screen.feed({"k": "hello", **hello(model.config, recordings, [2], source="simulation", shape=[2, 2])})
+    for message in Stage(SimulationSource(model, Twin(model, spoil)), recordings, [2]).go().messages:
+        screen.feed(message)
+        texts.append(drawn(screen))
+    assert any("DIFFERS" in text and "✗" in text and "1 values differ (logit)" in text for text in texts)
+    assert screen.lines[-1].startswith("recording 2: ") and "HARDWARE DIFFERS in 6 values" in screen.lines[-1]
 
 
-@each_row("terminal", [False, True])
-def test_it_ends_with_the_player(model, terminal):
+def test_it_ends_with_the_player(model):
     recordings = scene(4, seed=2)
-    stage = Stage(ModelSource(model), recordings)
-    stage.hub._hello = json.dumps(
-        {"k": "hello", **hello(model.config, recordings, range(4), source="recordings", shape=[2, 2])}
-    )
-    out = io.StringIO()
-    console = Console(file=out, force_terminal=terminal, width=120)
+    stage, out = Stage(ModelSource(model), recordings), io.StringIO()
+    told = hello(model.config, recordings, range(4), source="recordings", shape=[2, 2])
+    stage.hub._hello = json.dumps({"k": "hello", **told})
     thread = threading.Thread(target=stage.player.run, daemon=True)
     thread.start()
-    watch(stage.hub, stage.controls, thread, console)
-    assert not thread.is_alive() and stage.hub.viewers == 1
-    said = [line for line in out.getvalue().splitlines() if line.startswith("recording ")]
-    assert terminal or (len(said) == 4 and said[0].startswith("recording 0: no touch"))
-    assert not terminal or "eskin watch" in out.getvalue()
+    watch(stage.hub, stage.controls, thread, Console(file=out, force_terminal=True, width=120))
+    assert not thread.is_alive() and stage.hub.viewers == 1 and "eskin watch" in out.getvalue()
 
 
 def test_keys():

@@ -13,12 +13,10 @@ SHARES = st.lists(st.tuples(st.floats(0, 1), st.none() | st.floats(0, 1)), min_s
 def test_no_bar_leaves_the_range_of_a_share(pairs):
     shares, spreads = zip(*pairs, strict=True)
     down, up = share_bars(shares, spreads)
-    assert (
-        (down >= 0).all()
-        and (up >= 0).all()
-        and (shares - down >= 0).all()
-        and (shares + up <= 1 + 1e-12).all()
-    )
+    assert (down >= 0).all()
+    assert (up >= 0).all()
+    assert (shares - down >= 0).all()
+    assert (shares + up <= 1 + 1e-12).all()
 
 
 def test_a_bar_inside_the_range_is_the_spread():

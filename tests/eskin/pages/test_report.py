@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
 import json
 import re
 import shutil
@@ -14,6 +15,7 @@ import pytest
 
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.files import write_json
+from eskin.pages import report
 from eskin.pages.report import (
     Result,
     draw_candidates,
@@ -29,6 +31,13 @@ from tests.support.result_case import CONFIG, STAGE_COUNTS, cosimulation, edit, 
 from tests.support.table import each_row
 
 SPACE = "\u202f"
+
+
+@pytest.fixture(autouse=True)
+def charts_without_ink(request, monkeypatch):
+    """A chart takes half a second to write, and one test looks at what is written; others at what is drawn."""
+    if request.node.name != "test_the_page_stands_alone_and_is_the_same_when_made_again":
+        monkeypatch.setattr(report, "svg", lambda figure: "data:image/svg+xml;base64,")
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +117,20 @@ def test_candidates_stand_against_their_cost_on_the_first_screen(result):
     older = [{"cell": "linear", "hidden": 0, "accuracy": 0.9}]  # before cost was asked for
     edit(result / "run.json", candidates=older)
     assert "Accuracy against cost" not in Page(write_report(result)).text
+
+
+def test_names_of_candidates_cover_no_point_and_no_other_name():
+    scene = [(0.842, 1.2), (0.954, 1.9), (0.975, 2.0), (0.984, 2.2), (0.977, 2.5)]
+    rows = [judged("gru", 4 * k, share, 1e-6 * cost, chosen=k == 3) for k, (share, cost) in enumerate(scene)]
+    rows[1]["decision_time_s"] = float(np.nextafter(0.25, 1))
+    for axes, cost in zip(draw_candidates(rows).axes, ("energy_touch_j", "decision_time_s"), strict=True):
+        low, high = axes.get_xlim()
+        assert high / low > 1.1  # and no scale of last bits
+        names = [text.get_window_extent() for text in axes.texts]
+        factor = 1e6 if cost == "energy_touch_j" else 1
+        points = axes.transData.transform([(factor * row[cost], row["accuracy"]) for row in rows])
+        assert names and not any(name.contains(*point) for name in names for point in points)
+        assert not any(a.overlaps(b) for a, b in itertools.combinations(names, 2))
 
 
 def test_the_training_curve_is_drawn_of_trained_networks_only(result):
@@ -248,7 +271,7 @@ def test_many_classes_are_drawn_without_figures():
     assert len(figure.axes[0].texts) == 12
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("file", "change", "expected"),
     [
         ("cosim.json", {"bit_exact": False, "mismatches": 31}, "DIFFERS"),
@@ -293,8 +316,10 @@ def test_no_lowest_clock_is_said(result):
     assert "not found" in Page(write_report(result)).text
 
 
-def test_the_page_stands_alone(made):
+def test_the_page_stands_alone_and_is_the_same_when_made_again(made):
     path = write_report(made)
+    first = path.read_bytes()
+    assert write_report(made).read_bytes() == first
     page = Page(path)
     assert len([a for a in page.addresses if a.startswith("data:image/svg+xml;base64,")]) == 3
     assert not [a for a in page.addresses if not a.startswith("data:")]
@@ -305,11 +330,6 @@ def test_the_page_stands_alone(made):
         assert image.rstrip().endswith("</svg>")
         assert not re.search(r'href="(?!#|data:)', image)
     assert path.stat().st_size < 3_000_000
-
-
-def test_the_page_is_the_same_when_made_again(made):
-    first = write_report(made).read_bytes()
-    assert write_report(made).read_bytes() == first
 
 
 def test_the_summary_has_the_headline(made):

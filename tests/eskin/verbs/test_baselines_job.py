@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -15,17 +14,13 @@ from eskin.golden.core.errors import InputError
 from eskin.verbs import baselines_job
 from tests.support.result_case import ROW_KEYS
 from tests.support.table import each_row
-from tests.support.touch_scenes import SMALL, scene
+from tests.support.touch_scenes import archived, scene
 
 
 @pytest.fixture
 def archive(tmp_path, monkeypatch):
     """An archive of the scene in the current folder; the pieces that are judged are noted."""
-    recordings = scene(40)
-    names = {"class_names": np.array(recordings.class_names), "sample_rate_hz": recordings.sample_rate_hz}
-    arrays = {name: getattr(recordings, name) for name in ("samples", "offsets", "labels")}
-    np.savez(tmp_path / "data.npz", **arrays, **names, person=recordings.groups["person"])
-    (tmp_path / "c.json").write_text(SMALL.to_json())
+    archived(scene(40), tmp_path)
     monkeypatch.chdir(tmp_path)
     seen = []
     real = judging.judge
@@ -50,11 +45,9 @@ def test_table_chart_and_json(archive, tmp_path):
     assert all(set(row) >= ROW_KEYS and row["split"] == "person" for row in result["rows"])
     assert result["left_out"][0]["method"] == "gru12-n200" and "70 frames" in result["left_out"][0]["reason"]
     assert result["nearest"][0]["network"] == "least-squares"
-    assert (
-        "linear cell, least squares" in done.output
-        and "best of all" in done.output
-        and "comparisons" in done.output
-    )
+    assert "linear cell, least squares" in done.output
+    assert "best of all" in done.output
+    assert "comparisons" in done.output
     picture = (tmp_path / "out" / "baselines.svg").read_text()
     for words_ in (
         "multiplies a decision",

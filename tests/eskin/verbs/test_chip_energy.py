@@ -77,10 +77,8 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     unit = played(delays="unit")
     # glitches apart, nothing depends on delays
     assert unit["bit_exact"] and unit["step_j"] == pytest.approx(whole["step_j"])
-    assert (
-        sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"])
-        and "engine.lane" in whole["step_blocks_j"]
-    )
+    assert sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"])
+    assert "engine.lane" in whole["step_blocks_j"]
     parities = sorted(
         name for name, cell in nets.cells.items() if "xor2" in cell.name or "xnor2" in cell.name
     )
@@ -93,18 +91,14 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
         played = cosimulate(
             model, case.recordings, chip=chip, work=tmp_path / pace, pace=pace, clock_hz=1e6, **options
         )
-        assert (
-            played["passed"]
-            and played["recordings"] == 2
-            and all(not row["mismatches"] for row in played["stages"].values())
-        )
+        assert played["passed"]
+        assert played["recordings"] == 2
+        assert all(not row["mismatches"] for row in played["stages"].values())
         assert {"sum", "feature", "state", "logit", "decision", "status"} <= {
             n for n, row in played["stages"].items() if row["compared_values"]
         }
-        assert (
-            played["without_probes"]["bit_exact"]
-            and played["cycles"]["step_max"] == schedule(case.config).step_cycles
-        )
+        assert played["without_probes"]["bit_exact"]
+        assert played["cycles"]["step_max"] == schedule(case.config).step_cycles
     flipped = cosimulate(
         model,
         case.recordings,
@@ -133,11 +127,9 @@ def test_a_chip_beside_the_boards(tmp_path):
         )
     )
     row = chip_energy.chip_row(path)
-    assert (
-        row["name"] == "chip ihp-sg13g2, 4 lanes, ROM"
-        and row["per_step_j"] == 1.56e-8
-        and row["static_w"] == 3.8e-6
-    )
+    assert row["name"] == "chip ihp-sg13g2, 4 lanes, ROM"
+    assert row["per_step_j"] == 1.56e-8
+    assert row["static_w"] == 3.8e-6
     assert row["choices"][0]["average_w"] == 6.6e-6 and row["choices"][0]["touches"] == pytest.approx(
         18000 / 2e-5
     )

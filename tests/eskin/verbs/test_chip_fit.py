@@ -69,17 +69,13 @@ def test_the_smallest_of_those_as_good_as_the_best_that_fits_and_no_synthesis_be
     assert len(rows) == 11 and len(asked) == 10  # GRU 20 of 8 bits is not asked for: 16 was too large
     assert all(not config.hardware.loadable for config in asked)
     fits = {row["name"]: row["fits"] for row in rows}
-    assert (
-        fits["GRU 12, 8 bit, 1 lane"]
-        and not fits["GRU 16, 8 bit, 1 lane"]
-        and not fits["GRU 20, 8 bit, 1 lane"]
-    )
+    assert fits["GRU 12, 8 bit, 1 lane"]
+    assert not fits["GRU 16, 8 bit, 1 lane"]
+    assert not fits["GRU 20, 8 bit, 1 lane"]
     assert fits["GRU 20, 4 bit, 1 lane"]
     assert rows[result["best"]]["name"] == rows[result["chosen"]]["name"] == "GRU 8, 8 bit, 1 lane"
-    assert (
-        rows[-1]["area_um2"] is None
-        and "does not fit" in words("fit", tiles="1x1", pdk="", **result).splitlines()[-1]
-    )
+    assert rows[-1]["area_um2"] is None
+    assert "does not fit" in words("fit", tiles="1x1", pdk="", **result).splitlines()[-1]
 
 
 def test_an_error_decides_how_much_less_is_enough(tmp_path, monkeypatch):
@@ -90,9 +86,9 @@ def test_an_error_decides_how_much_less_is_enough(tmp_path, monkeypatch):
 
 def test_nothing_fits(tmp_path, monkeypatch):
     result, _ = search(sweep(tmp_path), monkeypatch, room=1e4)
-    assert (
-        result["best"] is None and result["chosen"] is None and not any(row["fits"] for row in result["rows"])
-    )
+    assert result["best"] is None
+    assert result["chosen"] is None
+    assert not any(row["fits"] for row in result["rows"])
 
 
 def test_lanes_asked_for_make_each_network_one_point(tmp_path, monkeypatch):

@@ -93,15 +93,11 @@ def test_rows_are_kept_and_told(tmp_path, monkeypatch, capsys, mismatches, statu
     ):
         assert words in text
     assert f"21 values compared, {mismatches} mismatches" in text
-    assert (
-        chip_sweep.main([*common, "--constants", "rom", "--lanes", "4", "--more"]) == status
-        and len(asked) == 3
-    )
-    assert (
-        chip_sweep.main([*common, "--lanes", "4"]) == status
-        and len(asked) == 5
-        and len(list(out.iterdir())) == 3
-    )
+    assert chip_sweep.main([*common, "--constants", "rom", "--lanes", "4", "--more"]) == status
+    assert len(asked) == 3
+    assert chip_sweep.main([*common, "--lanes", "4"]) == status
+    assert len(asked) == 5
+    assert len(list(out.iterdir())) == 3
 
 
 def test_chips_are_played_whole_and_with_a_wrong_cell(tmp_path, monkeypatch, capsys):
@@ -139,7 +135,5 @@ def test_chips_are_played_whole_and_with_a_wrong_cell(tmp_path, monkeypatch, cap
     text = capsys.readouterr().out
     assert "99, 0" in text and "8, 0" in text and "20 mismatches" in text
     seen = 0
-    assert (
-        chip_sweep.main([*common, "--out", str(tmp_path / "blind")]) == 1
-        and "not asked" in capsys.readouterr().out
-    )
+    assert chip_sweep.main([*common, "--out", str(tmp_path / "blind")]) == 1
+    assert "not asked" in capsys.readouterr().out

@@ -2,15 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import os
-import shutil
-import subprocess
-import sys
-import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -112,63 +105,25 @@ def test_a_mismatch_in_a_part_is_told_by_its_number_and_has_waves(model, here, m
 
 
 def test_joined_counts_and_extremes():
-    one = {
-        **dict.fromkeys(
-            ("recordings", "frames", "steps", "decisions", "simulated_cycles", "input_stalls"), 3
-        ),
-        **{
-            "compared_values": 5,
-            "mismatches": 0,
-            "overruns": 0,
-            "wall_s": 2.0,
-            "cycles_per_s": 2,
-            "pace": "declared",
-            "clock_hz": 1e6,
-        },
-        "cycles": {
-            "frame_max": 9,
-            "step_min": 30,
-            "step_max": 40,
-            "step_ideal": 20,
-            "decision_latency_max": 50,
-        },
-        "stages": {"sum": {"compared_values": 5, "mismatches": 0}},
-        "registers": {"STATUS": 1, "FAULTS": 8, "TOUCHES": 2, "LONGEST": 40},
-        "mismatch_list": [],
-        "gave_up": None,
-    }
-    none = {
-        "frame_max": 12,
-        "step_min": None,
-        "step_max": None,
-        "step_ideal": 20,
-        "decision_latency_max": None,
-    }
-    other = {
-        **one,
-        "overruns": 1,
-        "cycles": none,
-        "registers": {"STATUS": 3, "FAULTS": 16, "TOUCHES": 0, "LONGEST": 7},
-    }
-    found = joined(SMALL, [one, other])
-    assert found["cycles"] == {
-        "frame_max": 12,
-        "step_min": 30,
-        "step_max": 40,
-        "step_ideal": 20,
-        "decision_latency_max": 50,
-    }
-    assert found["registers"] == {"STATUS": 3, "FAULTS": 24, "TOUCHES": 0, "LONGEST": 40}
-    assert (found["recordings"], found["wall_s"], found["stages"]["sum"]["compared_values"]) == (6, 4.0, 10)
-    assert found["bit_exact"] and not found["passed"], "an overrun misses the frame's budget"
-    assert joined(SMALL, [one, one])["passed"]
-    wrong = {**one, "mismatches": 1, "mismatch_list": ["x"]}
-    assert (
-        joined(SMALL, [one, wrong])["mismatch_list"] == ["x"] and not joined(SMALL, [one, wrong])["bit_exact"]
-    )
-    assert joined(SMALL, [one, wrong])["verdict"] == "differs"
-    stuck = {**wrong, "gave_up": {"recording": 4, "frame": 2}}
-    assert joined(SMALL, [one, wrong, stuck])["verdict"] == "gave up"
+    counts = "recordings frames steps decisions simulated_cycles input_stalls compared_values"
+    cycles = dict(frame_max=9, step_min=30, step_max=40, step_ideal=20, decision_latency_max=50)
+    first = dict.fromkeys(counts.split(), 3) | dict(mismatches=0, overruns=0, wall_s=2.0, cycles_per_s=2)
+    first |= dict(pace="declared", clock_hz=1e6, cycles=cycles, mismatch_list=[], gave_up=None)
+    first["stages"] = {"sum": {"compared_values": 5, "mismatches": 0}}
+    first["registers"] = dict(STATUS=1, FAULTS=8, TOUCHES=2, LONGEST=40)
+    second = first | {"overruns": 1, "registers": dict(STATUS=3, FAULTS=16, TOUCHES=0, LONGEST=7)}
+    second["cycles"] = cycles | dict(frame_max=12, step_min=None, step_max=None, decision_latency_max=None)
+    both = joined(SMALL, [first, second])
+    assert both["cycles"] == cycles | {"frame_max": 12}
+    assert both["registers"] == dict(STATUS=3, FAULTS=24, TOUCHES=0, LONGEST=40)
+    assert (both["recordings"], both["wall_s"], both["stages"]["sum"]["compared_values"]) == (6, 4.0, 10)
+    assert both["bit_exact"] and not both["passed"], "an overrun misses the frame's budget"
+    assert joined(SMALL, [first, first])["passed"]
+    wrong = first | {"mismatches": 1, "mismatch_list": ["x"]}
+    differs = joined(SMALL, [first, wrong])
+    assert (differs["mismatch_list"], differs["bit_exact"], differs["verdict"]) == (["x"], False, "differs")
+    stuck = wrong | {"gave_up": {"recording": 4, "frame": 2}}
+    assert joined(SMALL, [first, wrong, stuck])["verdict"] == "gave up"
 
 
 def test_the_lowest_clock_is_not_looked_for_on_a_cluster(model, here):
@@ -177,77 +132,3 @@ def test_the_lowest_clock_is_not_looked_for_on_a_cluster(model, here):
     words = "cosim model --data d.npz --pace declared --clock lowest --dask tcp://here:1".split()
     done = CliRunner().invoke(app, words)
     assert isinstance(done.exception, InputError) and "leave --dask out" in str(done.exception)
-
-
-# ---------------------------------------------------------------------- a real scheduler
-@pytest.fixture
-def cluster(here):
-    """Address of a scheduler in a process of its own, with two workers in theirs; each has a working folder
-    of its own."""
-    pytest.importorskip("distributed")
-    address, started = f"tcp://127.0.0.1:{20000 + os.getpid() % 20000}", []
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    programs = [["scheduler", "--host", "127.0.0.1", "--port", address.rpartition(":")[2], "--no-dashboard"]]
-    programs += [["worker", address, "--nthreads", "1", "--no-dashboard"]] * 2
-    try:
-        for number, words in enumerate(programs):
-            folder = here / f"dask{number}"
-            (folder / "build").mkdir(parents=True)
-            (folder / "build" / "simulators").symlink_to(ROOT / "build" / "simulators")
-            with (folder / "log").open("w") as log:
-                process = subprocess.Popen(
-                    [sys.executable, "-m", "dask", *words],
-                    cwd=folder,
-                    env=environment,
-                    stdout=log,
-                    stderr=log,
-                )
-            started.append(process)
-        limit = time.monotonic() + 90
-        while sum("Registered to" in (here / f"dask{number}" / "log").read_text() for number in (1, 2)) < 2:
-            assert time.monotonic() < limit, (here / "dask1" / "log").read_text()
-            time.sleep(0.2)
-        yield address
-    finally:
-        for process in reversed(started):
-            process.terminate()
-        for process in started:
-            process.wait(timeout=60)
-
-
-def eskin(*words: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "eskin.cli.main", *words],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(900)
-def test_a_real_cluster_gives_the_local_results(cluster, model, here):
-    """The verbs themselves: cosim of more recordings than a part has, and a sweep."""
-    recordings = scene(70)
-    model.save(here / "model")
-    np.savez(
-        here / "d.npz",
-        samples=recordings.samples,
-        offsets=recordings.offsets,
-        labels=recordings.labels,
-        class_names=np.array(recordings.class_names),
-        sample_rate_hz=recordings.sample_rate_hz,
-        person=recordings.groups["person"],
-    )
-    (here / "c.json").write_text(SMALL.to_json())
-    (here / "g.json").write_text('{"hidden": [4, 5], "weight_bits": [4, 8]}')
-    sweep = "sweep --data d.npz --config c.json --grid g.json --group person --folds 2 --seeds 1".split()
-    for where, options in (("local", []), ("cluster", ["--dask", cluster])):
-        eskin(*"cosim model --data d.npz --json".split(), f"{where}.json", *options)
-        shutil.rmtree("build/sweep_points", ignore_errors=True)
-        eskin(*sweep, "--out", where, *options)
-    local, far = (json.loads(Path(f"{where}.json").read_text()) for where in ("local", "cluster"))
-    assert without(local, *TIMES) == without(far, *TIMES) and far["recordings"] == 70 and far["bit_exact"]
-    assert (Path("local") / "sweep.json").read_text() == (Path("cluster") / "sweep.json").read_text()

@@ -47,10 +47,8 @@ def asked(monkeypatch) -> dict:
 def test_the_defended_design_itself_is_placed_and_played(asked, recordings):
     cost = defence_cost.hardware_cost(DEFENDED, recordings)
     assert asked["built"] == asked["played"] and asked["part"].name == "icebreaker" and not asked["link"]
-    assert (
-        asked["built"].replace(feature_shift=(), lane_type="plain") == DEFENDED
-        and asked["built"].hardware.lane_type == "dsp"
-    )
+    assert asked["built"].replace(feature_shift=(), lane_type="plain") == DEFENDED
+    assert asked["built"].hardware.lane_type == "dsp"
     assert asked["recordings"] == defence_cost.PLAYED
     assert [cost[key] for key in COSTS] == [900, 29, 22, 220, 170] and cost["bit_exact"]
 
@@ -78,10 +76,8 @@ def test_defences_cost_cells_and_no_cycles(recordings, tmp_path):
         defence_cost.hardware_cost(config, recordings, cache=tmp_path) for config in (PVDF, DEFENDED)
     )
     assert plain["bit_exact"] and defended["bit_exact"]
-    assert (
-        plain["logic_cells"] < defended["logic_cells"] < plain["logic_cells"] + 150
-        and defended["bram"] == plain["bram"] + 1
-    )
+    assert plain["logic_cells"] < defended["logic_cells"] < plain["logic_cells"] + 150
+    assert defended["bram"] == plain["bram"] + 1
     assert np.array_equal(
         [plain[key] for key in COSTS if "cycles" in key], [defended[key] for key in COSTS if "cycles" in key]
     )

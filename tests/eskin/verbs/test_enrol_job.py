@@ -3,13 +3,13 @@ one."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
-import sys
 
 import numpy as np
 import pytest
 
-from eskin.cli import main as command_line
+from eskin.golden.data.archive import save_archive
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import run as run_model
 from eskin.golden.training import enrol as enrolling
@@ -23,19 +23,6 @@ from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL
 
 
-def write(path, recordings) -> str:
-    np.savez(
-        path,
-        samples=recordings.samples.astype(np.int16),
-        offsets=recordings.offsets,
-        labels=recordings.labels,
-        class_names=np.array(recordings.class_names),
-        sample_rate_hz=recordings.sample_rate_hz,
-        **recordings.groups,
-    )
-    return str(path)
-
-
 @pytest.fixture(scope="module")
 def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("enrolled")
@@ -44,32 +31,15 @@ def files(tmp_path_factory):
     quantise(folder / "model", OLD)
     (folder / "small.json").write_text(signed.to_json())
     for name, recordings in (("few", FEW), ("old", OLD), ("both", BOTH)):
-        write(folder / f"{name}.npz", recordings)
+        save_archive(dataclasses.replace(recordings, sample_signed=True), folder / f"{name}.npz")
     return folder
-
-
-@pytest.fixture
-def call(monkeypatch, capsys):
-    """``call(*arguments)``: eskin enrol; (status, output, errors)."""
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["eskin", "enrol", *map(str, arguments)])
-        status = 0
-        try:
-            command_line.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        out, errors = capsys.readouterr()
-        return status, out, errors
-
-    return run
 
 
 def test_the_board_of_the_old_model_runs_the_new_one(call, files, tmp_path, monkeypatch):
     """The device is of the old configuration; replay loads the new weights, and the decisions are the new
     model's."""
     status, out, errors = call(
+        "enrol",
         files / "model",
         "--data",
         files / "few.npz",
@@ -102,19 +72,8 @@ def test_the_board_of_the_old_model_runs_the_new_one(call, files, tmp_path, monk
 
 def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
     monkeypatch.setitem(enrol_job.evaluate.__kwdefaults__, "cache", tmp_path / "cache")
-    options = (
-        "--evaluate",
-        "--data",
-        files / "both.npz",
-        "--config",
-        files / "small.json",
-        "--group",
-        "mounting",
-        "-k",
-        "1",
-        "--jobs",
-        "1",
-    )
+    options = ["enrol", "--data", files / "both.npz", "--config", files / "small.json"]
+    options += "--evaluate --group mounting -k 1 --jobs 1".split()
     status, out, errors = call(*options, "--seeds", "1", "--json", tmp_path / "one.json")
     assert status == 0 and "mounting" in out and "Traceback" not in errors
     one = json.loads((tmp_path / "one.json").read_text())
@@ -176,7 +135,7 @@ def test_the_evaluation_is_kept_and_repeats(call, files, tmp_path, monkeypatch):
 )
 def test_bad_usage_is_one_sentence(call, files, monkeypatch, arguments, says):
     monkeypatch.chdir(files)
-    status, _, errors = call(*arguments)
+    status, _, errors = call("enrol", *arguments)
     assert (
         status == 2 and says in errors and len(errors.strip().splitlines()) <= 2 and "Traceback" not in errors
     ), errors
@@ -184,5 +143,5 @@ def test_bad_usage_is_one_sentence(call, files, monkeypatch, arguments, says):
 
 
 def test_help_has_both_examples(call):
-    _, out, _ = call("--help")
+    _, out, _ = call("enrol", "--help")
     assert "--evaluate" in out and "few.npz" in out

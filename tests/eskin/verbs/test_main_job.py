@@ -14,12 +14,14 @@ import numpy as np
 import pytest
 
 from eskin.cosim.runner import SimulationError
+from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.training.choose_front_end import Plan
 from eskin.rtl.fpga.generate import MARK
 from eskin.verbs import main_job, milestones
 from tests.support import result_case
+from tests.support.folder import contents
 from tests.support.result_case import CONFIG, cosimulation, evaluation, float_model, training_record
 
 WRITE_REPORT = main_job.report.write_report
@@ -131,19 +133,12 @@ def run(out: Path, **options):
     return main_job.run("made", out=out, console=QUIET, **options)
 
 
-def files(folder: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-    }
-
-
 ORDER = ["train", "quantise", "evaluate", "yardsticks", "generate", "cosim", "declared", "lowest", "report"]
 
 
 def test_everything_is_there_and_nothing_else(chain, tmp_path):
     out = tmp_path / "run"
+    assert not all(row["met"] for row in cosimulation(1)["budgets"]), "a reference row never decides"
     record = run(out)
     assert chain.calls == ORDER
     assert {path.name for path in out.iterdir()} == {
@@ -180,13 +175,13 @@ def test_everything_is_there_and_nothing_else(chain, tmp_path):
 def test_an_interrupted_run_leaves_the_old_result_and_goes_on_where_it_stopped(chain, tmp_path, stage, stop):
     out = tmp_path / "run"
     run(out)
-    before = files(out)
+    before = contents(out)
     chain.recordings = result_case.recordings(10)  # other data: nothing of the old run can be used
     chain.calls.clear()
     chain.stop_at, chain.stop = stage, stop
     with pytest.raises(stop):
         run(out)
-    assert files(out) == before
+    assert contents(out) == before
     assert chain.calls == ORDER[: ORDER.index(stage) + 1]
     chain.calls.clear()
     chain.stop_at = ""
@@ -219,29 +214,21 @@ def change_code(chain, monkeypatch):
     monkeypatch.setattr(main_job, "code_version", lambda *packages: "other code")
 
 
-@pytest.mark.parametrize("change", [change_data, change_labels, change_groups, change_config, change_code])
+@pytest.mark.parametrize(
+    "change", [change_data, change_labels, change_groups, change_config, change_code, None]
+)
 def test_a_stage_of_other_inputs_is_not_taken_over(chain, monkeypatch, tmp_path, change):
     chain.stop_at = "cosim"
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path / "run")
-    change(chain, monkeypatch)
+    if change:
+        change(chain, monkeypatch)
     chain.calls.clear()
     chain.stop_at = ""
-    run(tmp_path / "run")
+    run(tmp_path / "run", seed=0 if change else 2)
     assert chain.calls == ORDER
-
-
-def test_the_seed_is_an_input(chain, tmp_path):
-    chain.stop_at = "cosim"
-    with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "run", seed=1)
-    chain.calls.clear()
-    with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "run", seed=2)
-    assert chain.calls[0] == "train"
-    chain.stop_at = ""
-    run(tmp_path / "run", seed=2)
-    assert json.loads((tmp_path / "run/model/training.json").read_text())["seed"] == 2
+    training = json.loads((tmp_path / "run/model/training.json").read_text())
+    assert training["seed"] == (0 if change else 2)
 
 
 def test_another_number_of_recordings_trains_no_second_time(chain, tmp_path):
@@ -285,11 +272,6 @@ def test_the_report_is_made_of_what_the_job_wrote(chain, monkeypatch, tmp_path):
     run(tmp_path / "run")
     page = (tmp_path / "run/report.html").read_text()
     assert "1 of 6 checks did not hold" in page and chain.recordings.content in page
-
-
-def test_a_reference_row_never_decides(chain, tmp_path):
-    assert not all(row["met"] for row in cosimulation(1)["budgets"])
-    assert run(tmp_path / "run")["passed"]
 
 
 def test_waves_of_a_mismatch_come_with_the_result(chain, tmp_path):
@@ -424,12 +406,7 @@ def test_out_with_other_files_is_refused_before_any_work(chain, tmp_path):
     with pytest.raises(InputError, match="is a file"):
         run(tmp_path / "file")
     assert not chain.calls and sorted(path.name for path in tmp_path.iterdir()) == ["file", "run"]
-    assert files(out) == {"thesis.txt": b"mine"}
-
-
-def test_an_empty_folder_is_taken(chain, tmp_path):
-    (tmp_path / "run").mkdir()
-    assert run(tmp_path / "run")["passed"]
+    assert contents(out) == {"thesis.txt": b"mine"}
 
 
 def test_two_runs_at_once_are_refused(chain, tmp_path):
@@ -446,13 +423,13 @@ def test_two_runs_at_once_are_refused(chain, tmp_path):
 def test_a_run_stopped_between_the_two_renames_is_put_right(chain, tmp_path):
     out = tmp_path / "run"
     run(out)
-    before = files(out)
+    before = contents(out)
     (tmp_path / ".run.work").mkdir()
     shutil.move(out, tmp_path / ".run.work/old")
     chain.stop_at = "train"
     with pytest.raises(KeyboardInterrupt):
         run(out, seed=9)
-    assert files(out) == before and [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert contents(out) == before and [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_bad_input_in_training_leaves_nothing(chain, tmp_path):
@@ -492,3 +469,16 @@ def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
     )
     page = (tmp_path / "run/report.html").read_text()
     assert "Accuracy against cost" in page and "The front end and its rivals" in page
+
+
+@pytest.mark.parametrize(
+    ("taxels", "board", "said"),
+    [
+        (16, "icebreaker", ", fits the icebreaker"),
+        (256, "icebreaker", "does not fit the icebreaker with its link; the ulx3s would hold it"),
+        (256, "ulx3s", ", fits the ulx3s"),
+    ],
+)
+def test_before_anything_is_simulated_a_board_is_named(taxels, board, said):
+    config = AcceleratorConfig().replace(taxels=taxels, cell="linear")
+    assert main_job.board_sentence(config, board).endswith(said)

@@ -4,13 +4,14 @@ everything that can go wrong."""
 from __future__ import annotations
 
 import json
-import sys
 
 import numpy as np
 import pytest
 
-from eskin.cli import main as command_line
 from eskin.cosim import link
+from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.data.archive import save_archive
+from eskin.golden.model.image_network import image_recordings, random_images
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.generate import boot_writes
@@ -35,56 +36,31 @@ def recordings(model):
 
 
 @pytest.fixture
-def call(model, recordings, tmp_path, monkeypatch, capsys):
-    """``call(port, *options)``: eskin replay of the model and recordings; (status, output, errors)."""
-    monkeypatch.setenv("COLUMNS", "200")
+def replay(call, model, recordings, tmp_path, monkeypatch):
+    """``replay(port, *options)``: eskin replay of the model and recordings; (status, output, errors)."""
     model.save(tmp_path / "model")
-    np.savez(
-        tmp_path / "data.npz",
-        samples=recordings.samples,
-        offsets=recordings.offsets,
-        labels=recordings.labels,
-        class_names=np.array(recordings.class_names),
-        sample_rate_hz=recordings.sample_rate_hz,
-    )
+    save_archive(recordings, tmp_path / "data.npz")
     monkeypatch.setattr(replay_job, "ANSWER_S", 0.1)
 
     def run(port: str, *options: str) -> tuple[int, str, str]:
-        arguments = [
-            "eskin",
-            "replay",
-            str(tmp_path / "model"),
-            "--port",
-            port,
-            "--data",
-            str(tmp_path / "data.npz"),
-            *options,
-        ]
-        arguments += [] if {"--build", "--baud", "no build"} & set(options) else ["--baud", "2000000"]
-        arguments = [word for word in arguments if word != "no build"]
-        monkeypatch.setattr(sys, "argv", arguments)
-        status = 0
-        try:
-            command_line.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        out, errors = capsys.readouterr()
-        return status, out, errors
+        rate = [] if {"--build", "--baud", "no build"} & set(options) else ["--baud", "2000000"]
+        more = [word for word in (*options, *rate) if word != "no build"]
+        return call("replay", tmp_path / "model", "--port", port, "--data", tmp_path / "data.npz", *more)
 
     return run
 
 
-def test_equal_decisions(call, model, recordings, tmp_path):
+def test_equal_decisions(replay, model, recordings, tmp_path):
     with Device(model.config, golden_decisions(model, recordings)) as device:
-        status, out, errors = call(device.port, "--json", str(tmp_path / "replay.json"))
+        status, out, errors = replay(device.port, "--json", str(tmp_path / "replay.json"))
     assert (status, errors) == (0, "") and "equal" in out
     result = json.loads((tmp_path / "replay.json").read_text())
-    assert (
-        result["bit_exact"] and result["passed"] and result["mismatches"] == 0 and result["recordings"] == 5
-    )
-    assert (
-        result["frames"] == recordings.frames == device.taken and result["decisions"] == device.decisions > 10
-    )
+    assert result["bit_exact"]
+    assert result["passed"]
+    assert result["mismatches"] == 0
+    assert result["recordings"] == 5
+    assert result["frames"] == recordings.frames == device.taken
+    assert result["decisions"] == device.decisions > 10
     assert result["repeated"] == result["replayed"] == result["unanswered"] == result["damaged"] == 0
     loads = boot_writes(model.config, model.arrays)
     assert device.writes[1 : 1 + len(loads)] == loads
@@ -101,19 +77,19 @@ def test_equal_decisions(call, model, recordings, tmp_path):
         (("--save-taught", "kept.npz"), "field readout: is 'dense', which is trained and not taught"),
     ],
 )
-def test_a_model_that_cannot_be_taught_is_refused(call, options, says):
-    status, _, errors = call("no port", *options)
+def test_a_model_that_cannot_be_taught_is_refused(replay, options, says):
+    status, _, errors = replay("no port", *options)
     assert status == 2 and says in errors
 
 
-def test_some_of_the_recordings(call, model, recordings):
+def test_some_of_the_recordings(replay, model, recordings):
     with Device(model.config, golden_decisions(model, recordings)) as device:
-        status, out, _ = call(device.port, "--recordings", "2")
+        status, out, _ = replay(device.port, "--recordings", "2")
     assert status == 0 and "of 2 recordings" in out
 
 
 @each_row(("column", "field"), [(2, "class"), (3, "margin"), (1, "step")])
-def test_one_differing_decision_is_found(call, model, recordings, column, field):
+def test_one_differing_decision_is_found(replay, model, recordings, column, field):
     golden = golden_decisions(model, recordings)
 
     def decide(samples):
@@ -124,18 +100,16 @@ def test_one_differing_decision_is_found(call, model, recordings, column, field)
         return rows, touches
 
     with Device(model.config, decide) as device:
-        status, out, _ = call(device.port)
+        status, out, _ = replay(device.port)
     mismatches = [line for line in out.splitlines() if line.startswith("mismatch: ")]
-    assert (
-        status == 1
-        and len(mismatches) == 1
-        and mismatches[0].startswith("mismatch: recording 2")
-        and field in mismatches[0]
-    )
+    assert status == 1
+    assert len(mismatches) == 1
+    assert mismatches[0].startswith("mismatch: recording 2")
+    assert field in mismatches[0]
 
 
 @each_row("way", ["missing", "extra", "touches"])
-def test_decisions_too_few_or_many_are_found(call, model, recordings, way):
+def test_decisions_too_few_or_many_are_found(replay, model, recordings, way):
     golden = golden_decisions(model, recordings)
 
     def decide(samples):
@@ -149,35 +123,28 @@ def test_decisions_too_few_or_many_are_found(call, model, recordings, way):
         return rows, touches
 
     with Device(model.config, decide) as device:
-        status, out, _ = call(device.port)
+        status, out, _ = replay(device.port)
     assert status == 1 and "mismatch: recording 2" in out
 
 
-@each_row("sent", [False, True])
-def test_lost_packets_change_nothing(call, model, recordings, tmp_path, sent):
-    every = 31 if sent else 57
-    with Device(
-        model.config,
-        golden_decisions(model, recordings),
-        loses=lambda number, out: out == sent and number % every == 0,
-    ) as device:
-        status, _, _ = call(device.port, "--json", str(tmp_path / "replay.json"))
-    result = json.loads((tmp_path / "replay.json").read_text())
-    assert status == 0 and result["bit_exact"]
-    assert result["replayed" if sent else "repeated"] > 0 and (sent or result["frames"] <= device.taken)
-
-
-@each_row("which", [0, -1])
-def test_one_lost_decision_is_missed(call, model, recordings, tmp_path, which):
+def test_lost_packets_change_nothing(replay, model, recordings, tmp_path):
+    """Some on the way there, or back; the first or the last decision of a recording alone."""
     golden = golden_decisions(model, recordings)
     with Device(model.config, golden) as device:
-        call(device.port)
-    first = len(golden(recordings.recording(0))[0])
-    lost = device.decision_packets[:first][which]
-    with Device(model.config, golden, loses=lambda number, sent: sent and number == lost) as device:
-        status, _, _ = call(device.port, "--json", str(tmp_path / "replay.json"))
-    result = json.loads((tmp_path / "replay.json").read_text())
-    assert status == 0 and result["bit_exact"] and result["replayed"] == 1
+        replay(device.port)
+    decided = device.decision_packets[: len(golden(recordings.recording(0))[0])]
+    for key, loses in (
+        ("repeated", lambda number, sent: not sent and number % 57 == 0),
+        ("replayed", lambda number, sent: sent and number % 31 == 0),
+        ("replayed", lambda number, sent: sent and number == decided[0]),
+        ("replayed", lambda number, sent: sent and number == decided[-1]),
+    ):
+        with Device(model.config, golden, loses=loses) as device:
+            status, _, _ = replay(device.port, "--json", str(tmp_path / "replay.json"))
+        result = json.loads((tmp_path / "replay.json").read_text())
+        assert status == 0 and result["bit_exact"] and result[key] > 0
+        assert key == "replayed" or result["frames"] <= device.taken
+    assert result["replayed"] == 1
 
 
 MISTAKES = {
@@ -190,25 +157,25 @@ MISTAKES = {
 
 
 @each_row("mistake", MISTAKES)
-def test_a_board_that_is_not_as_it_should_be_is_named(call, model, recordings, tmp_path, mistake):
+def test_a_board_that_is_not_as_it_should_be_is_named(replay, model, recordings, tmp_path, mistake):
     options, sentence = MISTAKES[mistake]
     with Device(model.config, golden_decisions(model, recordings), **options) as device:
-        status, out, errors = call(device.port, "--json", str(tmp_path / "replay.json"))
+        status, out, errors = replay(device.port, "--json", str(tmp_path / "replay.json"))
         assert (status, out) == (2, "")
     assert errors.count("\n") == 1 and f"--port {device.port}: " in errors and sentence in errors
     assert not (tmp_path / "replay.json").exists()
 
 
-def test_a_bitstream_for_other_taxels(call, model, recordings):
+def test_a_bitstream_for_other_taxels(replay, model, recordings):
     with Device(model.config.replace(taxels=5), golden_decisions(model, recordings)) as device:
-        status, _, errors = call(device.port)
+        status, _, errors = replay(device.port)
     assert status == 2 and "another number of taxels" in errors
 
 
-def test_no_port_and_no_number_of_recordings(call):
-    status, _, errors = call("/dev/no-such-port")
+def test_no_port_and_no_number_of_recordings(replay):
+    status, _, errors = replay("/dev/no-such-port")
     assert status == 2 and "--port /dev/no-such-port: cannot be opened (there is no such port)" in errors
-    status, _, errors = call("/dev/no-such-port", "--recordings", "none")
+    status, _, errors = replay("/dev/no-such-port", "--recordings", "none")
     assert status == 2 and "--recordings none" in errors
 
 
@@ -220,22 +187,22 @@ def built(folder, **changes) -> None:
 
 
 @each_row("way", ["named", "the only one"])
-def test_the_rate_and_the_lanes_are_the_builds(call, model, recordings, tmp_path, monkeypatch, way):
+def test_the_rate_and_the_lanes_are_the_builds(replay, model, recordings, tmp_path, monkeypatch, way):
     """An ulx3s's link runs at 1.923 Mbaud by default; replay spoke at 2, which is 4 % off where 2 % are
     allowed."""
     monkeypatch.chdir(tmp_path)
     built(tmp_path / "build/board/ulx3s")
     with Device(model.config, golden_decisions(model, recordings)) as device:
         options = ("--build", "build/board/ulx3s") if way == "named" else ("no build",)
-        status, _, errors = call(device.port, *options, "--json", "replay.json")
+        status, _, errors = replay(device.port, *options, "--json", "replay.json")
     assert (status, errors) == (0, "") and json.loads((tmp_path / "replay.json").read_text())[
         "baud"
     ] == 1923077
 
 
-def test_a_build_that_does_not_tell_is_refused(call, tmp_path, monkeypatch):
+def test_a_build_that_does_not_tell_is_refused(replay, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert "build/board has none), or give --baud" in call("port", "no build")[2]
+    assert "build/board has none), or give --baud" in replay("port", "no build")[2]
     built(tmp_path / "build/board/ulx3s")
     built(tmp_path / "build/board/icestick", link=False)
     (tmp_path / "other").mkdir()
@@ -248,7 +215,7 @@ def test_a_build_that_does_not_tell_is_refused(call, tmp_path, monkeypatch):
         ("no build", "--lane-type", "serial"): "--lane-type: is told by the build",
     }
     for options, sentence in said.items():
-        status, out, errors = call("port", *options)
+        status, out, errors = replay("port", *options)
         assert (status, out) == (2, "") and sentence in errors and errors.count("\n") == 1, options
 
 
@@ -319,19 +286,10 @@ def test_late_answers_are_asked_again_and_a_reset_is_noticed():
 
 
 # ---------------------------------------------------------------------- images
-def image_case():
-    from eskin.golden.core.config import AcceleratorConfig
-    from eskin.golden.model.image_network import image_recordings, random_images
-
-    config = AcceleratorConfig.of_image(
-        5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring")
-    ).with_lanes(4, "plain")
-    made = random_image_model(config, seed=3)
-    return made, image_recordings(made.config, random_images(made.config, 6, seed=2))
-
-
 def test_images_are_played_row_by_row_and_their_decisions_compared():
-    made, images = image_case()
+    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
+    made = random_image_model(config.with_lanes(4, "plain"), seed=3)
+    images = image_recordings(made.config, random_images(made.config, 6, seed=2))
     golden = golden_decisions(made, images)
 
     def wrong(samples):

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.data.archive import save_archive
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import random_images, run_images
+from eskin.golden.model.image_network import random_images
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.prototypes import forget
@@ -144,10 +144,8 @@ def test_the_page_in_a_browser():
         assert {address.split("/")[2] for address in browser.requests(page)} == {
             watched.address.split("/")[2]
         }
-    assert (
-        watched.result["decisions"] == dict(enumerate(trace.decision.tolist()))
-        and watched.result["recordings"] == 4
-    )
+    assert watched.result["decisions"] == dict(enumerate(trace.decision.tolist()))
+    assert watched.result["recordings"] == 4
 
 
 def all_wrong(model, label: int):
@@ -209,33 +207,11 @@ def test_a_touch_taught_in_the_browser_is_known_the_next_time(simulate):
 def folder(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     random_integer_model(SMALL, 3).save("model")
-    recordings = scene(9, seed=2)
-    np.savez(
-        "data.npz",
-        samples=recordings.samples.astype(np.uint16),
-        offsets=recordings.offsets,
-        labels=recordings.labels,
-        class_names=np.array(recordings.class_names),
-        sample_rate_hz=recordings.sample_rate_hz,
-    )
+    save_archive(scene(9, seed=2), tmp_path / "data.npz")
     return tmp_path
 
 
-@pytest.fixture
-def call(folder, monkeypatch, capsys):
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["eskin", "watch", *map(str, words)])
-        status = 0
-        try:
-            command_line.main()
-        except SystemExit as end:
-            status = int(end.code or 0)
-        return status, *capsys.readouterr()
-
-    return run
-
-
-PLAY = ("model", "--data", "data.npz", "--speed", "max")
+PLAY = ("watch", "model", "--data", "data.npz", "--speed", "max")
 
 
 def test_a_line_for_each_recording_and_what_was_recorded(call, folder):
@@ -251,10 +227,8 @@ def test_a_line_for_each_recording_and_what_was_recorded(call, folder):
         for k, line in enumerate(lines)
     )
     with np.load(folder / "played.npz") as archive:
-        assert (
-            archive["decision"][:, 0].tolist() == trace.decision.tolist()
-            and (archive["samples"] == scene(9, seed=2).samples).all()
-        )
+        assert archive["decision"][:, 0].tolist() == trace.decision.tolist()
+        assert (archive["samples"] == scene(9, seed=2).samples).all()
 
 
 def test_classes_come_in_turn():
@@ -293,7 +267,7 @@ def test_an_interrupt_ends_in_order_with_a_whole_record(folder):
     assert not list(folder.glob("played.*.frames"))
 
 
-def test_an_interrupt_while_the_archive_is_written_changes_nothing(call, monkeypatch):
+def test_an_interrupt_while_the_archive_is_written_changes_nothing(call, folder, monkeypatch):
     close = Recorder.close
     monkeypatch.setattr(Recorder, "close", lambda self: (os.kill(os.getpid(), signal.SIGINT), close(self))[1])
     assert call(*PLAY, "--terminal", "--record", "played.npz")[0] == 0
@@ -301,100 +275,51 @@ def test_an_interrupt_while_the_archive_is_written_changes_nothing(call, monkeyp
         assert (archive["samples"] == scene(9, seed=2).samples[: len(archive["samples"])]).all()
 
 
-@each_row(
-    ("words", "sentence"),
-    [
-        (["model"], "--data: is missing; name recordings"),
-        (["nowhere", "--data", "data.npz"], "model 'nowhere': has no config.json, so it is no model folder"),
-        (["model", "--data", "lost.npz"], "recordings 'lost.npz': is not there"),
-        (
-            "model --data data.npz --simulate --port x".split(),
-            "--simulate: the simulated hardware or the board",
-        ),
-        (
-            "model --port /dev/no-such-port --baud 2000000".split(),
-            "--port /dev/no-such-port: cannot be opened (there is no such port)",
-        ),
-        (["model", "--port", "x"], "--build: is missing"),
-        ("model --data data.npz --baud 9600".split(), "--baud: is for a board; add --port"),
-        ("model --data data.npz --lanes 2".split(), "--lanes: is for --simulate"),
-        ("model --data data.npz --speed quick".split(), "--speed quick: is no pace"),
-        ("model --data data.npz --speed nan".split(), "--speed nan: is no pace"),
-        ("model --data data.npz --shape 1x3".split(), "--shape 1x3: holds 3 taxels and the array has 4"),
-        ("model --data data.npz --recordings some".split(), "--recordings some: is no number"),
-        ("model --data data.npz --record played.txt".split(), "--record played.txt: is an archive"),
-        ("model --data data.npz --record model".split(), "--record model: is an archive"),
-        (
-            "model --data data.npz --terminal --host 0.0.0.0".split(),
-            "--host 0.0.0.0: no page is served with --terminal",
-        ),
-        (
-            "model --data data.npz --host 203.0.113.7".split(),
-            "--host 203.0.113.7, --host-port 8765: cannot be opened",
-        ),
-    ],
-)
-def test_mistakes_are_one_sentence(call, folder, words, sentence):
+MISTAKES = {
+    "model": "--data: is missing; name recordings",
+    "nowhere --data data.npz": "model 'nowhere': has no config.json, so it is no model folder",
+    "model --data lost.npz": "recordings 'lost.npz': is not there",
+    "model --data data.npz --simulate --port x": "--simulate: the simulated hardware or the board",
+    "model --port /dev/no-such-port --baud 2000000": "cannot be opened (there is no such port)",
+    "model --port x": "--build: is missing",
+    "model --data data.npz --baud 9600": "--baud: is for a board; add --port",
+    "model --data data.npz --lanes 2": "--lanes: is for --simulate",
+    "model --data data.npz --speed quick": "--speed quick: is no pace",
+    "model --data data.npz --speed nan": "--speed nan: is no pace",
+    "model --data data.npz --shape 1x3": "--shape 1x3: holds 3 taxels and the array has 4",
+    "model --data data.npz --recordings some": "--recordings some: is no number",
+    "model --data data.npz --record played.txt": "--record played.txt: is an archive",
+    "model --data data.npz --record model": "--record model: is an archive",
+    "model --data data.npz --terminal --host 0.0.0.0": "--host 0.0.0.0: no page is served with --terminal",
+    "model --data data.npz --host 203.0.113.7": "--host 203.0.113.7, --host-port 8765: cannot be opened",
+    "images --data images.npz --shape 5x7": "--shape 5x7: is for recordings",
+    "images --data images.npz --record played.npz": "--record played.npz: is for recordings",
+    "images --simulate": "--data: is missing; a model of images",
+    "images --data data.npz": "holds no images and",
+}
+
+
+def test_mistakes_are_one_sentence(call, folder):
+    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "dense 3"), ("cup", "ball", "ring"))
+    random_image_model(config, seed=3).save(folder / "images")
+    np.savez(folder / "images.npz", images=random_images(config, 2, seed=2), labels=["cup", "ball"])
     before = sorted(folder.rglob("*"))
-    status, out, errors = call(*words)
-    assert (
-        (status, out) == (2, "")
-        and errors.count("\n") == 1
-        and sentence in errors
-        and sorted(folder.rglob("*")) == before
-    )
-
-
-@pytest.fixture
-def images(folder):
-    config = AcceleratorConfig.of_image(5, 7, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
-    made = random_image_model(config, seed=3)
-    made.save(folder / "images")
-    rows = random_images(config, 6, seed=2)
-    np.savez(folder / "images.npz", images=rows, labels=np.arange(6) % 3, class_names=["cup", "ball", "ring"])
-    return run_images(made, rows).decision
-
-
-def test_images_are_watched(call, images):
-    status, out, errors = call(*"images --data images.npz --speed max --terminal".split())
-    lines = [line.split(": ")[1] for line in out.splitlines() if line.startswith("recording ")]
-    order = [0, 1, 2, 3, 4, 5]  # the classes in turn
-    assert (status, errors) == (0, "") and "6 recordings to their end, 30 frames" in out
-    assert [line.split(",")[0] for line in lines] == [("cup", "ball", "ring")[images[k]] for k in order]
-
-
-@each_row(
-    ("words", "sentence"),
-    [
-        ("--data images.npz --shape 5x7".split(), "--shape 5x7: is for recordings"),
-        ("--data images.npz --record played.npz".split(), "--record played.npz: is for recordings"),
-        (["--simulate"], "--data: is missing; a model of images"),
-        (["--data", "data.npz"], "holds no images and"),
-    ],
-)
-def test_what_images_do_not_have_is_one_sentence(call, folder, images, words, sentence):
-    before = sorted(folder.rglob("*"))
-    status, out, errors = call("images", *words)
-    assert (
-        (status, out) == (2, "")
-        and errors.count("\n") == 1
-        and sentence in errors
-        and sorted(folder.rglob("*")) == before
-    )
+    for words, sentence in MISTAKES.items():
+        status, out, errors = call("watch", *words.split())
+        assert (status, out, errors.count("\n")) == (2, "", 1) and sentence in errors, (words, errors)
+        assert sorted(folder.rglob("*")) == before, words
 
 
 def test_a_port_that_is_taken(call, folder):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         status, out, errors = call(*PLAY, "--host-port", port, "--record", "played.npz")
-    assert (
-        (status, out) == (2, "")
-        and f"--host-port {port}: another program uses it" in errors
-        and not list(folder.glob("*played*"))
-    )
+    assert (status, out) == (2, "")
+    assert f"--host-port {port}: another program uses it" in errors
+    assert not list(folder.glob("*played*"))
 
 
-def test_a_difference_ends_with_1(call, monkeypatch):
+def test_a_difference_ends_with_1(call, folder, monkeypatch):
     from tests.eskin.live.test_sources import Twin
 
     def simulator(design, config, registers, boot, builds):

@@ -51,11 +51,9 @@ def test_a_row_weighs_recordings_and_spreads_over_runs():
     ]
     outcome = row_of(METHODS["svm"], ["person"], runs)
     assert outcome["accuracy"] == pytest.approx((15 + 10 + 21 + 8) / 80)
-    assert (
-        outcome["spread"] == pytest.approx(np.std([0.5, 1.0, 0.7, 0.8]))
-        and outcome["best"] == 1.0
-        and outcome["seeds"] == 2
-    )
+    assert outcome["spread"] == pytest.approx(np.std([0.5, 1.0, 0.7, 0.8]))
+    assert outcome["best"] == 1.0
+    assert outcome["seeds"] == 2
     # 40 recordings, twice
     assert outcome["standard_error"] == pytest.approx(
         np.sqrt(outcome["accuracy"] * (1 - outcome["accuracy"]) / 40)
@@ -69,11 +67,9 @@ def test_a_row_weighs_recordings_and_spreads_over_runs():
     assert outcome["decision_us_99"] > 90
     assert set(outcome) >= ROW_KEYS
     network = row_of(METHODS["gru12"], [], [run(0, 0.5, float_accuracy=0.6), run(1, 0.7, float_accuracy=0.6)])
-    assert (
-        network["hardware"]
-        and network["float_accuracy"] == pytest.approx(0.6)
-        and network["float_spread"] == 0.0
-    )
+    assert network["hardware"]
+    assert network["float_accuracy"] == pytest.approx(0.6)
+    assert network["float_spread"] == 0.0
     assert network["split"] == "recordings"
 
 
@@ -123,10 +119,8 @@ def order_rows(first, second):
 def test_an_order_holds_by_more_than_its_error_or_not(first, second, holds):
     (outcome,) = orders(order_rows(first, second))
     assert outcome["order"] == "GRU20 above GRU256" and outcome["holds"] is holds
-    assert (
-        outcome["difference"] == pytest.approx(np.mean(first) - np.mean(second))
-        and outcome["above"]["spread"] == 0.1
-    )
+    assert outcome["difference"] == pytest.approx(np.mean(first) - np.mean(second))
+    assert outcome["above"]["spread"] == 0.1
 
 
 def test_networks_of_the_thesis_have_its_sizes():

@@ -7,7 +7,6 @@ import os
 import time
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 import torch
@@ -22,10 +21,11 @@ from eskin.golden.model.vectors import write_vectors
 from eskin.golden.training.import_network import read_layers
 from eskin.rtl.fpga.generate import generate
 from tests.golden.model.test_model import float_model
+from tests.support.folder import contents
 from tests.support.touch_scenes import SMALL, scene
 
 
-@pytest.fixture(params=[0o022, 0o077, 0o002], ids=oct)
+@pytest.fixture(params=[0o027], ids=oct)
 def umask(request):
     before = os.umask(request.param)
     yield request.param
@@ -44,19 +44,16 @@ def test_files_and_folders_are_readable_as_the_umask_says(tmp_path, umask):
         assert path.stat().st_mode & 0o777 == (0o777 if path.is_dir() else 0o666) & ~umask, path
 
 
-def snapshot(folder: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b""
-        for path in sorted(folder.rglob("*"))
-    }
-
-
 @pytest.mark.parametrize("fails_at", [1, 2])
-def test_a_design_whose_exchange_fails_is_as_it_was(tmp_path, monkeypatch, fails_at):
+def test_a_folder_whose_exchange_fails_is_as_it_was(tmp_path, monkeypatch, fails_at):
     """The disk is full, or somebody stops the program, at the first or the second rename."""
-    old, new = random_integer_model(SMALL, 1), random_integer_model(SMALL, 2)
-    generate(old.config, old.arrays, tmp_path / "design")
-    before, real, calls = snapshot(tmp_path), os.rename, []
+
+    def write(content: str) -> None:
+        with replacing_folder(tmp_path / "design") as fresh:
+            (fresh / "file").write_text(content)
+
+    write("old")
+    before, real, calls = contents(tmp_path), os.rename, []
 
     def failing(source, target):
         calls.append(target)
@@ -67,9 +64,9 @@ def test_a_design_whose_exchange_fails_is_as_it_was(tmp_path, monkeypatch, fails
     monkeypatch.setattr(os, "rename", failing)
     monkeypatch.setattr(os, "replace", failing)
     with pytest.raises(OSError, match="No space left"):
-        generate(new.config, new.arrays, tmp_path / "design")
+        write("new")
     monkeypatch.undo()
-    assert snapshot(tmp_path) == before
+    assert contents(tmp_path) == before
 
 
 def test_two_writers_of_one_folder_both_end_and_one_of_them_is_whole(tmp_path, monkeypatch):
@@ -86,16 +83,16 @@ def test_two_writers_of_one_folder_both_end_and_one_of_them_is_whole(tmp_path, m
     with ThreadPoolExecutor(4) as pool:
         for writer in [pool.submit(write, name) for name in "1234"]:
             writer.result()
-    assert len(set(snapshot(tmp_path / "folder").values())) == 1 and os.listdir(tmp_path) == ["folder"]
+    assert len(set(contents(tmp_path / "folder").values())) == 1 and os.listdir(tmp_path) == ["folder"]
 
 
 def test_a_file_that_cannot_be_finished_leaves_the_old_one(tmp_path):
     write_json(tmp_path / "a.json", 1)
-    before = snapshot(tmp_path)
+    before = contents(tmp_path)
     with pytest.raises(ValueError, match="half"), replacing(tmp_path / "a.json") as temporary:
         temporary.write_text("half")
         raise ValueError("half")
-    assert snapshot(tmp_path) == before
+    assert contents(tmp_path) == before
 
 
 def test_no_touches_are_touches_too(monkeypatch):
@@ -110,10 +107,11 @@ def test_no_touches_are_touches_too(monkeypatch):
     assert pipeline.run(real, data, touches=found).decision.tolist() == [-1]
 
 
+STATE = torch.nn.ModuleDict({"rnn": torch.nn.GRU(4, 5), "head": torch.nn.Linear(5, 3)}).state_dict()
+
+
 def test_a_torch_file_that_unpacks_to_too_much_is_refused_unread(tmp_path, monkeypatch):
-    state = {"rnn." + name: array for name, array in torch.nn.GRU(4, 5).state_dict().items()}
-    state |= {"head." + name: array for name, array in torch.nn.Linear(5, 3).state_dict().items()}
-    torch.save(state, tmp_path / "net.pt")
+    torch.save(STATE, tmp_path / "net.pt")
     assert read_layers(tmp_path / "net.pt").kind == "torch"
     bomb = tmp_path / "bomb.pt"
     with (
@@ -136,9 +134,8 @@ def test_a_torch_file_that_unpacks_to_too_much_is_refused_unread(tmp_path, monke
 
 
 def test_a_view_that_shows_one_number_time_and_again_is_refused(tmp_path):
-    state = {"rnn." + name: array for name, array in torch.nn.GRU(4, 5).state_dict().items()}
-    state |= {"head.weight": torch.zeros(1).expand(3, 1 << 40), "head.bias": torch.zeros(3)}
-    torch.save(state, tmp_path / "view.pt")
+    view = {"head.weight": torch.zeros(1).expand(3, 1 << 40)}
+    torch.save(STATE | view, tmp_path / "view.pt")
     assert (tmp_path / "view.pt").stat().st_size < 1 << 17
     with pytest.raises(InputError, match="network '.*view.pt', array head.weight"):
         read_layers(tmp_path / "view.pt")

@@ -49,21 +49,14 @@ def folder(tmp_path, text_of):
 @each_row(
     ("extra", "groups", "note"),
     [
-        ({"label": lambda r, k: r % 2}, {}, "column 'label' tells the class, too,"),
         ({"class_id": lambda r, k: 7 * (r % 2)}, {}, "column 'class_id' tells the class, too,"),
         (
             {"operator": lambda r, k: r // 3},
             {"operator": [0, 0, 0, 1, 1, 1, 2, 2]},
             "column 'operator' has one value in each recording",
         ),
-        (
-            {"hand": lambda r, k: "lr"[r // 4]},
-            {"hand": [*"llllrrrr"]},
-            "column 'hand' has one value in each recording",
-        ),
         ({"person": lambda r, k: r // 2}, {"person": [0, 0, 1, 1, 2, 2, 3, 3]}, "groups: person"),
         ({"tick": lambda r, k: 1000 * r + k**3}, {}, "column 'tick' runs on like a time"),
-        ({"left": lambda r, k: 900 - k}, {}, "column 'left' runs on like a time"),
         ({"clock": lambda r, k: k // 4}, {}, "column 'clock' runs on like a time"),
         ({"byte": lambda r, k: (250 + k) % 256}, {}, "column 'byte' runs on like a time"),
         ({"time": lambda r, k: k / 100, "elapsed": lambda r, k: 9 + k}, {}, "column 'elapsed' is time, too,"),
@@ -74,9 +67,8 @@ def folder(tmp_path, text_of):
 )
 def test_another_column_is_understood_and_said(tmp_path, extra, groups, note):
     recordings = read(tmp_path, table(**extra))
-    assert (
-        np.array_equal(recordings.samples, CODES.reshape(-1, 3)) and recordings.labels.tolist() == [0, 1] * 4
-    )
+    assert np.array_equal(recordings.samples, CODES.reshape(-1, 3))
+    assert recordings.labels.tolist() == [0, 1] * 4
     assert {
         name: values.tolist() for name, values in recordings.groups.items() if name != "recording"
     } == groups
@@ -89,10 +81,8 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
         table(force=lambda r, k: int(50 * np.sin(k / 3)), t3=lambda r, k: r % 2, dead=lambda r, k: 5),
     )
     assert wave.taxels == 6 and "columns force, t3 to t2, dead are the 6 taxels" in wave.notes[0]
-    assert (
-        "column 't3' keeps its value in each recording and was taken as a taxel" in wave.notes
-        and len(wave.notes) == 5
-    )
+    assert "column 't3' keeps its value in each recording and was taken as a taxel" in wave.notes
+    assert len(wave.notes) == 5
     assert read(tmp_path, table(tick=lambda r, k: k), Reading(rate_hz=100, columns=("tick", "t1"))).samples[
         :3, 0
     ].tolist() == [0, 1, 2]
@@ -131,10 +121,8 @@ def test_long_numbers_and_numbers_as_names(tmp_path):
     assert read(tmp_path, table(labels=["1234567", "1234568"])).class_names == ("1234567", "1234568")
     assert read(tmp_path, table(labels=["x" + "1" * 5000, "x" + "2" * 5000])).labels.tolist() == [0, 1] * 4
     cut = read(tmp_path, table().replace("r1,b", "r0,b"))
-    assert (
-        len(cut) == 8
-        and "changes inside recordings, 1 times, first in line 32: they were cut there" in cut.notes[1]
-    )
+    assert len(cut) == 8
+    assert "changes inside recordings, 1 times, first in line 32: they were cut there" in cut.notes[1]
     assert read(tmp_path, table(names="0,1,2")).taxels == 3
 
 
@@ -152,10 +140,8 @@ def test_commas_between_thousands(tmp_path, delimiter):
         for row in (CODES[0] - 1000).tolist()
     ]
     recordings = folder(tmp_path, lambda label, number: "\n".join([delimiter.join("abc"), *shown]))
-    assert (
-        np.array_equal(recordings.recording(0), CODES[0] - 1000)
-        and "commas in numbers separate thousands" in recordings.notes
-    )
+    assert np.array_equal(recordings.recording(0), CODES[0] - 1000)
+    assert "commas in numbers separate thousands" in recordings.notes
 
 
 def test_decimal_commas_of_three_digits_beside_a_zero(tmp_path):

@@ -29,11 +29,9 @@ def folder_of(tmp_path, mode="L"):
 def test_a_folder_by_class_is_an_archive_of_images(tmp_path, mode):
     images = folder_of(tmp_path, mode)
     loaded = load_recordings(tmp_path)
-    assert (
-        loaded.image_shape == (6, 9)
-        and loaded.class_names == ("ball", "cup")
-        and loaded.labels.tolist() == [0, 0, 0, 1, 1, 1]
-    )
+    assert loaded.image_shape == (6, 9)
+    assert loaded.class_names == ("ball", "cup")
+    assert loaded.labels.tolist() == [0, 0, 0, 1, 1, 1]
     assert (loaded.recording(4) == images["cup", 1]).all() and loaded.groups["source_file"][4] == "cup1.png"
 
 

@@ -4,7 +4,6 @@ apart."""
 from __future__ import annotations
 
 import shutil
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -49,11 +48,9 @@ def test_an_archive_is_read_as_it_was_written(tmp_path):
     assert len(recordings) == 3 and recordings.taxels == 4 and recordings.frames == 30
     assert recordings.samples.dtype == np.int32 and np.array_equal(recordings.samples, expected["samples"])
     assert np.array_equal(recordings.recording(1), expected["samples"][8:20])
-    assert (
-        list(recordings.lengths) == [8, 12, 10]
-        and list(recordings.labels) == [0, 1, 0]
-        and list(recordings.class_counts) == [2, 1]
-    )
+    assert list(recordings.lengths) == [8, 12, 10]
+    assert list(recordings.labels) == [0, 1, 0]
+    assert list(recordings.class_counts) == [2, 1]
     assert recordings.class_names == ("rough", "smooth") and recordings.sample_rate_hz == 250.0
     assert list(recordings.groups) == ["trial"] and list(recordings.groups["trial"]) == [1, 2, 3]
     assert recordings.volt_per_code == 6.25e-5
@@ -80,9 +77,6 @@ def test_the_code_format_follows_the_type_and_beyond_16_bits_the_values(tmp_path
 REFUSALS = [
     (dict(samples=None), "array samples: is missing"),
     (dict(offsets=None), "array offsets: is missing"),
-    (dict(labels=None), "array labels: is missing"),
-    (dict(class_names=None), "array class_names: is missing"),
-    (dict(sample_rate_hz=None), "array sample_rate_hz: is missing"),
     (dict(samples=np.full((30, 4), np.nan)), "array samples: holds nan at row 0, taxel 0"),
     (dict(samples=np.zeros((30, 4), bool)), "array samples: holds bool, not numbers"),
     (dict(samples=np.zeros(30, np.int16)), r"array samples: has shape \(30,\)"),
@@ -99,7 +93,6 @@ REFUSALS = [
     (dict(offsets=np.array([0])), "array offsets: has 1 value"),
     (dict(offsets=np.array([1, 8, 20, 30])), "array offsets: starts at 1"),
     (dict(offsets=np.array([0, 8, 20, 29])), "array offsets: ends at 29 but samples has 30 frames"),
-    (dict(offsets=np.array([0, 8, 20, 31])), "array offsets: ends at 31 but samples has 30 frames"),
     (dict(offsets=np.array([0, 20, 8, 30])), "array offsets: falls after entry 1"),
     (dict(offsets=np.array([0, 20, 8, 30], np.uint64)), "array offsets: falls after entry 1"),
     (
@@ -118,9 +111,7 @@ REFUSALS = [
     (dict(class_names=np.array(["a", "a"])), "array class_names: has the name a twice"),
     (dict(class_names=np.array(["a", " "])), "array class_names: has an empty or unprintable name at 1"),
     (dict(sample_rate_hz=np.array(np.nan)), "array sample_rate_hz: is nan"),
-    (dict(sample_rate_hz=np.array(np.inf)), "array sample_rate_hz: is inf"),
     (dict(sample_rate_hz=np.array(0)), "array sample_rate_hz: is 0"),
-    (dict(sample_rate_hz=np.array(-5.0)), r"array sample_rate_hz: is -5\.0"),
     (dict(sample_rate_hz=np.array("3 kHz")), "array sample_rate_hz: is 3 kHz"),
     (dict(sample_rate_hz=np.array([1.0, 2.0])), "array sample_rate_hz: is of shape"),
     (dict(lsb_volt=np.array(-1.0)), "array lsb_volt: is -1"),
@@ -213,20 +204,13 @@ def test_a_changed_byte_is_noticed_or_harmless(tmp_path_factory, place, value):
     assert np.array_equal(loaded.samples, arrays()["samples"])
 
 
-def test_members_that_are_no_arrays_do_not_matter(tmp_path):
-    path = archive(tmp_path)
-    with zipfile.ZipFile(path, "a") as file:
-        file.writestr("README.txt", "recorded on a Friday")
-    assert len(load_recordings(path)) == 3
-
-
 # ---------------------------------------------------------------------- sets
 def test_a_subset_keeps_frames_labels_and_groups_together(make_recordings):
     recordings = make_recordings(lengths=(5, 6, 7, 8), groups={"trial": np.array([1, 2, 3, 4])})
     part = recordings.subset([3, 1])
-    assert (
-        list(part.lengths) == [8, 6] and list(part.groups["trial"]) == [4, 2] and list(part.labels) == [1, 1]
-    )
+    assert list(part.lengths) == [8, 6]
+    assert list(part.groups["trial"]) == [4, 2]
+    assert list(part.labels) == [1, 1]
     assert np.array_equal(part.recording(0), recordings.recording(3)) and np.array_equal(
         part.recording(1), recordings.recording(1)
     )
@@ -348,9 +332,7 @@ GOOD_TEXTS = [
     text_of(),
     text_of(comma=False),
     text_of(";"),
-    text_of("; "),
     text_of(",", comma=False),
-    text_of(", ", comma=False),
     text_of("  "),
     text_of(" ", comma=False),
     text_of(header=HEADER, titles="X_Value\tVoltage\tVoltage (2)\tVoltage (3)\tVoltage (4)\tComment"),
@@ -360,7 +342,6 @@ GOOD_TEXTS = [
     text_of(comment="\t"),
     text_of(comment="\tgood contact"),
     text_of().replace("1,500000\t0,500000", "1,500000\t0,500000\tslipped"),
-    text_of(newline="\r\n"),
     text_of().replace("\n", "\n\n") + "\n\t\t\t\n  \n",
     "\ufeff" + text_of(),
     text_of() + "0,001333\t1,65\t1,6",
@@ -373,17 +354,13 @@ GOOD_TEXTS = [
 @each_row("text", GOOD_TEXTS)
 def test_lvm_texts_of_every_habit_give_the_same_codes(tmp_path, text):
     recordings = load_recordings(folder_of(tmp_path, text))
-    assert (
-        len(recordings) == 2
-        and recordings.class_names == ("brush", "roll")
-        and list(recordings.labels) == [0, 1]
-    )
+    assert len(recordings) == 2
+    assert recordings.class_names == ("brush", "roll")
+    assert list(recordings.labels) == [0, 1]
     assert np.array_equal(recordings.recording(1), np.rint(VOLTS / LSB))
-    assert (
-        recordings.sample_rate_hz == 3000.0
-        and str(recordings.sample_format) == "UQ(16,0)"
-        and recordings.volt_per_code == LSB
-    )
+    assert recordings.sample_rate_hz == 3000.0
+    assert str(recordings.sample_format) == "UQ(16,0)"
+    assert recordings.volt_per_code == LSB
 
 
 def test_a_first_row_of_whole_numbers_is_a_frame(tmp_path):
@@ -400,9 +377,7 @@ def test_latin_1_headers_are_read(tmp_path):
 
 BAD_TEXTS = [
     (text_of().replace("1,690000", "NaN"), "line 2, column 3: NaN is not a finite number"),
-    (text_of().replace("1,690000", "-inf"), "line 2, column 3: -inf is not a finite number"),
     (text_of().replace("1,690000", "broken"), "line 2, column 3: 'broken' is no number"),
-    (text_of().replace("1,700000", "oops"), "line 1, column 3: 'oops' is no number"),
     (text_of().replace("0,000333", "later"), "line 2, column 1: 'later' is no number"),
     (text_of().replace("0,000000", "start"), "line 1, column 1: 'start' is no number"),
     (text_of().replace("1,690000", ""), "line 2, column 3: '' is no number"),
@@ -411,11 +386,10 @@ BAD_TEXTS = [
     (text_of().replace("0,500000", "0,500000\t1,5"), "line 3: has 6 columns where the file has 5"),
     (HEADER, "holds no frame"),
     ("", "holds no frame"),
-    ("nothing was recorded\n", "holds no frame"),
     ("0.0\n0.1\n", "has no taxel column"),
     ("0,1,2,3\n1,2,3,4\n", "commas may be decimal points or separators"),
-    (text_of().replace("4,000000", "4,200000"), r"line 4, column 5: 4\.2 V is outside the converter's 0 to"),
     (text_of().replace("4,000000", "-0,5"), r"line 4, column 5: -0\.5 V is outside"),
+    (text_of().replace("4,000000", "4,200000"), r"line 4, column 5: 4\.2 V is outside the converter's 0 to"),
     (text_of().replace("0,000333", ""), "line 2, column 1: the time is missing"),
 ]
 
@@ -452,10 +426,8 @@ def test_without_a_steady_time_column_the_rate_is_the_configurations(tmp_path):
         recordings = load_recordings(
             folder_of(tmp_path, text), config=PRESETS["pvdf"].replace(volt_per_code=LSB)
         )
-        assert (
-            recordings.sample_rate_hz == 2000.0
-            and "taken from the configuration 'pvdf'" in recordings.notes[0]
-        )
+        assert recordings.sample_rate_hz == 2000.0
+        assert "taken from the configuration 'pvdf'" in recordings.notes[0]
         assert np.array_equal(recordings.recording(0), np.rint(VOLTS / LSB))
         shutil.rmtree(tmp_path / "lvm")
 
@@ -475,24 +447,3 @@ def test_folders_that_are_no_data_set_are_refused(tmp_path):
 
 
 # ---------------------------------------------------------------------- the real ones
-def test_the_real_archives_are_read(shared_data):
-    pvdf = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
-    assert len(pvdf) == 318 and pvdf.frames == 3156672 and list(pvdf.class_counts) == [64, 64, 63, 63, 64]
-    assert set(pvdf.groups) == {
-        "seq",
-        "speed",
-        "trial",
-        "source_file",
-    } and pvdf.volt_per_code == pytest.approx(62.4094e-6, rel=1e-5)
-    assert np.bincount(pvdf.labels[pvdf.evenly(40)]).tolist() == [8] * 5
-    assert [len(grouped_folds(pvdf, [name], 5, 0)) for name in ("trial", "speed", "seq")] == [5, 2, 4]
-    fabric = load_recordings(shared_data / "fabric_slide" / "recordings.npz")
-    assert len(fabric) == 774 and str(fabric.sample_format) == "SQ(16,0)" and fabric.volt_per_code == 0
-    assert len(grouped_folds(fabric, ["force_setting", "velocity_mmps"], 5, 0)) == 5
-    images = load_recordings(shared_data / "tactile_images" / "recordings.npz")
-    assert (len(images), images.image_shape, images.taxels, len(images.class_names)) == (
-        876,
-        (28, 50),
-        50,
-        22,
-    )

@@ -97,11 +97,13 @@ def test_length_level_and_lead_in_tell_nothing(scene, config):
     assert accuracy(29) < 0.75
 
 
+@pytest.mark.slow
 def test_without_the_touch_nothing_is_left(scene, config):
     (row,) = leak_check(scene, config, [["person"]], [0], folds=3)
     assert row["passed"] and row["recordings"] == len(scene) and row["accuracy"] > 0.9
 
 
+@pytest.mark.slow
 def test_larger_networks_do_better_on_unseen_persons(scene, config):
     """Integers, leaving out persons: the linear cell at most 94 %, then GRU 4, then GRU 12."""
     linear, small, large = (

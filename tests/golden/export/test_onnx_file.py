@@ -21,7 +21,7 @@ from eskin.golden.data.load import load_recordings
 from eskin.golden.export.onnx_file import largest_difference, onnx_model, write_onnx
 from eskin.golden.model.model import FloatModel, constants_shape, network_shapes
 from eskin.golden.training.import_network import import_network, measure_scaling
-from eskin.golden.training.import_onnx import OPERATORS, read_onnx
+from eskin.golden.training.import_onnx import OPERATORS
 from eskin.verbs.export_job import export_onnx
 from scripts.export_cost import front_end
 from scripts.export_cost import model_of as model_on
@@ -184,10 +184,6 @@ def reverse(made):
     node(made, "cell").attribute.append(helper.make_attribute("direction", "reverse"))
 
 
-def layer_normalisation(made):
-    made.graph.node.append(helper.make_node("LayerNormalization", ["logits", "dense_bias"], ["p"], "norm"))
-
-
 def not_numbers(made):
     made.graph.initializer[0].raw_data = np.full(18, np.nan, np.float32).tobytes()
 
@@ -207,8 +203,8 @@ def not_numbers(made):
         (lambda made: node(made, "readout_bias").input.__delitem__(slice(None)), "node 'readout_bias' of type Add: has 0 inputs"),
         (lambda made: node(made, "readout_bias").input.append("features"), "node 'readout_bias' of type Add: has 3 inputs"),
         (reverse, "node 'cell' of type GRU: runs reverse"),
-        (lambda made: setattr(node(made, "cell"), "op_type", "RNN"), "node 'cell' of type RNN: is none of those"),
-        (layer_normalisation, "node 'norm' of type LayerNormalization: is none of those"),
+
+
         (start, "starts from a state that is not 0"),
         (bomb, "node 'bomb' of type ConstantOfShape: cannot be computed"),
         (external, "lies in another file"),
@@ -247,71 +243,71 @@ def test_what_does_not_go_with_the_file_is_said(config, options, said, tmp_path)
         taken(edited(lambda made: None, tmp_path), tmp_path, config, **options)
 
 
-@pytest.mark.parametrize("after", [False, True])
-def test_keras_layouts(after, tmp_path):
-    """As converters write Keras: steps first, weights transposed in nodes' constants, MatMul and Add, layout 1."""
-    rng, hidden = np.random.default_rng(5), 6
-    arrays = {"W": (1, 18, 4), "R": (1, 18, 6), "B": (1, 36), "D": (6, 3), "d": (3,)}
-    tensors = [
-        numpy_helper.from_array(rng.normal(0, 0.5, size).astype("f4"), name) for name, size in arrays.items()
-    ]
-    tensors.append(numpy_helper.from_array(np.array([0]), "axis"))
-    nodes = [
-        helper.make_node("GRU", ["x", "W", "R", "B"], ["y", "h"], "gru", hidden_size=hidden, linear_before_reset=int(after), layout=1),
-        helper.make_node("Reshape", ["h", "shape"], ["s"], "reshape"),
-        helper.make_node("MatMul", ["s", "D"], ["m"], "matmul"),
-        helper.make_node("Add", ["d", "m"], ["out"], "add"),
-    ]  # fmt: skip
-    tensors.append(numpy_helper.from_array(np.array([-1, hidden]), "shape"))
+def converted(tmp_path, kind: str, opset: int, *nodes: tuple, **constants):
+    """(file, random features) of a graph as converters of Keras write it: ``nodes`` are operator, inputs, outputs and
+    attributes."""
+    rng, rows = np.random.default_rng(7), 18 if kind == "GRU" else 24
+    sizes = {"W": (1, rows, 4), "R": (1, rows, 6), "B": (1, 2 * rows), "D": (6, 3), "d": (3,)}
+    arrays = {name: rng.normal(0, 0.5, size).astype("f4") for name, size in sizes.items()} | constants
     info = helper.make_tensor_value_info
     graph = helper.make_graph(
-        nodes, "keras", [info("x", 1, ["N", 5, 4])], [info("out", 1, ["N", 3])], tensors
+        [
+            helper.make_node(operator, inputs.split(), output.split(), output, **more)
+            for operator, inputs, output, more in nodes
+        ],
+        "k",
+        [info("x", 1, ["N", 5, 4])],
+        [info("out", 1, ["N", 3])],
+        [numpy_helper.from_array(np.array(array), name) for name, array in arrays.items()],
     )
-    file = tmp_path / "net.onnx"
-    file.write_bytes(
-        helper.make_model(graph, opset_imports=[helper.make_opsetid("", 14)]).SerializeToString()
-    )
-    model = taken(file, tmp_path)
-    assert model.config.network.reset == ("after" if after else "before")
-    from onnx.reference import ReferenceEvaluator
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
+    (tmp_path / "net.onnx").write_bytes(made.SerializeToString())
+    return tmp_path / "net.onnx", rng.normal(size=(3, 5, 4))
 
-    features = rng.normal(size=(1, 5, 4)).astype("f4")
+
+def decided_alike(file, features, logits, tmp_path):
+    model = taken(file, tmp_path)
+    assert np.abs(model.forward(features)[1][:, -1] - logits).max() < 1e-5
+    return model.config.network
+
+
+@each_row("after", [False, True])
+def test_keras_layouts(after, tmp_path):
+    """As converters write Keras: batch first by layout 1, MatMul and Add."""
+    file, features = converted(
+        tmp_path, "GRU", 14,
+        ("GRU", "x W R B", "y h", dict(hidden_size=6, linear_before_reset=int(after), layout=1)),
+        ("Reshape", "h shape", "state", {}),
+        ("MatMul", "state D", "m", {}),
+        ("Add", "d m", "out", {}),
+        shape=[-1, 6],
+    )  # fmt: skip
     made = onnx.load_model(str(file))
     gru = made.graph.node[0].attribute  # onnx's own evaluator knows layout 0 alone
     gru.remove(next(entry for entry in gru if entry.name == "layout"))
-    made.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 5
-    (logits,) = ReferenceEvaluator(made).run(None, {"x": features.swapaxes(0, 1)})
-    assert np.abs(model.forward(features.astype(float))[1][0, -1] - logits[0]).max() < 1e-5
+    from onnx.reference import ReferenceEvaluator
+
+    (logits,) = ReferenceEvaluator(made).run(None, {"x": features.astype("f4").swapaxes(0, 1)})
+    assert decided_alike(file, features, logits, tmp_path).reset == ("after" if after else "before")
 
 
-@pytest.mark.parametrize("kind", ["GRU", "LSTM"])
+@each_row("kind", ["GRU", "LSTM"])
 def test_layouts_of_a_converter_of_keras(kind, tmp_path):
     """Batch first by a Transpose, the last of all states by Squeeze and a Gather of -1, an Identity behind all."""
-    rng, rows = np.random.default_rng(7), 18 if kind == "GRU" else 24
-    sizes = {"W": (1, rows, 4), "R": (1, rows, 6), "B": (1, 2 * rows), "D": (6, 3), "d": (3,)}
-    tensors = [numpy_helper.from_array(rng.normal(0, 0.5, n).astype("f4"), name) for name, n in sizes.items()]
-    tensors.append(numpy_helper.from_array(np.array(-1), "last"))
-    nodes = [
-        helper.make_node("Transpose", ["x"], ["by_step"], "transpose", perm=[1, 0, 2]),
-        helper.make_node(kind, ["by_step", "W", "R", "B"], ["y"], "cell", hidden_size=6),
-        helper.make_node("Squeeze", ["y"], ["states"], "squeeze", axes=[1]),
-        helper.make_node("Gather", ["states", "last"], ["state"], "gather", axis=0),
-        helper.make_node("MatMul", ["state", "D"], ["product"], "matmul"),
-        helper.make_node("Add", ["product", "d"], ["sum"], "add"),
-        helper.make_node("Identity", ["sum"], ["out"], "identity"),
-    ]
-    info = helper.make_tensor_value_info
-    shapes = ([info("x", 1, ["N", None, 4])], [info("out", 1, ["N", 3])])
-    made = helper.make_model(
-        helper.make_graph(nodes, "k", *shapes, tensors),
-        opset_imports=[helper.make_opsetid("", 12)],
-        ir_version=8,
-    )
-    (tmp_path / "net.onnx").write_bytes(made.SerializeToString())
-    model, features = taken(tmp_path / "net.onnx", tmp_path), rng.normal(size=(3, 5, 4))
-    session = onnxruntime.InferenceSession(tmp_path / "net.onnx", providers=["CPUExecutionProvider"])
+    file, features = converted(
+        tmp_path, kind, 12,
+        ("Transpose", "x", "by_step", dict(perm=[1, 0, 2])),
+        (kind, "by_step W R B", "y", dict(hidden_size=6)),
+        ("Squeeze", "y", "states", dict(axes=[1])),
+        ("Gather", "states last", "state", dict(axis=0)),
+        ("MatMul", "state D", "product", {}),
+        ("Add", "product d", "sum", {}),
+        ("Identity", "sum", "out", {}),
+        last=-1,
+    )  # fmt: skip
+    session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
     (logits,) = session.run(None, {"x": features.astype("f4")})
-    assert np.abs(model.forward(features)[1][:, -1] - logits).max() < 1e-5
+    decided_alike(file, features, logits, tmp_path)
 
 
 @pytest.mark.parametrize("cell", ["after", "lstm"])
@@ -328,21 +324,6 @@ def test_hostile_files_are_one_sentence(cell, tmp_path):
             ends["refused"] += 1
             assert len(str(error)) < 500
     assert ends["taken"] and ends["refused"] > 60
-
-
-def test_damaged_files_are_one_sentence(tmp_path):
-    data, rng = edited(lambda made: None, tmp_path).read_bytes(), np.random.default_rng(6)
-    for trial in range(150):
-        changed = bytearray(data)
-        for place in rng.integers(0, len(data), rng.integers(1, 6)):
-            changed[place] = rng.integers(256)
-        file = tmp_path / "bad.onnx"
-        file.write_bytes(bytes(changed[: rng.integers(len(data))] if trial % 4 == 0 else changed))
-        try:
-            read_onnx(file)
-            taken(file, tmp_path)
-        except InputError as error:
-            assert len(str(error)) < 500
 
 
 def test_images_are_refused():

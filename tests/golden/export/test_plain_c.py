@@ -110,6 +110,7 @@ def clang() -> None:
     pytest.importorskip("ziglang", reason="ziglang (extra soc) is not installed")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("config", [IMAGES, RING], ids=["image", "ring"])
 def test_clang_agrees(config, tmp_path):
     clang()
@@ -126,7 +127,13 @@ def test_clang_agrees(config, tmp_path):
     assert verdict(tmp_path / "c", *command) == f"{count} decisions compared, 0 different\n"
 
 
-@pytest.mark.parametrize("core", compiled.CORES)
+@pytest.mark.parametrize(
+    "core",
+    [
+        pytest.param(core, marks=pytest.mark.slow if number else ())
+        for number, core in enumerate(compiled.CORES)
+    ],
+)
 def test_a_microcontroller_decides_the_same_and_its_instructions_are_counted(core, tmp_path):
     clang()
     pytest.importorskip("unicorn", reason="unicorn is not installed")
@@ -137,9 +144,9 @@ def test_a_microcontroller_decides_the_same_and_its_instructions_are_counted(cor
     assert result["different"] == 0 and result["decisions"] > 5
     assert 100 < result["instructions"]["frame"] < result["instructions"]["step"] < 100_000
     sizes = compiled.sizes(tmp_path / "c", core, image=False)
-    assert (
-        sizes["tables"] >= plain_c.table_bytes(model) and 500 < sizes["code"] < 6000 and sizes["state"] > 100
-    )
+    assert sizes["tables"] >= plain_c.table_bytes(model)
+    assert 500 < sizes["code"] < 6000
+    assert sizes["state"] > 100
 
 
 SKETCH = """#include <{include}>

@@ -21,6 +21,7 @@ from eskin.golden.model.model import (
 )
 from eskin.golden.model.preprocess import normalise
 from eskin.golden.training.network import RecurrentClassifier
+from tests.support.folder import contents
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL
 
@@ -32,12 +33,6 @@ def generator(seed=0):
 def float_model(config=SMALL, seed=0):
     network = RecurrentClassifier(config, generator=generator(seed))
     return FloatModel(config, network.arrays() | {"mu": np.array(1.5), "sigma": np.array(20.0)})
-
-
-def snapshot(folder):
-    return {
-        path.relative_to(folder): path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()
-    }
 
 
 # ---------------------------------------------------------------------- counts
@@ -62,9 +57,9 @@ def test_parameter_counts_of_the_thesis(network, count):
 def test_both_networks_and_the_record_come_back_from_their_folder(tmp_path):
     folder, model = tmp_path / "model", random_integer_model(SMALL, 3)
     float_model().save(folder, {"seed": 4, "list": [1.5]})
-    before = snapshot(folder)
+    before = contents(folder)
     model.save(folder)
-    after = snapshot(folder)
+    after = contents(folder)
     assert {str(name) for name in after} == {"config.json", "float.npz", "training.json", "weights.npz"}
     assert all(after[name] == before[name] for name in before if str(name) != "config.json")
     assert load_training(folder) == {"seed": 4, "list": [1.5]}
@@ -87,7 +82,7 @@ def test_arrays_of_a_model_cannot_be_changed():
 def test_a_failed_write_leaves_the_old_model(tmp_path):
     folder = tmp_path / "model"
     float_model().save(folder, {"seed": 4})
-    before = snapshot(tmp_path)
+    before = contents(tmp_path)
 
     def fail(temporary):
         (temporary / "config.json").write_text("half")
@@ -95,7 +90,7 @@ def test_a_failed_write_leaves_the_old_model(tmp_path):
 
     with pytest.raises(RuntimeError):
         replace_folder(folder, fail)
-    assert snapshot(tmp_path) == before
+    assert contents(tmp_path) == before
 
 
 @each_row("content", ["notes.txt", "model and notes"])
@@ -106,10 +101,10 @@ def test_a_folder_of_something_else_is_not_replaced(tmp_path, content):
     else:
         folder.mkdir()
     (folder / "notes.txt").write_text("months of work")
-    before = snapshot(tmp_path)
+    before = contents(tmp_path)
     with pytest.raises(InputError, match=r"precious.*notes\.txt.*name a new folder"):
         float_model().save(folder, {})
-    assert snapshot(tmp_path) == before
+    assert contents(tmp_path) == before
 
 
 def test_other_targets(tmp_path):
@@ -154,10 +149,10 @@ def save_arrays(folder, change):
 )
 def test_damaged_weights_are_named(tmp_path, change, words):
     save_arrays(tmp_path / "model", change)
-    before = snapshot(tmp_path)
+    before = contents(tmp_path)
     with pytest.raises(InputError, match=words):
         IntegerModel.load(tmp_path / "model")
-    assert snapshot(tmp_path) == before
+    assert contents(tmp_path) == before
 
 
 def test_cut_off_and_missing_files_are_named(tmp_path):

@@ -48,14 +48,19 @@ def plain_scores(model: IntegerModel, vectors: np.ndarray) -> list[list[int]]:
                 apart = sum(abs(code - int(stored)) for code, stored in zip(codes, place[k], strict=True))
                 sums[label][p] = apart + (0 if config.network.decision == "vote" else sums[label][p])
                 assert sums[label][p] <= config.distance_bound
-        scores.append([-min(of_class) for of_class in sums])
+        scores.append(
+            [
+                -min(far >> (p >= rule.prototypes) * rule.taught_shift for p, far in enumerate(of_class))
+                for of_class in sums
+            ]
+        )
     return scores
 
 
 @each_row("decision", ["last", "vote", "early"])
-@each_row("cell", ["gru", "lstm", "linear"])
-def test_the_nearest_prototype_decides(cell, decision):
-    model, limit = taught_model(cell, decision), 0
+@each_row(("cell", "taught_shift"), [("gru", 0), ("gru", 1), ("lstm", 0), ("linear", 2)])
+def test_the_nearest_prototype_decides(cell, taught_shift, decision):
+    model, limit = taught_model(cell, decision, taught_shift=taught_shift), 0
     if decision != "vote":
         limit = (
             int(np.median(-run(model, scene(20, seed=6)).scores.max(axis=-1)[:, -1])) // SMALL.windows.steps
@@ -169,6 +174,7 @@ def test_a_stream_is_not_taught_during_a_touch():
             "field unknown_above: is set with decision 'vote'",
         ),
         ({}, RULE | {"unknown_above": 60000}, "field unknown_above: is 60000, and no touch"),
+        ({}, RULE | {"taught": 0, "taught_shift": 1}, "field taught_shift: is 1, and there is no place"),
         ({"loadable": False}, RULE, "field loadable: is false, and the memory of prototypes"),
         ({}, RULE | {"state_code_shift": 15}, "field state_code_shift: is 15 and the values have 14 bits"),
         ({}, RULE | {"state_code_bits": 2}, "field state_code_bits: is 2; it must lie in 3..8"),

@@ -92,10 +92,8 @@ def test_the_stage_that_was_made_coarse_is_the_one_that_is_named(cell, reset, st
     fine = {error.stage: error for error in stage_errors(*models(cell, reset))}
     coarse = {error.stage: error for error in stage_errors(real, integer, touches)}
     assert list(coarse) == list(STAGES) and logit_error(list(coarse.values()))["stage"] == stage
-    assert (
-        coarse[stage].logit_max > 4 * fine[stage].logit_max
-        and coarse[stage].logit_mean > 4 * fine[stage].logit_mean
-    )
+    assert coarse[stage].logit_max > 4 * fine[stage].logit_max
+    assert coarse[stage].logit_mean > 4 * fine[stage].logit_mean
     assert coarse[stage].mean > 1.5 * fine[stage].mean
     for other in set(STAGES) - {stage}:
         assert coarse[other].logit_max < 2.5 * fine[other].logit_max + 1e-9
@@ -104,10 +102,8 @@ def test_the_stage_that_was_made_coarse_is_the_one_that_is_named(cell, reset, st
 @each_row(("cell", "reset"), CELLS)
 def test_the_logits_are_those_of_the_two_models_and_only_completed_steps_count(cell, reset):
     real, integer, touches = models(cell, reset)
-    assert (
-        touches.completed.min() + touches.completed.max() > 0
-        and (touches.completed < WIDE.windows.steps).any()
-    )
+    assert touches.completed.min() + touches.completed.max() > 0
+    assert (touches.completed < WIDE.windows.steps).any()
     done = np.arange(WIDE.windows.steps) < touches.completed[:, None]
     ideal, exact = decide_touches(real, touches), decide_touches(integer, touches)
     error = np.abs(integer.config.formats.logit_format.to_real(exact.logits) - ideal.logits)[done]
@@ -172,8 +168,6 @@ def test_profiles_of_every_signal(cell, reset):
     assert profiles["logits"].beyond == pytest.approx(
         np.mean((logits > 1 - 2**-5 + 2**-6) | (logits < -1 - 2**-6))
     )
-    assert (
-        profiles["logits"].zero == pytest.approx(np.mean(np.abs(logits) < 2**-6))
-        and profiles["logits"].beyond > 0
-    )
+    assert profiles["logits"].zero == pytest.approx(np.mean(np.abs(logits) < 2**-6))
+    assert profiles["logits"].beyond > 0
     assert profiles["logits"].quantiles == pytest.approx(tuple(np.quantile(np.abs(logits), QUANTILES)))

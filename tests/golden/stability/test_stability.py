@@ -66,17 +66,13 @@ def test_a_linear_cell_on_all_kinds_of_feature_is_judged_too(name):
     )
 
 
-def test_modes_of_a_state_are_not_run_on_a_linear_cell():
-    result = run_modes(
-        stability_case.linear_bench(), names=["no touch", "state error without reset", "state bits"]
-    )
-    assert [record["name"] for record in result["modes"]] == ["no touch"]
-    assert {row["why"] for row in result["not_run"]} == {"a linear cell has no state, no gates and no tables"}
-    assert [row["name"] for row in result["not_run"]] == ["state error without reset", "state bits"]
-
-
 @pytest.mark.parametrize(
-    "mode", [mode for mode in HARDWARE if mode.run in BROKEN_DESIGNS], ids=lambda mode: mode.run
+    "mode",
+    [
+        pytest.param(mode, id=mode.run, marks=pytest.mark.slow if mode.run == "probe" else ())
+        for mode in HARDWARE
+        if mode.run in BROKEN_DESIGNS
+    ],
 )
 def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypatch):
     monkeypatch.setattr(stability_job, "STREAMED", 1)
@@ -185,20 +181,24 @@ def test_modes_that_do_not_apply_or_need_hardware_are_listed_not_passed():
             "no touch",
             "the gate opens at once: no onset is looked for",
         ),
+        (
+            {"cell": "linear"},
+            "state error without reset",
+            "a linear cell has no state, no gates and no tables",
+        ),
     ):
-        result = run_modes(bench.changed(changes), names=[name, "state bits"], simulated=simulated)
-        assert names_of(result["modes"]) == ["state bits"] and result["not_run"][0]["why"] == why
+        case = stability_case.linear_bench() if "cell" in changes else bench.changed(changes)
+        result = run_modes(case, names=[name, "feature bits"], simulated=simulated)
+        assert names_of(result["modes"]) == ["feature bits"] and result["not_run"][0]["why"] == why
     with pytest.raises(InputError, match="mode 'tie': is unknown"):
         run_modes(bench, names=["tie"])
 
 
 def test_flipping_a_bit_is_twos_complement():
-    fmt = QFormat(4, 4)
     for code in (-128, -1, 0, 5, 127):
         for bit in range(8):
-            expected = np.array(code, dtype=np.int8).view(np.uint8) ^ np.uint8(1 << bit)
-            assert int(flipped(np.array(code), bit, fmt)) == int(expected.view(np.int8))
-    assert flipped(np.array([3, -3]), 0, fmt).tolist() == [2, -4]
+            expected = np.array(code, np.int8).view(np.uint8) ^ np.uint8(1 << bit)
+            assert flipped(np.array([code]), bit, QFormat(4, 4)) == [expected.view(np.int8)]
 
 
 def test_upsets_of_the_network_equal_those_of_the_model_one_by_one():
@@ -277,11 +277,9 @@ def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypat
 
     monkeypatch.setattr(stability_job, "play_case", differs)
     result = job(tmp_path, names=["state bits", "frames lost"], cosim=True)
-    assert (
-        not result["passed"]
-        and result["modes"][1]["rtl"]["mismatches"] == 1
-        and result["modes"][0]["rtl"] is None
-    )
+    assert not result["passed"]
+    assert result["modes"][1]["rtl"]["mismatches"] == 1
+    assert result["modes"][0]["rtl"] is None
     assert "differ in frames lost" in (tmp_path / "out" / "stability.html").read_text()
 
 

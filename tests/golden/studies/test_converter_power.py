@@ -27,10 +27,8 @@ def test_chips_times_power_times_the_touch(name, count):
 def test_without_a_figure_or_a_converter_nothing_is_made_up():
     assert converter_power(THESIS) is None
     power = converter_power(THESIS.replace(converter="ddc232", clock_hz=20e6))
-    assert (
-        power["power_w"] is None is power["per_touch_j"]
-        and in_words(power) == "ddc232: no figure of its data sheet at hand"
-    )
+    assert power["power_w"] is None is power["per_touch_j"]
+    assert in_words(power) == "ddc232: no figure of its data sheet at hand"
 
 
 def test_it_stands_beside_the_estimate_and_in_none_of_its_sums():

@@ -39,12 +39,10 @@ def test_smallest_activity_is_that_of_the_quietest_block():
 def test_recommended_defences_leave_sound_recordings_alone():
     data = stability_case.recordings()
     config = defences.recommended(data, CONFIG.replace(fault_frames=0, clip=200))
-    assert (
-        config.faults.fault_frames == 64
-        and config.faults.fault_activity > 0
-        and config.onset_rule.onset_threshold == 5
-        and config.network.hidden == 16
-    )
+    assert config.faults.fault_frames == 64
+    assert config.faults.fault_activity > 0
+    assert config.onset_rule.onset_threshold == 5
+    assert config.network.hidden == 16
     assert (config.onset_rule.onset_hits, config.onset_rule.onset_span) == (3, 4)
     assert not find_touches(config, data).flagged.any()
 
@@ -59,9 +57,8 @@ def test_failures_are_what_they_say():
             assert np.array_equal(np.delete(before, 2, axis=1), np.delete(after, 2, axis=1))
             since = int(onsets[i]) - 1 + round(0.25 * CONFIG.last_frame)
             if name == "dead":
-                assert (
-                    len(set(after[:, 2].tolist())) == 1 and abs(int(after[0, 2]) - before[:20, 2].mean()) < 3
-                )
+                assert len(set(after[:, 2].tolist())) == 1
+                assert abs(int(after[0, 2]) - before[:20, 2].mean()) < 3
             else:
                 assert np.array_equal(after[:since, 2], before[:since, 2]) and np.all(after[since:, 2] == top)
 

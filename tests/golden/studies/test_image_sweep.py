@@ -3,8 +3,6 @@ trained but in one test."""
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,6 @@ from eskin.golden.core.jobs import Jobs
 from eskin.golden.core.memo import Memo
 from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values
 from eskin.golden.studies.sweep import flat_rows, smallest_at, sweep
-from eskin.golden.training.train_images import ImageRecipe
 from eskin.pages.sweep_charts import accuracy_chart
 from eskin.rtl.program.image_passes import plan_of
 from eskin.verbs import sweep_job
@@ -134,26 +131,3 @@ def test_what_the_verb_cannot_do_is_refused(tmp_path):
     (tmp_path / "g.json").write_text('{"layers": ["conv 3 4"], "lanes": 3}')
     with pytest.raises(InputError, match="runs on 1, 2, 4"):
         sweep_job.request_of(scene, None, grid=tmp_path / "g.json")
-
-
-def test_a_sweep_leaves_its_files_and_counts_the_cycles_of_the_hardware(tmp_path):
-    (tmp_path / "g.json").write_text(
-        '{"layers": [["conv 3 2", "pool"]], "size": ["8x10", "6x8"], "lanes": 2, "clock_hz": 1e6}'
-    )
-    scene = shapes(6, 0, (8, 10))
-    request = sweep_job.request_of(scene, None, grid=tmp_path / "g.json", folds=2, parts=1)
-    request = dataclasses.replace(request, recipe=ImageRecipe(epochs=1, batch=8))
-    result = sweep_job.run(scene, request, out=tmp_path / "out", workers=1, cache=tmp_path / "kept")
-    for record, point in zip(result["points"], request.points, strict=True):
-        assert (
-            record["cycles_decision"] > plan_of(point.config).cycles * 0.9
-            and record["latency_s"] == record["cycles_decision"] / 1e6
-        )
-        assert 0 < record["energy_j"] < 1e-5 and 0 <= record["accuracy"] <= 1
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "sweep.json",
-        "sweep.csv",
-        "recommended.json",
-        "accuracy.png",
-        "accuracy.svg",
-    }

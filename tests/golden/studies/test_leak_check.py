@@ -16,6 +16,7 @@ from eskin.golden.data.load import load_recordings
 from eskin.golden.model.preprocess import find_onsets, find_touches
 from eskin.golden.studies.leak_check import leak_check, quiet_enough, without_touches
 from eskin.golden.training import recipe as recipes
+from tests.support.parts import of_parts
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, archived, scene
 
@@ -43,10 +44,7 @@ def resting(recordings=60, seed=2):
         course[quiet : quiet + 20] = 120.0
         course[:, label] += 40
         parts.append(np.rint(course + rng.normal(0, 2, course.shape)).astype(np.int32))
-    offsets = np.concatenate([[0], np.cumsum([len(part) for part in parts])]).astype(np.int64)
-    return dataclasses.replace(
-        scene(recordings), samples=np.concatenate(parts), offsets=offsets, labels=labels
-    )
+    return of_parts(scene(recordings), parts, labels=labels)
 
 
 # ---------------------------------------------------------------------- what is judged

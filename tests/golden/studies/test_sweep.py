@@ -99,10 +99,8 @@ def test_a_grid_is_every_combination_once():
         {"decision": "early", "early_margin": [100], "early_steps": 3},
     ]
     names = [point.name for point in sweeping.make_points(PRESETS["pvdf"], looks)]
-    assert (
-        names[1] == "GRU 12 companded at 2^11, 8 bit, 4 lanes"
-        and names[2] == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
-    )
+    assert names[1] == "GRU 12 companded at 2^11, 8 bit, 4 lanes"
+    assert names[2] == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
     assert len(sweeping.make_points(SMALL, [{"cell": "lstm", "reset": ["before", "after"]}])) == 1
 
 
@@ -311,10 +309,7 @@ PLAIN = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in OPTI
     ("records", "bounds", "point", "words"),
     [
         (FOUR, (None, 5.0, None), 2, "the latency budget binds"),
-        (FOUR, (0.5, 5.0, None), 0, "no bound binds"),
         (FOUR, (None, None, None), 3, "the smallest within one standard error of the most accurate"),
-        (ENERGIES, (None, None, 156e-6), 0, "the energy budget binds"),
-        (ENERGIES, (0.95, None, 155e-6), 1, "154.2 uJ"),
         (ENERGIES, (0.985, None, 156e-6), 2, "it misses the energy budget 156 uJ by 0.5 uJ"),
         (TIES, (None, None, None), 1, "0.985"),
         (CLEAR, (None, None, None), 2, "0.99"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,10 +18,9 @@ from eskin.golden.training import choose_network as choosing
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training import train
 from eskin.golden.training.choice_table import network_name
-from eskin.golden.training.choose_front_end import choose_front_end
+from eskin.golden.training.choose_front_end import cheapest, choose_front_end
 from eskin.golden.training.choose_network import (
     Candidate,
-    cheapest_enough,
     check_units,
     goes_on,
     network,
@@ -33,6 +33,8 @@ from eskin.golden.training.quantise import quantise
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.prices import priced
 from tests.support.table import each_row
+
+cheapest_network = partial(cheapest, priced=lambda config: config)
 
 CONFIG = AcceleratorConfig.of(
     name="derived",
@@ -81,10 +83,10 @@ def test_the_cheapest_within_a_standard_error_of_the_paired_difference():
     large, market = candidate("gru", 12, 90), priced()
     nested, won = candidate("gru", 4, 87), lost("gru", 4, 87, 3)
     assert large.standard_error == pytest.approx(np.sqrt(0.09 / 99))  # 3.0 points: unpaired, both would do
-    assert cheapest_enough([nested, large], market) is large
-    assert cheapest_enough([won, large], market) is won
-    assert cheapest_enough([candidate("gru", 4, 89), large], market).config.network.hidden == 4
-    assert cheapest_enough([lost("gru", 4, 86, 3), large], market) is large
+    assert cheapest_network([nested, large], market) is large
+    assert cheapest_network([won, large], market) is won
+    assert cheapest_network([candidate("gru", 4, 89), large], market).config.network.hidden == 4
+    assert cheapest_network([lost("gru", 4, 86, 3), large], market) is large
 
 
 def test_what_is_least_is_what_is_preferred_and_the_board_has_the_say():
@@ -97,11 +99,11 @@ def test_what_is_least_is_what_is_preferred_and_the_board_has_the_say():
     taken = {"energy": small, "cells": large, "latency": linear}
     for prefer, expected in taken.items():
         market = priced(cost_of=rows.__getitem__, prefer=prefer)
-        assert cheapest_enough([linear, small, large], market) is expected, prefer
+        assert cheapest_network([linear, small, large], market) is expected, prefer
     holds = priced(cost_of=rows.__getitem__, fits=lambda config: config == linear.config)
-    assert cheapest_enough([linear, small, large], holds) is linear
+    assert cheapest_network([linear, small, large], holds) is linear
     nothing = priced(cost_of=rows.__getitem__, fits=lambda config: False)
-    assert cheapest_enough([linear, small, large], nothing) is small
+    assert cheapest_network([linear, small, large], nothing) is small
     row = small.row(True, nothing)
     assert row["fits"] is None and (row["energy_touch_j"], row["cells"], row["latency_s"]) == (1.0, 30, 3.0)
     assert row["block_memories"] == 1 and row["chosen"] is True
@@ -142,12 +144,12 @@ def test_of_equal_cost_the_more_accurate_is_taken():
     )
     plain = dataclasses.replace(plain, correct=np.roll(squares.correct, 0) * (np.arange(100) > 2))
     market = priced()
-    assert cheapest_enough([plain, squares], market) is squares
-    assert cheapest_enough([squares, plain], market) is squares
+    assert cheapest_network([plain, squares], market) is squares
+    assert cheapest_network([squares, plain], market) is squares
     level = lost("linear", None, 90, 3)  # loses 4 recordings and wins 3
     level = dataclasses.replace(level, recipe=plain.recipe)
-    assert cheapest_enough([level, squares], market) is level
-    assert cheapest_enough([squares, level], market) is squares
+    assert cheapest_network([level, squares], market) is level
+    assert cheapest_network([squares, level], market) is squares
     assert (
         network_name(squares.row(True, market)) == "linear (least squares)"
         and network_name(plain.row(False, market)) == "linear"
@@ -217,9 +219,9 @@ def test_no_error_in_the_recordings_is_not_a_standard_error_of_nothing():
         candidate("linear", None, 998, 1000),
     )
     assert perfect.standard_error == choosing.least_error(1000) == pytest.approx(0.00099800, rel=1e-3)
-    assert cheapest_enough([perfect, behind], priced()) is perfect
+    assert cheapest_network([perfect, behind], priced()) is perfect
     one = candidate("linear", None, 999, 1000)
-    assert cheapest_enough([perfect, one], priced()) is one  # one lost of so many is exactly one
+    assert cheapest_network([perfect, one], priced()) is one  # one lost of so many is exactly one
     assert choosing.settled(near) is False and choosing.settled(perfect)
 
 

@@ -40,11 +40,9 @@ def test_every_layer_and_every_signal_is_judged(folder):
     result = compare_stages(out / "model", scene)
     assert [entry["stage"] for entry in result["stages"]] == ["0 conv 3 4", "2 conv 3 6", "3 dense 3"]
     names = [entry["signal"] for entry in result["signals"]]
-    assert (
-        len(names) == 9
-        and names[-1] == "logits"
-        and names[:3] == ["0 conv 3 4: weights", "0 conv 3 4: biases", "0 conv 3 4: map"]
-    )
+    assert len(names) == 9
+    assert names[-1] == "logits"
+    assert names[:3] == ["0 conv 3 4: weights", "0 conv 3 4: biases", "0 conv 3 4: map"]
     model, real = IntegerModel.load(out / "model", images=True), FloatModel.load(out / "model", images=True)
     ideal, trace = float_images(real, images_of(scene)), run_images(model, images_of(scene))
     error = np.abs(model.config.formats.logit_format.to_real(trace.logits) - ideal.logits)
@@ -58,34 +56,12 @@ def test_every_layer_and_every_signal_is_judged(folder):
         assert entry["error_max"] <= (entry["step"] / 2 + 1e-12 if "biases" in entry["signal"] else 1.0)
 
 
-def test_a_spoiled_weight_shows_in_its_layer_alone(folder):
-    out, scene = folder
-    before = compare_stages(out / "model", scene)
-    integer = IntegerModel.load(out / "model", images=True)
-    arrays = {name: array.copy() for name, array in integer.arrays.items()}
-    arrays["W_2"][0, 1, 1, 0] ^= 64
-    FloatModel.load(out / "model", images=True).save(out / "spoiled", {})
-    IntegerModel(integer.config, arrays).save(out / "spoiled")
-    after = compare_stages(out / "spoiled", scene)
-    changed = [
-        a["stage"]
-        for a, b in zip(before["stages"], after["stages"], strict=True)
-        if a["logit_max"] != b["logit_max"]
-    ]
-    assert (
-        changed == ["2 conv 3 6"]
-        and after["signals"][3]["error_max"] > 10 * before["signals"][3]["error_max"]
-    )
-
-
 def test_the_command_line_writes_page_and_json(folder, monkeypatch):
     out, _ = folder
     monkeypatch.chdir(out)
     run = CliRunner()
     told = run.invoke(app, ["compare", "model", "--data", "images.npz", "--out", "page", "--json", "c.json"])
     assert told.exit_code == 0 and "0 conv 3 4: map" in told.output, told.output
-    assert (
-        "0 conv 3 4: map" in (out / "page/compare.html").read_text()
-        and json.loads((out / "c.json").read_text())["steps"] == 36
-    )
+    assert "0 conv 3 4: map" in (out / "page/compare.html").read_text()
+    assert json.loads((out / "c.json").read_text())["steps"] == 36
     assert run.invoke(app, ["compare", "model", "--out", "page"]).exit_code == 0  # made-up images

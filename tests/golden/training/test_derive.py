@@ -15,6 +15,7 @@ from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.preprocess import find_touches
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.derive import derive_config
+from tests.support.parts import of_parts
 from tests.support.prices import priced
 from tests.support.table import each_row
 
@@ -35,10 +36,9 @@ def cut(recordings: Recordings, *, taxels=None, decimate=1, shift=0, begin=0, en
     """``recordings`` as another sensor would have given them: fewer taxels, a lower rate, fewer bits, another
     part of the time."""
     parts = [recordings.recording(i)[begin:end:decimate, :taxels] >> shift for i in range(len(recordings))]
-    return replace(
+    return of_parts(
         recordings,
-        samples=np.concatenate(parts),
-        offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]),
+        parts,
         sample_rate_hz=recordings.sample_rate_hz / decimate,
         sample_bits=recordings.sample_bits - shift,
         volt_per_code=recordings.volt_per_code * 2**shift,
@@ -87,11 +87,9 @@ def test_another_rate_or_code_is_no_preset(pvdf, change):
 def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
     recordings = cut(pvdf, **change)
     config, reasons = derive_config(recordings)
-    assert (
-        config.onset_rule.onset == "baseline"
-        and config.rest_level.rest == "tracked"
-        and config.network.class_names == pvdf.class_names
-    )
+    assert config.onset_rule.onset == "baseline"
+    assert config.rest_level.rest == "tracked"
+    assert config.network.class_names == pvdf.class_names
     assert (config.sensor.taxels, config.sensor.sample_bits, config.sensor.sample_rate_hz) == (
         recordings.taxels,
         recordings.sample_bits,
@@ -112,11 +110,9 @@ def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
 def test_recordings_that_start_in_contact_open_at_once(fabric, change):
     recordings = cut(fabric, **change)
     config, reasons = derive_config(recordings)
-    assert (
-        config.onset_rule.onset == "immediate"
-        and config.rest_level.rest == "initial"
-        and config.name == "derived"
-    )
+    assert config.onset_rule.onset == "immediate"
+    assert config.rest_level.rest == "initial"
+    assert config.name == "derived"
     assert any("start in contact" in reason for reason in reasons)
     assert touched(config, recordings)[1] >= 0.9
 
@@ -124,10 +120,8 @@ def test_recordings_that_start_in_contact_open_at_once(fabric, change):
 def test_a_preset_whose_rule_finds_nothing_is_not_taken(pvdf):
     faint = replace(pvdf, samples=29000 + (pvdf.samples - 29000) // 8)
     config, reasons = derive_config(faint)
-    assert (
-        config.name == "derived"
-        and "preset 'pvdf' has the same taxels, rate and codes but was not taken" in reasons[0]
-    )
+    assert config.name == "derived"
+    assert "preset 'pvdf' has the same taxels, rate and codes but was not taken" in reasons[0]
     assert touched(config, faint)[0] >= 0.9
 
 
@@ -135,18 +129,11 @@ def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
     """Every recording is cut 1300 frames after its onset: the preset's windows need 2016."""
     ends = find_touches(PRESETS["pvdf"], pvdf, steps=0)
     ends = ends.onset_frame[ends.first_touch()] + 1300
-    parts = [pvdf.recording(i)[: ends[i]] for i in range(len(pvdf))]
-    short = replace(
-        pvdf,
-        samples=np.concatenate(parts),
-        offsets=np.concatenate([[0], np.cumsum([len(part) for part in parts])]),
-    )
+    short = of_parts(pvdf, [pvdf.recording(i)[: ends[i]] for i in range(len(pvdf))])
     config, reasons = derive_config(short)
-    assert (
-        config.name == "derived"
-        and "preset 'pvdf'" in reasons[0]
-        and "windows end after the recording" in reasons[0]
-    )
+    assert config.name == "derived"
+    assert "preset 'pvdf'" in reasons[0]
+    assert "windows end after the recording" in reasons[0]
     assert config.onset_rule.onset == "baseline" and config.windows.steps == 20 and config.last_frame < 2016
     assert touched(config, short)[0] >= 0.9
 
@@ -154,9 +141,9 @@ def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
 @each_row(("lengths", "steps"), [((40,) * 6, 20), ((9,) * 6, 8), ((2,) * 6, 1)])
 def test_very_short_recordings_get_a_configuration_too(make_recordings, lengths, steps):
     config, _ = derive_config(make_recordings(lengths=lengths))
-    assert (
-        config.windows.steps == steps and config.onset_rule.onset == "immediate" and config.sensor.taxels == 4
-    )
+    assert config.windows.steps == steps
+    assert config.onset_rule.onset == "immediate"
+    assert config.sensor.taxels == 4
 
 
 def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
@@ -168,11 +155,9 @@ def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
     samples[:, 4] = 7
     recordings = replace(recordings, samples=samples.astype(np.int32))
     config, reasons = derive_config(recordings)
-    assert (
-        str(config.sample_format) == "UQ(8,0)"
-        and config.sensor.taxels == 5
-        and config.sensor.masked_taxels == (4,)
-    )
+    assert str(config.sample_format) == "UQ(8,0)"
+    assert config.sensor.taxels == 5
+    assert config.sensor.masked_taxels == (4,)
     assert any("taxel 4 never changes and is masked" in reason for reason in reasons)
     touching, full = touched(config, recordings)
     assert touching == full == 0.8  # taxel 4 of every fifth recording shows nothing
@@ -200,10 +185,8 @@ def test_the_fast_and_wide_sensor_gets_a_clock_that_can_take_it(make_recordings)
 def test_a_preset_takes_the_classes_of_the_recordings_and_a_file_does_not(make_recordings):
     recordings = make_recordings(taxels=8, sample_rate_hz=2000.0)
     front_end = configure(recordings, PRESETS["pvdf"], priced())
-    assert (
-        front_end.config == PRESETS["pvdf"].replace(class_names=("class0", "class1"))
-        and "class0, class1" in front_end.reasons[1]
-    )
+    assert front_end.config == PRESETS["pvdf"].replace(class_names=("class0", "class1"))
+    assert "class0, class1" in front_end.reasons[1]
     assert front_end.record is None
     own = PRESETS["pvdf"].replace(name="mine")
     with pytest.raises(

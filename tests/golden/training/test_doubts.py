@@ -43,12 +43,10 @@ def test_a_network_below_its_best_baseline():
         == []
     )
     (sentence,) = doubts.below_baselines(split(), [baseline(0.925), baseline(0.91)], chosen=False)
-    assert (
-        "92.5 %" in sentence
-        and "90.0 %" in sentence
-        and "2.5 points" in sentence
-        and "--cell auto" in sentence
-    )
+    assert "92.5 %" in sentence
+    assert "90.0 %" in sentence
+    assert "2.5 points" in sentence
+    assert "--cell auto" in sentence
     (sentence,) = doubts.below_baselines(split(), [baseline(0.93)], chosen=True, hidden=8)
     assert "--cell gru --hidden 12" in sentence and "--cell auto" not in sentence
     (sentence,) = doubts.below_baselines(split(), [baseline(0.93)], chosen=True, cell="linear", hidden=12)

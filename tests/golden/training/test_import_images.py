@@ -67,10 +67,8 @@ def test_it_computes_what_torch_computes(tmp_path, norm, bias):
     images = random_images(config(), 12, 1)
     with torch.no_grad():
         expected = theirs.double()(torch.from_numpy(images / 255.0)[:, None]).numpy()
-    assert (
-        np.ptp(expected, axis=0).max() > 0.05
-        and np.abs(float_images(model, images).logits - expected).max() < 1e-6
-    )
+    assert np.ptp(expected, axis=0).max() > 0.05
+    assert np.abs(float_images(model, images).logits - expected).max() < 1e-6
     assert list(record["imported"]["arrays"]) == ["0 conv 5 4", "2 conv 3 6", "4 dense 5", "5 dense 3"]
     integer = quantised(model, images)
     rounded = integer.config.formats.logit_format.to_real(run_images(integer, images).logits)
@@ -142,27 +140,3 @@ def test_what_does_not_fit_is_refused_in_a_sentence(tmp_path, state, changes, wo
     with pytest.raises(InputError, match=words) as refused:
         import_network(saved(tmp_path / "n.pt", state), config(), out=tmp_path / "m", **options)
     assert "\n" not in str(refused.value) and not (tmp_path / "m").exists()
-
-
-def test_other_files_and_options_are_refused(tmp_path):
-    (tmp_path / "n.npz").write_bytes(b"x")
-    with pytest.raises(InputError, match="is no .pt or .pth file"):
-        import_network(tmp_path / "n.npz", config(), out=tmp_path / "m", mean=0, std=255)
-    (tmp_path / "n.pt").write_bytes(b"x")
-    with pytest.raises(InputError, match="is damaged or no torch file"):
-        import_network(tmp_path / "n.pt", config(), out=tmp_path / "m", mean=0, std=255)
-    (tmp_path / "c.json").write_text(config().to_json())
-    line = [
-        "import",
-        str(tmp_path / "n.pt"),
-        "--out",
-        str(tmp_path / "m"),
-        "--config",
-        str(tmp_path / "c.json"),
-        "--cell",
-        "gru",
-    ]
-    refused = CliRunner().invoke(app, line)
-    assert isinstance(
-        refused.exception, InputError
-    ) and "--cell: is for networks that read recordings" in str(refused.exception)

@@ -11,21 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from typer.testing import CliRunner
 
-from eskin.cli.main import app
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.errors import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.scene import synthetic_recordings
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.model import FloatModel
 from eskin.golden.model.preprocess import find_touches, real_features
 from eskin.golden.training.datasets import find_dataset, touch_rows
 from eskin.golden.training.fit import fit_networks
-from eskin.golden.training.import_network import import_network, read_layers
-from eskin.golden.training.quantise import quantise
+from eskin.golden.training.import_network import import_network
 from eskin.golden.training.recipe import Recipe
 from tests.support.table import each_row
 
@@ -118,16 +113,12 @@ def test_torch_network_computes_the_same(tmp_path, name, prefix):
     with torch.no_grad():
         expected = network(torch.from_numpy(features)).numpy()
     assert np.abs(expected).max() > 0.3 and np.abs(model.forward(features)[1] - expected).max() < 1e-12
-    assert (
-        (model.config.network.cell, model.config.network.hidden) == (cell, 10)
-        and model.arrays["mu"] == -3.5
-        and model.arrays["sigma"] == 140
-    )
+    assert (model.config.network.cell, model.config.network.hidden) == (cell, 10)
+    assert model.arrays["mu"] == -3.5
+    assert model.arrays["sigma"] == 140
     assert json.loads(json.dumps(record)) == json.loads((tmp_path / "model" / "training.json").read_text())
-    assert (
-        record["imported"]["file"] == str(file)
-        and record["imported"]["arrays"]["dense"] == prefix + "head.weight"
-    )
+    assert record["imported"]["file"] == str(file)
+    assert record["imported"]["arrays"]["dense"] == prefix + "head.weight"
     assert record["parameters"] == model.parameter_count == model.config.parameter_count
 
 
@@ -238,19 +229,16 @@ ELSE = "holds other things than tensors"
     [
         ({"recurrent__weight_ih_l0": None}, "is there 0 times"),
         ({"recurrent__weight_hh_l0": None}, "weight_hh_l0: is missing"),
-        ({"recurrent__bias_ih_l0": None}, "bias_ih_l0: is missing"),
         ({"head__weight": None}, "has 0 dense layers"),
         ({"head__bias": None}, "head.bias: is missing"),
-        ({"recurrent__weight_ih_l1": ONES(30, 10)}, "l1: belongs to a second layer"),
         ({"recurrent__weight_ih_l0_reverse": ONES(30, 16)}, "reverse: belongs to a second layer"),
+        ({"recurrent__weight_ih_l1": ONES(30, 10)}, "l1: belongs to a second layer"),
         ({"b__weight_ih_l0": ONES(30, 16)}, "is there 2 times"),
         ({"two__weight": ONES(3, 3)}, "has 2 dense layers"),
         ({"norm__weight": ONES(10)}, "norm.weight: belongs to neither the recurrent layer nor"),
         ({"recurrent__weight_ih_l0": ONES(33, 16)}, "weight_ih_l0.*: has shape"),
-        ({"recurrent__weight_ih_l0": ONES(30)}, "weight_ih_l0.*: has shape"),
         ({"recurrent__bias_hh_l0": ONES(33)}, "bias_hh_l0.*: has shape"),
         ({"head__weight": ONES(3, 11)}, "head.weight.*: has shape"),
-        ({"head__bias": ONES(3, 1)}, "head.bias.*: has shape"),
         ({"head__bias": ONES(4)}, "head.bias: has 4 values for 3 classes of head.weight"),
         ({"head__bias": ONES(3).to_sparse()}, "head.bias: is no plain array of numbers"),
         ({"epoch": 3}, f"{ELSE}; save only the weights"),
@@ -288,7 +276,6 @@ GOOD = keras_arrays(3, 2)
         ({"arr_1": GOOD[1].T}, r"arr_1: has shape \(21, 7\), neither \(hidden, 3 x hidden\) of a GRU nor"),
         ({"arr_0": GOOD[0].T}, r"arr_0: has shape \(21, 16\), .*not go with a GRU of 7 units \(arr_1\)"),
         ({"arr_2": GOOD[2].ravel()}, "array arr_2: has shape .1, 42., which does not go with"),
-        ({"arr_2": np.float64(1)}, "array arr_2: has shape"),
         ({"arr_3": np.ones((8, 3))}, r"array arr_3: has shape \(8, 3\)"),
         ({"arr_4": np.ones(4)}, "array arr_4: has 4 values for 3 classes of arr_3"),
         ({"arr_0": np.full((16, 21), np.nan)}, "arr_0: holds values that are no finite numbers"),
@@ -362,27 +349,6 @@ def test_files_of_other_kinds(tmp_path):
     refused(tmp_path, tmp_path / "one.npz", "is a single array, not an .npz archive")
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
-@given(
-    where=st.floats(0, 1), value=st.integers(0, 255), kind=st.sampled_from(["net.pt", "old.pth", "keras.npz"])
-)
-def test_any_changed_byte_is_refused_or_harmless(tmp_path_factory, where, value, kind):
-    """Never anything but an InputError, whatever byte changes."""
-    file = tmp_path_factory.mktemp("byte") / kind
-    if kind == "keras.npz":
-        np.savez(file, *keras_arrays(3, 1))
-    else:
-        torch.save(Network(torch.nn.GRU).state_dict(), file, _use_new_zipfile_serialization=kind == "net.pt")
-    raw = bytearray(file.read_bytes())
-    raw[min(int(where * len(raw)), len(raw) - 1)] = value
-    file.write_bytes(raw)
-    try:
-        layers = read_layers(file)
-    except InputError:
-        return
-    assert layers.arrays["recurrent"].shape[0] == 3 * layers.arrays["recurrent"].shape[1]
-
-
 @each_row(
     "options, match",
     [
@@ -399,13 +365,6 @@ def test_any_changed_byte_is_refused_or_harmless(tmp_path_factory, where, value,
 )
 def test_normalisation_must_be_known(tmp_path, options, match):
     refused(tmp_path, torch_file(tmp_path), match, **options)
-
-
-def test_a_folder_that_is_no_model_stays(tmp_path):
-    (tmp_path / "model").mkdir()
-    (tmp_path / "model" / "thesis.txt").write_text("years of work")
-    with pytest.raises(InputError, match="holds 'thesis.txt', which is no part of a model"):
-        import_network(torch_file(tmp_path), SYNTHETIC, out=tmp_path / "model", reset="after", **SCALE)
 
 
 # ---------------------------------------------------------------------- on to the integer model
@@ -451,62 +410,3 @@ def test_no_touch_to_measure_on(tmp_path, make_recordings):
     quiet = make_recordings(lengths=[2000] * 3, taxels=16, classes=3)
     match, unsaid = "hold no touch to measure mean and deviation on", {"mean": None, "std": None}
     refused(tmp_path, torch_file(tmp_path), match, SLOW, recordings=quiet, **unsaid)
-
-
-def trained_outside(scene: Recordings, cell: type, mean: float, std: float) -> Network:
-    """Trained by torch alone on the window means, in one thread."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    touches = find_touches(SLOW, scene)
-    features = torch.from_numpy((real_features(SLOW, touches.sums) - mean) / std).float()
-    labels = torch.from_numpy(scene.labels[touches.recording])
-    network = Network(cell, hidden=12)
-    optimiser = torch.optim.Adam(network.parameters(), lr=0.02)
-    for _ in range(60):
-        optimiser.zero_grad()
-        torch.nn.functional.cross_entropy(network(features)[:, -1], labels).backward()
-        optimiser.step()
-    torch.set_num_threads(threads)
-    return network
-
-
-def imported(tmp_path: Path, scene: Recordings, cell: type) -> tuple[Network, Path]:
-    """A network trained by torch alone, and the model folder that the command line made of its file."""
-    network = trained_outside(scene, cell, 20.0, 250.0)
-    file = saved(tmp_path / "net.pt", network.state_dict())
-    (tmp_path / "config.json").write_text(SLOW.to_json())
-    said = ["--cell", "gru", "--reset", "after"] if cell is torch.nn.GRU else ["--cell", "lstm"]
-    said += ["--config", str(tmp_path / "config.json"), "--mean", "20", "--std", "250"]
-    result = CliRunner().invoke(app, ["import", str(file), "--out", str(tmp_path / "model"), *said])
-    assert result.exit_code == 0, result.output
-    return network.double(), tmp_path / "model"
-
-
-@each_row("cell", [torch.nn.GRU, torch.nn.LSTM])
-def test_from_torch_to_codes_at_the_command_line(tmp_path, scene, cell):
-    """Imported with --mean and --std, quantised with --data: the integer model decides as the network did
-    where it was trained."""
-    network, folder = imported(tmp_path, scene, cell)
-    model, touches = FloatModel.load(folder), find_touches(SLOW, scene)
-    features = model.features(real_features(SLOW, touches.sums))
-    with torch.no_grad():
-        expected = network(torch.from_numpy(features)).numpy()
-    assert np.abs(expected).max() > 1 and np.abs(model.forward(features)[1] - expected).max() < 1e-12
-    with pytest.raises(
-        InputError, match="has no ranges noted at training; give the recordings it was trained on .--data."
-    ):
-        quantise(folder)
-    data, run = tmp_path / "scene.npz", CliRunner()
-    np.savez(
-        data,
-        samples=scene.samples.astype(np.uint16),
-        offsets=scene.offsets,
-        labels=scene.labels,
-        class_names=np.array(scene.class_names),
-        sample_rate_hz=scene.sample_rate_hz,
-    )
-    assert run.invoke(app, ["quantise", str(folder), "--data", str(data)]).exit_code == 0
-    said = run.invoke(app, ["evaluate", str(folder), "--data", str(data), "--json", str(tmp_path / "e.json")])
-    figures = json.loads((tmp_path / "e.json").read_text())
-    assert said.exit_code == 0 and figures["float_accuracy"] > 0.9 and figures["agreement"] >= 0.98
-    assert IntegerModel.load(folder).config.network.hidden == 12

@@ -27,6 +27,7 @@ from eskin.golden.training.quantise import (
     quantise_model,
 )
 from tests.golden.model.test_cells import CELLS
+from tests.support.folder import contents
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
@@ -215,6 +216,7 @@ def test_a_second_quantisation_starts_afresh(tmp_path):
     ("widths", "words"),
     [
         ({"weight_bits": 1}, "field weight_format: 1 bits"),
+        ({"weight_bits": -1}, "field weight_format: -1 bits"),
         ({"weight_bits": 17}, "field weight_format: 17 bits"),
         ({"state_bits": 3}, "field state_format: 3 bits"),
         ({"feature_bits": 40}, "field feature_format: 40 bits"),
@@ -224,10 +226,10 @@ def test_a_second_quantisation_starts_afresh(tmp_path):
 )
 def test_widths_that_cannot_work_are_refused_and_nothing_changes(tmp_path, widths, words):
     saved(tmp_path / "model")
-    before = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
+    before = contents(tmp_path)
     with pytest.raises(InputError, match=words):
         quantise(tmp_path / "model", **widths)
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()} == before
+    assert contents(tmp_path) == before
 
 
 def test_weights_of_16_bits_widen_the_accumulator_and_dsp_lanes_refuse_them():
@@ -254,47 +256,44 @@ def test_quantising_without_touches_or_ranges_is_refused(tmp_path):
         quantise(tmp_path / "nothing")
 
 
+UNIT = dict.fromkeys(("weight", "recurrent", "dense", "bias", "dense bias", "logit"), (-1.0, 1.0))
+UNIT |= {COVERED_FEATURE: (-7.0, 7.0)}
+
+
+def in_words(formats) -> str:
+    """Of features, recurrent weights and state."""
+    return f"{formats.feature_format} {formats.recurrent_format} {formats.state_format}"
+
+
 def test_the_rarest_features_get_bits_on_top_and_the_state_makes_room_for_recurrent_weights():
-    ranges = {s: (-1.0, 1.0) for s in ("weight", "recurrent", "dense", "bias", "dense bias", "logit")} | {
-        COVERED_FEATURE: (-7.0, 7.0)
-    }
+    def chosen(rarest: float, **widths):
+        return choose_formats(PRESETS["fabric"], UNIT | {"feature": (-rarest, 7.0)}, **widths).formats
 
-    def chosen(rarest: float, **widths) -> list[str]:
-        formats = choose_formats(PRESETS["fabric"], ranges | {"feature": (-rarest, 7.0)}, **widths).formats
-        return [
-            str(getattr(formats, name)) for name in ("feature_format", "recurrent_format", "state_format")
-        ]
-
-    assert chosen(7.5) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
-    assert chosen(30.0) == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]  # as fine as before, and nothing saturates
-    one_table = choose_formats(PRESETS["fabric"], ranges | {"feature": (-30.0, 7.0)}).formats
+    assert in_words(chosen(7.5)) == "SQ(4,8) SQ(2,6) SQ(2,12)"
+    finer = chosen(30.0)  # as fine as before, and nothing saturates
+    assert in_words(finer) == "SQ(6,8) SQ(2,6) SQ(2,10)"
     # as in the preset: one table serves gates and states
-    assert one_table.gate_frac == one_table.state_format.frac_bits + 1
+    assert finer.gate_frac == finer.state_format.frac_bits + 1
     # no state gives up more, and recurrent weights nothing
-    assert chosen(500.0) == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]
-    # as asked for: the rarest saturate
-    assert chosen(30.0, feature_bits=12) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
-    # a state as asked for makes no room
-    assert chosen(30.0, state_bits=14) == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
-    assert chosen(30.0, lean=True)[0].startswith("SQ(4,")
+    assert in_words(chosen(500.0)) == in_words(finer)
+    # as asked for: the rarest saturate, or the state makes no room
+    for widths in ({"feature_bits": 12}, {"state_bits": 14}):
+        assert in_words(chosen(30.0, **widths)) == "SQ(4,8) SQ(2,6) SQ(2,12)"
+    assert in_words(chosen(30.0, lean=True)).startswith("SQ(4,")
 
 
 def test_a_preset_keeps_the_formats_that_it_always_had():
     """Version 0.1.0: features of 12 bits for all but the rarest, the state as the preset has it."""
     config = PRESETS["fabric"].replace(hidden=4)
-    model = float_model(config)
-    ranges = {s: (-1.0, 1.0) for s in ("weight", "recurrent", "dense", "bias", "dense bias", "logit")}
-    ranges |= {COVERED_FEATURE: (-7.0, 7.0), "feature": (-30.0, 7.0)}
+    arrays = float_model(config).arrays
 
-    def formats(name: str, **widths) -> list[str]:
-        of_model = FloatModel(config.replace(name=name), model.arrays, "made")
-        chosen = quantise_model(of_model, ranges, **widths).config.formats
-        return [
-            str(getattr(chosen, field)) for field in ("feature_format", "recurrent_format", "state_format")
-        ]
+    def formats(name: str, **widths) -> str:
+        model = FloatModel(config.replace(name=name), arrays, "made")
+        return in_words(quantise_model(model, UNIT | {"feature": (-30.0, 7.0)}, **widths).config.formats)
 
-    assert formats("fabric") == ["SQ(4,8)", "SQ(2,6)", "SQ(2,12)"]
-    assert formats("derived") == ["SQ(6,8)", "SQ(2,6)", "SQ(2,10)"]
+    assert (
+        formats("fabric") == "SQ(4,8) SQ(2,6) SQ(2,12)" and formats("derived") == "SQ(6,8) SQ(2,6) SQ(2,10)"
+    )
     # asked for: no preset's any more
     assert formats("fabric", feature_bits=14) == formats("derived", feature_bits=14)
 
@@ -307,19 +306,20 @@ def test_weak_signals_get_features_finer_than_their_sums():
     ranges = profile(model, find_touches(SMALL, scene(20, seed=1)))
     integer = quantise_model(weak, ranges)
     assert integer.config.features.feature_shift == (-6,) and 2**14 <= integer.arrays["scale"][0] < 2**15
-    assert (
-        integer.config.mean_frac == 6
-        and integer.config.formats == quantise_model(model, ranges).config.formats
-    )
+    assert integer.config.mean_frac == 6
+    assert integer.config.formats == quantise_model(model, ranges).config.formats
     preset = FloatModel(SMALL.replace(name="thesis"), weak.arrays, "made")
     plain = quantise_model(preset, ranges).config
     assert plain.mean_frac == 0 and plain.formats.feature_format.frac_bits < 8
 
 
-@each_row("cell", ["linear", "gru"])
-def test_bits_of_a_feature_are_given_or_refused(cell, tmp_path):
+@each_row("cell, recurrent, most", [("linear", 1.0, 16), ("gru", 1.0, 16), ("gru", 64.0, 12)])
+def test_bits_of_a_feature_are_given_or_refused(cell, recurrent, most, tmp_path):
+    """Recurrent weights that are far larger than the others leave products, and so features, fewer bits."""
     model = float_model(with_network(SMALL, cell=cell))
-    model = FloatModel(model.config, dict(model.arrays) | {"sigma": np.array(0.2), "mu": np.array(0.05)})
+    factor = {"U": recurrent, "W": 1 / recurrent}
+    arrays = {name: factor.get(name[0], 1.0) * array for name, array in model.arrays.items()}
+    model = FloatModel(model.config, arrays | {"sigma": np.array(0.2), "mu": np.array(0.05)})
     model.save(tmp_path / "model", {})
     given = []
     for bits in range(4, 17):
@@ -329,9 +329,7 @@ def test_bits_of_a_feature_are_given_or_refused(cell, tmp_path):
             given.append(bits)
         except InputError as error:
             assert f"{bits} bits were asked for" in str(error) and f"at most {given[-1]} feat" in str(error)
-    assert (
-        given == list(range(4, 4 + len(given))) and given[-1] == {"linear": 16, "gru": given[-1]}[cell] >= 10
-    )
+    assert given == list(range(4, most + 1))
 
 
 # ---------------------------------------------------------------------- evaluation
@@ -346,11 +344,9 @@ def test_evaluate_counts_what_it_says(tmp_path):
     assert result["integer_accuracy"] == pytest.approx(right / 20)
     same = sum(int(a == b) for a, b in zip(trace.decision, ideal.decision, strict=True))
     assert result["agreement"] == pytest.approx(same / 20)
-    assert (
-        np.sum(result["confusion"]) == 20
-        and np.trace(result["confusion"]) == right
-        and np.sum(result["confusion"], axis=0)[-1] == 1
-    )
+    assert np.sum(result["confusion"]) == 20
+    assert np.trace(result["confusion"]) == right
+    assert np.sum(result["confusion"], axis=0)[-1] == 1
     assert [row["step"] for row in result["per_step"]] == [1, 2, 3, 4, 5, 6]
     assert sum(
         c["recordings"] * c["integer_accuracy"] for c in result["per_class"].values()
@@ -365,9 +361,9 @@ def test_float_and_integer_decisions_are_not_mixed_up():
     trace = run(quantise_model(model, profile(model, find_touches(SMALL, recordings))), recordings)
     ideal = dataclasses.replace(trace, decision=np.where(trace.decision < 0, -1, (trace.decision + 1) % 3))
     result = compare(ideal, trace, np.maximum(trace.decision, 0))
-    assert (
-        result["integer_accuracy"] == 0.95 and result["float_accuracy"] == 0 and result["agreement"] == 0.05
-    )
+    assert result["integer_accuracy"] == 0.95
+    assert result["float_accuracy"] == 0
+    assert result["agreement"] == 0.05
     assert np.trace(result["confusion"]) == 19
     classes = result["per_class"].values()
     assert sum(row["recordings"] * row["integer_accuracy"] for row in classes) == pytest.approx(19)
@@ -397,14 +393,10 @@ def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_pat
     plain, lean = quantise_model(model, ranges), quantise_model(model, ranges, lean=True)
     chosen = lean.config
     assert chosen.features.aligned_means and not plain.config.features.aligned_means
-    assert (
-        len(set(chosen.features.feature_shift)) == 1
-        and not (lean.arrays["mean"] % (1 << chosen.features.feature_shift[0])).any()
-    )
-    assert (
-        chosen.formats.feature_format.frac_bits >= plain.config.formats.feature_format.frac_bits
-        and chosen.operand_bits <= 16
-    )
+    assert len(set(chosen.features.feature_shift)) == 1
+    assert not (lean.arrays["mean"] % (1 << chosen.features.feature_shift[0])).any()
+    assert chosen.formats.feature_format.frac_bits >= plain.config.formats.feature_format.frac_bits
+    assert chosen.operand_bits <= 16
     # every weight, bias and state at its worst: the logit still fits
     worst = chosen.network.hidden * 2 ** (
         chosen.formats.dense_format.width - 1 + chosen.formats.state_format.width - 1

@@ -1,8 +1,8 @@
 """golden/training/train.py: determinism, splits, learning, the record; and the accuracy on the real
 recordings (slow in full)."""
 
-import dataclasses
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +10,7 @@ import torch
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
+from eskin.golden.core.groups import FEATURE_KINDS
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
 from eskin.golden.model.pipeline import float_features, run
@@ -28,7 +29,22 @@ from tests.golden.model.test_cells import CELLS
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 
-QUICK = dataclasses.replace(RECIPES["onset"], updates=200)
+QUICK = replace(RECIPES["onset"], updates=200)
+
+
+def few(updates: int, recipe=QUICK, **changes):
+    """The recipe with so many updates."""
+    return replace(recipe, updates=updates, **changes)
+
+
+def touches_of(recordings, config=SMALL, recipe=QUICK):
+    """(data set, its rows)."""
+    data = datasets.find_dataset(recordings, config, recipe)
+    return data, datasets.touch_rows(data, np.arange(len(recordings)))
+
+
+def fit(data, parts, recipe, config=SMALL, curves=None, told=lambda *_: None):
+    return fitting.fit_networks(data, config, recipe, parts, 0, told, curves)
 
 
 # ---------------------------------------------------------------------- learning and repeating
@@ -45,20 +61,17 @@ def test_the_network_learns_a_task_that_a_constant_cannot():
 def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
     """The last point against the float model alone: the loss of the one touch that each network has not
     seen."""
-    recordings, recipe = scene(30, seed=4), dataclasses.replace(QUICK, updates=30)
-    data = datasets.find_dataset(recordings, SMALL, recipe)
-    rows = datasets.touch_rows(data, np.arange(30))
+    recordings, recipe = scene(30, seed=4), few(30)
+    data, rows = touches_of(recordings, recipe=recipe)
     parts, tests = [rows[1:], rows[:-1], rows], [rows[:1], rows[-1:], rows[:0]]
     curves = losses.LossCurves(data, SMALL, recipe, tests)
-    models = fitting.fit_networks(data, SMALL, recipe, parts, 0, lambda *_: None, curves)
-    plain = fitting.fit_networks(data, SMALL, recipe, parts, 0, lambda *_: None)
+    models = fit(data, parts, recipe, curves=curves)
+    plain = fit(data, parts, recipe)
     for one, other in zip(models, plain, strict=True):
         assert all(np.array_equal(one.arrays[name], other.arrays[name]) for name in one.arrays)
-    assert (
-        len(curves.updates) == losses.CURVE_POINTS
-        and curves.updates[-1] == 30
-        and curves.losses.shape == (20, 3, 2)
-    )
+    assert len(curves.updates) == losses.CURVE_POINTS
+    assert curves.updates[-1] == 30
+    assert curves.losses.shape == (20, 3, 2)
     for m in (0, 1):
         touch = data.touches.take(tests[m])
         logits = models[m].forward(float_features(models[m], touch))[1][0, : touch.completed[0]]
@@ -67,18 +80,11 @@ def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
     assert np.isnan(curves.losses[:, 2, 1]).all() and np.isfinite(curves.losses[..., 0]).all()
     (record,) = cross_validate(recordings, SMALL, [["person"]], (0,), folds=2, recipe=recipe)
     curve = record["training_curve"]
-    assert (
-        len(curve["held_out_loss"]) == len(curve["updates"]) == 20
-        and curve["training_loss"][-1] < curve["training_loss"][0]
-    )
+    assert len(curve["held_out_loss"]) == len(curve["updates"]) == 20
+    assert curve["training_loss"][-1] < curve["training_loss"][0]
     linear = with_network(SMALL, cell="linear")
     (record,) = cross_validate(
-        recordings,
-        linear,
-        [["person"]],
-        (0,),
-        folds=2,
-        recipe=dataclasses.replace(RECIPES["linear"], updates=5),
+        recordings, linear, [["person"]], (0,), folds=2, recipe=few(5, RECIPES["linear"])
     )
     assert record["training_curve"] is None
 
@@ -86,9 +92,8 @@ def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
 def test_many_networks_are_trained_in_shares(monkeypatch):
     """Folds and seeds that a user may ask for do not all lie in memory at once; every network is there, and
     its own curve."""
-    recordings, recipe, sizes = scene(30, seed=4), dataclasses.replace(QUICK, updates=4), []
-    data = datasets.find_dataset(recordings, SMALL, recipe)
-    rows = datasets.touch_rows(data, np.arange(30))
+    recordings, recipe, sizes = scene(30, seed=4), few(4), []
+    data, rows = touches_of(recordings, recipe=recipe)
     parts = [np.delete(rows, place) for place in range(7)]
     make = fitting.RecurrentClassifier
 
@@ -99,13 +104,11 @@ def test_many_networks_are_trained_in_shares(monkeypatch):
     monkeypatch.setattr(fitting, "RecurrentClassifier", noted)
     monkeypatch.setattr(fitting, "TOGETHER", 3)
     curves, told = losses.LossCurves(data, SMALL, recipe, [rows[[place]] for place in range(7)]), []
-    models = fitting.fit_networks(data, SMALL, recipe, parts, 0, lambda *done: told.append(done), curves)
-    assert (
-        sizes == [(3,), (3,), (1,)]
-        and len(models) == 7
-        and curves.losses.shape == (4, 7, 2)
-        and told[-1] == (12, 12)
-    )
+    models = fit(data, parts, recipe, curves=curves, told=lambda *done: told.append(done))
+    assert sizes == [(3,), (3,), (1,)]
+    assert len(models) == 7
+    assert curves.losses.shape == (4, 7, 2)
+    assert told[-1] == (12, 12)
     assert len({model.arrays["W_z"].tobytes() for model in models}) == 7, (
         "each begins with weights of its own"
     )
@@ -113,7 +116,7 @@ def test_many_networks_are_trained_in_shares(monkeypatch):
 
 
 def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
-    recordings, recipe = scene(30, seed=4), dataclasses.replace(QUICK, updates=20)
+    recordings, recipe = scene(30, seed=4), few(20)
 
     def time_of(**changes):
         (result,) = cross_validate(recordings, SMALL.replace(**changes), [[]], (0,), folds=2, recipe=recipe)
@@ -125,7 +128,7 @@ def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
 
 
 def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
-    monkeypatch.setitem(recipes.RECIPES, "onset", dataclasses.replace(QUICK, updates=30, weight_limit=0.4))
+    monkeypatch.setitem(recipes.RECIPES, "onset", few(30, weight_limit=0.4))
     train(scene(30, seed=4), SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
     arrays = FloatModel.load(tmp_path / "m").arrays
     largest = max(np.abs(array).max() for name, array in arrays.items() if name not in ("mu", "sigma"))
@@ -133,47 +136,34 @@ def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
 
 
 def test_the_thesis_recipe_learns_from_the_last_step():
-    recipe = dataclasses.replace(RECIPES["thesis"], epochs=30, learning_rate=0.02)
+    recipe = replace(RECIPES["thesis"], epochs=30, learning_rate=0.02)
     (result,) = cross_validate(scene(90, seed=1), SMALL.replace(decision="last"), [[]], (0,), recipe=recipe)
     assert result["float_accuracy"] > 0.8
 
 
-def test_training_repeats_by_seed(tmp_path, quick):
-    recordings = scene(30, seed=4)
-    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
-        train(recordings, SMALL, TrainingRequest(folds=2, seeds=1, seed=seed), out=tmp_path / name)
-    a, b, c = (FloatModel.load(tmp_path / name).arrays for name in "abc")
-    assert all((a[name] == b[name]).all() for name in a)
-    assert any((a[name] != c[name]).any() for name in a)
-    first, second = (load_training(tmp_path / name) for name in "ab")
-    assert first["cross_validation"] == second["cross_validation"]
-
-
-def test_training_leaves_torch_as_it_was(tmp_path, quick):
-    threads, state = torch.get_num_threads(), torch.get_rng_state()
-    train(scene(30, seed=4), SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
+def test_the_seed_alone_decides_and_torch_is_left_as_it_was(tmp_path, quick):
+    """Neither the folds nor what torch drew before; and folds of one seed give one cross-validation."""
+    recordings, threads, state = scene(30, seed=4), torch.get_num_threads(), torch.get_rng_state()
+    for name, seed, folds in (("a", 5, 2), ("b", 5, 2), ("c", 5, 0), ("d", 6, 0)):
+        train(recordings, SMALL, TrainingRequest(folds=folds, seeds=1, seed=seed), out=tmp_path / name)
+    a, b, c, d = (FloatModel.load(tmp_path / name).arrays for name in "abcd")
+    assert all((a[name] == b[name]).all() and (a[name] == c[name]).all() for name in a)
+    assert any((a[name] != d[name]).any() for name in a)
+    first, second = (load_training(tmp_path / name)["cross_validation"] for name in "ab")
+    assert first == second and len(first)
     assert torch.get_num_threads() == threads and (torch.get_rng_state() == state).all()
 
 
-def test_the_model_written_does_not_depend_on_the_folds(tmp_path, quick):
-    recordings = scene(30, seed=4)
-    train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "a")
-    train(recordings, SMALL, TrainingRequest(folds=3, seeds=2), out=tmp_path / "b")
-    a, b = (FloatModel.load(tmp_path / name).arrays for name in "ab")
-    assert all((a[name] == b[name]).all() for name in a)
-
-
 # ---------------------------------------------------------------------- quantisation-aware
-@each_row(("cell", "reset"), CELLS)
-@each_row(
-    "widths",
-    [
-        {"weight_bits": 8},
-        {"weight_bits": 4, "state_bits": 12, "gate_bits": 8, "table_entries": 128},
-        {"weight_bits": 2, "state_bits": 12, "feature_bits": 8, "table_entries": 64},
-        {"weight_bits": 3, "state_bits": 16, "gate_bits": 14, "feature_bits": 6},
-    ],
-)
+WIDTHS = [
+    {"weight_bits": 8},
+    {"weight_bits": 4, "state_bits": 12, "gate_bits": 8, "table_entries": 128},
+    {"weight_bits": 2, "state_bits": 12, "feature_bits": 8, "table_entries": 64},
+    {"weight_bits": 3, "state_bits": 16, "gate_bits": 14, "feature_bits": 6},
+]
+
+
+@each_row(("cell", "reset", "widths"), [(*CELLS[number % 3], widths) for number, widths in enumerate(WIDTHS)])
 def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, cell, reset, widths):
     """Every batch of a fine-tuning run: features, then logits, against numpy and IntegerModel.forward of what
     is exported then."""
@@ -192,7 +182,7 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
     monkeypatch.setattr(IntegerNetwork, "forward", checked)
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 12)
     monkeypatch.setattr(fitting, "FINE_TUNING_RATE", 0.1)
-    recipe = dataclasses.replace(RECIPES["onset"], updates=10, batch=16)
+    recipe = replace(RECIPES["onset"], updates=10, batch=16)
     cross_validate(
         scene(30, seed=4), config, [[]], (0,), folds=2, recipe=recipe, widths=widths, quantisation_aware=True
     )
@@ -205,20 +195,23 @@ def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, c
 
 def test_bits_of_a_feature_that_no_format_uses_are_refused_in_training_too(monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 2)
-    asked = dict(recipe=dataclasses.replace(QUICK, updates=2), folds=2, quantisation_aware=True)
+    asked = dict(recipe=few(2), folds=2, quantisation_aware=True)
     cross_validate(scene(30, seed=4), SMALL, [[]], (0,), widths={"feature_bits": 6}, **asked)
     with pytest.raises(InputError, match="16 bits were asked for.* give at most 1. feature bits"):
         cross_validate(scene(30, seed=4), SMALL, [[]], (0,), widths={"feature_bits": 16}, **asked)
 
 
-@each_row("config", [SMALL, SMALL.replace(compand="log", compand_knee=7, compand_frac=6)])
+@each_row(
+    "config",
+    [
+        SMALL,
+        SMALL.replace(compand="log", compand_knee=7, compand_frac=6),
+        SMALL.replace(feature_kinds=FEATURE_KINDS, activity_block=2, integral_knee=4, feature_scale="taxel"),
+    ],
+)
 def test_training_features_go_through_the_integer_normaliser(config):
-    recordings = scene(30, seed=4)
-    data = datasets.find_dataset(recordings, config, QUICK)
-    part = datasets.touch_rows(data, np.arange(30))
-    models = fitting.fit_networks(
-        data, config, dataclasses.replace(QUICK, updates=2), [part, part[::2]], 0, lambda *_: None
-    )
+    data, part = touches_of(scene(30, seed=4), config)
+    models = fit(data, [part, part[::2]], few(2), config)
     starts = [fitting.post_training(model, data, part, {}) for model in models]
     network = IntegerNetwork(models, [starts[0], IntegerModel(starts[0].config, starts[1].arrays)])
     real = np.stack([model.features(real_features(config, data.touches.sums)) for model in models])
@@ -233,7 +226,7 @@ def test_training_features_go_through_the_integer_normaliser(config):
             start.arrays["scale"],
         )
         np.testing.assert_array_equal(code[done], exact[done])
-        assert np.ptp(exact) > 100 and model.arrays["sigma"] > (1 if config is SMALL else 0.5)
+        assert np.ptp(exact) > 100 and (model.arrays["sigma"] > (1 if config is SMALL else 0.5)).all()
 
 
 def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
@@ -241,7 +234,7 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
     recordings = scene(60, seed=1)
     by_training = {}
     for aware in (False, True):
-        for bits in (8, 2):
+        for bits in (2,) if aware else (8, 2):
             (record,) = cross_validate(
                 recordings,
                 SMALL,
@@ -257,18 +250,15 @@ def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
                 assert record[f"{kind}_accuracy"] == pytest.approx(np.mean(record[f"{kind}_by_seed"]))
                 assert len(record[f"{kind}_by_seed"]) == len(record["per_fold"]) == 2
     assert by_training[True, 2]["integer_accuracy"] > by_training[False, 2]["integer_accuracy"] + 0.05
-    assert by_training[True, 8]["integer_accuracy"] > 0.85 and by_training[False, 8]["agreement"] > 0.95
+    assert by_training[False, 8]["agreement"] > 0.95
     # they start from the same float networks
     assert len({record["float_accuracy"] for record in by_training.values()}) == 1
 
 
 def test_networks_of_different_formats_are_tuned_as_if_alone(monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 5)
-    data = datasets.find_dataset(scene(30, seed=4), SMALL, QUICK)
-    part = datasets.touch_rows(data, np.arange(30))
-    first, second = fitting.fit_networks(
-        data, SMALL, dataclasses.replace(QUICK, updates=5), [part, part], 0, lambda *_: None
-    )
+    data, part = touches_of(scene(30, seed=4))
+    first, second = fit(data, [part, part], few(5))
     second = FloatModel(
         SMALL, {name: array * (3 if name.startswith("V") else 1) for name, array in second.arrays.items()}
     )
@@ -291,11 +281,9 @@ def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, 
         out=tmp_path / "m",
     )
     tuned = IntegerModel.load(tmp_path / "m")
-    assert (
-        load_training(tmp_path / "m") == record
-        and record["quantisation_aware"]
-        and record["widths"] == {"weight_bits": 4}
-    )
+    assert load_training(tmp_path / "m") == record
+    assert record["quantisation_aware"]
+    assert record["widths"] == {"weight_bits": 4}
     assert tuned.config.weight_bits == 4 and record["cross_validation"][0]["agreement"] > 0
     assert {entry["signal"]: entry["format"] for entry in record["ranges"]}["weight"] == str(
         tuned.config.formats.weight_format
@@ -318,7 +306,7 @@ def test_no_group_is_on_both_sides(monkeypatch):
         seen.append([set(data.touches.recording[rows]) for rows in parts])
         curve_of = [set(data.touches.recording[rows]) for rows in curves._rows]
         assert all(not trained & shown for trained, shown in zip(seen[-1], curve_of, strict=True))
-        return fit(data, config, dataclasses.replace(recipe, updates=1), parts, seed, progress, curves)
+        return fit(data, config, few(1, recipe), parts, seed, progress, curves)
 
     profiled, judged = [], []
 
@@ -351,7 +339,7 @@ def test_no_group_is_on_both_sides(monkeypatch):
 
 def test_scaling_comes_from_the_training_part_only(monkeypatch):
     recordings = scene(30, seed=6)
-    loud = dataclasses.replace(recordings, groups={"half": (np.arange(30) >= 15).astype(int)})
+    loud = replace(recordings, groups={"half": (np.arange(30) >= 15).astype(int)})
     samples = recordings.samples.copy()
     start = recordings.offsets[15]
     samples[start:] = 1000 + 3 * (samples[start:] - 1000)
@@ -359,13 +347,7 @@ def test_scaling_comes_from_the_training_part_only(monkeypatch):
     judge = crossval._judge
     monkeypatch.setattr(crossval, "_judge", lambda model, *rest: models.append(model) or judge(model, *rest))
     config = SMALL.replace(clip=0)
-    cross_validate(
-        dataclasses.replace(loud, samples=samples),
-        config,
-        [["half"]],
-        (0,),
-        recipe=dataclasses.replace(QUICK, updates=1),
-    )
+    cross_validate(replace(loud, samples=samples), config, [["half"]], (0,), recipe=few(1))
     # the first fold leaves the quiet half out
     quiet, loud_sigma = (models[1].arrays["sigma"], models[0].arrays["sigma"])
     assert loud_sigma > 2 * quiet
@@ -385,7 +367,7 @@ def test_default_splits_are_those_the_recordings_can_make():
     assert default_splits(recordings, SMALL) == [[]]
     assert default_splits(recordings, PRESETS["synthetic"]) == [["person"]]
     assert default_splits(recordings, PRESETS["pvdf"]) == [[]]
-    some = dataclasses.replace(recordings, groups={"trial": recordings.labels, "seq": recordings.labels})
+    some = replace(recordings, groups={"trial": recordings.labels, "seq": recordings.labels})
     assert default_splits(some, PRESETS["pvdf"]) == [["trial"], ["seq"]]
 
 
@@ -400,8 +382,7 @@ def test_the_recipe_follows_the_configuration():
 def drawn(config=SMALL, **changes) -> tuple[np.ndarray, tuple[float, float]]:
     """Features of one touch, drawn 400 times and changed as a recipe says, and their scale."""
     recipe = recipes.Recipe(name="plain", batch=400, **changes)
-    data = datasets.find_dataset(scene(30, seed=4), config, recipe)
-    part = datasets.touch_rows(data, np.arange(30))
+    data, part = touches_of(scene(30, seed=4), config, recipe)
     batches = batching.Batches(data, config, recipe, [part[:1]], torch.Generator().manual_seed(1))
     return batches.draw()[0][0].numpy(), batches.scales[0]
 
@@ -443,7 +424,7 @@ def test_the_robust_recipe_lets_taxels_fail_and_keeps_the_rest():
         robust, plain = choose_recipe(config, "robust"), choose_recipe(config)
         assert robust.channel_dropout > 0 and robust.taxel_failure > 0 and robust.updates == 2 * plain.updates
         same = {"name": plain.name, "updates": plain.updates, "channel_dropout": 0.0, "taxel_failure": 0.0}
-        assert dataclasses.replace(robust, **same) == plain
+        assert replace(robust, **same) == plain
 
 
 def test_thesis_epochs_use_every_touch_once_an_epoch():
@@ -467,18 +448,14 @@ def test_the_folder_and_the_record(tmp_path, quick):
     assert (config.network.hidden, config.windows.steps) == (8, 5) and record[
         "parameters"
     ] == config.parameter_count
-    assert (
-        record["seed"] == 3
-        and record["recordings"] == 30
-        and record["touched"] == 29
-        and record["data"] == "scene"
-    )
+    assert record["seed"] == 3
+    assert record["recordings"] == 30
+    assert record["touched"] == 29
+    assert record["data"] == "scene"
     (split,) = record["cross_validation"]
-    assert (
-        split["groups"] == ["person"]
-        and split["seeds"] == [3, 4]
-        and split["folds"] == len(split["per_fold"]) == 3
-    )
+    assert split["groups"] == ["person"]
+    assert split["seeds"] == [3, 4]
+    assert split["folds"] == len(split["per_fold"]) == 3
     assert np.sum(split["confusion"]) == 2 * 30
     shares = [fold["recordings"] * fold["integer_accuracy"] for fold in split["per_fold"]]
     assert (
@@ -490,23 +467,6 @@ def test_the_folder_and_the_record(tmp_path, quick):
     quantise(tmp_path / "m", recordings)
     result = evaluate(tmp_path / "m", recordings)
     assert result["recordings"] == 30 and result["not_touched"] == 1
-
-
-def test_a_model_folder_is_replaced_and_others_are_not(tmp_path, quick):
-    recordings = scene(30, seed=9)
-    train(recordings, SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
-    quantise(tmp_path / "m")
-    train(recordings, SMALL, TrainingRequest(folds=0, seed=1), out=tmp_path / "m")
-    assert sorted(path.name for path in (tmp_path / "m").iterdir()) == [
-        "config.json",
-        "float.npz",
-        "training.json",
-    ]
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "thesis.doc").write_text("x")
-    with pytest.raises(InputError, match=r"thesis\.doc"):
-        train(recordings, SMALL, out=tmp_path / "other")
-    assert [path.name for path in (tmp_path / "other").iterdir()] == ["thesis.doc"]
 
 
 @each_row(
@@ -544,7 +504,7 @@ def test_recordings_without_a_touch_or_of_another_task_are_refused(tmp_path):
 def test_one_split_of_the_piezo_recordings(shared_data):
     """Quick: one seed of the split by speed with half the updates; the full figures are below."""
     recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
-    recipe = dataclasses.replace(RECIPES["onset"], updates=200)
+    recipe = QUICK
     (result,) = cross_validate(recordings, PRESETS["pvdf"], [["speed"]], (0,), recipe=recipe)
     assert result["integer_accuracy"] >= 0.94 and result["agreement"] >= 0.985
 
@@ -555,11 +515,9 @@ def test_accuracy_on_the_piezo_recordings(shared_data):
     trial, speed, seq = cross_validate(
         recordings, PRESETS["pvdf"], [["trial"], ["speed"], ["seq"]], (0, 1, 2)
     )
-    assert (
-        trial["integer_accuracy"] >= 0.99
-        and speed["integer_accuracy"] >= 0.97
-        and seq["integer_accuracy"] >= 0.70
-    )
+    assert trial["integer_accuracy"] >= 0.99
+    assert speed["integer_accuracy"] >= 0.97
+    assert seq["integer_accuracy"] >= 0.70
     assert min(split["agreement"] for split in (trial, speed, seq)) >= 0.995
     assert trial["per_step"][2]["integer_accuracy"] >= 0.98
 
@@ -581,9 +539,7 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
     """Decisions, float and integer, of every fold: those of eskin.golden.model.pipeline on the same
     recordings."""
     recordings = scene(40, seed=3)
-    work = crossval.Folds(
-        recordings, DETECTING, dataclasses.replace(QUICK, updates=15), [["person"]], (0,), 5
-    )
+    work = crossval.Folds(recordings, DETECTING, few(15), [["person"]], (0,), 5)
     models = work.fit(None)
     integers = work.quantise(models, {})
     assert work.data.touches.faults.any() and not work.data.touches.faults.all()
@@ -605,8 +561,7 @@ def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
 
 def test_networks_are_trained_and_profiled_on_what_the_fault_detector_leaves():
     plain = recipes.Recipe(name="plain", batch=400, warp=1.5)
-    data = datasets.find_dataset(scene(40, seed=3), DETECTING, plain)
-    part = datasets.touch_rows(data, np.arange(40))
+    data, part = touches_of(scene(40, seed=3), DETECTING, plain)
     faults = data.touches.faults
     row = next(row for row in part if 0 < faults[row].any(axis=0).sum() < 4)
     batches = batching.Batches(data, DETECTING, plain, [part[part == row]], torch.Generator().manual_seed(1))
@@ -615,16 +570,14 @@ def test_networks_are_trained_and_profiled_on_what_the_fault_detector_leaves():
     assert (features[..., faults[row].any(axis=0)][:, -1] == 0).any() and (features[..., whole] == 0).all()
     assert (features[..., ~faults[row].any(axis=0)][counts] != 0).all()
     # mean and deviation, and the ranges, do not know what a masked taxel reads
-    loud = dataclasses.replace(
+    loud = replace(
         data,
         means=np.where(data.faults, 1e6, data.means),
-        touches=dataclasses.replace(data.touches, sums=np.where(faults, 10**9, data.touches.sums)),
+        touches=replace(data.touches, sums=np.where(faults, 10**9, data.touches.sums)),
     )
     models, profiles = [], []
     for one in (data, loud):
-        (model,) = fitting.fit_networks(
-            one, DETECTING, dataclasses.replace(plain, updates=3), [part], 0, lambda *_: None
-        )
+        (model,) = fit(one, [part], few(3, plain), DETECTING)
         models.append(model)
         profiles.append(profile(model, one.touches))
     assert profiles[0] == profiles[1]

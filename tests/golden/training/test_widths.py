@@ -46,11 +46,9 @@ def cases():
 def test_a_case_has_not_seen_what_is_left_out_of_it(cases):
     assert len(cases) == 5
     for case in cases:
-        assert (
-            len(case.seen)
-            and len(case.left_out)
-            and not set(case.seen.recording) & set(case.left_out.recording)
-        )
+        assert len(case.seen)
+        assert len(case.left_out)
+        assert not set(case.seen.recording) & set(case.left_out.recording)
     # 0 is never touched
     assert set(np.concatenate([case.left_out.recording for case in cases])) == set(range(1, 60))
 
@@ -58,12 +56,10 @@ def test_a_case_has_not_seen_what_is_left_out_of_it(cases):
 def test_the_first_widths_that_keep_the_limit_are_chosen_and_narrower_ones_break_it(cases):
     headroom = feature_headroom(cases)
     chosen, tried = choose_widths(cases, E)
-    assert (
-        tried[-1] is chosen
-        and chosen.max <= E
-        and all(rung.max > E for rung in tried[:-1])
-        and len(tried) > 1
-    )
+    assert tried[-1] is chosen
+    assert chosen.max <= E
+    assert all(rung.max > E for rung in tried[:-1])
+    assert len(tried) > 1
     assert [(rung.weight_bits, rung.table_entries) for rung in tried] == [
         (w, t) for w in WEIGHTS for t in TABLES
     ][: len(tried)]
@@ -124,18 +120,14 @@ def trained(tmp_path_factory):
 def test_the_folders_integers_keep_the_error_on_recordings_that_nobody_saw(trained):
     folder, recordings, fresh = trained
     _, summary = quantise_by_error(folder, recordings, RESERVE * E, group=["person"])
-    assert (
-        summary["max"] <= RESERVE * E
-        and summary["cases"] == 5
-        and load_training(folder)["logit_error"] == summary
-    )
+    assert summary["max"] <= RESERVE * E
+    assert summary["cases"] == 5
+    assert load_training(folder)["logit_error"] == summary
     judged = evaluate(folder, fresh)
     assert 0 < judged["logit_error"]["mean"] < judged["logit_error"]["max"] <= E
     rough, _ = quantise_by_error(folder, recordings, 40 * E, group=["person"])
-    assert (
-        rough.config.weight_bits < summary["weight_bits"]
-        and evaluate(folder, fresh)["logit_error"]["max"] > E
-    )
+    assert rough.config.weight_bits < summary["weight_bits"]
+    assert evaluate(folder, fresh)["logit_error"]["max"] > E
 
 
 def test_a_network_trained_elsewhere_stands_for_itself(trained, tmp_path):
@@ -163,10 +155,8 @@ def test_a_linear_cell_has_neither_gates_nor_states_and_its_widths_are_chosen_to
         assert errors_of["logits"].mean == pytest.approx(error.mean()) and errors_of[
             "logits"
         ].max == pytest.approx(error.max())
-        assert (
-            0 < errors_of["accumulators"].max < errors_of["logits"].max + 1 / 512
-            and 0 < errors_of["accumulators"].used < 1
-        )
+        assert 0 < errors_of["accumulators"].max < errors_of["logits"].max + 1 / 512
+        assert 0 < errors_of["accumulators"].used < 1
 
 
 @each_row("limit", [0.0, -1.0, float("nan"), float("inf")])

@@ -52,9 +52,7 @@ def test_rows_for_the_report():
         "linear classifier on whole recordings",
     ]
     for row in rows:
-        assert (
-            0 <= row["accuracy"] <= 1
-            and row["standard_error"] >= 0
-            and row["multiplies"] > 0
-            and not row["hardware"]
-        )
+        assert 0 <= row["accuracy"] <= 1
+        assert row["standard_error"] >= 0
+        assert row["multiplies"] > 0
+        assert not row["hardware"]

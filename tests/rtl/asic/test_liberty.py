@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core.errors import InputError
@@ -18,6 +18,7 @@ from eskin.rtl.asic.liberty import WireLoad, corners, parse, read
 from eskin.rtl.asic.models import expression, model
 from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import process_of, without_initial
+from tests.support.strategies import examples
 from tests.support.table import each_row
 
 HEAD = """library (made) {{ /* a
@@ -144,7 +145,7 @@ ODD = st.sampled_from(
 )
 
 
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(300, 3000)
 @given(st.dictionaries(st.integers(0, len(TOKENS) - 1), ODD, min_size=1, max_size=4))
 def test_a_damaged_library_is_read_or_refused_in_one_sentence(tmp_path, changes):
     (tmp_path / "x.lib").write_text("".join(changes.get(place, token) for place, token in enumerate(TOKENS)))

@@ -5,20 +5,22 @@ import pytest
 from amaranth.back import rtlil
 from amaranth.hdl import Cat, Module, Signal, Value, unsigned
 from amaranth.lib.memory import Memory
-from amaranth.sim import Simulator
 
 from eskin.rtl.common.collisions import NO_COLLISION, without_contents
 from tests.rtl.decision import test_classifier
+from tests.rtl.engine import test_engine as test_engine_bench
 from tests.rtl.frontend import test_normaliser
+from tests.support.stream_bench import simulate
 
 
 @pytest.fixture(autouse=True)
 def garbage(monkeypatch):
-    """Marked memories invert what a read gives that collided with a write."""
-    elaborate = Memory.elaborate
+    """Marked memories invert what a read gives that collided with a write; their ports."""
+    elaborate, marked = Memory.elaborate, []
 
     def with_garbage(self, platform):
         m, reads = Module(), [(port, port.data) for port in self.read_ports if self.attrs.get("no_rw_check")]
+        marked.extend(port for port, _ in reads)
         for port, value in reads:
             port.data = Signal(len(Value.cast(value)))
             hit = Signal(reset_less=True)
@@ -33,6 +35,7 @@ def garbage(monkeypatch):
         return m
 
     monkeypatch.setattr(Memory, "elaborate", with_garbage)
+    return marked
 
 
 @pytest.mark.parametrize("attributes, value", [({}, 0), (NO_COLLISION, 0xFF)])
@@ -41,15 +44,12 @@ def test_a_collision_shows(attributes, value):
     m.submodules.memory = memory = Memory(shape=unsigned(8), depth=4, init=[], attrs=attributes)
     read, write = memory.read_port(), memory.write_port()
     m.d.comb += [write.en.eq(1), write.data.eq(5)]
-    sim = Simulator(m)
-    sim.add_clock(1e-6)
 
     async def bench(ctx):
         await ctx.tick()
         assert ctx.get(read.data) == value
 
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(m, bench)
 
 
 @pytest.mark.parametrize(
@@ -62,6 +62,21 @@ def test_front_end(name, stalls):
     expected, touches = test_normaliser.golden_centred(config, [stream], means)
     assert touches
     assert test_normaliser.run_chain(config, [stream], means, stalls=stalls, seed=1) == expected
+
+
+@pytest.mark.parametrize(
+    ("cell", "reset", "lanes", "lane_type"),
+    [
+        ("gru", "before", 4, "dsp"),
+        ("gru", "after", 1, "plain"),
+        ("lstm", "before", 1, "dsp"),
+        ("gru", "before", 1, "serial"),
+    ],
+)
+def test_engine(garbage, cell, reset, lanes, lane_type):
+    config = test_engine_bench.small(cell, reset, lanes, lane_type=lane_type)
+    test_engine_bench.check_exact_and_cycles(config, 1)
+    assert len(garbage) >= 3, "program, data, weights are not marked"
 
 
 @pytest.mark.parametrize("decision", ["vote", "last"])

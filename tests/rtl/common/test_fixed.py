@@ -6,14 +6,14 @@ import pytest
 from amaranth.hdl import Module, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
-from amaranth.sim import Simulator
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core import formats
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.common import fixed
-from tests.support.stream_bench import Bench, values
+from tests.support.strategies import examples
+from tests.support.stream_bench import Bench, simulate, values
 from tests.support.table import each_row
 
 
@@ -32,9 +32,7 @@ def evaluate(shape, expression, codes):
             await ctx.delay(1e-9)
             out.append(ctx.get(probe))
 
-    sim = Simulator(m)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(m, bench)
     return out, result.shape()
 
 
@@ -70,7 +68,7 @@ def test_narrow_every_code(shift):
     assert got == [formats.narrow(code, shift, target) for code in codes]
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60, 600)
 @given(
     width=st.integers(2, 40),
     shift=st.integers(0, 30),

@@ -9,12 +9,12 @@ import tempfile
 from pathlib import Path
 
 from amaranth.back import rtlil
-from amaranth.sim import Simulator
 
 from eskin.rtl.common.collisions import without_contents
 from eskin.rtl.common.one_port_memory import OnePortMemory
 from eskin.rtl.engine.sb_mac16 import ICE40
 from eskin.rtl.fpga.tools import run_tool
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 from tests.support.vendor_cells import run_bench
 
@@ -61,10 +61,7 @@ def test_words_and_bytes_against_a_list():
             await ctx.tick()
             assert word is None or ctx.get(dut.word) == word
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
 
 
 BENCH = """`timescale 1ns / 1ps

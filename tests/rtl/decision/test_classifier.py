@@ -28,8 +28,7 @@ def play(config, touches, *, stall=0.0, seed=0):
 
     async def watch(ctx):
         count = 0
-        while True:
-            _, _, taken, closed = await ctx.tick().sample(dut.o.valid & dut.o.ready, dut.ended)
+        async for _, _, taken, closed in ctx.tick().sample(dut.o.valid & dut.o.ready, dut.ended):
             count += taken
             if closed:
                 ended.append(count)
@@ -124,15 +123,18 @@ def test_decisions(number):
     rng = random.Random(classes)
     low, high = config.formats.logit_format.min_code, config.formats.logit_format.max_code
 
-    def logits():
+    def logits(again):
         kind = rng.random()
         if kind < 0.3:  # ties
             return [rng.choice([-1, 0, 1]) for _ in range(classes)]
-        if kind < 0.6 and rule["decision"] == "early":  # one class again and again
+        if again:  # one class again and again
             return [3 * (k == 1) for k in range(classes)]
         return [rng.choice([low, high]) if kind < 0.5 else rng.randint(low, high) for _ in range(classes)]
 
-    touches = [[logits() for _ in range(count)] for count in (4, 4, 2, 4, 1, 3, 4, 3, 4, 4, 2)]
+    touches = [
+        [logits(rule["decision"] == "early" and number % 3 > 0) for _ in range(count)]
+        for number, count in enumerate((4, 4, 2, 4, 1, 3, 4, 3, 4, 4, 2))
+    ]
     out, last_logit, ended = play(config, touches, stall=stall, seed=classes)
     assert (values(out), ended) == expected(config, touches)
     if not stall:

@@ -8,7 +8,6 @@ import random
 import numpy as np
 import pytest
 from amaranth.hdl import Const
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.model.model import IntegerModel, random_integer_model
@@ -17,6 +16,7 @@ from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.timing import readout_cycles
+from tests.support.stream_bench import simulate
 
 
 def small_model(
@@ -59,17 +59,11 @@ class Player:
 
         async def watch(ctx):
             flag = self.dut.wrong if self.config.hardware.checksum else Const(0, 1)
-            while True:
-                _, _, refused, wrong = await ctx.tick().sample(self.dut.refused, flag)
+            async for _, _, refused, wrong in ctx.tick().sample(self.dut.refused, flag):
                 self.refused += refused
                 self.wrong += wrong
 
-        simulator = Simulator(self.dut)
-        simulator.add_clock(1e-6)
-        simulator.add_testbench(bench)
-        if self.config.readout_rule.taught:
-            simulator.add_testbench(watch, background=True)
-        simulator.run_until(0.1)
+        simulate(self.dut, bench, *[watch] * bool(self.config.readout_rule.taught))
         assert self.done
 
     done = False
@@ -214,22 +208,21 @@ class Player:
 
 
 @pytest.mark.parametrize(
-    ("cell", "decision", "stall", "spare"),
+    ("cell", "decision", "stall", "spare", "shift"),
     [
-        ("gru", "last", 0.0, 0),
-        ("gru", "last", 0.4, 0),
-        ("gru", "last", 0.4, 1),
-        ("gru", "vote", 0.4, 0),
-        ("gru", "vote", 0.2, 1),
-        ("linear", "last", 0.4, 0),
+        ("gru", "last", 0.0, 0, 1),
+        ("gru", "last", 0.4, 1, 2),
+        ("gru", "vote", 0.4, 0, 1),
+        ("gru", "vote", 0.2, 1, 0),
+        ("linear", "last", 0.4, 0, 1),
     ],
 )
 def test_taught_and_forgotten_at_random_it_is_as_far_from_every_class_as_the_model_says(
-    cell, decision, stall, spare
+    cell, decision, stall, spare, shift
 ):
     """With a spare class, which has no prototype until it is taught, and none again when it is forgotten."""
     unknown = {} if decision == "vote" else {"unknown_above": 9 if cell == "linear" else 15}
-    unknown |= {"spare_classes": spare} if spare else {}
+    unknown |= {"spare_classes": spare, "taught_shift": shift}
     player = Player(small_model(7, cell, decision, **unknown), 11, stall)
     in_use = set()
 

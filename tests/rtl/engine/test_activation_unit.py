@@ -6,12 +6,12 @@ import random
 
 import numpy as np
 from amaranth.hdl import Fragment
-from amaranth.sim import Simulator
 
 from eskin.golden.core.activation import sigmoid_table, tanh_table
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.engine.activation_unit import ActivationUnit
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
@@ -55,20 +55,14 @@ def test_hardware_gives_every_entry_one_cycle_later(changes):
     async def bench(ctx):
         for tanh in (0, 1):
             for index in range(-128, 128):
-                ctx.set(dut.index, index)
-                ctx.set(dut.tanh, tanh)
-                ctx.set(dut.enable, 1)
+                put(ctx, dut, index=index, tanh=tanh, enable=1)
                 await ctx.tick()
                 seen.append(~ctx.get(dut.not_state) if tanh else ctx.get(dut.gate))
-                ctx.set(dut.index, -index - 1)
-                ctx.set(dut.enable, 0)
+                put(ctx, dut, index=-index - 1, enable=0)
                 await ctx.tick()
                 assert (~ctx.get(dut.not_state) if tanh else ctx.get(dut.gate)) == seen[-1]
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert seen == [*sigmoid_table(config), *tanh_table(config)]
 
 
@@ -117,8 +111,7 @@ def test_a_wrong_entry_is_told_from_the_cycle_after_its_look_up_to_the_next():
                 rng.random() < 0.5,
                 rng.choice([rng.randrange(-32, 32), wrong - 32]),
             )
-            for signal, value in ((dut.enable, enable), (dut.walk, walk), (dut.index, index)):
-                ctx.set(signal, value)
+            put(ctx, dut, enable=enable, walk=walk, index=index)
             await ctx.tick()
             entry = following if walk else index + 32 if enable else entry
             following = (following + walk) % 64
@@ -126,8 +119,5 @@ def test_a_wrong_entry_is_told_from_the_cycle_after_its_look_up_to_the_next():
             if entry == wrong and (walk or enable):
                 told["walked" if walk else "asked"] += 1
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert min(told.values()) > 5

@@ -6,35 +6,20 @@ from __future__ import annotations
 import random
 
 from amaranth.hdl import Fragment
-from amaranth.sim import Simulator
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.program.cells import cell_program
 from eskin.rtl.program.memory_map import Memory
 from eskin.rtl.program.microcode import Layout
+from tests.support.small_designs import reference
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
-def run(dut, body) -> None:
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(body)
-    sim.run()
-
-
-def configuration(cell: str, lanes: int, **changes):
-    return PRESETS["thesis"].replace(
-        cell=cell, lanes=lanes, lane_type="dsp", state_format=QFormat(4, 12), **changes
-    )
-
-
-@each_row("lanes", [1, 4])
-@each_row("cell", ["gru", "lstm"])
-def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
-    config = configuration(cell, lanes)
+@each_row(("lanes", "cell"), [(1, "gru"), (4, "lstm")])
+def test_what_is_written_is_read_and_nothing_with_it(lanes, cell):
+    config = reference(cell, lanes=lanes, lane_type="dsp")
     program = cell_program(config)
     place, rng = Layout(config, program), random.Random(lanes)
     dut = CoefficientMemory(config, program)
@@ -44,13 +29,7 @@ def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
 
         async def load(select, address, word):
             line = 1 << load_lines(config)[select]
-            for signal, value in (
-                (dut.load.select, line),
-                (dut.load.address, address),
-                (dut.load.data, word),
-                (dut.load.enable, 1),
-            ):
-                ctx.set(signal, value)
+            put(ctx, dut.load, select=line, address=address, data=word, enable=1)
             await ctx.tick()
             ctx.set(dut.load.enable, 0)
 
@@ -64,8 +43,7 @@ def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
                 expected[address] = code = (
                     config.gate_one if index == 0 else rng.randrange(1, config.gate_one)
                 )
-                for signal, value in ((dut.write_address, address), (dut.write_data, code), (dut.write, 1)):
-                    ctx.set(signal, value)
+                put(ctx, dut, write_address=address, write_data=code, write=1)
                 await ctx.tick()
                 ctx.set(dut.write, 0)
         ctx.set(dut.enable, 1)
@@ -73,34 +51,16 @@ def test_what_is_written_is_read_and_nothing_with_it(cell, lanes):
             ctx.set(dut.address, address)
             await ctx.tick()
             assert (ctx.get(dut.gate) | ctx.get(dut.constant)) == word, address
-        ctx.set(dut.enable, 0)
-        ctx.set(dut.address, 0)
+        put(ctx, dut, enable=0, address=0)
         await ctx.tick()
         assert (ctx.get(dut.gate) | ctx.get(dut.constant)) == word, "without enable the word stays"
 
-    run(dut, body)
-
-
-@each_row("lanes", [1, 4])
-def test_rom_holds_its_image(lanes):
-    config = configuration("gru", lanes, loadable=False)
-    place = Layout(config, cell_program(config))
-    image = list(range(100, 100 + place.constant_words))
-    dut = CoefficientMemory(config, cell_program(config), image)
-
-    async def body(ctx):
-        ctx.set(dut.enable, 1)
-        for offset, word in enumerate(image):
-            ctx.set(dut.address, place.constants + offset)
-            await ctx.tick()
-            assert (ctx.get(dut.gate) | ctx.get(dut.constant)) == word
-
-    run(dut, body)
+    simulate(dut, body)
 
 
 @each_row("lanes", [1, 4])
 def test_where_memories_begin_as_told_only_a_shared_lane_has_one_for_each(lanes):
-    config = configuration("gru", lanes)
+    config = reference("gru", lanes=lanes, lane_type="dsp")
 
     def parts(platform: str | None) -> set[str]:
         return {
@@ -112,11 +72,3 @@ def test_where_memories_begin_as_told_only_a_shared_lane_has_one_for_each(lanes)
 
     assert parts("ice40") == ({"gates", "constants"} if lanes == 1 else {"both"})
     assert parts(None) == {"gates", "constants"}
-
-
-def test_on_a_shared_lane_one_bit_tells_gates_and_constants_apart():
-    for cell in ("gru", "lstm"):
-        place = Layout(configuration(cell, 1), cell_program(configuration(cell, 1)))
-        gates = {place.gate(region, index) for region in place.program.gate_regions for index in range(12)}
-        assert not any(address & place.constants for address in gates)
-        assert place.gate_depth <= 2 * place.constants

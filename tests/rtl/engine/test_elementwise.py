@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat, clamp, narrow
 from eskin.rtl.engine.elementwise import ElementwiseUnit
 from eskin.rtl.program.schedule import schedule
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 CASES = {
@@ -82,19 +81,4 @@ def test_equal_to_the_formulas(changes):
                     narrow(kept, config.state_index_shift, config.index_format) if tick else before
                 )
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
-
-
-def test_the_cases_are_what_their_names_say():
-    configs = {name: PRESETS["thesis"].replace(**changes) for name, changes in CASES.items()}
-    wide, short = configs["features wider than states"], configs["features narrower than states"]
-    assert configs["aligned"].feature_align > 0 and schedule(configs["on the one lane"]).shared
-    assert wide.feature_align == short.feature_align == 0
-    assert (
-        wide.formats.feature_format.width > wide.formats.state_format.width
-        and short.formats.feature_format.width < short.formats.state_format.width
-    )
-    assert configs["an index with one fraction bit less than a state"].state_index_shift == 1
+    simulate(dut, bench)

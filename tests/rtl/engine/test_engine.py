@@ -13,9 +13,10 @@ from eskin.golden.core.formats import QFormat, narrow
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.compact_engine import make_engine
+from eskin.rtl.engine.window_queue import WindowQueue
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import schedule
-from tests.support.stream_bench import Bench, values
+from tests.support.stream_bench import Bench, put, simulate, values
 
 
 class EngineBench(wiring.Component):
@@ -115,8 +116,7 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
         logit, feature, state = engine.logit, engine.feature, engine.state
         taps = [signal for tap in (logit, feature, state) for signal in (tap.valid, tap.value)]
         taps += [engine.started, engine.step.valid, engine.step.value]
-        while True:
-            _, _, lv, l, fv, f, sv, s, started, done, slots = await ctx.tick().sample(*taps)
+        async for _, _, lv, l, fv, f, sv, s, started, done, slots in ctx.tick().sample(*taps):
             for name, valid, value in (
                 ("logit", lv, l),
                 ("feature", fv, f),
@@ -154,16 +154,17 @@ def test_dsp_lanes_are_bit_exact_too(cell, reset, lanes):
     check_exact_and_cycles(small(cell, reset, lanes, lane_type="dsp"), touches=2)
 
 
+def check_exact(model: IntegerModel, centred: np.ndarray, **options):
+    """Every stream equals the golden cell's; those that were seen, and the decisions."""
+    seen, got_rows, decisions = run(model, centred, **options)
+    assert (seen["feature"], seen["state"], seen["logit"], got_rows) == expected(model, centred)
+    return seen, decisions
+
+
 def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
-    """Every stream equals the golden cell's, every step and decision takes the schedule's cycles."""
+    """And every step and decision takes the schedule's cycles."""
     model = random_integer_model(config, seed=7 + config.hardware.lanes)
-    centred = windows(model.config, touches=touches, seed=config.hardware.lanes)
-    features, hidden, logits, rows = expected(model, centred)
-    seen, got_rows, decisions = run(model, centred)
-    assert seen["feature"] == features
-    assert seen["state"] == hidden
-    assert seen["logit"] == logits
-    assert got_rows == rows
+    seen, decisions = check_exact(model, windows(model.config, touches=touches, seed=config.hardware.lanes))
     plan = schedule(model.config)
     local = [d.cycle for d in decisions if not d.value["is_global"]]
     assert [d - s for d, s in zip(local, seen["started"], strict=True)] == [plan.decision_cycles] * len(local)
@@ -174,7 +175,17 @@ def check_exact_and_cycles(config: AcceleratorConfig, touches: int) -> None:
 def test_bit_exact_with_stalls(lanes):
     config = small("gru", "before", lanes, hidden=12, taxels=16)
     model = random_integer_model(config, seed=lanes)
-    centred = windows(model.config, touches=2, seed=lanes)
-    features, hidden, logits, rows = expected(model, centred)
-    seen, got_rows, _ = run(model, centred, stall=0.3, seed=lanes)
-    assert (seen["feature"], seen["state"], seen["logit"], got_rows) == (features, hidden, logits, rows)
+    check_exact(model, windows(model.config, touches=2, seed=lanes), stall=0.3, seed=lanes)
+
+
+def test_a_step_is_open_from_its_start_to_its_end():
+    dut, seen = WindowQueue(small("gru", "before", 3), 3), []
+
+    async def bench(ctx):
+        for started, done in ((0, 0), (1, 0), (0, 0), (0, 1), (0, 0)):
+            put(ctx, dut, started=started, step_done=done)
+            seen.append((ctx.get(dut.computing), ctx.get(dut.open)))
+            await ctx.tick()
+
+    simulate(dut, bench)
+    assert seen == [(0, 0), (0, 0), (1, 1), (1, 1), (0, 0)]

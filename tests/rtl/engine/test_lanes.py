@@ -7,14 +7,15 @@ import random
 
 import pytest
 from amaranth.hdl import Fragment
-from amaranth.sim import Simulator
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature, make_lane
 from eskin.rtl.engine.sb_mac16 import DspLane
 from eskin.rtl.program.timing import timing
+from tests.support.strategies import examples
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 A_BITS, B_BITS, ACC_BITS = 16, 8, 30
@@ -93,41 +94,23 @@ def play(lane_type: str, with_operands: bool, accumulates: bool, sums, gap_of_ti
                     seen[number] = ctx.get(dut.acc)
                 await ctx.tick()
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)
     assert {number: seen[number] for number in checks} == checks
     return seen, checks
 
 
-@pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), KINDS)
-def test_sums_are_exact_and_there_in_their_slot(lane_type, with_operands, accumulates):
-    sums = dot_products(3, 60, 6 if accumulates else 1)
-    seen, checks = play(lane_type, with_operands, accumulates, sums)
+@each_row("gaps", [(0,), (0, 0, 1, 5)])
+@each_row(("lane_type", "with_operands", "accumulates"), KINDS)
+def test_sums_are_exact_and_there_in_their_slot(lane_type, with_operands, accumulates, gaps):
+    """Slots of one cycle and of any number; sums that begin at either end of the accumulator first."""
+    ends = [(end, [(0, 0)]) for end in (-(1 << ACC_BITS - 1), (1 << ACC_BITS - 1) - 1)]
+    sums, rng = ends + dot_products(3, 60, 6 if accumulates else 1), random.Random(4)
+    seen, checks = play(lane_type, with_operands, accumulates, sums, lambda: rng.choice(gaps))
     early = [number for number, total in checks.items() if seen[number - 1] != total]
     assert len(early) > 0.5 * len(checks), "the sum is there a slot sooner than the timing says"
 
 
-@each_row(("lane_type", "with_operands", "accumulates"), KINDS)
-def test_a_sum_begins_at_either_end_of_the_accumulator(lane_type, with_operands, accumulates):
-    sums = [(end, [(0, 0)]) for end in (-(1 << ACC_BITS - 1), (1 << ACC_BITS - 1) - 1)]
-    play(lane_type, with_operands, accumulates, sums)
-
-
-@pytest.mark.parametrize(("lane_type", "with_operands", "accumulates"), KINDS)
-def test_a_slot_may_take_any_number_of_cycles(lane_type, with_operands, accumulates):
-    rng = random.Random(4)
-    play(
-        lane_type,
-        with_operands,
-        accumulates,
-        dot_products(5, 40, 4 if accumulates else 1),
-        lambda: rng.choice([0, 0, 1, 5]),
-    )
-
-
-@settings(max_examples=30, derandomize=True, deadline=None)
+@examples(30, 300)
 @given(
     lane_type=st.sampled_from(["plain", "dsp"]),
     terms=st.lists(

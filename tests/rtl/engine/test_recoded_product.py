@@ -6,12 +6,12 @@ from __future__ import annotations
 import random
 
 from amaranth.hdl import Module, Signal, signed
-from amaranth.sim import Simulator
 
 from eskin.rtl.engine.recoded_product import sum_with_product
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
-EVERY = [(3, 2, 9), (4, 3, 9), (3, 4, 7), (4, 4, 12), (2, 5, 8), (5, 6, 12)]
+EVERY = [(3, 2, 9), (3, 4, 7), (2, 5, 8), (5, 6, 12)]
 
 
 def sums(a_bits: int, b_bits: int, bits: int, cases) -> list[int]:
@@ -27,9 +27,7 @@ def sums(a_bits: int, b_bits: int, bits: int, cases) -> list[int]:
                 ctx.set(signal, value)
             found.append(ctx.get(total))
 
-    simulator = Simulator(m)
-    simulator.add_testbench(play)
-    simulator.run()
+    simulate(m, play)
     return found
 
 
@@ -48,7 +46,7 @@ def test_every_product_of_small_numbers(a_bits, b_bits, bits):
     assert sums(a_bits, b_bits, bits, cases) == [wrapped(base + a * b, bits) for a, b, base in cases]
 
 
-@each_row(("a_bits", "b_bits", "bits"), [(16, 8, 28), (16, 16, 40), (12, 7, 30)])
+@each_row(("a_bits", "b_bits", "bits"), [(16, 8, 28), (12, 7, 30)])
 def test_products_of_the_lanes_widths(a_bits, b_bits, bits):
     rng = random.Random(2)
 
@@ -56,5 +54,5 @@ def test_products_of_the_lanes_widths(a_bits, b_bits, bits):
         values = of_bits(width)
         return rng.choice([values[0], values[-1], 0, -1, 1, rng.choice(values), rng.choice(values)])
 
-    cases = [(some(a_bits), some(b_bits), some(bits)) for _ in range(1500)]
+    cases = [(some(a_bits), some(b_bits), some(bits)) for _ in range(600)]
     assert sums(a_bits, b_bits, bits, cases) == [wrapped(base + a * b, bits) for a, b, base in cases]

@@ -6,13 +6,13 @@ import random
 
 import pytest
 from amaranth.hdl import ResetInserter, Signal
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat
 from eskin.rtl.engine.sequencer import Sequencer
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 from eskin.rtl.program.schedule import schedule
+from tests.support.stream_bench import simulate
 from tests.support.table import each_row
 
 FIELDS = (*ADDRESSES, *CONTROLS)
@@ -34,22 +34,18 @@ def play(code: Microcode, cycles: int, go=lambda cycle: 1, restart=lambda cycle:
 
     async def bench(ctx):
         fields = [getattr(dut.word, name) for name in FIELDS]
+        ticks = aiter(ctx.tick().sample(dut.enable, dut.waiting, dut.ended, *fields))
         for cycle in range(cycles):
             for signal, value in ((dut.go, go(cycle)), (dut.restart, restart(cycle)), (anew, reset(cycle))):
                 ctx.set(signal, value)
-            _, _, enable, waiting, ended, *values = await ctx.tick().sample(
-                dut.enable, dut.waiting, dut.ended, *fields
-            )
+            _, _, enable, waiting, ended, *values = await anext(ticks)
             if enable:
                 taken.append((cycle, dict(zip(FIELDS, values, strict=True)), ended))
             if waiting:
                 waits.append(cycle)
             assert ended <= enable
 
-    sim = Simulator(ResetInserter(anew)(dut))
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(ResetInserter(anew)(dut), bench)
     return taken, waits
 
 
@@ -72,23 +68,6 @@ def check(code: Microcode, taken, passes: list[bool]) -> None:
     assert [ended for _, _, ended in taken] == [
         int(number == len(words) - 1) for number in order[: len(taken)]
     ]
-
-
-def test_every_slot_in_its_cycle_and_on_to_the_next_step(code):
-    length = len(code.slots)
-    taken, _ = play(code, code.idle_words + 3 * length)
-    check(code, taken, [False, False, False])
-    cycles = [cycle for cycle, _, _ in taken]
-    assert cycles == list(range(1, code.idle_words + 3 * length)), (
-        "the first word takes a cycle to arrive, then none is lost"
-    )
-
-
-def test_restart_begins_with_the_prologue(code):
-    length = len(code.slots)
-    end = code.idle_words + length  # the cycle with the last slot of the first pass
-    taken, _ = play(code, 2 * end + length, restart=lambda cycle: cycle <= end)
-    check(code, taken, [True, False, False])
 
 
 def test_restart_is_looked_at_in_the_last_word_but_two(code):
@@ -151,10 +130,7 @@ def test_a_checked_program_is_right_word_by_word_and_a_changed_word_is_told():
                 if enable and wrong:
                     cycles.add(cycle)
 
-        sim = Simulator(dut)
-        sim.add_clock(1e-6)
-        sim.add_testbench(bench)
-        sim.run()
+        simulate(dut, bench)
         return cycles
 
     assert told(Sequencer(code)) == set() and told(Changed(code)) == {1}, "the first word comes in cycle 1"

@@ -17,7 +17,6 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
-from eskin.cli import main as command_line
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import random_integer_model
@@ -171,17 +170,13 @@ class Products(wiring.Component):
         return m
 
 
-def test_instantiated_and_inferred_multipliers_stay(tmp_path):
-    netlist = synthesise(Products(), ICE40_DSP, tmp_path)
-    assert netlist.multipliers == 3
-    assert netlist.verilog.read_text().count("SB_MAC16 #(") == 3
-
-
-def test_what_a_part_lacks_is_counted(tmp_path):
+def test_instantiated_and_inferred_multipliers_stay_and_what_a_part_lacks_is_counted(tmp_path):
+    netlist = synthesise(PoweredOn(Products()), ICE40_DSP, tmp_path)
+    assert netlist.multipliers == netlist.verilog.read_text().count("SB_MAC16 #(") == 3
     nano = target("icesugar-nano")
     pins = dict(zip(("clk", "i", "load", "o", "p"), (nano.clock_pin, *nano.pins), strict=False))
     with pytest.raises(DoesNotFit) as misfit:
-        place(synthesise(PoweredOn(Products()), ICE40_DSP, tmp_path), nano, pins, tmp_path / "placed", seed=1)
+        place(netlist, nano, pins, tmp_path / "placed", seed=1)
     assert misfit.value.shortage == {"multipliers": (3, 0)}
 
 
@@ -195,19 +190,11 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def call(folder, monkeypatch, capsys) -> Callable[..., tuple[int, str, str]]:
+def call(call, folder, monkeypatch) -> Callable[..., tuple[int, str, str]]:
+    """Of ``eskin build model`` in that folder."""
     monkeypatch.chdir(folder)
     monkeypatch.setenv("COLUMNS", "250")
-
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["eskin", "build", "model", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            command_line.main()
-            sys.exit(0)
-        said = capsys.readouterr()
-        return int(end.value.code or 0), said.out, said.err
-
-    return run
+    return lambda *words: call("build", "model", *words)
 
 
 @pytest.mark.parametrize("tiny", [True, pytest.param(False, marks=pytest.mark.slow)])
@@ -341,6 +328,13 @@ def test_weights_that_no_board_holds_are_told_before_anything_is_simulated():
     assert said.startswith("no board here holds the weights") and "of 30" in said and "of 56" in said
 
 
+def stand_ins(monkeypatch, made, place) -> None:
+    """In place of synthesis ``made(config)``, of placement ``place``."""
+    monkeypatch.setattr(job, "_netlist", lambda design, *_: (SimpleNamespace(verilog=None), design()))
+    monkeypatch.setattr(job.Wiring, "design", lambda wiring, *_: made(wiring.config))
+    monkeypatch.setattr(job, "_placement", place)
+
+
 FEWER = [  # shortage by lanes, asked, lanes tried
     ({4: {"multipliers": (9, 8)}}, False, [4, 3]),
     ({4: {"multipliers": (10, 8)}, 2: {"logic cells": (6000, 5280)}}, False, [4, 2, 1]),
@@ -361,9 +355,7 @@ def test_lanes_that_do_not_fit_become_fewer_unless_asked_for(short, asked, tried
             raise DoesNotFit(short[made[-1]])
         return SimpleNamespace(fmax_hz=1.0, bitstream=None, hold_errors=0)
 
-    monkeypatch.setattr(job, "_netlist", lambda design, *_: (SimpleNamespace(verilog=None), design()))
-    monkeypatch.setattr(job.Wiring, "design", lambda wiring, *_: made.append(wiring.config.hardware.lanes))
-    monkeypatch.setattr(job, "_placement", place)
+    stand_ins(monkeypatch, lambda config: made.append(config.hardware.lanes), place)
     monkeypatch.setattr(job, "_result", lambda config, *_: {"lanes": config.hardware.lanes})
     if tried[-1] in short:
         with pytest.raises(job.BuildError, match="too many") as refused:
@@ -474,9 +466,7 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(
             raise DoesNotFit({what: (37, 30)})
         return SimpleNamespace(fmax_hz=1.0, bitstream=None, hold_errors=0)
 
-    monkeypatch.setattr(job, "_netlist", lambda design, *_: (SimpleNamespace(verilog=None), design()))
-    monkeypatch.setattr(job.Wiring, "design", lambda wiring, *_: tried.append(wiring.config))
-    monkeypatch.setattr(job, "_placement", place)
+    stand_ins(monkeypatch, tried.append, place)
     monkeypatch.setattr(job, "_result", lambda config, *_: {})
     if again and enough:
         job.build(request)

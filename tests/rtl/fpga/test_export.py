@@ -7,17 +7,21 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from amaranth.back import rtlil
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.model.model import random_integer_model
-from eskin.rtl.fpga.export import export
-from eskin.rtl.fpga.tools import ToolError, run_tool
+from eskin.rtl.fpga.export import SENSING, TOP, export, export_bus, export_sensing
+from eskin.rtl.fpga.tools import ToolError
 from eskin.rtl.frontend import front_end
+from eskin.rtl.program.memory_map import memory_images
+from eskin.rtl.top.bus_top import BusTop
 from eskin.rtl.top.image_accelerator import make_accelerator
-from tests.test_matrix import KINDS, TOUCHES
+from eskin.rtl.top.sensing import Sensing
+from tests.rtl.fpga.test_other_tools import DESIGNS, model_of
+from tests.support.text_proof import prove
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -86,44 +90,43 @@ def test_kinds_of_feature_that_are_off_leave_no_trace(monkeypatch):
     assert len(designs) == 1
 
 
-BLOCKS = (
-    "classifier.search",
-    "control.state",
-    "engine.addends",
-    "engine.narrowing",
-    "front_end.onset_detector.sums",
-)
+def exported(design) -> tuple[Any, str, str]:
+    """Component, module and text of one of `DESIGNS`."""
+    kind, system = DESIGNS[design]
+    model = model_of(kind)
+    config, arrays = model.config, model.arrays
+    images = None if config.hardware.loadable else memory_images(config, arrays)
+    if system:
+        asked = {"bus": None, **system}
+        return BusTop(config, images, **asked), *export_bus(config, arrays, **asked)
+    if config.interface.converter != "none":
+        return Sensing(config, images), SENSING, export_sensing(config, arrays)
+    return make_accelerator(config, images), TOP, export(config, arrays)
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("fault", ["", "search"])
-def test_the_text_is_the_design_proved_block_by_block(fault, tmp_path):
-    """Yosys' induction over signals of the same name: blocks as Amaranth gives them against those of the text."""
-    config = random_integer_model(TOUCHES.replace(**KINDS["linear"]), 1).config
-    (tmp_path / "gold.il").write_text(
-        rtlil.convert(make_accelerator(config), name="accelerator", emit_src=False)
-    )
-    text = export(config)
-    if fault:  # one operator of one block
-        block = text.index("module \\accelerator.classifier.search")
-        text = text[:block] + text[block:].replace(" > ", " >= ", 1)
-    (tmp_path / "gate.sv").write_text(text)
-    for block in [name for name in BLOCKS if not fault or name.endswith(fault)]:
-        script = []
-        for side, read in (("gold", "read_rtlil gold.il"), ("gate", "read_verilog -sv gate.sv")):
-            script += ["design -reset", read, f"hierarchy -top accelerator.{block}", "proc", "opt_expr"]
-            script += ["memory_collect", "memory_map", "rename -hide w:_*_", "opt_clean"]
-            script += [f"rename accelerator.{block} {side}", f"design -stash {side}"]
-        script += [
-            *(f"design -copy-from {side} {side}" for side in ("gold", "gate")),
-            "equiv_make gold gate both",
-        ]
-        script += ["hierarchy -top both", "opt_clean", "equiv_struct", "equiv_simple -undef"]
-        script += ["equiv_induct -undef", "equiv_status -assert", "select -assert-min 10 t:$equiv"]
-        (tmp_path / "prove.ys").write_text("\n".join(["design -reset", *script, ""]))
-        if fault:
-            with pytest.raises(ToolError, match="unproven"):
-                run_tool("yosys", ["-q", "prove.ys"], tmp_path)
-        else:
-            run_tool("yosys", ["-q", "prove.ys"], tmp_path)
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("design", [name for name in DESIGNS if name != "thesis"])
+def test_the_text_is_the_design_proved_block_by_block(design, tmp_path):
+    """All blocks of each kind of design; those of thesis differ in the sizes of their memories."""
+    assert prove(*exported(design), tmp_path) > 15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("block", "old", "new", "said"),
+    [
+        ("classifier.search", " > ", " >= ", "unproven"),
+        ("engine.lane_0", " * ", " + ", "unproven"),
+        ("accelerator", ".offered(i__valid)", ".offered(frame_beat)", "unproven"),
+        ("control.state", "= 1'h0;", "= 1'h1;", "begins otherwise"),
+    ],
+    ids=["operator", "product", "instance", "initial value"],
+)
+def test_a_text_that_is_not_the_design_is_found(block, old, new, said, tmp_path):
+    component, top, text = exported("linear")
+    begin = text.index(f"module \\{top}.{block} " if block != top else f"module {top}(")
+    faulty = text[:begin] + text[begin:].replace(old, new, 1)
+    assert faulty != text
+    with pytest.raises((ToolError, AssertionError), match=said):
+        prove(component, top, faulty, tmp_path, only=block)

@@ -25,42 +25,37 @@ from eskin.cosim.netlist import (
     recovered_hardware,
     shorten_names,
 )
-from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model.model import IntegerModel, random_integer_model, with_network
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate, netlist_of
 from tests.support.lut_fault import flip_lut_bit
+from tests.support.small_designs import SMALL
 from tests.support.table import each_row
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
-CONFIG = AcceleratorConfig.of(
-    taxels=4,
-    hidden=4,
-    band_low=25920,
-    band_high=26880,
+CONFIG = SMALL.replace(
     hop=8,
     window=17,
     touch_frames=40,
     steps=3,
     pretrigger_frames=4,
     rearm_frames=16,
-    decision="vote",
     lanes=1,
     table_entries=64,
 )
 FRAMES = 70
 
 
-@pytest.fixture(scope="session")
-def model() -> IntegerModel:
-    return random_integer_model(CONFIG, 5)
+@pytest.fixture
+def model(request) -> IntegerModel:
+    return random_integer_model(getattr(request, "param", CONFIG), 5)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture
 def recordings(model):
     return random_recordings(model.config, [FRAMES], seed=4)
 
@@ -94,13 +89,14 @@ def flipped(hardware: Hardware, family: str, seed: int, folder: Path) -> Hardwar
 
 
 @pytest.mark.timeout(600)
+@pytest.mark.parametrize("model", [with_network(CONFIG, cell="linear")], ids=["linear"], indirect=True)
 def test_the_netlist_is_exact_and_a_flipped_bit_is_seen(model, play, tmp_path):
     hardware, cells = netlist_of(model.config, model.arrays, "icebreaker")
     assert cells["SB_MAC16"] >= 1
     result = play(hardware)
     assert result["mismatch_list"] == [] and result["bit_exact"]
     assert (result["level"], result["target"]) == ("netlist", "icebreaker")
-    assert all(stage["compared_values"] for stage in result["stages"].values())
+    assert all(stage["compared_values"] for name, stage in result["stages"].items() if name != "state")
     wrong = (not play(flipped(hardware, "ice40", seed, tmp_path))["bit_exact"] for seed in range(1, 4))
     assert any(wrong)  # ends with the first that is seen
 
@@ -135,15 +131,6 @@ def test_weights_in_large_memories_are_exact(recordings, tmp_path, name):
             design, vectors, simulator="icarus", hardware=hardware, work=tmp_path / "work", builds=BUILDS
         )
         assert result["bit_exact"] and result["steps"] >= 3, result["mismatch_list"]
-
-
-@pytest.mark.slow
-def test_without_probes_decisions_and_registers_are_compared(model, play):
-    bare, _ = netlist_of(model.config, model.arrays, "icebreaker", probes=False)
-    assert "probe__" not in bare.sources[0].read_text()
-    result = play(bare)
-    compared = {stage for stage, counts in result["stages"].items() if counts["compared_values"]}
-    assert result["bit_exact"] and compared == {"decision", "status"} and result["steps"] >= 3
 
 
 @pytest.mark.slow
@@ -454,12 +441,13 @@ GOWIN_MEMORIES = [  # cell, bits of a byte, widths of words, words that a write 
 ]
 
 
-def test_the_block_memories_of_gowin_work_in_every_width(tmp_path):
+@pytest.mark.parametrize("widths", [(8, 9), pytest.param(range(37), marks=pytest.mark.slow)], ids=len)
+def test_the_block_memories_of_gowin_work_in_every_width(tmp_path, widths):
     """Initial words, words written by bytes and read back at every width, and what a write reads in each mode,
     against an array of bits."""
     for cell, byte, width in GOWIN_MEMORIES:
         modes = [None] if cell.startswith("SDP") else range(3) if width in (4, 2 * byte) else [1]
-        for mode in modes:
+        for mode in modes if width in widths else ():
             _gowin_memory(cell, byte, width, mode, tmp_path)
 
 

@@ -46,7 +46,12 @@ def linted(folder, *waiver):
     return rules
 
 
-@pytest.mark.parametrize("design", DESIGNS)
+QUICK = ("lstm behind Wishbone", "image behind APB", "rom with AXI streams", "behind a converter")
+
+
+@pytest.mark.parametrize(
+    "design", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in DESIGNS]
+)
 def test_lint_is_clean_and_slang_reads_it(design, tmp_path):
     kind, system = DESIGNS[design]
     folder = generate_design(model_of(kind), tmp_path / "design", **system)

@@ -101,16 +101,7 @@ def test_a_recording_left_at_any_cycle_around_a_decision_leaves_nothing_to_the_n
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        "tracked, free",
-        "two windows end together",
-        "thesis",
-        "tracked, DSP lane, LSTM",
-        "tracked, touch windows, LSTM",
-    ],
-)
+@pytest.mark.parametrize("name", ["two windows end together", "tracked, DSP lane, LSTM"])
 def test_no_flip_flop_hangs_the_chain(name):
     """Every flip-flop bit at least once, at least 2000 flips."""
     made = campaign(name=name)
@@ -131,7 +122,7 @@ def test_without_the_watchdog_some_hang():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["tracked, free", "thesis"])
+@pytest.mark.parametrize("name", ["thesis"])
 def test_every_bit_of_every_constant_is_flagged(name):
     """All of them, not a sample."""
     made = campaign(name=name)

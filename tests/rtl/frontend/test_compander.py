@@ -3,13 +3,14 @@ the formula promises."""
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.golden.model.preprocess import compand, real_features
 from eskin.rtl.frontend.compander import Compander
+from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, values
 
 
@@ -66,7 +67,7 @@ def test_companding_is_odd_and_monotone_and_can_be_undone(knee, fraction):
     assert (np.abs(np.abs(found) / 2**fraction - true) < 0.0861 + 2.0**-fraction).all()
 
 
-@settings(deadline=None, derandomize=True)
+@examples(100, 1000)
 @given(st.integers(-(2**31), 2**31), st.integers(0, 20), st.integers(1, 10))
 def test_companding_in_whole_numbers(d, knee, fraction):
     config = companding(knee, fraction, clip=65535, hop=32767, window=65534)

@@ -10,13 +10,11 @@ import pytest
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.core.groups import FEATURE_KINDS
-from eskin.golden.model.model import random_integer_model, with_network
+from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.preprocess import companded
 from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander
-from eskin.rtl.frontend.window_averager import WindowAverager
 from eskin.rtl.program.memory_map import Fault
-from eskin.rtl.program.schedule import frame_cycles, lowest_clock_hz
 from tests.rtl.top.test_accelerator import CONFIGS, check, play, recordings
 from tests.support.front_end_cases import CASES, detect, make_stream, window_beats
 from tests.support.stream_bench import Bench, values
@@ -154,173 +152,42 @@ def test_extremes_neither_wrap_nor_saturate():
             assert values(out) == expected_beats(config, seen)
 
 
-@pytest.mark.parametrize("name", ["two end together", "pvdf", "immediate touch", "synthetic faults"])
-def test_windows_of_all_kinds(name):
-    """Expander and averager: the value that each window gives of each kind, further passes at the end of a
-    touch included."""
-    for rule, stall in (("sum", 0.0), ("change", 0.4)) if name == "two end together" else (("change", 0.4),):
-        config = config_of(name, FEATURE_KINDS, rule)
-        seen = detect(config, make_stream(config, 200, seed=8))
-        beats = values(expand(config, window_beats(config, seen))[0])
-        dut = WindowAverager(config)
-        bench = Bench(dut, seed=4)
-        bench.drive(dut.i, beats, stall=stall)
-        out = bench.collect(dut.o, stall=stall)
-        bench.run()
-        wanted = []
-        for _, start, _ in seen.touches:
-            for k, (first, last) in enumerate(config.window_spans):
-                if start - 1 + last <= len(seen.values):
-                    for taxel in range(config.sensor.taxels):
-                        wanted += kinds_of_window(config, seen, start, k, first, last, taxel)
-        assert len(wanted) >= 3 * config.sensor.taxels * config.windows.steps
-        assert [{name: beat[name] for name in wanted[0]} for beat in values(out)] == wanted
-
-
-def kinds_of_window(config, seen, start, k, first, last, taxel) -> list[dict]:
-    column, block = seen.values[:, taxel].tolist(), config.features.activity_block
-    origin = start if config.windows.window_mode == "touch" else 1
-    activity = 0
-    for begin in range(start + first - 2, start + last - 1, block):
-        here = sum(column[begin : begin + block])
-        before = sum(column[begin - block : begin]) if begin > origin - 1 else here
-        activity += abs(here) if config.features.activity_rule == "sum" else abs(here - before)
-    total = np.array(sum(column[start - 1 : start - 1 + last]))
-    amounts = (
-        sum(column[start + first - 2 : start + last - 1]),
-        activity,
-        int(companded(total, config.features.integral_knee, config.features.integral_frac)),
-    )
-    where = {"taxel": taxel, "length": config.length_index[k], "final": int(k == config.windows.steps - 1)}
-    return [{"complement": ~amount, "kind": kind} | where for kind, amount in enumerate(amounts)]
-
-
 # ---------------------------------------------------------------------- the whole chain
 WHOLE = {
-    "tracked, free": dict(activity_block=5),
-    "thesis, late touches partial": dict(activity_block=3),
-    "two windows end together": {},
-    "opens at once, hard sigmoid": dict(activity_block=2),
-    "tracked, free, companded": dict(activity_block=10),
-    "thesis, serial lane": {},
-    "tracked, DSP lane, LSTM": {},
-    "thesis, ROM, one lane": {},
-    "tracked, defended, 20 taxels, companded": dict(activity_block=5),
-    "two windows end together, defended": {},
+    "opens at once, hard sigmoid": dict(
+        feature_kinds=("mean", "activity"), activity_rule="change", activity_block=2, feature_scale="taxel"
+    ),
+    "thesis, ROM, one lane": dict(feature_kinds=("mean", "integral"), integral_knee=5, integral_frac=7),
+    "two windows end together, defended": dict(feature_kinds=FEATURE_KINDS, feature_scale="taxel"),
+    "tracked, free": dict(feature_kinds=("activity", "integral"), activity_block=5),
 }
+"""What else there is, the random designs draw."""
 
 
-SLOW = pytest.mark.slow
-"""Where other cases that always run take the same ways through the design: see the random designs, too."""
-QUICK = ("opens at once, hard sigmoid", "thesis, ROM, one lane")
-
-
-@pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=SLOW) for name in WHOLE]
-)
-def test_every_subset_is_bit_exact_at_every_stage(name):
-    """Every configuration with two of the subsets, rules and scales by turns, at full rate and with
-    stalls."""
+@pytest.mark.parametrize("name", WHOLE)
+def test_kinds_are_bit_exact_at_every_stage(name):
+    """By turns at full rate and with stalls."""
     number = list(WHOLE).index(name)
-    for turn in range(2):
-        subset = ("mean",) if turn == 1 and number % 4 == 0 else SUBSETS[(number + 3 * turn) % 6]
-        scale, rule = ("array", "taxel")[(number + turn) % 2], ("sum", "change")[(number // 2 + turn) % 2]
-        changes = (
-            dict(
-                feature_kinds=subset,
-                activity_rule=rule,
-                feature_scale=scale,
-                integral_knee=5,
-                integral_frac=7,
-            )
-            | WHOLE[name]
-        )
-        if subset == ("integral",):
-            changes["compand"] = "none"
-        if subset == ("mean",):
-            changes["feature_scale"] = "taxel"
-        config = CONFIGS[name].replace(**changes)
-        model = random_integer_model(config, seed=number + 1)
-        tried = (recordings(config, number + 40 + k, [150, 60, 33]) for k in range(20))
-        # some have no touch
-        data = next(made for made in tried if len(run(model, made).streams["decision"][0]) > 4)
-        streams, statuses = play(model, data, stall=0.4 * (turn % 2))
-        check(model, data, streams)
-        assert not any(
-            status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN | Fault.TAXEL) for status in statuses
-        )
-
-
-@SLOW
-@pytest.mark.parametrize(
-    ("name", "subset"),
-    [
-        ("thesis", FEATURE_KINDS),
-        ("thesis", ("integral",)),
-        ("tracked, free", ("mean", "activity")),
-        ("tracked, free", ("mean",)),
-    ],
-)
-def test_frames_keep_up_at_the_lowest_clock(name, subset):
-    """Frames, not steps, decide it with many lanes; the documented cycles of a frame are enough."""
-    config = CONFIGS[name].replace(lanes=24, feature_kinds=subset, feature_scale="taxel", integral_knee=5)
-    model = random_integer_model(config, seed=5)
-    data = recordings(config, 42, [150, 60])
-    assert lowest_clock_hz(config) >= frame_cycles(config) * config.sensor.sample_rate_hz
-    streams, statuses = play(model, data, frame_cycles=lowest_clock_hz(config) / config.sensor.sample_rate_hz)
+    config = CONFIGS[name].replace(**WHOLE[name])
+    model = random_integer_model(config, seed=number + 1)
+    tried = (recordings(config, number + 40 + k, [150, 60, 33]) for k in range(20))
+    # some have no touch
+    data = next(made for made in tried if len(run(model, made).streams["decision"][0]) > 4)
+    streams, statuses = play(model, data, stall=0.4 * (number % 2))
     check(model, data, streams)
-    assert streams["decision"] and [status[1] for status in statuses] == [0, 0]
+    assert not any(status[1] & ~(Fault.INPUT_STALLED | Fault.OVERRUN | Fault.TAXEL) for status in statuses)
 
 
-@pytest.mark.parametrize(
-    ("lane_type", "scales"),
-    [
-        ("plain", ("taxel",)),
-        pytest.param("plain", ("array",), marks=SLOW),
-        pytest.param("dsp", ("array", "taxel"), marks=SLOW),
-    ],
-)
-def test_several_lengths_with_a_checksum(lane_type, scales):
+def test_several_lengths_with_a_checksum():
     """Means and scales by length, kind and taxel; check words for each length; no constant is called
     wrong."""
-    for scale in scales:
-        config = CONFIGS["two windows end together"].replace(
-            feature_kinds=("mean", "integral"),
-            feature_scale=scale,
-            checksum=True,
-            watchdog=True,
-            lanes=2,
-            lane_type=lane_type,
-        )
-        assert len(config.window_lengths) > 1
-        model = random_integer_model(config, seed=6)
-        data = recordings(config, 44, [150, 60])
-        streams, statuses = play(model, data)
-        check(model, data, streams)
-        assert streams["decision"] and not any(
-            status[1] & (Fault.CHECKSUM | Fault.WATCHDOG) for status in statuses
-        )
-
-
-@SLOW
-@pytest.mark.parametrize(
-    ("name", "hardware"),
-    [
-        ("tracked, free", dict(lanes=4, activity_block=5)),
-        ("thesis", dict(lanes=1, lane_type="serial")),
-        ("tracked, free", dict(lanes=1)),
-    ],
-)
-def test_a_linear_cell_on_all_kinds(name, hardware):
-    config = with_network(CONFIGS[name], cell="linear").replace(
-        feature_kinds=FEATURE_KINDS,
-        feature_scale="taxel",
-        activity_rule="change",
-        integral_knee=5,
-        **hardware,
+    config = CONFIGS["two windows end together"].replace(
+        feature_kinds=("mean", "integral"), feature_scale="taxel", checksum=True, watchdog=True
     )
-    model = random_integer_model(config, seed=3)
-    data = recordings(config, 41, [130, 60])
-    streams, _ = play(model, data)
+    assert len(config.window_lengths) > 1
+    model = random_integer_model(config, seed=6)
+    data = recordings(config, 44, [150, 60])
+    streams, statuses = play(model, data)
     check(model, data, streams)
-    assert len(streams["decision"]) > 4
+    assert streams["decision"]
+    assert not any(status[1] & (Fault.CHECKSUM | Fault.WATCHDOG) for status in statuses)

@@ -2,14 +2,14 @@
 
 import numpy as np
 import pytest
-from amaranth.back import rtlil
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS
 from eskin.golden.core.errors import InputError
 from eskin.rtl.frontend.onset_detector import OnsetDetector
+from eskin.rtl.frontend.rest_level import exact_reciprocal
 from tests.support.front_end_cases import CASES, REST, detect, frame_beats, make_stream, sample_beats
+from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, beats_after_reset, values
 from tests.support.table import each_row
 
@@ -64,7 +64,7 @@ def test_equal_to_the_specification_with_stalls(name):
     assert len(flags["touch_started"]) == len(seen.touches) and not flags["framing_fault"]
 
 
-@pytest.mark.parametrize("name", ["thesis", "band clipped", "band tracked", "synthetic", "pvdf", "fabric"])
+@pytest.mark.parametrize("name", ["thesis", "band tracked", "synthetic", "pvdf"])
 def test_full_rate_and_latency(name):
     """One beat a cycle; a block end of the baseline rule costs three cycles; `armed` and `touch` follow each
     frame."""
@@ -73,9 +73,7 @@ def test_full_rate_and_latency(name):
     seen = detect(config, stream)
     out, taken, flags = run(config, sample_beats(stream))
     assert values(out) == frame_beats(config, seen)
-    latency = {"thesis": 1, "band clipped": 2, "band tracked": 2, "synthetic": 2, "pvdf": 3, "fabric": 2}[
-        name
-    ]
+    latency = {"thesis": 1, "band tracked": 2, "synthetic": 2, "pvdf": 3}[name]
     taxels = config.sensor.taxels
     for index, (cycle, beat) in enumerate(zip(taken, out, strict=True)):
         frame, taxel = index // taxels + 1, index % taxels
@@ -91,27 +89,21 @@ def test_full_rate_and_latency(name):
         assert after == expected, name
 
 
+@each_row("excess", [0, 1])
 @each_row("sign", [-1, 1])
-@each_row("excess, met", [(0, False), (1, True)])
-def test_the_moving_sum_must_exceed_its_threshold(sign, excess, met):
-    config = CASES["pvdf"].replace(rest="initial", clip=0)  # threshold 30, mean of 8 frames, judged every 4
-    stream = np.full((40, 8), REST)
-    stream[20:28, 5] += sign * config.onset_rule.onset_threshold
-    stream[24, 5] += sign * excess
+@each_row("name", ["thesis", "pvdf"])
+def test_a_band_and_a_threshold_must_be_exceeded(name, sign, excess):
+    """A sample at the band's edge or beyond; a moving sum of 8 frames, judged every 4."""
+    config = CASES[name].replace(**dict(rest="initial", clip=0) if name == "pvdf" else {})
+    stream = np.full((40, config.sensor.taxels), REST)
+    if name == "pvdf":
+        stream[20:28, 3] += sign * config.onset_rule.onset_threshold
+        stream[24, 3] += sign * excess
+    else:
+        stream[24, 3] += sign * (100 + excess)
     out, _, flags = run(config, sample_beats(stream))
     assert values(out) == frame_beats(config, detect(config, stream))
-    assert len(flags["touch_started"]) == met
-
-
-@each_row("sample", [REST - 101, REST - 100, REST + 100, REST + 101])
-def test_band_edges_are_inside(sample):
-    config = CASES["thesis"]
-    stream = np.full((30, 4), REST)
-    stream[9, 3] = sample
-    _, _, flags = run(config, sample_beats(stream))
-    assert len(flags["touch_started"]) == (
-        not config.onset_rule.band_low <= sample <= config.onset_rule.band_high
-    )
+    assert len(flags["touch_started"]) == excess
 
 
 @pytest.mark.parametrize("name", ["thesis", "pvdf"])
@@ -168,7 +160,7 @@ def test_framing_faults_are_flagged_and_the_next_frame_is_whole(fault):
     assert len(flags["framing_fault"]) == faults
 
 
-@pytest.mark.parametrize("name", ["thesis", "every frame", "fabric"])
+@pytest.mark.parametrize("name", ["thesis", "every frame"])
 def test_a_reset_begins_a_new_recording(name):
     """Memories keep their old contents: nothing of the first recording, cut in the middle of a frame, may
     show in the second."""
@@ -180,7 +172,7 @@ def test_a_reset_begins_a_new_recording(name):
     )
 
 
-@settings(max_examples=12, deadline=None, derandomize=True)
+@examples(12, 200)
 @given(data=st.data())
 def test_equal_to_the_specification_for_any_rule(data):
     draw = data.draw
@@ -192,6 +184,9 @@ def test_equal_to_the_specification_for_any_rule(data):
         clip=draw(st.sampled_from([0, 1, 64, 255])),
         rearm_frames=draw(st.integers(max(base.onset_rule.rearm_frames, 5), 40)),
     )
+    if not base.opens_at_once:
+        changes["onset_span"] = draw(st.integers(1, 6))
+        changes["onset_hits"] = draw(st.integers(1, changes["onset_span"]))
     if base.onset_rule.onset == "baseline":
         check, blocks = draw(st.sampled_from([1, 2, 4])), draw(st.sampled_from([1, 2, 4, 8]))
         changes |= dict(
@@ -209,16 +204,27 @@ def test_equal_to_the_specification_for_any_rule(data):
     assert values(out) == frame_beats(config, detect(config, stream, masked))
 
 
-@each_row("config", PRESETS.values())
-def test_presets_can_be_built(config):
-    assert "\\o__valid" in rtlil.convert(OnsetDetector(config), emit_src=False)
+@each_row("divisor", [3, 5, 6, 7, 48, 100, 4095])
+def test_reciprocal_is_exact(divisor):
+    largest = 16 * divisor * 65535 + divisor // 2
+    factor, shift = exact_reciprocal(divisor, largest)
+    multiples = np.arange(0, largest + 1, divisor, dtype=np.int64)
+    for number in (multiples, np.minimum(multiples + divisor - 1, largest)):  # where a floor can go wrong
+        some = number[:: max(1, len(number) // 5000)]
+        assert all(int(n) * factor >> shift == int(n) // divisor for n in [*some, largest])
 
 
-def test_a_touch_that_ends_before_its_onset_is_refused():
-    with pytest.raises(InputError, match="field pretrigger_frames: is 4, but a touch ends with its frame 5"):
-        CASES["thesis"].replace(touch_frames=5, steps=1)
-
-
-def test_a_second_onset_while_the_ring_still_drains_is_refused():
-    with pytest.raises(InputError, match="field rearm_frames: is 8; it must be at least 9"):
-        CASES["no pretrigger"].replace(rearm_frames=8)
+@each_row(
+    ("name", "changes", "said"),
+    [
+        (
+            "thesis",
+            dict(touch_frames=5, steps=1),
+            "pretrigger_frames: is 4, but a touch ends with its frame 5",
+        ),
+        ("no pretrigger", dict(rearm_frames=8), "rearm_frames: is 8; it must be at least 9"),
+    ],
+)
+def test_touches_that_the_ring_cannot_hold_are_refused(name, changes, said):
+    with pytest.raises(InputError, match=f"field {said}"):
+        CASES[name].replace(**changes)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import random
 
 import pytest
-from amaranth.sim import Simulator
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core.config import PRESETS
@@ -15,6 +14,8 @@ from eskin.rtl.host.decision_queue import DEPTHS
 from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister
 from eskin.rtl.top.bus_top import FRONTS
 from tests.support.bus_bench import Cpu, ShellBehind
+from tests.support.strategies import examples
+from tests.support.stream_bench import simulate
 
 CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=(), margin_threshold=3)
 GLOBAL_ONLY, REFUSED = 1 << 8, 1 << 31
@@ -50,17 +51,19 @@ class World:
 
     async def run(self, ctx):
         dut, rng = self.dut, self.random
+        ticks = aiter(
+            ctx.tick().sample(
+                dut.frame.valid, dut.frame.ready, dut.frame.payload, dut.decision.valid, dut.decision.ready,
+                dut.bus.addr, dut.bus.w_stb, dut.bus.r_stb, dut.bus.w_data,
+            )
+        )  # fmt: skip
         while True:
             if not ctx.get(dut.decision.valid) and self.offers and rng.random() < 0.1:
                 ctx.set(dut.decision.payload, dict(zip(NAMES, self.offers[0], strict=True)))
                 ctx.set(dut.decision.valid, 1)
             held = self.stalls and ctx.get(dut.decision.valid)
             ctx.set(dut.frame.ready, rng.random() < 0.6 and not held)
-            got = await ctx.tick().sample(
-                dut.frame.valid, dut.frame.ready, dut.frame.payload, dut.decision.valid, dut.decision.ready,
-                dut.bus.addr, dut.bus.w_stb, dut.bus.r_stb, dut.bus.w_data,
-            )  # fmt: skip
-            _, _, offered, ready, sample, valid, take, address, writes, reads, word = got
+            _, _, offered, ready, sample, valid, take, address, writes, reads, word = await anext(ticks)
             if offered and ready:
                 self.samples.append((sample.sample, sample.first, sample.last))
             if valid and take:
@@ -81,11 +84,7 @@ def play(body, bus="wishbone", config=CONFIG, decisions=(), seed=0, stalls=False
     async def bench(ctx):
         await body(ctx, Cpu(ctx, dut, bus, seed), dut, world)
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(world.run, background=True)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench, world.run)
     return world
 
 
@@ -105,8 +104,10 @@ async def feed(cpu, frame, pairs, drain):
     raise AssertionError("the frame never is in")
 
 
-@pytest.mark.parametrize("bus", FRONTS)
-@pytest.mark.parametrize(("depth", "stalls"), [(0, True), (2, False), (4, True)])
+@pytest.mark.parametrize(
+    ("bus", "depth", "stalls"),
+    [("wishbone", 0, True), ("axi4lite", 2, False), ("apb", 4, True), ("axi4lite", 0, True)],
+)
 def test_frames_and_decisions_go_through_once_and_in_order(bus, depth, stalls):
     rng = random.Random(repr((bus, depth, stalls)))
     decisions, got = rows(rng, CONFIG, 8), []
@@ -186,7 +187,7 @@ def test_events_raise_the_interrupt_as_enabled(depth):
     play(body, depth=depth)
 
 
-@pytest.mark.parametrize("depth", DEPTHS)
+@pytest.mark.parametrize("depth", [0, DEPTHS[-1]])
 def test_global_only_drops_local_ones(depth):
     decisions = rows(random.Random(depth), CONFIG, 8)
 
@@ -202,7 +203,7 @@ def test_global_only_drops_local_ones(depth):
     play(body, decisions=decisions, depth=depth)
 
 
-@pytest.mark.parametrize("depth", DEPTHS)
+@pytest.mark.parametrize("depth", [0, DEPTHS[-1]])
 def test_arm_begins_anew(depth):
     """Decisions that wait are gone, the next sample is taxel 0, and samples are no longer refused."""
 
@@ -241,7 +242,7 @@ def test_arm_begins_anew(depth):
     ),
     st.integers(0, 999),
 )
-@settings(max_examples=6, deadline=None)
+@examples(4, 40)
 def test_words_are_the_models_whatever_the_design(changes, seed):
     config = CONFIG.replace(**changes, feature_shift=())
     decisions = rows(random.Random(seed), config, 6)

@@ -18,7 +18,7 @@ from eskin.rtl.program.memory_map import (
     Register,
     Status,
 )
-from tests.support.stream_bench import bus_accesses, simulate
+from tests.support.stream_bench import bus_accesses, put, simulate
 from tests.support.table import each_row
 
 
@@ -185,15 +185,12 @@ def test_the_counter_measures_what_is_asked_for():
 
     async def frame(ctx, dut, held):
         """Three beats, the first of them held up."""
-        ctx.set(dut.beat_offered, 1)
-        ctx.set(dut.frame_first, 1)
+        put(ctx, dut, beat_offered=1, frame_first=1)
         await ctx.tick().repeat(held)
         for beat in range(3):
-            ctx.set(dut.frame_first, beat == 0)
-            ctx.set(dut.frame_last, beat == 2)
+            put(ctx, dut, frame_first=beat == 0, frame_last=beat == 2)
             await pulse(ctx, dut.frame_beat)
-        ctx.set(dut.beat_offered, 0)
-        ctx.set(dut.frame_last, 0)
+        put(ctx, dut, beat_offered=0, frame_last=0)
 
     async def everything(ctx, dut):
         for held, slots, cycles in ((3, 6, 11), (1, 5, 4)):

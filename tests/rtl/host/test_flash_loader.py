@@ -59,7 +59,7 @@ def test_the_writes_come_in_order_and_arm_behind_them():
 def test_any_flipped_bit_is_refused():
     """The chain is never armed, and of a wrong head nothing is written."""
     image, rng = sealed(NUMBER, WRITES), random.Random(15)
-    for bit in [0, 23, 24, 47, 48, 8 * len(image) - 1, *rng.sample(range(8 * len(image)), 10)]:
+    for bit in [0, 23, 24, 47, 48, 8 * len(image) - 1, *rng.sample(range(8 * len(image)), 3)]:
         damaged = bytearray(image)
         damaged[bit // 8] ^= 0x80 >> bit % 8
         heard, done, _, _ = load(bytes(damaged))

@@ -8,7 +8,7 @@ from eskin.golden.core.config import PRESETS
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.host.memory_loader import MemoryLoader
 from eskin.rtl.program.memory_map import load_words, memory_words, words_per_entry
-from tests.support.stream_bench import simulate
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
@@ -26,15 +26,12 @@ def test_every_word_of_a_random_memory_goes_to_its_place(hardware):
         for _ in range(12):
             number, address = rng.choice(list(lines)), 0
             end = memory_words(config).get(number, 0) * words_per_entry(config, number)
-            ctx.set(dut.data, number)
-            ctx.set(dut.chosen, 1)
+            put(ctx, dut, data=number, chosen=1)
             await ctx.tick()
             ctx.set(dut.chosen, 0)
             for _ in range(min(load_words(config), 30)):
                 word, locked = rng.randrange(1 << 16), rng.random() < 0.2
-                ctx.set(dut.data, word)
-                ctx.set(dut.locked, locked)
-                ctx.set(dut.written, 1)
+                put(ctx, dut, data=word, locked=locked, written=1)
                 refused = locked or (config.hardware.checksum and address == end)
                 taken = not refused and config.hardware.loadable
                 assert (ctx.get(load.enable), ctx.get(dut.refused)) == (taken, refused)

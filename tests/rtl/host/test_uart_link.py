@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from amaranth.lib.crc.catalog import CRC16_IBM_SDLC
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.cosim import link
@@ -20,7 +20,8 @@ from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.fpga.generate import pack_decision
 from eskin.rtl.host.uart import UartReceiver, uart_divisor
 from eskin.rtl.host.uart_link import UartLink
-from tests.support.stream_bench import pack, simulate
+from tests.support.strategies import examples
+from tests.support.stream_bench import pack, put, simulate
 from tests.support.table import each_row
 
 CONFIG = PRESETS["thesis"].replace(taxels=4)
@@ -103,8 +104,7 @@ def play(line, *, divisor=4, config=CONFIG, decisions=(), ready=None, quiet=40, 
             if callable(fields):
                 await fields(ctx, dut)
                 continue
-            ctx.set(dut.decision.payload, fields)
-            ctx.set(dut.decision.valid, 1)
+            put(ctx, dut.decision, payload=fields, valid=1)
             await ctx.tick().until(dut.decision.ready)
             ctx.set(dut.decision.valid, 0)
 
@@ -238,7 +238,7 @@ def test_the_check_sequence_is_crc_16_ibm_sdlc():
         assert link.frame_check(body) == reference.compute(body)
 
 
-@settings(max_examples=200, deadline=None, derandomize=True)
+@examples(200, 2000)
 @given(
     bodies=st.lists(
         st.binary(min_size=1, max_size=40)
@@ -374,11 +374,9 @@ def test_a_decision_withdrawn_on_its_way_does_not_count(after):
     others = {"class": 1, "margin": 0, "step": 0, "is_global": 0, "partial": 0}
 
     async def offer_and_withdraw(ctx, dut):
-        ctx.set(dut.decision.payload, payload)
-        ctx.set(dut.decision.valid, 1)
+        put(ctx, dut.decision, payload=payload, valid=1)
         await ctx.tick().repeat(after)
-        ctx.set(dut.decision.valid, 0)
-        ctx.set(dut.decision.payload, others)
+        put(ctx, dut.decision, valid=0, payload=others)
         await ctx.tick().repeat(600)
 
     seen = play([*[None] * 50, *link.read_packet(4)], quiet=30, decisions=[offer_and_withdraw, others])

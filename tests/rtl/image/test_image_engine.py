@@ -14,7 +14,7 @@ from eskin.rtl.program.image_passes import PASS_WORDS
 from eskin.rtl.program.image_signature import with_parity
 from eskin.rtl.program.memory_map import ImageMemory, image_memories
 from tests.support.image_case import LOGIT, ImageCase, make_case, random_case
-from tests.support.stream_bench import simulate
+from tests.support.stream_bench import put, simulate
 
 
 def run(case: ImageCase, lane_type: str, images: int = 2, wrong: tuple[int, int, int] | None = None) -> int:
@@ -35,16 +35,14 @@ def run(case: ImageCase, lane_type: str, images: int = 2, wrong: tuple[int, int,
             for address, word in enumerate(
                 word >> 16 * half & 0xFFFF for word in words for half in range(halves)
             ):
-                ctx.set(dut.load.address, address)
-                ctx.set(dut.load.data, word)
+                put(ctx, dut.load, address=address, data=word)
                 await ctx.tick()
         ctx.set(dut.load.enable, 0)
         for number in range(images):
             image = case.image(number)
             ctx.set(dut.fill.valid, 1)
             for address, value in enumerate(image.ravel()):
-                ctx.set(dut.fill.address, address)
-                ctx.set(dut.fill.value, int(value))
+                put(ctx, dut.fill, address=address, value=int(value))
                 await ctx.tick()
             ctx.set(dut.fill.valid, 0)
             ctx.set(dut.start, 1)

@@ -6,7 +6,7 @@ import random
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.rtl.image.image_receiver import ImageReceiver
-from tests.support.stream_bench import simulate
+from tests.support.stream_bench import put, simulate
 
 CONFIG = AcceleratorConfig.of_image(4, 5, ["dense 2"], ("a", "b"))
 
@@ -32,9 +32,7 @@ def run(frames: list[list[int]], seed: int) -> tuple[list[tuple[int, int]], list
             offered = bool(left) and rng.random() < 0.8
             ctx.set(dut.i.valid, offered)
             if offered:
-                ctx.set(dut.i.p.sample, left[0][0])
-                ctx.set(dut.i.p.first, left[0][1])
-                ctx.set(dut.i.p.last, left[0][2])
+                put(ctx, dut.i.p, sample=left[0][0], first=left[0][1], last=left[0][2])
             told[0] += ctx.get(dut.framing_fault)
             told[1] += ctx.get(dut.begun)
             if ctx.get(dut.fill.valid):

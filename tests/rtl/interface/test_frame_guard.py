@@ -7,7 +7,7 @@ import random
 
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.interface.frame_guard import FrameGuard
-from tests.support.stream_bench import Bench, values
+from tests.support.stream_bench import Bench, put, values
 from tests.support.table import each_row
 
 CONFIG = PRESETS["fabric"].replace(taxels=5)
@@ -26,8 +26,7 @@ def run_frames(frames, *, gap: int, stall: float, seed: int):
                 await ctx.tick()
                 ctx.set(dut.put, {"valid": 0, "place": 0, "sample": 0})
                 await ctx.tick()
-            ctx.set(dut.finished, 1)
-            ctx.set(dut.bad, bad)
+            put(ctx, dut, finished=1, bad=bad)
             ends.append(bench.cycle + 1)  # the edge that sees it
             await ctx.tick()
             ctx.set(dut.finished, 0)

@@ -8,7 +8,7 @@ from itertools import pairwise
 from eskin.golden.core.converters import SpiChip, SpiPlan
 from eskin.rtl.interface.spi_master import SpiMaster
 from tests.support.spi_chip import SpiSlave
-from tests.support.stream_bench import Bench
+from tests.support.stream_bench import Bench, put
 from tests.support.table import each_row
 
 
@@ -45,9 +45,7 @@ def test_words_cross_and_every_time_is_kept(shape):
     async def play(ctx):
         await ctx.tick()
         for select, command in asked:
-            ctx.set(dut.select, select)
-            ctx.set(dut.command, command)
-            ctx.set(dut.start, 1)
+            put(ctx, dut, select=select, command=command, start=1)
             starts.append(bench.cycle)
             await ctx.tick()
             ctx.set(dut.start, 0)

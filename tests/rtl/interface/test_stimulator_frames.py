@@ -15,7 +15,7 @@ from amaranth.hdl import ResetInserter, Signal
 from eskin.golden.core.groups import Interface
 from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames
 from tests.support.stimulator import PLACES, StimulatorModel, table_frames
-from tests.support.stream_bench import simulate
+from tests.support.stream_bench import put, simulate
 
 LIMITS = (30, 5000, 50, 256)
 ON_CYCLES = 400
@@ -47,8 +47,7 @@ def test_every_byte_for_every_electrode_is_that_of_the_table():
         assert await run(120) == b">OFF<" * 16
         model = StimulatorModel(LIMITS)
         for electrode in range(24):
-            ctx.set(dut.electrode, electrode)
-            ctx.set(dut.request, 1)
+            put(ctx, dut, electrode=electrode, request=1)
             taken = await run(160)
             assert taken == b"".join(table_frames(PLACES[electrode // 4][electrode % 4], 17, 0x1234, 9, 255))
             model.feed(taken)
@@ -76,9 +75,13 @@ def test_random_faults_end_with_off(count):
             if kind == "time" and number % 24 != 4:
                 kind = "fault"
             kinds.append(kind)
-            ctx.set(dut.settings, {name: rng.getrandbits(bits) for name, bits in SETTINGS.items()})
-            ctx.set(dut.electrode, rng.randrange(24))
-            ctx.set(dut.request, 1)
+            put(
+                ctx,
+                dut,
+                settings={name: rng.getrandbits(bits) for name, bits in SETTINGS.items()},
+                electrode=rng.randrange(24),
+                request=1,
+            )
             model.feed(await run(rng.randrange(1, 170)))
             if kind in ("fault", "long fault"):
                 ctx.set(dut.fault, 1)

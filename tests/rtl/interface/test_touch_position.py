@@ -11,7 +11,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.model.position import Position, direction, positions
 from eskin.rtl.interface.touch_position import TouchPosition
 from tests.support.array_touches import REST, touches
-from tests.support.stream_bench import Bench
+from tests.support.stream_bench import Bench, put
 from tests.support.table import each_row
 
 SIZES = {"13x9": (13, 9), "16x10": (16, 10), "4x4": (4, 4)}
@@ -45,9 +45,11 @@ def hardware(
         for frame, cells in enumerate(samples):
             for place, sample in enumerate(cells):
                 last = place == taxels - 1
-                ctx.set(dut.clear, clear_after is not None and frame == clear_after + 1 and place == clear_at)
-                ctx.set(
-                    dut.i, {"valid": 1, "payload": {"sample": int(sample), "first": place == 0, "last": last}}
+                put(
+                    ctx,
+                    dut,
+                    clear=clear_after is not None and frame == clear_after + 1 and place == clear_at,
+                    i={"valid": 1, "payload": {"sample": int(sample), "first": place == 0, "last": last}},
                 )
                 await ctx.tick()
                 if last:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 
 from eskin.rtl.interface.uart_transmitter import UartTransmitter
-from tests.support.stream_bench import simulate
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
@@ -20,8 +20,7 @@ def test_the_line_is_that_of_the_bytes_and_high_between_them(divisor):
         for word, gap in zip(words, gaps, strict=True):
             ctx.set(dut.i.valid, 0)
             await ctx.tick().repeat(gap) if gap else None
-            ctx.set(dut.i.valid, 1)
-            ctx.set(dut.i.payload, word)
+            put(ctx, dut.i, valid=1, payload=word)
             await ctx.tick().until(dut.i.ready)
         ctx.set(dut.i.valid, 0)
         await ctx.tick().repeat(12 * divisor)

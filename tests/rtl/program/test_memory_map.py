@@ -6,7 +6,6 @@ from __future__ import annotations
 import pytest
 
 from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.program.memory_map import (
     Memory,
@@ -19,6 +18,7 @@ from eskin.rtl.program.memory_map import (
     memory_words,
 )
 from eskin.rtl.program.schedule import schedule
+from tests.support.small_designs import reference
 from tests.support.table import each_row
 
 
@@ -32,9 +32,7 @@ from tests.support.table import each_row
     ],
 )
 def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
-    config = PRESETS["thesis"].replace(
-        cell=cell, reset=reset, lanes=lanes, lane_type=lane_type, state_format=QFormat(4, 12)
-    )
+    config = reference(cell, reset, lanes, lane_type=lane_type)
     model = random_integer_model(config, seed=lanes)
     config = model.config
     images = memory_images(config, model.arrays)

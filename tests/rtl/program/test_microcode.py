@@ -6,30 +6,20 @@ from dataclasses import replace
 
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat
 from eskin.rtl.program.cells import cell_program
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Layout, Microcode, _Slots
 from eskin.rtl.program.schedule import schedule
+from tests.support.small_designs import CELLS, reference
 from tests.support.table import each_row
 
-CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 LANES = [1, 3, 4, 12]
-
-
-def reference(
-    cell: str = "gru", reset: str = "before", lanes: int = 4, lane_type: str = "plain"
-) -> AcceleratorConfig:
-    return PRESETS["thesis"].replace(
-        cell=cell, reset=reset, lanes=lanes, lane_type=lane_type, state_format=QFormat(4, 12)
-    )
 
 
 @pytest.fixture(scope="module", params=CELLS, ids=["before", "after", "lstm"])
 def codes(request):
     """Microcode of a cell by (lane type, lanes)."""
     return {
-        (lane_type, lanes): Microcode(schedule(reference(*request.param, lanes, lane_type)))
+        (lane_type, lanes): Microcode(schedule(reference(*request.param, lanes, lane_type=lane_type)))
         for lane_type in ("plain", "dsp")
         for lanes in LANES
     }

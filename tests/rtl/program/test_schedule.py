@@ -7,24 +7,16 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat
 from eskin.rtl.program.cells import cell_program, in_one_phase
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import RowGroup, Schedule
+from tests.support.small_designs import CELLS, reference
+from tests.support.strategies import examples
 from tests.support.table import each_row
-
-CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
-
-
-def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **changes) -> AcceleratorConfig:
-    return PRESETS["thesis"].replace(
-        cell=cell, reset=reset, lanes=lanes, state_format=QFormat(4, 12), **changes
-    )
 
 
 @each_row(("lanes", "limit"), [(1, 1.15), (2, 1.15), (4, 1.15), (6, 1.15), (12, 1.40)])
@@ -34,8 +26,6 @@ def test_reference_cycles_against_the_ideal(lanes, limit):
     assert plan.step_cycles <= limit * plan.config.step_ideal
 
 
-# A failing example is given as it was found: making it smaller would take longer than a test may.
-ANY = settings(max_examples=40, derandomize=True, deadline=None, phases=[Phase.explicit, Phase.generate])
 CONFIGURATIONS = given(
     cell=st.sampled_from(CELLS),
     lanes=st.integers(1, 16),
@@ -59,7 +49,7 @@ def lasts_of(plan: Schedule) -> list[tuple[int, RowGroup]]:
     return [(base + op.cycle, plan.groups[op.group]) for op, base in phases if op.last]
 
 
-@ANY
+@examples(40, 400)
 @CONFIGURATIONS
 def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden, taxels, classes, lane_type):
     plan = planned(cell, lanes, hidden, taxels, classes, lane_type)
@@ -223,7 +213,7 @@ class Rows:
             assert fields.get("addend") != fields["partial_to"]
 
 
-@settings(ANY, max_examples=30)
+@examples(30, 300)
 @CONFIGURATIONS
 def test_sums_begin_from_their_addends_and_leave_the_lanes_in_their_slots(
     cell, lanes, hidden, taxels, classes, lane_type

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from amaranth.back import rtlil
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import PRESETS
 from eskin.golden.model.model import random_integer_model
@@ -15,10 +14,11 @@ from eskin.rtl.top import board_top
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.board_top import BoardTop, class_pin_count, reaches_pins
 from tests.support.silent import Silent
+from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
-@each_row("changes", [{}, {"loadable": False}, {"taxels": 40, "lanes": 1}, {"margin_threshold": 3}])
+@each_row("changes", [{"taxels": 40, "lanes": 1}, {"loadable": False, "margin_threshold": 3}])
 def test_elaborates_with_the_ports_of_a_board(changes):
     model = random_integer_model(PRESETS["thesis"].replace(**changes), 1)
     images = None if model.config.hardware.loadable else memory_images(model.config, model.arrays)
@@ -44,8 +44,7 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
         ctx.set(dut.rx, 1)
         await ctx.tick()
         for number, is_global in ((3, 0), (19, 1), (0, 0), (16, 1)):
-            ctx.set(offered.payload, {"class": number, "is_global": is_global})
-            ctx.set(offered.valid, 1)
+            put(ctx, offered, payload={"class": number, "is_global": is_global}, valid=1)
             await ctx.tick()
             ctx.set(offered.valid, 0)
             await ctx.tick()
@@ -57,10 +56,7 @@ def test_the_pins_show_the_class_as_asked(class_pins, bits):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(board_top, "make_accelerator", lambda *_: accelerator)
-        sim = Simulator(dut)
-        sim.add_clock(1e-6)
-        sim.add_testbench(bench)
-        sim.run()
+        simulate(dut, bench)
 
 
 @each_row("decision", ["early", "vote"])
@@ -81,10 +77,7 @@ def test_an_early_global_decision_stays_on_the_pins_until_the_next_touch(decisio
             await ctx.tick()
         assert taken == ([1, 1, 1, 0, 0, 1, 1, 0, 1, 1] if decision == "early" else [1] * 10)
 
-    sim = Simulator(m)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(m, bench)
 
 
 def test_lines_are_idle_and_pins_low_after_reset():
@@ -101,7 +94,4 @@ def test_lines_are_idle_and_pins_low_after_reset():
             ) == (1, 0, 0, 0)
             await ctx.tick()
 
-    sim = Simulator(dut)
-    sim.add_clock(1e-6)
-    sim.add_testbench(bench)
-    sim.run()
+    simulate(dut, bench)

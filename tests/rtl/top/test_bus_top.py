@@ -16,7 +16,9 @@ CONFIG = random_integer_model(
 ).config
 
 
-@pytest.mark.parametrize("bus", ["wishbone", "axi4lite", "apb"])
+@pytest.mark.parametrize(
+    "bus", ["axi4lite", *(pytest.param(bus, marks=pytest.mark.slow) for bus in ("wishbone", "apb"))]
+)
 def test_masters_of_others_read_and_write(bus, tmp_path):
     top, verilog = export_bus(CONFIG, bus=bus)
     (tmp_path / "design.sv").write_text(verilog)

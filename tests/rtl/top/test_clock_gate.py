@@ -13,7 +13,7 @@ from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.vectors import write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate
-from tests.rtl.top.test_every_cell_and_lane import BUILDS, PRESETS
+from tests.rtl.top.test_recordings import BUILDS, PRESETS
 from tests.support.traffic_case import CONFIG, Case
 
 GATED = {"clock_gate": True, "one_port": True}

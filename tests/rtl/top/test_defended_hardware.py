@@ -18,6 +18,7 @@ from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.export import export
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design
+from tests.support.small_designs import SMALL
 
 DEFENDED = {
     "fault_frames": 64,
@@ -26,7 +27,7 @@ DEFENDED = {
     "onset_span": 4,
     "margin_threshold": 10,
 }
-PVDF = PRESETS["pvdf"].replace(onset_threshold=8, **DEFENDED)
+FLAGGED = SMALL.replace(fault_frames=32, fault_activity=40)
 TOUCH = PRESETS["pvdf"].replace(
     window_mode="touch",
     pretrigger_frames=50,
@@ -64,8 +65,8 @@ def failing(recordings: Recordings, config: AcceleratorConfig, seed: int) -> Rec
 
 @pytest.mark.slow
 @pytest.mark.timeout(240)
-@pytest.mark.parametrize(("config", "stalls"), [(PVDF, False), (TOUCH, True)], ids=["free", "touch, stalls"])
-def test_real_recordings_with_failing_taxels(shared_data, tmp_path, config, stalls):
+def test_real_recordings_with_failing_taxels(shared_data, tmp_path):
+    config = TOUCH
     recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
     recordings = failing(recordings.subset(recordings.evenly(5)), config, 3)
     model = random_integer_model(config, 4)
@@ -77,7 +78,7 @@ def test_real_recordings_with_failing_taxels(shared_data, tmp_path, config, stal
         trace.touches.faults[:, 0].any()
         and trace.touches.faults.any(axis=1).sum() > trace.touches.faults[:, 0].sum()
     )
-    result = cosimulate(model, recordings, trace=trace, work=tmp_path, stalls=stalls)
+    result = cosimulate(model, recordings, trace=trace, work=tmp_path, stalls=True)
     assert result["mismatch_list"] == [] and result["bit_exact"] and result["passed"]
     assert (
         result["stages"]["fault"]["compared_values"]
@@ -87,29 +88,8 @@ def test_real_recordings_with_failing_taxels(shared_data, tmp_path, config, stal
     assert result["stages"]["status"]["compared_values"] == 5 * 5  # with TAXEL_FAULTS and its bit of FAULTS
 
 
-def small(**changes) -> AcceleratorConfig:
-    return AcceleratorConfig.of(
-        **{
-            "taxels": 4,
-            "hidden": 4,
-            "band_low": 25920,
-            "band_high": 26880,
-            "hop": 20,
-            "window": 41,
-            "touch_frames": 200,
-            "steps": 8,
-            "pretrigger_frames": 10,
-            "rearm_frames": 20,
-            "lanes": 2,
-            "fault_frames": 32,
-            "fault_activity": 40,
-            **changes,
-        }
-    )
-
-
 def test_the_testbench_compares_the_flags_too(tmp_path):
-    model = random_integer_model(small(margin_threshold=2), 5)
+    model = random_integer_model(FLAGGED.replace(margin_threshold=2), 5)
     made = (random_recordings(model.config, (700,), seed) for seed in range(20))
     recordings = next(one for one in made if 0 < run(model, one).touches.faults.mean() < 1)
     out = generate_design(model, tmp_path / "d", recordings=recordings)
@@ -129,8 +109,8 @@ def test_the_testbench_compares_the_flags_too(tmp_path):
 
 def test_what_is_off_leaves_nothing_behind():
     """No block, no register, no port of a defence; cells are compared in `eskin stability`'s table."""
-    on = random_integer_model(small(onset_hits=2, onset_span=2), 1)
-    off = random_integer_model(small(fault_frames=0), 1)
+    on = random_integer_model(FLAGGED.replace(onset_hits=2, onset_span=2), 1)
+    off = random_integer_model(SMALL, 1)
     defended, plain = export(on.config, on.arrays), export(off.config, off.arrays)
     for block in ("fault_detector", "onset_filter"):
         assert block in defended and block not in plain

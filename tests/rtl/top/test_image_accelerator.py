@@ -4,7 +4,6 @@ long."""
 from __future__ import annotations
 
 import pytest
-from amaranth.sim import Simulator
 
 from eskin.golden.core.config import AcceleratorConfig
 from eskin.golden.model.image_network import random_images, run_images
@@ -15,6 +14,7 @@ from eskin.rtl.program.schedule import step_cycles
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.watchdog import bound
 from tests.support.image_scenes import random_image_model
+from tests.support.stream_bench import bus_accesses, give_frame, simulate
 
 CONFIG = AcceleratorConfig.of_image(4, 32, ["conv 3 2", "pool", "dense 2"], ("a", "b")).with_lanes(4, "plain")
 MODEL = random_image_model(CONFIG.replace(checksum=True, watchdog=True, clock_gate=True), seed=3)
@@ -29,13 +29,7 @@ def play(rows: list[list[int]], writes: list[tuple[int, int]]) -> tuple[list[int
     dut, decisions, faults = make_accelerator(config), [], []
 
     async def bench(ctx):
-        async def write(register, word):
-            ctx.set(dut.bus.addr, register)
-            ctx.set(dut.bus.w_data, word)
-            ctx.set(dut.bus.w_stb, 1)
-            await ctx.tick()
-            ctx.set(dut.bus.w_stb, 0)
-
+        write, read = bus_accesses(ctx, dut.bus)
         for register, word in [
             *writes,
             (Register.CONTROL, Control.CLEAR_FAULTS),
@@ -44,11 +38,7 @@ def play(rows: list[list[int]], writes: list[tuple[int, int]]) -> tuple[list[int
             await write(register, word)
         await ctx.tick()
         for row in rows:
-            for pixel, value in enumerate(row):
-                ctx.set(dut.i.valid, 1)
-                ctx.set(dut.i.p, {"sample": value, "first": pixel == 0, "last": pixel == len(row) - 1})
-                await ctx.tick().until(dut.i.ready)
-            ctx.set(dut.i.valid, 0)
+            await give_frame(ctx, dut.i, row)
             await ctx.tick().repeat(100)
         for _ in range(2 * step_cycles(config) + 2 * bound(config)):
             if ctx.get(dut.o.valid):
@@ -57,18 +47,11 @@ def play(rows: list[list[int]], writes: list[tuple[int, int]]) -> tuple[list[int
             await ctx.tick()
             ctx.set(dut.o.ready, 0)
         for _ in range(2):
-            ctx.set(dut.bus.addr, Register.FAULTS)
-            ctx.set(dut.bus.r_stb, 1)
-            await ctx.tick()
-            ctx.set(dut.bus.r_stb, 0)
-            faults.append(ctx.get(dut.bus.r_data))
+            faults.append(await read(Register.FAULTS))
             await write(Register.CONTROL, Control.CLEAR_FAULTS)
         ctx.set(dut.o.ready, 1)
 
-    simulator = Simulator(dut)
-    simulator.add_clock(1e-6)
-    simulator.add_testbench(bench)
-    simulator.run()
+    simulate(dut, bench)
     return decisions, faults
 
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 
 import random
 
-from amaranth.sim import Simulator
-
 from eskin.golden.core.config import PRESETS
 from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.top import sensing
 from tests.support.silent import Silent
+from tests.support.stream_bench import simulate
 
 ARM = (int(Register.CONTROL), int(Control.ARM))
 
@@ -44,10 +43,7 @@ def test_the_arm_after_a_broken_frame_waits_for_bus_and_frame(monkeypatch):
             waits = not arms and (waits or broken)
             await ctx.tick()
 
-    simulator = Simulator(dut)
-    simulator.add_clock(1e-6)
-    simulator.add_testbench(play)
-    simulator.run()
+    simulate(dut, play)
     alone = {
         (True, True, False, False),
         (True, False, True, False),

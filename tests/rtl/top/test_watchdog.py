@@ -13,7 +13,7 @@ from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.top.watchdog import Watchdog, bound, longest_wait
 from tests.rtl.top.test_accelerator import CONFIGS, Host, recordings
-from tests.support.stream_bench import Bench
+from tests.support.stream_bench import Bench, give_frame, put
 
 
 def test_it_acts_at_the_bound_and_counts_anew_after_progress():
@@ -34,8 +34,7 @@ def test_it_acts_at_the_bound_and_counts_anew_after_progress():
             (1, 0, limit + 2),
             (0, 0, 2),
         ):
-            ctx.set(dut.due, due)
-            ctx.set(dut.done, done)
+            put(ctx, dut, due=due, done=done)
             for _ in range(cycles):
                 await ctx.tick()
 
@@ -47,7 +46,7 @@ def test_it_acts_at_the_bound_and_counts_anew_after_progress():
 def feed(bench: Bench, model, data, frame_cycles: int = 0) -> list[int]:
     """Load the model and play the recordings, frames ``frame_cycles`` apart at least; FAULTS after each
     recording."""
-    dut, taxels, flags = bench.dut, model.config.sensor.taxels, []
+    dut, flags = bench.dut, []
 
     async def drive(ctx):
         host = Host(dut, ctx)
@@ -60,15 +59,7 @@ def feed(bench: Bench, model, data, frame_cycles: int = 0) -> list[int]:
             for frame, samples in enumerate(data.recording(number)):
                 while bench.cycle < begin + frame * frame_cycles:
                     await ctx.tick()
-                for taxel, sample in enumerate(samples):
-                    ctx.set(
-                        dut.i.payload,
-                        {"sample": int(sample), "first": int(taxel == 0), "last": int(taxel == taxels - 1)},
-                    )
-                    ctx.set(dut.i.valid, 1)
-                    while not (await ctx.tick().sample(dut.i.ready))[-1]:
-                        pass
-                ctx.set(dut.i.valid, 0)
+                await give_frame(ctx, dut.i, samples)
             await host.write(Register.CONTROL, Control.FINISH)
             await host.until_idle()
             flags.append(await host.read(Register.FAULTS))
@@ -100,9 +91,9 @@ def test_the_longest_wait_of_a_chain_that_works_is_within_what_is_said(name):
 
     async def measure(ctx):
         waited = 0
-        tick = ctx.tick().sample(dut.watching.due, dut.watching.done)
+        ticks = aiter(ctx.tick().sample(dut.watching.due, dut.watching.done))
         while True:
-            _, _, due, done = await tick
+            _, _, due, done = await anext(ticks)
             waited = waited + 1 if due and not done else 0
             longest[0] = max(longest[0], waited)
 
@@ -127,9 +118,9 @@ def test_engine_and_classifier_are_reset_once_after_a_touch_and_never_in_it(monk
     arms, rests = [], []
 
     async def watch(ctx):
-        tick = ctx.tick().sample(*resets)
+        ticks = aiter(ctx.tick().sample(*resets))
         while True:
-            _, _, front_end, engine, classifier = await tick
+            _, _, front_end, engine, classifier = await anext(ticks)
             if front_end:
                 arms.append(bench.cycle)
             elif classifier:

@@ -5,31 +5,21 @@ from __future__ import annotations
 import csv
 import itertools
 import json
-import sys
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
-from eskin.cli import main as command_line
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat
 from eskin.rtl.program.compact_program import Kind, Op
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import Schedule
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.views import schedule_view as view
+from tests.support.small_designs import CELLS, reference
 from tests.support.table import each_row
 
-CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
 KINDS = [(1, "plain"), (4, "plain"), (40, "plain"), (1, "dsp"), (4, "dsp")]
-
-
-def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **changes) -> AcceleratorConfig:
-    return PRESETS["thesis"].replace(
-        cell=cell, reset=reset, lanes=lanes, state_format=QFormat(4, 12), **changes
-    )
 
 
 def unit(plan: Schedule, name: str) -> list[view.Span]:
@@ -160,20 +150,10 @@ def test_the_compact_engine_is_shown_when_it_works(cell):
 
 # ---------------------------------------------------------------------- the verb
 @pytest.fixture
-def call(monkeypatch, capsys, tmp_path):
-    """``call("thesis", "--lanes", 4)`` -> (status, standard output, standard error) of ``eskin schedule`` in
-    an empty folder."""
+def call(call, monkeypatch, tmp_path):
+    """Of ``eskin schedule`` in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["eskin", "schedule", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            command_line.main()
-        shown = capsys.readouterr()
-        return end.value.code or 0, shown.out, shown.err
-
-    return run
+    return lambda *words: call("schedule", *words)
 
 
 @each_row(

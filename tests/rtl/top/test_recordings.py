@@ -1,10 +1,11 @@
-"""Every subset of the kinds of feature on recordings of three data sets, with stalls on both sides: bit-exact
-at every stage."""
+"""Every subset of the kinds of feature on recordings of three data sets, with every cell and lane type in turn:
+bit-exact at every stage, and the cycles of the program."""
 
 from __future__ import annotations
 
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +14,22 @@ from eskin.golden.core.config import PRESETS
 from eskin.golden.core.formats import QFormat
 from eskin.golden.core.groups import FEATURE_KINDS
 from eskin.golden.data.load import load_recordings
-from eskin.golden.model.model import IntegerModel, normaliser_constants, random_integer_model
+from eskin.golden.model.model import IntegerModel, normaliser_constants, random_integer_model, with_network
 from eskin.golden.model.preprocess import find_touches, real_features
 from eskin.golden.training.datasets import scaling
 from eskin.golden.training.derive import derive_config
 from eskin.golden.training.quantise import _feature_frac_limit
+from eskin.rtl.program.schedule import schedule
 from eskin.verbs.flow import cosimulate
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
+CELLS: list[dict[str, Any]] = [
+    dict(cell="gru", reset="before"),
+    dict(cell="gru", reset="after"),
+    dict(cell="lstm"),
+    dict(cell="linear"),
+]
+LANES = [(1, "plain"), (2, "plain"), (4, "dsp"), (1, "serial"), (6, "plain"), (12, "plain"), (1, "dsp")]
 SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size)]
 RECORDINGS = 20
 BLOCKS = {"pvdf_indent": 24, "fabric_slide": 3, "biotac_slide": 1}
@@ -32,8 +41,13 @@ def model_for(recordings, config, seed: int) -> IntegerModel:
     touches = find_touches(config, recordings)
     mu, sigma = scaling(config, real_features(config, touches.sums), touches.completed)
     # activity of small counts is coarser than 8 fraction bits
-    limit = _feature_frac_limit(config, np.asarray(sigma), {})
-    config = config.replace(feature_format=QFormat(4, min(8, limit)))
+    fraction = min(8, _feature_frac_limit(config, np.asarray(sigma), {}))
+    products = config.formats.dense_format.frac_bits + fraction
+    config = config.replace(
+        feature_format=QFormat(4, fraction),
+        logit_format=QFormat(6, min(10, products - 1)),
+        dense_bias_format=QFormat(5, min(11, products)),
+    )
     filled, mean, scale = normaliser_constants(config, mu, sigma)
     return IntegerModel(
         filled, {**random_integer_model(filled, seed).arrays, "mean": mean, "scale": scale}, "random weights"
@@ -47,12 +61,16 @@ def model_for(recordings, config, seed: int) -> IntegerModel:
 def test_bit_exact_on_recordings(shared_data, tmp_path, name, subset):
     recordings = load_recordings(shared_data / name / "recordings.npz")
     recordings = recordings.subset(recordings.evenly(RECORDINGS))
-    number = SUBSETS.index(subset) + list(BLOCKS).index(name)
+    place = list(BLOCKS).index(name)
+    number = SUBSETS.index(subset) + place
+    lanes, lane_type = LANES[(number + place) % len(LANES)]
+    cell = CELLS[number % len(CELLS)]
     preset = {"pvdf_indent": PRESETS["pvdf"], "fabric_slide": PRESETS["fabric"]}.get(name) or derive_config(
         recordings
     )[0]
-    config = preset.replace(
-        hidden=6,
+    config = with_network(preset, **cell, **{} if cell["cell"] == "linear" else dict(hidden=6)).replace(
+        lanes=lanes,
+        lane_type=lane_type,
         feature_kinds=subset,
         activity_rule=("sum", "change")[number % 2],
         activity_block=BLOCKS[name],
@@ -61,12 +79,11 @@ def test_bit_exact_on_recordings(shared_data, tmp_path, name, subset):
         feature_shift=(),
     )
     model = model_for(recordings, config, number)
-    result = cosimulate(model, recordings, work=tmp_path, builds=BUILDS, stalls=True, seed=number)
+    result = cosimulate(model, recordings, work=tmp_path, builds=BUILDS, stalls=number % 2 == 1, seed=number)
     assert result["recordings"] == RECORDINGS and result["bit_exact"] and result["mismatches"] == 0, result[
         "mismatch_list"
     ]
     assert result["compared_values"] > 10 * RECORDINGS * config.inputs
-    print(
-        f"{name} {'+'.join(subset)}: {result['compared_values']} values, {np.size(result['mismatch_list'])} "
-        "mismatches"
-    )
+    if number % 2 == 0:
+        cycles = schedule(model.config).step_cycles
+        assert result["cycles"]["step_min"] == result["cycles"]["step_max"] == cycles

@@ -1,4 +1,4 @@
-"""scripts/design_table.py: the table of designs; the cycles of three of them are held here, cells of one, and
+"""scripts/tables.py: the tables of designs; the cycles of three of them are held here, cells of one, and
 a row of docs/boards.md."""
 
 from pathlib import Path
@@ -10,7 +10,7 @@ from eskin.golden.model.model import random_integer_model
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles
 from eskin.verbs import build_job
-from scripts import design_table
+from scripts import tables
 from tests.support.table import each_row
 
 KINDS = dict(feature_kinds=("mean", "activity", "integral"), activity_rule="change", hop=144, window=288)
@@ -34,11 +34,9 @@ def test_cycles_of_three_designs(preset, changes, lanes, plain, ends, quiet, ste
 
 
 def test_a_row_a_design_as_soon_as_it_is_known(monkeypatch, capsys):
-    monkeypatch.setattr(
-        design_table, "placed", lambda config: (f"{config.hardware.lanes} {config.network.cell}",)
-    )
-    monkeypatch.setattr(design_table, "in_software", lambda config: ("Cortex-M0+",))
-    design_table.main(["thesis"])
+    monkeypatch.setattr(tables, "placed", lambda config: (f"{config.hardware.lanes} {config.network.cell}",))
+    monkeypatch.setattr(tables, "in_software", lambda config: ("Cortex-M0+",))
+    tables.main(["designs", "thesis"])
     lines = capsys.readouterr().out.splitlines()
     assert lines[2:] == [
         "| thesis, gru, P = 1 | 1 gru |",
@@ -50,8 +48,8 @@ def test_a_row_a_design_as_soon_as_it_is_known(monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_cells_of_the_thesis_design():
-    cells, memories, _, touch, quiet, step, *_ = design_table.placed(PRESETS["thesis"].with_lanes(4, "dsp"))
-    assert int(cells) <= 817 and memories == "28 + 0" and (touch, quiet, step) == ("23.2", "19.0", "281")
+    cells, memories, _, touch, quiet, step, *_ = tables.placed(PRESETS["thesis"].with_lanes(4, "dsp"))
+    assert cells <= 817 and memories == "28 + 0" and (touch, quiet, step) == ("23.2", "19.0", 281)
 
 
 LEAN = dict.fromkeys(("weight_format", "recurrent_format", "dense_format"), "SQ(2,6)") | dict(

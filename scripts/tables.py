@@ -1,0 +1,319 @@
+"""Tables of what designs cost, for the documents: ``python -m scripts.tables TABLE [ROW ...]`` prints one, a
+row as soon as it is known. Networks have random numbers: nothing depends on them.
+
+cells SCENE ...
+    Linear, GRU 4, 8, 12 on the front ends of several scenes. A SCENE is a model folder of ``eskin train``
+    without --cell, whose training.json has the accuracy of every candidate on recordings left out, by itself
+    or as NAME=FOLDER; or a preset's name, then without accuracies. Cycles are those of the program on 4 DSP lanes;
+    latency is from the last sample of a window to its decision at the icebreaker's 12 MHz. Energy is the
+    estimate of ``eskin build`` for cell and classifier, good to a factor (docs/energy.md).
+designs [SCENE ...]
+    Of each SCENE a GRU of 12 with 1 and 4 DSP lanes and a linear cell with 4, placed with seeds 1 to 3; the
+    first of them as plain C on a microcontroller; with ``--liberty`` a GRU with 4 lanes and ROMs on a chip.
+    Energy and power are the estimate of ``eskin build``: a touch with all its frames; waiting with a clock
+    that stops between samples, of a chip its leakage.
+buses [SHELL ...]
+    Bus shells: cells of the whole design (preset ``thesis``, one lane) less those of the bare one; the
+    highest clock of one placement (seed 1) with registers around all ports; cycles of a frame of 16 taxels
+    that goes in through the C driver, pair by pair, as fast as the Verilated design takes it.
+features [KINDS ...]
+    Kinds of feature on the PVDF preset; frame, frame_plain: most cycles of a frame that ends a window, and of
+    another.
+checks
+    Checksum and watchdog, placed once, with the link, which tells the faults.
+
+Cells are Yosys' counts on an iCE40 UP5K before placement where nothing else is said, onset to decision
+without the serial link.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.jobs import Record
+from eskin.golden.model.model import random_integer_model
+from eskin.golden.model.vectors import random_recordings
+from eskin.golden.studies.energy import estimate, scheduled_activity
+from eskin.golden.training.choose_network import network
+from eskin.rtl.fpga.generate import generate
+from eskin.rtl.fpga.implementation import place
+from eskin.rtl.fpga.synthesis import ICE40_DSP, Chain, Harness, PoweredOn, counted, synthesise
+from eskin.rtl.fpga.targets import target
+from eskin.rtl.program.schedule import frame_cycles, lowest_clock_hz, mean_frame_cycles, schedule, step_cycles
+from eskin.rtl.top.bus_top import Bus, BusTop
+from eskin.verbs import asic_job, build_job, defence_cost, energy_job
+
+BOARD, LANES, FRAMES = "icebreaker", 4, 300
+SCENES = ("thesis", "synthetic", "pvdf")
+ALL = ("mean", "activity", "integral")
+FEATURES: dict[str, Record] = {
+    "mean": {},
+    "mean, a scale a taxel": {"feature_scale": "taxel"},
+    "mean, activity (sum)": {"feature_kinds": ALL[:2]},
+    "mean, activity (change)": {"feature_kinds": ALL[:2], "activity_rule": "change"},
+    "mean, integral": {"feature_kinds": ("mean", "integral")},
+    "all": {"feature_kinds": ALL},
+    "all, a scale a taxel": {"feature_kinds": ALL, "feature_scale": "taxel"},
+    "activity (sum)": {"feature_kinds": ("activity",)},
+    "integral": {"feature_kinds": ("integral",)},
+}
+"""Changes to the preset by the name of the row."""
+BUSES: dict[str, Record] = {
+    "Wishbone": {"bus": "wishbone"},
+    "APB": {"bus": "apb"},
+    "AXI4-Lite": {"bus": "axi4lite"},
+    "Wishbone, no queue": {"bus": "wishbone", "depth": 0},
+    "Wishbone, a queue of 4": {"bus": "wishbone", "depth": 4},
+    "Wishbone, frames from a stream": {"bus": "wishbone", "axis": True},
+}
+
+CHECKS = {
+    "neither": (),
+    "checksum": ("checksum",),
+    "watchdog": ("watchdog",),
+    "both": ("checksum", "watchdog"),
+}
+"""Fields that are on, by the name of the row."""
+
+Row = tuple[Any, ...]
+
+
+def scene(text: str) -> tuple[str, AcceleratorConfig, list[Record]]:
+    """Name, front end and judged candidates of a SCENE."""
+    if text in PRESETS:
+        return text, PRESETS[text], []
+    name, _, folder = text.rpartition("=")
+    try:
+        candidates = json.loads((Path(folder) / "training.json").read_text())["candidates"]
+    except (OSError, ValueError, KeyError):
+        raise InputError(
+            f"{folder}: is no preset and no model folder of 'eskin train --cell auto'; give one of them"
+        ) from None
+    return name or Path(folder).name, AcceleratorConfig.load(Path(folder) / "config.json"), candidates
+
+
+def cells_of(design: Any) -> dict[str, int]:
+    """Cells by kind."""
+    with tempfile.TemporaryDirectory() as folder:
+        return counted(synthesise(design, ICE40_DSP, Path(folder)).cells)
+
+
+# ---------------------------------------------------------------------- cells
+def accuracy_of(candidates: Sequence[Record], config: AcceleratorConfig) -> str:
+    """The best recipe's accuracy of that network, in words; - where it was judged on another front end, or
+    not at all."""
+    hidden = config.network.hidden if config.recurrent else 0
+    sizes = {"cell": config.network.cell, "hidden": hidden, "multiplies_step": config.multiplies}
+    rows = [row for row in candidates if all(row[key] == value for key, value in sizes.items())]
+    best = max(rows, key=lambda row: row["accuracy"], default=None)
+    return f"{100 * best['accuracy']:.1f} +- {100 * best['standard_error']:.1f} %" if best else "-"
+
+
+def cell_rows(asked: argparse.Namespace) -> Iterator[Row]:
+    """Every cell on every scene."""
+    for name, front, candidates in [scene(text) for text in asked.rows]:
+        for cell, hidden in (("linear", None), ("gru", 4), ("gru", 8), ("gru", 12)):
+            config = network(front, cell, hidden).replace(lanes=LANES, lane_type="dsp", feature_shift=())
+            config = random_integer_model(config, 1).config
+            cells, plan, board = cells_of(Chain(config)), schedule(config), target(BOARD)
+            activity = scheduled_activity(config, plan.step_cycles, *mean_frame_cycles(config), cells["dsp"])
+            energy = estimate(config, board.device, activity, lowest_clock_hz(config))
+            yield (
+                name,
+                f"GRU {hidden}" if hidden else cell,
+                accuracy_of(candidates, config),
+                config.windows.steps * config.multiplies,
+                plan.step_cycles,
+                f"{1e6 * plan.decision_cycles / board.clock_hz:.1f} us",
+                *(cells[kind] for kind in ("lut", "ff", "dsp", "bram", "spram")),
+                f"{1e9 * energy['per_touch_j']:.0f} nJ",
+            )
+
+
+# ---------------------------------------------------------------------- designs
+def placed(config: AcceleratorConfig) -> Row:
+    """Columns behind the first, of a design on the board."""
+    model = random_integer_model(config, 1)
+    request = build_job.BuildRequest(
+        lanes_asked=True, config=model.config, arrays=model.arrays, target=target(BOARD), link=False, seeds=3
+    )
+    try:
+        built = build_job.build(request)[0]
+    except build_job.BuildError as misfit:
+        return (misfit,)
+    energy = built["energy"]
+    activity = energy["activity"]
+    touch_j = energy["per_touch_j"] + energy["preprocessing_per_touch_j"]
+    return (
+        built["logic_cells"],
+        f"{built['bram']} + {built['spram']}",
+        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in built["seeds"].values()),
+        f"{activity['frame_cycles']:.1f}",
+        f"{activity['quiet_frame_cycles']:.1f}",
+        activity["step_cycles"],
+        f"{1e6 * touch_j:.2f} uJ",
+        f"{1e6 * energy['choices'][1]['idle_w']:.1f} uW",
+    )
+
+
+def on_a_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) -> Row:
+    """The same of a chip: kGE, latches, MHz of the slow and the typical corner; no energy without
+    recordings."""
+    model = random_integer_model(asic_job.chip_config(config, LANES, True), 1)
+    made = asic_job.asic(model, pdk, liberty)[0]
+    return (
+        f"{made['kge']:.1f} kGE",
+        f"{made['latches']} latches",
+        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in made["fmax_hz"].values()),
+        *(f"{cycles:.1f}" for cycles in mean_frame_cycles(model.config)),
+        step_cycles(model.config),
+        "-",
+        f"{1e6 * made['energy']['leakage_w']:.2f} uW",
+    )
+
+
+def in_software(config: AcceleratorConfig) -> Row:
+    """The same as plain C on a microcontroller, in cycles of its core; a recording made up, which costs what
+    others do."""
+    model = random_integer_model(config, 1)
+    settling, again = config.rest_level.rest_frames, config.onset_rule.rearm_frames
+    played = random_recordings(config, [settling + 2 * config.last_frame + 2 * again], 1)
+    with tempfile.TemporaryDirectory() as work:
+        (row,) = energy_job.in_software(model, played, Path(work) / "c")
+    cycles = [f"{row['cycles'][part]:.0f}" for part in ("frame", "quiet", "step")]
+    power = f"{1e6 * row['per_touch_j']:.0f} uJ", f"{1e6 * row['idle_w']:.1f} uW"
+    return row["core"], "-", "-", *cycles, *power
+
+
+def design_rows(asked: argparse.Namespace) -> Iterator[Row]:
+    """Every design of every scene."""
+    for name, front, _ in [scene(text) for text in asked.rows or SCENES]:
+        front = front.replace(feature_shift=())
+        gru = network(front, "gru", 12)
+        for config, lanes in ((gru, 1), (gru, LANES), (network(front, "linear", None), LANES)):
+            yield f"{name}, {config.network.cell}, P = {lanes}", *placed(config.with_lanes(lanes, "dsp"))
+        yield f"{name}, gru, software", *in_software(gru)
+        if asked.liberty:
+            yield f"{name}, gru, chip", *on_a_chip(gru, asked.pdk, asked.liberty)
+
+
+# ---------------------------------------------------------------------- buses
+def clock_mhz(design: Any) -> str:
+    """Of one placement."""
+    board = target(BOARD)
+    sites = (board.clock_pin, *board.pins)
+    pins = dict(zip(("clk", "shift_in", "capture", "shift_out"), sites, strict=False))
+    with tempfile.TemporaryDirectory() as folder:
+        netlist = synthesise(PoweredOn(Harness(design)), ICE40_DSP, Path(folder))
+        return f"{place(netlist, board, pins, Path(folder) / 'placed', seed=1).fmax_hz / 1e6:.1f}"
+
+
+@cache
+def frame_through(bus: Bus) -> str:
+    """Mean of the cycles from one frame to the next, at rest."""
+    from tests.support.driver_board import Board  # as the tests drive the same pins
+
+    model = random_integer_model(PRESETS["thesis"].replace(lanes=1), 1)
+    with tempfile.TemporaryDirectory() as folder:
+        board = Board(generate(model.config, model.arrays, Path(folder) / "design", bus=bus), bus)
+        assert board.driver("present") and board.driver.load()
+        samples = np.full((FRAMES, model.config.sensor.taxels), 2000)
+        begin = board.device.state.cycle
+        board.driver.play(samples, lambda: board.device.get("irq"), pairs=True)
+        return f"{(board.device.state.cycle - begin) / FRAMES:.0f}"
+
+
+def bus_rows(asked: argparse.Namespace) -> Iterator[Row]:
+    """The bare design, then every shell."""
+    config = random_integer_model(PRESETS["thesis"].replace(lanes=1), 1).config
+    bare = cells_of(Chain(config))
+    yield "none (the whole design)", bare["lut"], bare["ff"], clock_mhz(Chain(config)), ""
+    for name in asked.rows or BUSES:
+        design = BusTop(config, **BUSES[name])
+        cells = cells_of(design)
+        cycles = "" if BUSES[name].get("axis") else frame_through(BUSES[name]["bus"])
+        more = (cells[kind] - bare[kind] for kind in ("lut", "ff"))
+        yield name, *more, clock_mhz(BusTop(config, **BUSES[name])), cycles
+
+
+# ---------------------------------------------------------------------- features, checks
+def feature_rows(asked: argparse.Namespace) -> Iterator[Row]:
+    """Every set of kinds."""
+    base = PRESETS["pvdf"].replace(lanes=asked.lanes, lane_type=asked.lane_type, activity_block=asked.block)
+    for name in asked.rows or FEATURES:
+        config = random_integer_model(base.replace(**FEATURES[name]), 1).config
+        plan, cells = schedule(config), cells_of(Chain(config))
+        frames = frame_cycles(config), frame_cycles(config, ends_window=False)
+        kinds = (cells[kind] for kind in ("lut", "carry", "ff", "bram", "spram", "dsp"))
+        yield name, *kinds, config.inputs, config.multiplies, plan.step_cycles, plan.decision_cycles, *frames
+
+
+def check_rows(asked: argparse.Namespace) -> Iterator[Row]:
+    """With and without checksum and watchdog. Without the link nobody reads the faults, and what finds them
+    is not there either."""
+    base = PRESETS[asked.preset].with_lanes(asked.lanes, asked.lane_type)
+    for name, fields in CHECKS.items():
+        model = random_integer_model(base.replace(**dict.fromkeys(fields, True)), 1)
+        cells = defence_cost.placed(model.config, model.arrays, BOARD, build_job.CACHE, link=True)
+        cycles = schedule(model.config).step_cycles
+        yield name, *(cells.get(kind) for kind in ("logic_cells", "ff", "bram")), cycles
+
+
+TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
+    "cells": (
+        "scene | cell | accuracy | multiplies a touch | cycles a step | latency | LUT | flip-flops | multipliers "
+        "| block memories | large ones | a touch",
+        cell_rows,
+    ),
+    "designs": (
+        "design | cells | memories | MHz | cycles a frame, touch | quiet | cycles a step | a touch | waiting",
+        design_rows,
+    ),
+    "buses": ("shell | LUT | flip-flops | MHz | cycles a frame", bus_rows),
+    "features": (
+        "features | lut | carry | ff | bram | spram | dsp | inputs | multiplies | step | decision | frame "
+        "| frame_plain",
+        feature_rows,
+    ),
+    "checks": ("checks | cells | flip-flops | block memories | cycles a step", check_rows),
+}
+"""Columns and rows of each table."""
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    """Print the table, a row as soon as it is known."""
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        prog="python -m scripts.tables",
+    )
+    parser.add_argument("table", choices=TABLES)
+    parser.add_argument("rows", nargs="*", metavar="ROW")
+    parser.add_argument("--lanes", type=int, default=LANES, help="of features, checks")
+    parser.add_argument("--lane-type", default="dsp", help="of features, checks: plain, dsp or serial")
+    parser.add_argument("--block", type=int, default=24, help="of features: frames of a block of activity")
+    parser.add_argument("--preset", default="thesis", help="of checks")
+    parser.add_argument("--pdk", default="ihp-sg13g2", help="of designs")
+    parser.add_argument("--liberty", nargs="*", type=Path, default=(), help="of designs: the chip's process")
+    asked = parser.parse_args(words)
+    columns, rows = TABLES[asked.table]
+    print(f"| {columns} |\n| --- |" + " --: |" * columns.count("|"))
+    try:
+        for row in rows(asked):
+            print("| " + " | ".join(map(str, row)) + " |", flush=True)
+    except InputError as error:
+        parser.error(str(error))
+
+
+if __name__ == "__main__":
+    main()

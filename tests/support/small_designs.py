@@ -1,0 +1,28 @@
+"""Designs that many tests vary: a small one whose touches last 200 frames; the thesis's with any cell."""
+
+from __future__ import annotations
+
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.formats import QFormat
+
+SMALL = AcceleratorConfig.of(
+    taxels=4,
+    hidden=4,
+    band_low=25920,
+    band_high=26880,
+    hop=20,
+    window=41,
+    touch_frames=200,
+    steps=8,
+    pretrigger_frames=10,
+    rearm_frames=20,
+    decision="vote",
+    lanes=2,
+)
+CELLS = [("gru", "before"), ("gru", "after"), ("lstm", "before")]
+
+
+def reference(cell: str = "gru", reset: str = "before", lanes: int = 4, **changes) -> AcceleratorConfig:
+    """The thesis's sizes and formats; states with room for an LSTM's."""
+    wide = {"state_format": QFormat(4, 12)}
+    return PRESETS["thesis"].replace(cell=cell, reset=reset, lanes=lanes, **wide | changes)
