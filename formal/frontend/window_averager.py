@@ -269,7 +269,8 @@ def _windows(m: Module, config: AcceleratorConfig) -> None:
                 for bank in (0, 1)
             ]
             mask = Mux(inside.parity, *bits_of[::-1])
-            prove(apart | started | (known == 0) | (mask == was_masked), "the mask in its bank")
+            stored = Mux(started, masked, was_masked)
+            prove((apart | (known == 0)) & ~started | (mask == stored), "the mask in its bank")
             mask = inside.read.data[config.sum_bits]
             prove(waits | ~(current & draining & newest) | (mask == was_masked), "read")
     prove(~of_one | (expected <= limit) & (expected >= -limit), "no sum exceeds its format")
