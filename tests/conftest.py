@@ -1,8 +1,6 @@
 """Fixtures for all tests: the real recordings (where they are), torch's threads, recordings made on the
 spot, the installed command called in this process."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable

@@ -2,8 +2,6 @@
 elsewhere, no input changed, memory bounded. A few here, 10 000 with ``make fuzz``; then, that the fuzzer sees
 each kind of defect, and what it found."""
 
-from __future__ import annotations
-
 import functools
 import os
 import random
@@ -20,9 +18,8 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 import eskin
 from eskin.cli import data
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import MOST_UNPACKED_BYTES, ArchiveError, read_arrays
+from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, read_arrays
+from eskin.golden.core.files import MOST_UNPACKED_BYTES
 from eskin.golden.data import load as reader
 from eskin.golden.data import scene
 from eskin.golden.data.load import load_recordings

@@ -1,8 +1,6 @@
 """What the verbs share: the application, the console, progress, options, and how recordings and
 configurations are read."""
 
-from __future__ import annotations
-
 import functools
 import sys
 from collections.abc import Callable, Iterator
@@ -14,10 +12,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from eskin.golden.core.cost import Prefer
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target, write_json
-from eskin.golden.core.jobs import Progress, Record
+from eskin.golden.core import InputError, Prefer, Progress, Record, check_target, write_json
 from eskin.pages.views import Rows, parts, words
 from eskin.verbs.milestones import Milestones
 
@@ -86,7 +81,7 @@ def check_outputs(verb: str, options: Record) -> None:
     ------
     InputError
     """
-    from eskin.golden.core.config import PRESETS
+    from eskin.golden.core import PRESETS
 
     # a folder in place of a file is nothing to lose: the verb refuses it
     named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
@@ -221,7 +216,7 @@ def warn(sentence: str) -> None:
 
 def load_data(data: str, config: str | None = None):
     """Recordings, and the configuration that was asked for, if one was."""
-    from eskin.golden.core.config import AcceleratorConfig
+    from eskin.golden.core import AcceleratorConfig
     from eskin.golden.data.load import load_recordings
 
     chosen = AcceleratorConfig.load(config) if config else None

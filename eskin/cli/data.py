@@ -1,7 +1,5 @@
 """Verbs that look at recordings."""
 
-from __future__ import annotations
-
 import math
 import os
 from pathlib import Path
@@ -19,9 +17,7 @@ from eskin.cli.common import (
     show,
     show_text,
 )
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record, check_target
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")

@@ -1,7 +1,5 @@
 """Verbs that study a model or many of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,8 +25,7 @@ from eskin.cli.common import (
     recordings_for,
     show,
 )
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record
 
 
 @app.command(

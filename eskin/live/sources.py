@@ -17,8 +17,7 @@ import numpy as np
 
 from eskin.cosim.link import Link, LinkError
 from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS, offered_row, unpack_decision
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model.image_stream import ImageStream
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.position import Position, PositionStream

@@ -8,11 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing
-from eskin.golden.core.images import NETWORKS, network, stages_of
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record, replacing
+from eskin.golden.core.images import network, stages_of
 from eskin.golden.data.rate import wrong_rate
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of

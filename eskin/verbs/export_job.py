@@ -1,16 +1,12 @@
 """``eskin export``: a model in another tool's words, with what checks it."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing_folder
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record, replacing_folder
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.export import compiled, plain_c
 from eskin.golden.model.image_network import images_of, random_images, run_images

@@ -1,12 +1,10 @@
 """The design's files, with a testbench that plays a recording; no simulator is needed to write them."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of, random_images, run_images
 from eskin.golden.model.model import IntegerModel

@@ -1,8 +1,6 @@
 """`eskin replay`: recordings or images to a board over its serial line, its decisions against the golden
 model's."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -15,9 +13,7 @@ import numpy as np
 from eskin.cosim.link import BURST, Link, Transport
 from eskin.cosim.scoreboard import Verdict, compare_played
 from eskin.cosim.serial_port import SerialPort
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import images_of, run_images
 from eskin.golden.model.model import IntegerModel

@@ -19,9 +19,7 @@ import numpy as np
 
 from eskin.cosim import upsets as bench
 from eskin.cosim.device import Design
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.pipeline import run

@@ -1,7 +1,5 @@
 """The exported C on an emulated core: its decisions, and the instructions they take."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 from typing import Any

@@ -13,9 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import clamp, narrow
+from eskin.golden.core import AcceleratorConfig, InputError, clamp, narrow
 from eskin.golden.data.recordings import Recordings
 
 BATCH_SAMPLES = 1 << 22

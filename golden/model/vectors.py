@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.files import replacing
+from eskin.golden.core import AcceleratorConfig, replacing
 from eskin.golden.data.recordings import Recordings
 
 if TYPE_CHECKING:

@@ -15,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.core.images import BIAS_BITS, Pool
+from eskin.golden.core import AcceleratorConfig, Pool, QFormat, narrow
+from eskin.golden.core.images import BIAS_BITS
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import (
     ImageTrace,

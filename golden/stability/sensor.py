@@ -1,8 +1,6 @@
 """Disturbances of the sensor: taxels dead, stuck, noisy, off in gain or offset, exchanged; and how the fault
 detector sees them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 

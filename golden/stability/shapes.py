@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model import pipeline
 from eskin.golden.stability.core import Bench, Case, Change, Curve, Outcome, disturbed, rebuilt

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model.preprocess import find_onsets
 from eskin.golden.training import crossval
 from eskin.golden.training import recipe as recipes
@@ -73,7 +72,7 @@ def leak_check(
     left_in: int = 0,
     recipe: recipes.Recipe | None = None,
     progress: crossval.Progress | None = None,
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """Accuracy of cross-validated integer networks on unseen recordings, as recorded and without their
     touches.
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model.preprocess import Touches, find_touches, real_features
 from eskin.golden.training.recipe import Recipe
 

@@ -1,8 +1,6 @@
 """Sentences for a result that looks good and may not be: each says what was seen and the one action that
 helps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record
 from eskin.golden.model.image_network import image_seconds
 from eskin.golden.model.pipeline import step_times
 from eskin.golden.model.stage_error import logit_error, records

@@ -11,9 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.model import (
     TRAINING_FILE,
@@ -555,7 +553,7 @@ def _noted_ranges(
     return ranges
 
 
-def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[dict[str, Any]]:
+def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[Record]:
     """What training.json and the report say of the ranges: {signal, min, max, format} each, real values."""
     sigmoid, tanh = (f"{config.formats.table_entries} entries over +-{span}" for span in (8, 4))
     names = (
@@ -582,7 +580,7 @@ def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> lis
     ]
 
 
-def load_trained(model_dir: str | Path) -> tuple[FloatModel, dict[str, Any]]:
+def load_trained(model_dir: str | Path) -> tuple[FloatModel, Record]:
     """The float model and its training record: widths start from the configuration of the training, not from
     an earlier quantisation."""
     model, record = FloatModel.load(model_dir), load_training(model_dir)

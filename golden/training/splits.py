@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.data.folds import grouped_folds
 from eskin.golden.training.derive import fits_sensor
 

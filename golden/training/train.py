@@ -13,9 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model.model import check_model_target
 from eskin.golden.model.pipeline import decide_touches
 from eskin.golden.training.crossval import Progress, cross_validate, named

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import decide_touches, float_features
 from eskin.golden.model.preprocess import Touches, find_touches
@@ -81,7 +80,7 @@ class Tried:
     refused: str = ""
 
     @property
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> Record:
         """What training.json says of them."""
         names = ("weight_bits", "table_entries", "mean", "max", "stage")
         return {name: getattr(self, name) for name in names}
@@ -235,7 +234,7 @@ def quantise_by_error(
     *,
     group: Sequence[str] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-) -> tuple[IntegerModel, dict[str, Any]]:
+) -> tuple[IntegerModel, Record]:
     """Write the integer model into a model folder, in the narrowest widths that keep logits of recordings
     left out within ``limit``.
 

@@ -1,8 +1,6 @@
 """A board without a host is taught by its buttons: what it decides at its pins is what the golden stream decides
 that was taught the same, also after its power was off."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 

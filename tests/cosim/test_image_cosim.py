@@ -1,8 +1,6 @@
 """Images through the generated Verilog: every map, logit and decision against the golden model, cycles
 against the formula."""
 
-from __future__ import annotations
-
 import dataclasses
 import subprocess
 from pathlib import Path
@@ -10,8 +8,7 @@ from pathlib import Path
 import pytest
 from amaranth.back import rtlil
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.core.images import SIZES, network
 from eskin.golden.model.image_network import image_recordings, random_images, run_images
 from eskin.golden.model.model import IntegerModel

@@ -1,14 +1,12 @@
 """Recordings over the serial pins of the simulated board, by the host's own code, undisturbed and with every
 kind of damage."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import run

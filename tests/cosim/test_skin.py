@@ -1,8 +1,6 @@
 """A board without a host: from the converter's pins to the bytes on the stimulator's line, as it goes onto
 the part."""
 
-from __future__ import annotations
-
 import dataclasses
 import random
 import shutil
@@ -14,8 +12,7 @@ import pytest
 
 from eskin.cosim.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data.archive import load_archive
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.scene import synthetic_recordings

@@ -1,8 +1,6 @@
 """What no good host does: traffic of every kind at any time, resets in the middle of anything, and registers
 that start unknown."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

@@ -1,16 +1,12 @@
 """Weights of 16 bits: accumulators of more than 32, addends in three words of the host's, bit-exact from the
 frames to the decisions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, signed_bits
+from eskin.golden.core import AcceleratorConfig, InputError, QFormat, signed_bits
 from eskin.golden.model.cells import Fixed
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.pipeline import run

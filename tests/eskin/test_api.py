@@ -9,7 +9,7 @@ import pytest
 
 import eskin
 from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.image_network import random_images
 from eskin.golden.model.pipeline import run

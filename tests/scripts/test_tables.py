@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.golden.model.model import random_integer_model
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles

@@ -1,8 +1,6 @@
 """Broken variants of the modes that play recordings into the hardware: the generated Verilog, changed in one
 place."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

@@ -1,15 +1,12 @@
 """Broken variants of the failure modes: what each mode must report as failed, bench -> broken bench."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat, narrow
+from eskin.golden.core import AcceleratorConfig, QFormat, narrow
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model import pipeline
 from eskin.golden.model.cells import Fixed

@@ -1,7 +1,5 @@
 """Recordings written as other people's tools write them, each with the format's own library."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A scene unlike the synthetic one: a grip that lasts from the first frame to the last."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eskin.golden.data.recordings import Recordings

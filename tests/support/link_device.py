@@ -14,7 +14,7 @@ from types import TracebackType
 import numpy as np
 
 from eskin.cosim import link
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Control, Register, Status
 from tests.support.link_flow import pack_decisions

@@ -1,7 +1,5 @@
 """Recordings put together anew."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any

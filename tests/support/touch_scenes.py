@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 
 SMALL = AcceleratorConfig.of(

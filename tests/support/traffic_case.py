@@ -1,8 +1,6 @@
 """A small accelerator under scripts of tests/support/traffic.py: any bus traffic, resets, and registers and
 memories that start as X."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel, random_integer_model
 from eskin.golden.model.pipeline import run as golden_run

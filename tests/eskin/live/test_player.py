@@ -1,8 +1,6 @@
 """eskin/live/player.py and sources.py: every decision is golden's at every pace, controls act, nothing waits
 for a viewer."""
 
-from __future__ import annotations
-
 import math
 import time
 from itertools import pairwise

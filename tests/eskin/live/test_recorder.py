@@ -1,11 +1,9 @@
 """eskin/live/recorder.py: what is recorded is what was played, whole or not at all."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.golden.data.archive import load_archive, save_archive
 from eskin.golden.data.load import load_recordings
 from eskin.live.recorder import Recorder

@@ -1,8 +1,6 @@
 """eskin/live/sources.py: hardware beside the model, value by value; every kind of difference is seen; a board
 that is only heard."""
 
-from __future__ import annotations
-
 import json
 import math
 import time
@@ -11,7 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.live import Brought, LiveSimulator
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.golden.model.image_network import images_of, run_images
 from eskin.golden.model.image_stream import ImageStream
 from eskin.golden.model.model import random_integer_model
@@ -263,7 +261,7 @@ def test_positions_go_with_the_frames():
 # ---------------------------------------------------------------------- images
 @pytest.fixture(scope="module")
 def image_case():
-    from eskin.golden.core.config import AcceleratorConfig
+    from eskin.golden.core import AcceleratorConfig
     from eskin.golden.model.image_network import image_recordings, random_images
 
     config = AcceleratorConfig.of_image(

@@ -1,7 +1,5 @@
 """eskin/live/terminal.py: the same figures as the page, on a screen of characters."""
 
-from __future__ import annotations
-
 import io
 import json
 import math

@@ -1,8 +1,6 @@
 """Runs that look done and are not: each is made on purpose, and its banner says what was seen and what
 helps."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,11 +1,9 @@
 """eskin/verbs/defence_cost.py: what a defence costs in hardware, and how that is told."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.targets import target

@@ -1,8 +1,6 @@
 """eskin/verbs/link_registers.py: the C driver plays recordings over a serial line, into a board in Python and into
 the simulated one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

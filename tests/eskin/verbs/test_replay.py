@@ -1,15 +1,13 @@
 """eskin replay against a board in Python behind a pseudo-terminal: equal and differing decisions, losses,
 everything that can go wrong."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
 from eskin.cosim import link
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.archive import save_archive
 from eskin.golden.model.image_network import image_recordings, random_images
 from eskin.golden.model.model import random_integer_model

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.data.archive import save_archive
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.image_network import random_images

@@ -1,14 +1,10 @@
 """Configurations that the hardware cannot hold are refused."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, signed_bits
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, signed_bits
 from eskin.golden.model.model import with_network
 from tests.support.table import each_row
 

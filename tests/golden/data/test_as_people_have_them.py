@@ -1,7 +1,5 @@
 """Labels that are words, held-back sets with fewer classes, and what people's tables hold beside samples."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 from PIL import Image
 
 import eskin
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.golden.data.archive import load_archive, save_archive
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings

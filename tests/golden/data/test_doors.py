@@ -1,8 +1,6 @@
 """Recordings of other people's tools: written with the format's own library, they are the recordings of the
 archive; damaged ones are refused in a sentence."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import sys
@@ -15,7 +13,8 @@ from rosbags.rosbag2 import StoragePlugin
 from typer.testing import CliRunner
 
 from eskin.cli.main import app
-from eskin.golden.core.errors import EXTRAS, InputError
+from eskin.golden.core import InputError
+from eskin.golden.core.errors import EXTRAS
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.logs import is_log
 from eskin.golden.data.recordings import Recordings

@@ -1,12 +1,9 @@
 """The easy synthetic scene: as it was published, and as its name and configuration say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import check_fit
 from eskin.golden.data.scene import kinds, scene_of, synthetic_recordings

@@ -1,8 +1,6 @@
 """Recordings from text tables: the forms that people have are understood, and what is not certain is refused
 with file and line."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -10,8 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data.archive import load_archive, save_archive
 from eskin.golden.data.codes import round_step, to_codes
 from eskin.golden.data.load import load_recordings

@@ -1,7 +1,5 @@
 """The synthetic scene: deterministic, nothing but the turn tells the class, and larger networks do better."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np
@@ -11,7 +9,7 @@ from sklearn.model_selection import GroupKFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.golden.data import piezo_array, turns
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings, check_fit

@@ -1,8 +1,6 @@
 """The model as plain C against the golden model: every decision of random designs, under both compilers' warnings
 and sanitizers; programs for microcontrollers, run instruction by instruction; and all recordings."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -14,9 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.images import NETWORKS
+from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.export import compiled, emulated, plain_c
 from eskin.golden.model.model import IntegerModel, random_integer_model

@@ -1,8 +1,6 @@
 """Kinds of feature beyond the mean: golden values against plain loops over frames, configuration refusals,
 training and quantising."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from fractions import Fraction
@@ -12,9 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.groups import FEATURE_KINDS
+from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import normaliser_constants
 from eskin.golden.model.preprocess import (

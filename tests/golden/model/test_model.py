@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.model.cells import Float, run_cell
 from eskin.golden.model.model import (
     FloatModel,

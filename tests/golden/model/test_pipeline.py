@@ -6,8 +6,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.model.model import random_integer_model, with_network
 from eskin.golden.model.pipeline import STAGES, decide, global_steps, run, step_times
 from eskin.golden.model.preprocess import find_touches

@@ -1,15 +1,12 @@
 """Float against integer, stage by stage: each stage's error is found where it was put, and the whole equals
 the two models' own runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.model.model import (
     FloatModel,
     IntegerModel,

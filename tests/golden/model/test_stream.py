@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.golden.model.model import FloatModel, network_shapes, random_integer_model
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.stream import Stream

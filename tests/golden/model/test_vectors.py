@@ -1,10 +1,8 @@
 """Vectors: which live frame completes which window, the file, and stimulus that exercises a configuration."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.pipeline import STAGES, run

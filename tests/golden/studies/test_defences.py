@@ -1,8 +1,6 @@
 """What defences save and cost: the failures are what they say, the margin is chosen on training data, the
 table is counted by hand."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,15 +1,12 @@
 """Configurations derived from archives: presets where they fit, sizes that work where they do not, and the
 reasons said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.preprocess import find_touches

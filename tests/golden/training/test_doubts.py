@@ -1,7 +1,5 @@
 """Each doubt on a result made for it, and none on a sound one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eskin.golden.data.recordings import Recordings

@@ -1,7 +1,5 @@
 """A sensor of events, whose codes are 0 and 1: integers decide as floats do."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eskin.golden.data.recordings import Recordings

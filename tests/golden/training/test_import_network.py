@@ -1,8 +1,6 @@
 """Networks trained elsewhere: torch's own forward pass, Keras's equations, every refusal, and the way on to
 the integer model."""
 
-from __future__ import annotations
-
 import json
 import os
 import zipfile
@@ -12,8 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.data.scene import synthetic_recordings
 from eskin.golden.model.model import FloatModel

@@ -9,8 +9,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
 from eskin.golden.model.pipeline import run
 from eskin.golden.model.preprocess import find_touches

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.groups import FEATURE_KINDS
+from eskin.golden.core import FEATURE_KINDS, PRESETS, InputError
 from eskin.golden.data.load import load_recordings
 from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
 from eskin.golden.model.pipeline import float_features, run

@@ -1,14 +1,12 @@
 """golden/training/widths.py: the narrowest widths that keep an error on recordings left out, and what is
 refused."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.golden.model.model import FloatModel, IntegerModel, load_training, with_network
 from eskin.golden.model.pipeline import decide_touches
 from eskin.golden.model.preprocess import find_touches

@@ -1,7 +1,5 @@
 """Upsets in the generated Verilog: the way in for them, the campaigns, and that each campaign can fail."""
 
-from __future__ import annotations
-
 from functools import cache
 from pathlib import Path
 

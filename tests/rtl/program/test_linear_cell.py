@@ -1,16 +1,12 @@
 """The linear cell: golden against a direct formula, hardware on every lane type, cycles, checksum, fit,
 import, what fits a part."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, narrow
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, narrow
 from eskin.golden.model.model import (
     FloatModel,
     IntegerModel,

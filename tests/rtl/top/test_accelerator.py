@@ -1,14 +1,12 @@
 """The whole chain in Amaranth's simulator on small recordings: every stage against the golden trace, and the
 host's view."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.data.recordings import Recordings
 from eskin.golden.model.model import IntegerModel, random_integer_model, with_network
 from eskin.golden.model.pipeline import DECISION_FIELDS, run

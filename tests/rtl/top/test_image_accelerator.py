@@ -1,11 +1,9 @@
 """The chain for images on the bus: a clock that stops while a short row is filled up, a program that runs too
 long."""
 
-from __future__ import annotations
-
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model.image_network import random_images, run_images
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.image_passes import Word
