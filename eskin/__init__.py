@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from eskin.api import Model, train
     from eskin.golden.core import AcceleratorConfig as Config
     from eskin.golden.core import InputError
-    from eskin.golden.data.load import load_recordings as load
-    from eskin.golden.data.recordings import Recordings
-    from eskin.golden.model.pipeline import Trace
-    from eskin.golden.model.stream import Decision, Stream
+    from eskin.golden.data import Recordings
+    from eskin.golden.data import load_recordings as load
+    from eskin.golden.model import Stream, Trace
+    from eskin.golden.model.stream import Decision
 
 __version__ = version("eskin")
 

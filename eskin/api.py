@@ -19,20 +19,23 @@ from numpy.typing import ArrayLike
 
 from eskin.estimator import Estimator, probabilities
 from eskin.golden.core import AcceleratorConfig, InputError, Prefer, Record, array_of
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings, check_fit, recordings_of
-from eskin.golden.model.image_network import ImageTrace, float_images, images_of, run_images
-from eskin.golden.model.model import (
-    FLOAT_FILE,
-    INTEGER_FILE,
+from eskin.golden.data import Recordings, check_fit, load_recordings
+from eskin.golden.data.recordings import recordings_of
+from eskin.golden.model import (
     FloatModel,
+    ImageTrace,
     IntegerModel,
+    Stream,
+    Trace,
+    float_images,
+    images_of,
     load_config,
     load_training,
+    run,
+    run_images,
 )
-from eskin.golden.model.pipeline import Trace, run
+from eskin.golden.model.model import FLOAT_FILE, INTEGER_FILE
 from eskin.golden.model.prototypes import forget
-from eskin.golden.model.stream import Stream
 
 if TYPE_CHECKING:
     import pandas as pd

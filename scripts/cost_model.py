@@ -22,8 +22,8 @@ from scipy.optimize import nnls
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
 from eskin.golden.core import AcceleratorConfig, Memo, Record, code_version, content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import random_integer_model, with_network
+from eskin.golden.data import Recordings
+from eskin.golden.model import random_integer_model, with_network
 from eskin.golden.studies.energy import PARTS, counted_activity, estimate
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate

@@ -18,13 +18,9 @@ from pathlib import Path
 import numpy as np
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, Record
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings, load_recordings
 from eskin.golden.export import compiled, emulated, plain_c
-from eskin.golden.model.image_network import images_of, run_images
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.model import IntegerModel, find_touches, images_of, random_integer_model, run, run_images
 from eskin.golden.training.derive import derive_config, for_recordings
 from eskin.verbs.export_job import export_c
 

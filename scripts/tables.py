@@ -37,8 +37,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.model import random_integer_model, random_recordings
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.golden.training.choose_network import network
 from eskin.rtl.fpga.generate import generate

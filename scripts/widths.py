@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.data.load import load_recordings
+from eskin.golden.data import load_recordings
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.widths import (
     LeftOut,

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import QFormat, write_json
-from eskin.golden.model.model import IntegerModel, network_formats, random_integer_model
+from eskin.golden.model import IntegerModel, network_formats, random_integer_model
 from eskin.rtl.common.layouts import frame_layout
 from eskin.rtl.engine.sequencer import control_layout
 from eskin.rtl.frontend.window_averager import Operation

@@ -54,7 +54,7 @@ def asic(
 ) -> None:
     """Make the netlist for a chip's process; tell area, memories, clock, leakage. Before layout; minutes."""
     from eskin.golden.core import InputError
-    from eskin.golden.model.model import IntegerModel
+    from eskin.golden.model import IntegerModel
     from eskin.rtl.fpga.tools import ToolError
     from eskin.verbs import asic_job, chip_fit
 

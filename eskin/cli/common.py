@@ -217,7 +217,7 @@ def warn(sentence: str) -> None:
 def load_data(data: str, config: str | None = None):
     """Recordings, and the configuration that was asked for, if one was."""
     from eskin.golden.core import AcceleratorConfig
-    from eskin.golden.data.load import load_recordings
+    from eskin.golden.data import load_recordings
 
     chosen = AcceleratorConfig.load(config) if config else None
     return load_recordings(data, config=chosen), chosen
@@ -268,15 +268,14 @@ def fitting_config(
 
 def integer_model(folder: Path):
     """The integer model of a folder, for recordings or images."""
-    from eskin.golden.model.model import IntegerModel
+    from eskin.golden.model import IntegerModel
 
     return IntegerModel.load(folder, images=True)
 
 
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration."""
-    from eskin.golden.data.load import load_recordings
-    from eskin.golden.data.recordings import check_fit
+    from eskin.golden.data import check_fit, load_recordings
 
     recordings = load_recordings(data, config=config)
     if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are

@@ -104,10 +104,7 @@ def convert(
     ] = None,
 ) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
-    from eskin.golden.data.archive import save_archive
-    from eskin.golden.data.load import load_recordings
-    from eskin.golden.data.pictures import image_size, resized
-    from eskin.golden.data.text import Reading
+    from eskin.golden.data import Reading, image_size, load_recordings, resized, save_archive
 
     if out.suffix != ".npz":
         raise InputError(f"--out {out}: is no archive's name; end it in .npz")

@@ -103,7 +103,7 @@ def export(
     json: JsonOption = None,
 ) -> Record:
     """Write a model in the words of other tools, with what checks it."""
-    from eskin.golden.model.model import FloatModel
+    from eskin.golden.model import FloatModel
     from eskin.verbs.export_job import export_c, export_onnx
 
     exported: Any = integer_model(model) if to == "c" else FloatModel.load(model, images=True)
@@ -512,7 +512,7 @@ def schedule(
     if model in PRESETS:
         config = PRESETS[model]
     else:
-        from eskin.golden.model.model import load_config
+        from eskin.golden.model import load_config
 
         config = load_config(model)
     config = config.with_lanes(lanes, lane_type)

@@ -152,7 +152,7 @@ def stability(
 ) -> Record:
     """Show where the method fails: every failure mode with a figure, a bound and a curve, and what defences
     save and cost."""
-    from eskin.golden.model.model import load_config
+    from eskin.golden.model import load_config
     from eskin.pages.stability_page import PAGE, figure_in_words
     from eskin.verbs.stability_job import run as stability_job
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Tally
 from eskin.live.hub import Hub
 from eskin.live.recorder import Recorder

@@ -21,8 +21,8 @@ from eskin.golden.core import (
     replacing_folder,
     write_json,
 )
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel
 from eskin.pages.views import words
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.blocks import blocks_of

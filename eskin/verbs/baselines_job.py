@@ -27,7 +27,7 @@ from eskin.golden.core import (
     replacing,
     write_json,
 )
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.pages.baselines_chart import chart

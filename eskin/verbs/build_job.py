@@ -31,7 +31,7 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.model import IntegerModel
 from eskin.golden.studies.energy import PARTS, estimate, scheduled_activity
 from eskin.pages.views import words, write_text
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks

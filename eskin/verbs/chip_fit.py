@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, replacing_folder, write_json
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.golden.studies.sweep import AWARE, HARDWARE, NETWORK, Point, make_points
 from eskin.pages.views import words
 from eskin.rtl.asic.synthesis import process_of

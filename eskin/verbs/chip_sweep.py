@@ -21,9 +21,8 @@ from rich.console import Console
 
 from eskin.cosim.gate_flow import SIMULATOR
 from eskin.golden.core import Memo, Record, code_version, content_key
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.model import IntegerModel
 from eskin.pages.views import Rows, tables, words
 from eskin.verbs import asic_job
 from eskin.verbs.chip_energy import with_touches

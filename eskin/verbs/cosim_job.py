@@ -9,8 +9,8 @@ from typing import Any
 
 from eskin.cosim.flow import joined
 from eskin.golden.core import Jobs, Memo, Record, code_version, content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel
 from eskin.verbs import flow
 
 CACHE = flow.BUILD / "cosim_parts"

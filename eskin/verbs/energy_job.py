@@ -19,9 +19,9 @@ from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.latency import needed_clock
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, write_json
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.export import compiled, emulated
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.model import IntegerModel
 from eskin.golden.studies import energy
 from eskin.pages.energy_page import PAGE, render
 from eskin.pages.views import write_text

@@ -13,12 +13,17 @@ from eskin.cosim.gates import Chip
 from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from eskin.cosim.runner import locked
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Memo, Record, code_version, content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.conversion import through_converter
-from eskin.golden.model.image_network import images_of, run_images
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import Trace, run
-from eskin.golden.model.vectors import write_image_vectors, write_vectors
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    IntegerModel,
+    Trace,
+    images_of,
+    run,
+    run_images,
+    through_converter,
+    write_image_vectors,
+    write_vectors,
+)
 from eskin.rtl.fpga.export import TOP
 from eskin.rtl.fpga.generate import boot_writes, generate, register_map
 from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise

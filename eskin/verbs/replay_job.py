@@ -14,13 +14,10 @@ from eskin.cosim.link import BURST, Link, Transport
 from eskin.cosim.scoreboard import Verdict, compare_played
 from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import images_of, run_images
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import DECISION_FIELDS, run
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, Stream, completing_frames, images_of, run, run_images
+from eskin.golden.model.pipeline import DECISION_FIELDS
 from eskin.golden.model.prototypes import check_teachable, load_taught, save_taught, taught_in_use
-from eskin.golden.model.stream import Stream
-from eskin.golden.model.vectors import completing_frames
 from eskin.live.sources import on_port
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.memory_map import TeachRegister, taught_arrays

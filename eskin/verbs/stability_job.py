@@ -29,8 +29,8 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.core.jobs import Function
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import FloatModel, IntegerModel, load_config
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel, IntegerModel, load_config
 from eskin.golden.stability import suite as stability
 from eskin.golden.stability.core import GROUPS, Bench, Case, Mode, Outcome
 from eskin.golden.stability.images import ImageBench

@@ -20,7 +20,7 @@ from eskin.golden.core import (
     replacing,
     write_json,
 )
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.studies import sweep as sweeping
 from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.golden.training.image_models import KEPT

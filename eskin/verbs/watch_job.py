@@ -16,8 +16,8 @@ from rich.console import Console
 from eskin.cosim.link import Link
 from eskin.cosim.serial_port import SerialPort
 from eskin.golden.core import InputError, Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel
 from eskin.live import terminal
 from eskin.live.hub import Hub
 from eskin.live.player import Controls, Player, hello

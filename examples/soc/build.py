@@ -16,12 +16,9 @@ from soc import CORE, LICENCE, LOADED_WORDS, Soc
 from eskin.cosim.flow import converter_parameters
 from eskin.cosim.netlist import netlist_hardware
 from eskin.golden.core import AcceleratorConfig, InputError, write_json
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.conversion import through_converter
+from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.model import IntegerModel, Stream, through_converter
 from eskin.golden.model.decision_word import decision_word
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.stream import Stream
 from eskin.rtl.fpga.export import _verilog
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import DoesNotFit, place

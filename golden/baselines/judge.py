@@ -18,9 +18,7 @@ from eskin.golden.baselines.method import FLOAT_BYTES, Fitted, Method
 from eskin.golden.baselines.recurrent import NetworkMethod
 from eskin.golden.baselines.scene import Scene
 from eskin.golden.core import InputError, Record
-from eskin.golden.model.model import FloatModel, IntegerModel, network_formats
-from eskin.golden.model.pipeline import decide_touches
-from eskin.golden.model.preprocess import Touches
+from eskin.golden.model import FloatModel, IntegerModel, Touches, decide_touches, network_formats
 from eskin.golden.training.crossval import Folds
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.fit import one_thread

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model.model import with_network
+from eskin.golden.model import with_network
 from eskin.golden.training.choose_network import network
 from eskin.golden.training.recipe import AS_RECORDED, RECIPES, Recipe, choose_recipe
 

@@ -14,7 +14,7 @@ from eskin.golden.baselines.recurrent import NetworkMethod
 from eskin.golden.baselines.registry import METHODS
 from eskin.golden.baselines.scene import Scene
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 
 NEAR = 0.01
 """Accuracy within which a network is as good as the best method."""

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import real_by_input
-from eskin.golden.model.preprocess import FirstTouches, Touches, find_touches, first_touches, real_features
+from eskin.golden.data import Recordings
+from eskin.golden.model import Touches, find_touches, first_touches, real_by_input, real_features
+from eskin.golden.model.preprocess import FirstTouches
 from eskin.golden.training.datasets import scaling
 
 

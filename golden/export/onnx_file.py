@@ -9,7 +9,7 @@ import onnx
 from onnx import TensorProto, helper, numpy_helper
 
 from eskin.golden.core import InputError, Record, replacing
-from eskin.golden.model.model import FloatModel
+from eskin.golden.model import FloatModel
 
 OPSET, IR = 14, 8
 METADATA = "eskin_model"

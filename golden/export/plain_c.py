@@ -24,11 +24,8 @@ from eskin.golden.core import (
     signed_bits,
     tanh_table,
 )
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import ImageTrace
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import Trace
-from eskin.golden.model.vectors import completing_frames
+from eskin.golden.data import Recordings
+from eskin.golden.model import ImageTrace, IntegerModel, Trace, completing_frames
 
 HEADER, SOURCE, CHECK, VECTORS = "eskin_model.h", "eskin_model.c", "eskin_check.c", "test_vectors.h"
 BYTES = {"int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "int64_t": 8}

@@ -7,7 +7,7 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, converter_plan
 from eskin.golden.core.converters import code_format, code_offset, code_shift
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 
 
 def samples_of(codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Arrays, Conv, InputError, Pool, QFormat, narrow
 from eskin.golden.core.images import PIXEL_FORMAT, Stage
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel
 
 BATCH = 64

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, InputError, clamp, narrow
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 
 BATCH_SAMPLES = 1 << 22
 """Samples (frames x recordings x taxels) held at once while scanning, so that memory does not grow with the

@@ -1,12 +1,10 @@
 """Float against integer, stage by stage: how far they are apart, what saturates, how much of its format each
 stage uses."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +12,7 @@ from eskin.golden.core import AcceleratorConfig, Arrays, QFormat, Record
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.model import FloatModel, IntegerModel, network_formats
 from eskin.golden.model.pipeline import feature_codes, float_features
-
-if TYPE_CHECKING:
-    from eskin.golden.model.preprocess import Touches
+from eskin.golden.model.preprocess import Touches
 
 STAGES = {
     "features": "rounding and saturation of the normaliser",

@@ -20,11 +20,9 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model import pipeline, preprocess
-from eskin.golden.model.cells import Fixed
-from eskin.golden.model.model import FloatModel, IntegerModel
-from eskin.golden.model.preprocess import Touches, sums_alone
+from eskin.golden.data import Recordings
+from eskin.golden.model import Fixed, FloatModel, IntegerModel, Touches, pipeline, preprocess
+from eskin.golden.model.preprocess import sums_alone
 
 GROUPS = ("numeric", "stream", "sensor", "memory")
 

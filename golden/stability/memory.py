@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import Arrays, InputError, QFormat
-from eskin.golden.model import pipeline
-from eskin.golden.model.cells import Fixed
-from eskin.golden.model.model import IntegerModel, network_formats
+from eskin.golden.model import Fixed, IntegerModel, network_formats, pipeline
 from eskin.golden.stability.core import Bench, Case, Curve, Outcome
 
 BATCH = 32

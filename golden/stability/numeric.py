@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from eskin.golden.core import InputError
-from eskin.golden.model.model import FloatModel, constants_shape, network_formats, network_shapes
+from eskin.golden.model import FloatModel, constants_shape, network_formats, network_shapes
 from eskin.golden.model.preprocess import amplified
 from eskin.golden.stability.core import Bench, Curve, Outcome
 from eskin.golden.stability.shapes import float_decisions

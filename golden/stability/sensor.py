@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.stability.core import Bench, Change, Curve, Outcome, disturbed
 
 SPIKE_CODES = 3000

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.stability.core import Bench, Case, Change, Curve, Outcome, disturbed, rebuilt
 from eskin.golden.stability.shapes import Whole
 

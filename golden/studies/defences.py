@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import by_recording, decide_touches
-from eskin.golden.model.preprocess import Touches, activity, find_onsets, find_touches
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, Touches, decide_touches, find_onsets, find_touches
+from eskin.golden.model.pipeline import by_recording
+from eskin.golden.model.preprocess import activity
 from eskin.golden.training.crossval import Folds
 from eskin.golden.training.recipe import Recipe, choose_recipe
 

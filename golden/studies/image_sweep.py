@@ -27,9 +27,8 @@ from eskin.golden.core import (
     Record,
 )
 from eskin.golden.core.images import BIAS_BITS, SIZES, parse_layer
-from eskin.golden.data.pictures import image_size, resized
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import images_of
+from eskin.golden.data import Recordings, image_size, resized
+from eskin.golden.model import images_of
 from eskin.golden.studies.sweep import Judging, Request, expand, lanes_name, split_figures
 from eskin.golden.training.image_models import image_config, judged_pieces, pieces_of, split_of
 from eskin.golden.training.train_images import ImageRecipe, judge, size_of

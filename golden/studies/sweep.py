@@ -20,8 +20,8 @@ import numpy as np
 from eskin.golden.baselines.rows import judge_baseline
 from eskin.golden.core import AcceleratorConfig, InputError, Jobs, Memo, Record, content_key, pareto
 from eskin.golden.core.groups import Network
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import with_network
+from eskin.golden.data import Recordings
+from eskin.golden.model import with_network
 from eskin.golden.training.crossval import cross_validate
 from eskin.golden.training.quantise import COVERED_FEATURE, choose_formats
 

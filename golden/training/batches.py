@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model.model import real_by_input
+from eskin.golden.model import real_by_input
 from eskin.golden.training.datasets import Dataset, scaling
 from eskin.golden.training.recipe import Recipe
 

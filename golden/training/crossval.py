@@ -6,21 +6,18 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
-from eskin.golden.model.model import FloatModel, IntegerModel
-from eskin.golden.model.pipeline import by_recording, decide_touches, step_times
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel, IntegerModel, decide_touches, step_times
+from eskin.golden.model.pipeline import by_recording
 from eskin.golden.training.datasets import Dataset, Datasets, find_dataset, touch_rows
 from eskin.golden.training.fit import fine_tune, fit_networks, post_training
 from eskin.golden.training.losses import LossCurves
 from eskin.golden.training.recipe import Recipe, choose_recipe
 from eskin.golden.training.splits import held_out, split_folds
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 Progress = Callable[[str, int, int], None]
 """Called with (what, updates done, updates in all)."""

@@ -26,8 +26,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import find_onsets
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_onsets
 
 LOOKED_AT = 64
 """Recordings that the rules look at: enough for quantiles, quick for any archive."""

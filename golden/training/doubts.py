@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.training.choice_table import left_out
 from eskin.golden.training.yardsticks import neighbours_alike
 

@@ -8,7 +8,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model import FloatModel, IntegerModel
 from eskin.golden.training.batches import Batches
 from eskin.golden.training.datasets import Dataset
 from eskin.golden.training.linear_fit import fit_least_squares, fit_linear

@@ -11,9 +11,17 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat
 from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT, Stage
-from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import float_images, images_of, layer_formats, run_images
-from eskin.golden.model.model import TRAINING_FILE, FloatModel, IntegerModel, load_training
+from eskin.golden.data import Recordings, check_fit
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    float_images,
+    images_of,
+    layer_formats,
+    load_training,
+    run_images,
+)
+from eskin.golden.model.model import TRAINING_FILE
 
 COVERED = 0.9999
 """Share of the values of a map that its format holds; rarer ones saturate."""

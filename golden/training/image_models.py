@@ -18,9 +18,9 @@ import numpy as np
 
 from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Jobs, Memo, Record, content_key
 from eskin.golden.core.images import network
-from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import image_seconds, images_of
-from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target
+from eskin.golden.data import Recordings, check_fit
+from eskin.golden.model import FloatModel, IntegerModel, check_model_target, images_of
+from eskin.golden.model.image_network import image_seconds
 from eskin.golden.training.crossval import FoldDecisions, Progress, named, split_record
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_formats import check_weight_bits, profile_images

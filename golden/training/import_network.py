@@ -7,21 +7,26 @@ The file's shapes tell the cell and, for a GRU, where the reset gate stands: tor
 torch files are read with ``weights_only``, archives without pickles.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import torch
 
 from eskin.golden.core import AcceleratorConfig, ArchiveError, Arrays, InputError, Record, read_arrays
-from eskin.golden.model.model import FloatModel, check_model_target, constants_shape, with_network
-from eskin.golden.model.preprocess import find_touches, real_features
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    FloatModel,
+    check_model_target,
+    constants_shape,
+    find_touches,
+    real_features,
+    with_network,
+)
 from eskin.golden.training.datasets import scaling
 from eskin.golden.training.import_images import read_image_network
 from eskin.golden.training.torch_files import (
@@ -31,9 +36,6 @@ from eskin.golden.training.torch_files import (
     plain_array,
     read_state,
 )
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 KERAS_SUFFIX, ONNX_SUFFIX = ".npz", ".onnx"
 ORDERS = {

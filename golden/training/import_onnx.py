@@ -18,8 +18,7 @@ from onnx import numpy_helper
 from onnx.reference import ReferenceEvaluator
 
 from eskin.golden.core import AcceleratorConfig, InputError, Record
-from eskin.golden.model.cells import Float, run_cell
-from eskin.golden.model.model import constants_shape, network_shapes, with_network
+from eskin.golden.model import Float, constants_shape, network_shapes, run_cell, with_network
 from eskin.golden.training.torch_files import MOST_VALUES, check_readable
 
 SUFFIX = ".onnx"

@@ -6,8 +6,7 @@ import numpy as np
 import torch
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model.cells import Float, run_cell
-from eskin.golden.model.model import network_shapes
+from eskin.golden.model import Float, network_shapes, run_cell
 
 
 class RecurrentClassifier(torch.nn.Module):

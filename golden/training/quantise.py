@@ -1,37 +1,37 @@
 """Quantisation: profile ranges on recordings, choose a format per signal, export the integer network, or
 train it on as integers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
-from eskin.golden.model.cells import Fixed, Float, run_cell
-from eskin.golden.model.model import (
-    TRAINING_FILE,
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    Fixed,
+    Float,
     FloatModel,
     IntegerModel,
+    Touches,
+    find_touches,
+    float_features,
     load_config,
     load_training,
     network_formats,
     network_shapes,
     normaliser_constants,
     real_by_input,
+    run_cell,
 )
-from eskin.golden.model.pipeline import float_features
-from eskin.golden.model.preprocess import Touches, by_input, find_touches, shifts_by_input
+from eskin.golden.model.model import TRAINING_FILE
+from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.image_formats import quantise_image_model
 from eskin.golden.training.prototypes import of_recordings, training_groups
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 Range = tuple[float, float]
 

@@ -29,8 +29,7 @@ from eskin.golden.core import (
     code_version,
 )
 from eskin.golden.core.images import PIXEL_FORMAT
-from eskin.golden.model.image_network import float_images, layer_formats, run_images
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model import FloatModel, IntegerModel, float_images, layer_formats, run_images
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.image_formats import (
     choose_image_formats,

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.training.choose_front_end import Judge, blocked_ridge
 from eskin.golden.training.splits import split_folds
 

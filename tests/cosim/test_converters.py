@@ -11,13 +11,8 @@ import pytest
 from eskin.cosim import flow
 from eskin.cosim.scoreboard import read_capture
 from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault, InputError
-from eskin.golden.data.archive import load_archive
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.scene import synthetic_recordings
-from eskin.golden.model.conversion import through_converter
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.golden.data import Recordings, load_archive, synthetic_recordings
+from eskin.golden.model import random_integer_model, random_recordings, run, through_converter, write_vectors
 from eskin.rtl.fpga.generate import generate, pack_decision
 from eskin.verbs.flow import BUILD, cosimulate
 from tests.support.array_touches import REST, touches

@@ -10,9 +10,8 @@ from amaranth.back import rtlil
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.core.images import SIZES, network
-from eskin.golden.model.image_network import image_recordings, random_images, run_images
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.vectors import write_image_vectors
+from eskin.golden.model import IntegerModel, random_images, run_images, write_image_vectors
+from eskin.golden.model.image_network import image_recordings
 from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.image_passes import plan_of

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat, signed_bits
-from eskin.golden.model.cells import Fixed
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.model import Fixed, IntegerModel, random_integer_model, random_recordings, run
 from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory_images
 from eskin.verbs.flow import cosimulate
 from tests.support.small_designs import SMALL

@@ -8,7 +8,7 @@ from typing import Any
 
 from eskin.cosim import upsets
 from eskin.cosim.netlist import Hardware
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.model import IntegerModel
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import Register
 

@@ -7,9 +7,10 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Pool, QFormat, narrow
 from eskin.golden.core.images import PIXEL_FORMAT
-from eskin.golden.data.recordings import Recordings, image_recordings
-from eskin.golden.model.image_network import accumulators, pooled, random_images
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.data import Recordings
+from eskin.golden.data.recordings import image_recordings
+from eskin.golden.model import IntegerModel, random_images
+from eskin.golden.model.image_network import accumulators, pooled
 
 SHAPES = ("bar", "dot", "frame")
 

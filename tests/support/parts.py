@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 
 
 def of_parts(recordings: Recordings, parts: Sequence[np.ndarray], **changes: Any) -> Recordings:

@@ -8,11 +8,15 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, write_json
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model import pipeline
-from eskin.golden.model.model import FloatModel, network_shapes, random_integer_model
-from eskin.golden.model.pipeline import step_times
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    FloatModel,
+    network_shapes,
+    pipeline,
+    random_integer_model,
+    random_recordings,
+    step_times,
+)
 from eskin.golden.training.quantise import profile, range_records
 from eskin.pages.report import write_trace
 

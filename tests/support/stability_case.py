@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import with_network
+from eskin.golden.data import Recordings
+from eskin.golden.model import with_network
 from eskin.golden.stability.core import Bench
 from eskin.golden.training import datasets
 from eskin.golden.training import fit as fitting

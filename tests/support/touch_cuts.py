@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import find_onsets
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_onsets
 
 
 def beginnings(

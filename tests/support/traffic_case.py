@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.pipeline import run as golden_run
-from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, random_integer_model, random_recordings, write_vectors
+from eskin.golden.model import run as golden_run
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Control, Register

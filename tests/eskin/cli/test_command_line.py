@@ -101,8 +101,8 @@ def model(folder) -> Path:
     """``model``: an untrained network, quantised on data.npz."""
     import torch
 
-    from eskin.golden.data.load import load_recordings
-    from eskin.golden.model.model import FloatModel
+    from eskin.golden.data import load_recordings
+    from eskin.golden.model import FloatModel
     from eskin.golden.training.network import RecurrentClassifier
     from eskin.golden.training.quantise import quantise
 

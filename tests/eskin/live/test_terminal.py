@@ -8,8 +8,7 @@ import threading
 import pytest
 from rich.console import Console
 
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
+from eskin.golden.model import random_integer_model, run
 from eskin.live.player import Controls, hello
 from eskin.live.sources import ModelSource, SimulationSource
 from eskin.live.terminal import Screen, press, watch

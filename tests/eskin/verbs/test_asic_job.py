@@ -6,7 +6,7 @@ import dataclasses
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.pages import views
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.synthesis import process_of, synthesise

@@ -5,7 +5,7 @@ import dataclasses
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training.choose_network import train_chosen
 from eskin.pages.report import write_report

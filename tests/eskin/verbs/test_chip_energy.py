@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.golden.studies.energy import BATTERY_J, Activity, compare, estimate
 from eskin.pages.energy_page import render
 from eskin.rtl.asic.nets import Nets

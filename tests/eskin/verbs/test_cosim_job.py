@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from eskin.cosim.flow import joined
 from eskin.golden.core import InputError, Jobs
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.verbs import cosim_job, flow
 from tests.support.touch_scenes import SMALL, scene
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.data import Recordings
+from eskin.golden.model import random_recordings
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.verbs import build_job, defence_cost, flow

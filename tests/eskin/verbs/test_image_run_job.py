@@ -5,7 +5,7 @@ import json
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.data.archive import save_archive
+from eskin.golden.data import save_archive
 from eskin.pages.report import write_report
 from eskin.pages.views import count
 from eskin.verbs.main_job import run

@@ -11,7 +11,7 @@ from eskin.golden.baselines.registry import METHODS, choose_methods
 from eskin.golden.baselines.rows import nearest, orders, row_of
 from eskin.golden.baselines.scene import Scene, array_shape
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.golden.training import recipe as recipes
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import SMALL, scene

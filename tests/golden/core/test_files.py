@@ -10,10 +10,7 @@ import pytest
 import torch
 
 from eskin.golden.core import InputError, files, replacing, replacing_folder, write_json
-from eskin.golden.model import pipeline
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.vectors import write_vectors
+from eskin.golden.model import find_touches, pipeline, random_integer_model, write_vectors
 from eskin.golden.training.import_network import read_layers
 from eskin.rtl.fpga.generate import generate
 from tests.golden.model.test_model import float_model

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS, Memo, code_version, content_key, memo
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from tests.support import result_case
 
 

@@ -15,10 +15,8 @@ from typer.testing import CliRunner
 from eskin.cli.main import app
 from eskin.golden.core import InputError
 from eskin.golden.core.errors import EXTRAS
-from eskin.golden.data.load import load_recordings
+from eskin.golden.data import Reading, Recordings, load_recordings
 from eskin.golden.data.logs import is_log
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.text import Reading
 from tests.support import doors
 from tests.support.table import each_row
 

@@ -10,9 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.data.folds import grouped_folds
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings, grouped_folds, load_recordings
 from tests.support.table import each_row
 
 LSB = PRESETS["thesis"].sensor.volt_per_code

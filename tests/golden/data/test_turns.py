@@ -10,11 +10,9 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from eskin.golden.core import InputError
-from eskin.golden.data import piezo_array, turns
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings, check_fit
+from eskin.golden.data import Recordings, check_fit, load_recordings, piezo_array, turns
 from eskin.golden.data.turns import turn_recordings
-from eskin.golden.model.preprocess import Touches, find_touches
+from eskin.golden.model import Touches, find_touches
 from eskin.golden.studies.leak_check import leak_check
 from eskin.golden.training.choose_network import network
 from eskin.golden.training.crossval import cross_validate

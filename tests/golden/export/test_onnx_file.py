@@ -13,9 +13,9 @@ import torch
 from onnx import TensorProto, helper, numpy_helper
 
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat
-from eskin.golden.data.load import load_recordings
+from eskin.golden.data import load_recordings
 from eskin.golden.export.onnx_file import largest_difference, onnx_model, write_onnx
-from eskin.golden.model.model import FloatModel, constants_shape, network_shapes
+from eskin.golden.model import FloatModel, constants_shape, network_shapes
 from eskin.golden.training.import_network import import_network, measure_scaling
 from eskin.golden.training.import_onnx import OPERATORS
 from eskin.verbs.export_job import export_onnx

@@ -11,20 +11,16 @@ import pytest
 import torch
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import normaliser_constants
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_touches, normalise, normaliser_constants, random_recordings, real_features
 from eskin.golden.model.preprocess import (
     TouchFinder,
     amplified,
     by_input,
     companded,
-    find_touches,
-    normalise,
-    real_features,
     shifts_by_input,
     sums_alone,
 )
-from eskin.golden.model.vectors import random_recordings
 from eskin.golden.training import batches as batching
 from eskin.golden.training import datasets
 from eskin.golden.training.crossval import cross_validate

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model.image_network import random_images, run_images
+from eskin.golden.model import random_images, run_images
 from eskin.golden.model.image_stream import ImageStream
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row

@@ -7,17 +7,21 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, QFormat
-from eskin.golden.model.model import (
+from eskin.golden.model import (
     FloatModel,
     IntegerModel,
+    Touches,
+    decide_touches,
+    find_touches,
+    float_features,
+    logit_error,
     network_formats,
     network_shapes,
     normaliser_constants,
+    random_recordings,
+    stage_errors,
 )
-from eskin.golden.model.pipeline import decide_touches, float_features
-from eskin.golden.model.preprocess import Touches, find_touches
-from eskin.golden.model.stage_error import QUANTILES, STAGES, logit_error, signal_profiles, stage_errors
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.model.stage_error import QUANTILES, STAGES, signal_profiles
 from tests.support.table import each_row
 
 WIDE = AcceleratorConfig.of(

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.model.image_network import images_of, run_images
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.model import IntegerModel, images_of, run_images
 from eskin.golden.stability.images import (
     IMAGE_MODES,
     ImageBench,

@@ -371,7 +371,7 @@ def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
     """Acceptance: the numeric modes hold at the recommended formats, and at least 35 modes run on real
     recordings."""
     from eskin.golden.core import PRESETS
-    from eskin.golden.data.load import load_recordings
+    from eskin.golden.data import load_recordings
     from eskin.golden.studies import defences
     from eskin.golden.training import train
     from eskin.golden.training.quantise import quantise

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.preprocess import find_onsets, find_touches
+from eskin.golden.data import load_recordings
+from eskin.golden.model import find_onsets, find_touches
 from eskin.golden.studies.leak_check import leak_check, quiet_enough, without_touches
 from eskin.golden.training import recipe as recipes
 from tests.support.parts import of_parts

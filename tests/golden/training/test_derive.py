@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.model import find_touches
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.derive import derive_config
 from tests.support.parts import of_parts

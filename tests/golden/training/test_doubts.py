@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.training import doubts
 from tests.support.table import each_row
 

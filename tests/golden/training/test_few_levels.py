@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel, load_training, with_network
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, load_training, with_network
 from eskin.golden.training.derive import derive_config
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train import TrainingRequest, train

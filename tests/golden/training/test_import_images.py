@@ -11,9 +11,8 @@ from typer.testing import CliRunner
 
 from eskin.cli.main import app
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.golden.data.archive import save_archive
-from eskin.golden.model.image_network import float_images, images_of, random_images, run_images
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.data import save_archive
+from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, random_images, run_images
 from eskin.golden.training.image_formats import quantised
 from eskin.golden.training.import_network import import_network
 from tests.support.image_scenes import SHAPES, shapes

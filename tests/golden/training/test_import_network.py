@@ -11,10 +11,8 @@ import pytest
 import torch
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.scene import synthetic_recordings
-from eskin.golden.model.model import FloatModel
-from eskin.golden.model.preprocess import find_touches, real_features
+from eskin.golden.data import Recordings, synthetic_recordings
+from eskin.golden.model import FloatModel, find_touches, real_features
 from eskin.golden.training.datasets import find_dataset, touch_rows
 from eskin.golden.training.fit import fit_networks
 from eskin.golden.training.import_network import import_network

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import with_network
+from eskin.golden.data import Recordings
+from eskin.golden.model import with_network
 from eskin.golden.training import nested as nesting
 from eskin.golden.training.choice_table import unseen
 from eskin.golden.training.choose_front_end import TRIED_RECURRENT, Field, configure, field_of

@@ -9,10 +9,8 @@ import pytest
 import torch
 
 from eskin.golden.core import AcceleratorConfig, InputError, Memo, QFormat
-from eskin.golden.data.archive import save_archive
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.image_network import float_images, images_of, run_images
-from eskin.golden.model.model import FloatModel, IntegerModel, load_training
+from eskin.golden.data import load_recordings, save_archive
+from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, load_training, run_images
 from eskin.golden.training.choose_network import train_chosen
 from eskin.golden.training.evaluate import evaluate
 from eskin.golden.training.image_formats import (

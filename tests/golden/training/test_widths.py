@@ -7,10 +7,16 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel, load_training, with_network
-from eskin.golden.model.pipeline import decide_touches
-from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.stage_error import logit_error, stage_errors
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    decide_touches,
+    find_touches,
+    load_training,
+    logit_error,
+    stage_errors,
+    with_network,
+)
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training.evaluate import evaluate
 from eskin.golden.training.quantise import COVERED_FEATURE, profile

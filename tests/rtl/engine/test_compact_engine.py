@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core import PRESETS, InputError, QFormat, narrow, sigmoid_table, tanh_table
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.engine import compact_engine, compact_sequencer
 from eskin.rtl.program.cells import DENSE, NORMALISE, CellProgram, ElementOp, RowBlock

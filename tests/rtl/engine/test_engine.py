@@ -7,7 +7,7 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, narrow
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.compact_engine import make_engine
 from eskin.rtl.engine.window_queue import WindowQueue

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import (
     Control,
     Fault,

@@ -16,7 +16,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.pages.views import tables, words
 from eskin.rtl.fpga import blocks
 from eskin.rtl.fpga import wiring as wired

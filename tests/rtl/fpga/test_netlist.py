@@ -24,9 +24,14 @@ from eskin.cosim.netlist import (
     shorten_names,
 )
 from eskin.golden.core import InputError
-from eskin.golden.model.model import IntegerModel, random_integer_model, with_network
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.golden.model import (
+    IntegerModel,
+    random_integer_model,
+    random_recordings,
+    run,
+    with_network,
+    write_vectors,
+)
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate, netlist_of

@@ -9,7 +9,7 @@ import pytest
 
 from eskin.cosim.runner import verilator_command
 from eskin.golden.core import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.export import WAIVER
 from eskin.verbs.generate_job import generate_design
 from tests.support.image_scenes import random_image_model

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from eskin.cosim import upsets as bench
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.upsets import with_upsets
 from eskin.rtl.program.memory_map import Fault
 from eskin.verbs import upset_campaign

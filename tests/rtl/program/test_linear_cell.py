@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, narrow
-from eskin.golden.model.model import (
+from eskin.golden.model import (
     FloatModel,
     IntegerModel,
     describe_formats,
     random_integer_model,
+    random_recordings,
     with_network,
 )
-from eskin.golden.model.vectors import random_recordings
 from eskin.golden.training.import_network import import_network
 from eskin.golden.training.linear_fit import fit_linear
 from eskin.golden.training.quantise import quantise_model, signals

@@ -4,7 +4,7 @@ writes that load them."""
 import pytest
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import (
     Memory,
     Register,

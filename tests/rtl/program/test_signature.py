@@ -2,7 +2,7 @@
 check words make the sum zero."""
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule

@@ -5,7 +5,7 @@ from amaranth.back import rtlil
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top import board_top

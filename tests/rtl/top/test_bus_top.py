@@ -6,7 +6,7 @@ import pytest
 from cocotb_tools.runner import get_results, get_runner
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.export import export_bus
 
 CONFIG = random_integer_model(

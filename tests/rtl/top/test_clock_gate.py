@@ -6,9 +6,8 @@ import pytest
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware
 from eskin.golden.core import InputError
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.vectors import write_vectors
+from eskin.golden.data import load_recordings
+from eskin.golden.model import random_integer_model, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate
 from tests.rtl.top.test_recordings import BUILDS, PRESETS

@@ -4,7 +4,7 @@ long."""
 import pytest
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.model.image_network import random_images, run_images
+from eskin.golden.model import random_images, run_images
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.image_passes import Word
 from eskin.rtl.program.memory_map import Control, Fault, ImageMemory, Register

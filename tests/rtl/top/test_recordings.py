@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import FEATURE_KINDS, PRESETS, QFormat
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.model import IntegerModel, normaliser_constants, random_integer_model, with_network
-from eskin.golden.model.preprocess import find_touches, real_features
+from eskin.golden.data import load_recordings
+from eskin.golden.model import (
+    IntegerModel,
+    find_touches,
+    normaliser_constants,
+    random_integer_model,
+    real_features,
+    with_network,
+)
 from eskin.golden.training.datasets import scaling
 from eskin.golden.training.derive import derive_config
 from eskin.golden.training.quantise import _feature_frac_limit

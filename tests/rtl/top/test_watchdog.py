@@ -5,7 +5,7 @@ import pytest
 from amaranth.hdl import ResetInserter
 
 from eskin.golden.core import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import Control, Fault, Register, load_writes
 from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator
