@@ -11,6 +11,7 @@ from eskin.golden.core.files import (
     read_arrays,
     replacing,
     replacing_folder,
+    template,
     write_json,
 )
 from eskin.golden.core.formats import QFormat, clamp, narrow, signed_bits

@@ -184,3 +184,18 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
                 raise ArchiveError("is no .npz archive") from None
             raise ArchiveError("is damaged or incomplete", member) from None
     return arrays
+
+
+def template(module: str, name: str, **filters: Any) -> Any:
+    """The template ``name`` in the folder templates/ beside a module's file, for texts that are not HTML."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(module).with_name("templates")),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= filters
+    return environment.get_template(f"{name}.j2")
