@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -230,3 +231,10 @@ def terminal_table(title: str, columns: Iterable[str], cells: Iterable[Sequence[
     for row in cells:
         table.add_row(*(escape(str(cell)) for cell in row))
     return table
+
+
+def short_name(data: str) -> str:
+    """A name for recordings: the file's without its ending, or the folder's where the file has the usual
+    name."""
+    path = Path(os.path.abspath(data))
+    return path.parent.name if path.name == "recordings.npz" else path.stem or "recordings"
