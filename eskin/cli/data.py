@@ -1,7 +1,5 @@
 """Verbs that look at recordings."""
 
-from __future__ import annotations
-
 import math
 from pathlib import Path
 from typing import Annotated
@@ -18,9 +16,7 @@ from eskin.cli.common import (
     show,
     show_text,
 )
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record, check_target
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
@@ -107,10 +103,7 @@ def convert(
     ] = None,
 ) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
-    from eskin.golden.data.archive import save_archive
-    from eskin.golden.data.load import load_recordings
-    from eskin.golden.data.pictures import image_size, resized
-    from eskin.golden.data.text import Reading
+    from eskin.golden.data import Reading, image_size, load_recordings, resized, save_archive
 
     if out.suffix != ".npz":
         raise InputError(f"--out {out}: is no archive's name; end it in .npz")

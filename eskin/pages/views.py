@@ -5,8 +5,6 @@ are a table, which is left out where it has no row; any other line is a sentence
 begins with ``! ``. A bar or the end of a line in a value is no bar and no end. What is None is a dash.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 import os
@@ -20,8 +18,7 @@ from markupsafe import Markup
 from rich.markup import escape
 from rich.table import Column, Table
 
-from eskin.golden.core.files import replacing
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record, replacing
 
 TEMPLATES = Path(__file__).with_name("templates")
 GAP = "\u00a0"

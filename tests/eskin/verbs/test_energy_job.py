@@ -1,17 +1,14 @@
 """`eskin energy` on images: activity of the netlist, counted while it names them."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
 from eskin.cosim.latency import limits
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.image_network import image_recordings, random_images
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.model import random_images, random_integer_model
+from eskin.golden.model.image_network import image_recordings
 from eskin.golden.studies.energy import PARTS, compare, estimate, scheduled_activity
 from eskin.pages.energy_page import draw_power, draw_waiting, render
 from eskin.pages.views import tables, words

@@ -1,14 +1,11 @@
 """`eskin run` on images, from an archive to a page, on the real simulator."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import save_archive
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.data import save_archive
 from eskin.pages.report import write_report
 from eskin.pages.views import count
 from eskin.verbs.main_job import run
