@@ -124,7 +124,7 @@ class SearchOnce(wiring.Component):
         m = Module()
         score, number, last_class = self.score, Signal.like(self.number), self._classes - 1
         best, margin = Signal.like(self.best, reset_less=True), Signal.like(self.margin, reset_less=True)
-        compared, arriving, found = Signal.like(number, reset_less=True), Signal(), Signal()
+        compared, arriving, ending = Signal.like(number, reset_less=True), Signal(), Signal()
         new, below, above = (
             Signal.like(score.value, name=name, reset_less=True) for name in ("new", "below", "above")
         )
@@ -139,20 +139,20 @@ class SearchOnce(wiring.Component):
             m.d.sync += [below.eq(~new), best.eq(compared)]
         # The next cycle: a new largest is that far above the one before, which was no nearer to any other; the
         # first is as far above as can be.
-        m.d.sync += [
-            larger.eq(exceeds & ~first),
-            unseen.eq(first | exceeds),
-            judged.eq(arriving),
-            found.eq(arriving & (compared == last_class)),
-        ]
+        m.d.sync += [judged.eq(arriving), ending.eq(arriving & (compared == last_class))]
         with m.If(arriving):
-            m.d.sync += above.eq(difference)
+            m.d.sync += [above.eq(difference), larger.eq(exceeds & ~first), unseen.eq(first | exceeds)]
         with m.If(arriving & first):
             m.d.sync += above.eq(0)
         nearer = (margin + above)[-1]
         with m.If(judged & (unseen | nearer)):
             m.d.sync += margin.eq(Mux(larger, above + 1, ~above))
-        m.d.comb += [self.number.eq(number), self.best.eq(best), self.margin.eq(margin), self.found.eq(found)]
+        m.d.comb += [
+            self.number.eq(number),
+            self.best.eq(best),
+            self.margin.eq(margin),
+            self.found.eq(ending),
+        ]
         return m
 
 
