@@ -94,7 +94,7 @@ def by_choice(split: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def lost_in_integers(splits: Sequence[Mapping[str, Any]], evaluated: Mapping[str, Any]) -> list[str]:
+def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, Any]) -> list[str]:
     """Sentences where integers decide LOST worse than floats, with the stage that loses most and its fix.
 
     Parameters
