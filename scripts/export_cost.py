@@ -2,7 +2,7 @@
 microcontroller; one table.
 
 ``python -m scripts.export_cost DATA ... [--emulate N]`` prints it. DATA: archives of recordings or images, or
-NAME=ARCHIVE; the word synthetic. Where a preset has that name it is the front end, else one is derived.
+NAME=ARCHIVE; the word synthetic. Where a preset has that name and array it is the front end, else one is derived.
 Weights are random: neither what is compared nor what it costs depends on them. Instructions are counted on an
 emulated Cortex-M0+ over the first N recordings with a touch.
 """
@@ -82,8 +82,11 @@ int play(const uint8_t *pixels, int32_t *c)
 
 
 def front_end(name: str, recordings: Recordings) -> AcceleratorConfig:
-    """Of the preset of that name, or derived."""
-    return for_recordings(PRESETS[name], recordings) if name in PRESETS else derive_config(recordings)[0]
+    """Of the preset of that name and array, or derived."""
+    preset = PRESETS.get(name)
+    if preset and preset.sensor.taxels == recordings.taxels:
+        return for_recordings(preset, recordings)
+    return derive_config(recordings)[0]
 
 
 def model_of(config: AcceleratorConfig, kind: str) -> IntegerModel:

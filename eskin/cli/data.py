@@ -1,7 +1,6 @@
 """Verbs that look at recordings."""
 
 import math
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -34,9 +33,9 @@ def inspect(
     plot."""
     from eskin.pages.inspect_data import draw, in_rows
     from eskin.pages.inspect_data import inspect as look
-    from eskin.pages.views import words, write_text
+    from eskin.pages.views import short_name, words, write_text
 
-    picture = out or Path("build/inspect") / f"{_short_name(data)}.png"
+    picture = out or Path("build/inspect") / f"{short_name(data)}.png"
     check_target(picture)
     readme = picture.with_suffix("") / "README.md"
     if card and readme.exists():
@@ -47,7 +46,7 @@ def inspect(
     more = {} if recordings.image_shape else in_rows(recordings, figures, data)
     show("inspect", **figures, **more, picture=picture)
     if card:
-        write_text(readme, words("card", held=recordings, name=_short_name(data), **figures))
+        write_text(readme, words("card", held=recordings, name=short_name(data), **figures))
         show_text(f"data card: {readme}; fill in what stands as TO FILL IN")
     return figures
 
@@ -129,12 +128,3 @@ def convert(
         recordings = resized(recordings, *image_size(size))
     save_archive(recordings, out)
     show("convert", source=source, recordings=recordings, out=out)
-
-
-def _short_name(data: str) -> str:
-    path = Path(data)
-    return (
-        Path(os.path.abspath(path)).parent.name
-        if path.name == "recordings.npz"
-        else path.stem or "recordings"
-    )

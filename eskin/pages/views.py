@@ -7,6 +7,7 @@ begins with ``! ``. A bar or the end of a line in a value is no bar and no end. 
 
 import functools
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -227,3 +228,10 @@ def terminal_table(title: str, columns: Iterable[str], cells: Iterable[Sequence[
     for row in cells:
         table.add_row(*(escape(str(cell)) for cell in row))
     return table
+
+
+def short_name(data: str) -> str:
+    """A name for recordings: the file's without its ending, or the folder's where the file has the usual
+    name."""
+    path = Path(os.path.abspath(data))
+    return path.parent.name if path.name == "recordings.npz" else path.stem or "recordings"

@@ -165,10 +165,10 @@ def _images(recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]
 
 def in_software(model: IntegerModel, recordings: Recordings, work: Path) -> list[Record]:
     """The same model as plain C, a row a microcontroller: name, core, instructions and cycles of
-    `eskin.golden.export.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images,
-    and where compiler (ziglang) or emulator (unicorn) is not installed."""
+    `eskin.golden.export.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images
+    and prototypes, which C does not have, and where compiler (ziglang) or emulator (unicorn) is not installed."""
     there = compiled.there() and importlib.util.find_spec("unicorn")
-    if model.config.is_image or not there:
+    if model.config.is_image or model.config.has_prototypes or not there:
         return []
     export_c(model, work, recordings=recordings.subset([0]))
     part = energy.MICROCONTROLLER

@@ -84,10 +84,9 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
 
     collect(m.submodules.dut.elaborate(None))
     # What the classifier's own proof says of a classifier that is not busy.
-    decider, search = inside.parts["Classifier"], inside.parts.get("SearchTwice")
-    searching = search.searching if search else inside.parts["SearchOnce"].arriving
-    subtracting = (search or inside.parts["SearchOnce"]).subtracting
-    under_way = Cat(decider.offered, decider.tallying, decider.finished, searching, subtracting)
+    decider, twice, once = (inside.parts.get(name) for name in ("Classifier", "SearchTwice", "SearchOnce"))
+    searching = (twice.searching, twice.subtracting) if twice else (once.arriving, once.judged, once.ending)
+    under_way = Cat(decider.offered, decider.tallying, decider.finished, *searching)
     assume(decider.busy | ~(under_way.any() | decider.number.any()))
     # And the recording's state of its own.
     assume(~inside.parts["RecordingState"].finished | inside.parts["RecordingState"].finishing)

@@ -39,7 +39,7 @@ from eskin.golden.core.errors import InputError
 from eskin.golden.core.images import NETWORKS
 from eskin.golden.data.rate import wrong_rate
 from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import check_model_target, with_network
+from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target, with_network
 from eskin.golden.training import doubts
 from eskin.golden.training.choice_table import front_end_words, left_out, network_name
 from eskin.golden.training.choose_front_end import (
@@ -91,13 +91,16 @@ LEAST = {
 @dataclass(frozen=True)
 class Candidate:
     """A network on the front end: the configuration, the recipe, and whether each recording was decided
-    rightly, (recordings), mean over seeds; record: its cross-validation."""
+    rightly, (recordings), mean over seeds; record: its cross-validation; integer: the configuration with its
+    formats; loses_in: the stage where integers lose more than LOST of accuracy."""
 
     config: AcceleratorConfig
     recipe: Recipe
     correct: np.ndarray
     record: dict[str, Any]
     front_end: AcceleratorConfig
+    integer: AcceleratorConfig
+    loses_in: str | None = None
 
     @property
     def accuracy(self) -> float:
@@ -126,7 +129,8 @@ class Candidate:
             "standard_error": self.standard_error,
             "float_accuracy": self.record["float_accuracy"],
             "agreement": self.record["agreement"],
-            **market.row(config),
+            "loses_in": self.loses_in,
+            **market.row(self.integer),
             "multiplies_touch": self.multiplies_touch,
             "multiplies_step": config.multiplies,
             "parameters": config.parameter_count,
@@ -179,21 +183,25 @@ def cross_validate_network(
     def folds_of(seeds: Sequence[int]) -> Folds:
         return Folds(recordings, config, recipe, groups, seeds, terms.folds, terms.datasets)
 
-    def decided(work: Folds) -> list[FoldDecisions]:
+    def trained(work: Folds) -> tuple[list[FloatModel], list[IntegerModel]]:
         models = work.fit(terms.progress)
-        return work.decided(models, work.quantise(models, terms.widths))
+        return models, work.quantise(models, terms.widths)
 
     def candidate(work: Folds, runs: list[FoldDecisions]) -> Candidate:
         (record,) = work.records_of(runs)
+        lost = record["float_accuracy"] - record["integer_accuracy"] > doubts.LOST
+        stage = alone.loses_in(*networks) if lost else None
         correct = share_right(recordings.labels, work.tests, runs)
-        return Candidate(config, recipe, correct, record, config)
+        return Candidate(config, recipe, correct, record, config, networks[1][0].config, stage)
 
     alone = folds_of(terms.seeds[:1])
-    runs = decided(alone)
+    networks = trained(alone)
+    runs = alone.decided(*networks)
     first = candidate(alone, runs)
     if len(terms.seeds) < 2 or not goes_on(first):
         return first
-    return candidate(folds_of(terms.seeds), runs + decided(folds_of(terms.seeds[1:])))
+    others = folds_of(terms.seeds[1:])
+    return candidate(folds_of(terms.seeds), runs + others.decided(*trained(others)))
 
 
 def recurrent_front_end(

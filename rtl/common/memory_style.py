@@ -56,6 +56,13 @@ def short_of_blocks(config: AcceleratorConfig, platform: str | None) -> bool:
     return platform == SMALL_FAMILY and config.hardware.lane_type == "dsp" and spares
 
 
+def addends_memory(config: AcceleratorConfig, platform: str | None) -> dict[str, int | str]:
+    """Attributes of the addends' memories. As constants that nothing writes they would become LUTs, some 80
+    of them, where a part with multipliers has block memories left."""
+    small = platform == SMALL_FAMILY and config.hardware.lane_type == "dsp"
+    return NO_COLLISION | ({"ram_style": "block"} if small and not short_of_blocks(config, platform) else {})
+
+
 def lanes_in_large_memories(config: AcceleratorConfig, platform: str | None, words: int) -> int:
     """How many lanes, from the first on, have their ``words`` weights in a large memory."""
     spared = short_of_blocks(config, platform) and config.hardware.loadable and words <= LARGE_WORDS

@@ -27,7 +27,9 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> A
     if is_compact(config):
         return compact_schedule(config, program)
     groups, bias_rows, partial_rows = groups_of(config, program)
-    return Scheduler(config, program, groups, bias_rows, partial_rows).run()
+    ways = (False, True) if any(op.activated for op in program.elements) else (False,)
+    plans = [Scheduler(config, program, groups, bias_rows, partial_rows, yields).run() for yields in ways]
+    return min(plans, key=lambda plan: plan.step_cycles)
 
 
 def step_cycles(config: AcceleratorConfig) -> int:

@@ -35,6 +35,7 @@ def test_tables_are_symmetric_monotone_and_near(entries, gate_activation):
         {},
         {"lane_type": "dsp"},
         {"gate_frac": 12},
+        {"gate_frac": 8},
         {"gate_activation": "hard_sigmoid"},
         {"state_format": QFormat(2, 8)},
     ],

@@ -114,6 +114,15 @@ def test_every_kind_of_every_deviation(name):
         assert values(out) == expected_beats(config, seen)
 
 
+@each_row("taxels", [1, 2])
+@each_row("name", ["pvdf", "thesis"])
+def test_frames_so_short_that_they_wait_for_each_other(name, taxels):
+    config = config_of(name, FEATURE_KINDS, "change", taxels=taxels)
+    seen = detect(config, make_stream(config, 130, seed=11))
+    out, _ = expand(config, window_beats(config, seen), (0.3, 0.5), seed=3)
+    assert seen.touches and values(out) == expected_beats(config, seen)
+
+
 @each_row("subset", SUBSETS)
 def test_documented_pace_and_latency(subset):
     """A deviation takes the slots up to that of the last kind that comes, the beat of a kind is there in the
