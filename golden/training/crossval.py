@@ -11,9 +11,8 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, IntegerModel, decide_touches, step_times
+from eskin.golden.model import FloatModel, IntegerModel, decide_touches, stage_errors, step_times
 from eskin.golden.model.pipeline import by_recording
-from eskin.golden.model.stage_error import stage_errors
 from eskin.golden.training.datasets import Dataset, Datasets, find_dataset, touch_rows
 from eskin.golden.training.fit import fine_tune, fit_networks, post_training
 from eskin.golden.training.losses import LossCurves
