@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import functools
 import json
 import os
 import secrets
@@ -186,6 +187,7 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
     return arrays
 
 
+@functools.cache
 def template(module: str, name: str, **filters: Any) -> Any:
     """The template ``name`` in the folder templates/ beside a module's file, for texts that are not HTML."""
     import jinja2

@@ -344,7 +344,7 @@ def sources(model: IntegerModel) -> dict[str, str]:
         "zephyr/module.yml": "module.yml",
         "zephyr/CMakeLists.txt": "CMakeLists.txt",
     }
-    return {path: _template(name).render(values) for path, name in names.items()}
+    return {path: template(__file__, name, brackets=_brackets).render(values) for path, name in names.items()}
 
 
 def table_bytes(model: IntegerModel) -> int:
@@ -353,9 +353,9 @@ def table_bytes(model: IntegerModel) -> int:
     return sum(BYTES[table.kind] * int(np.prod(table.size)) for table in tables)
 
 
-def _template(name: str) -> Any:
+def _brackets(size: Iterable[int]) -> str:
     # C has no array of no elements
-    return template(__file__, name, brackets=lambda size: "".join(f"[{length or 1}]" for length in size))
+    return "".join(f"[{length or 1}]" for length in size)
 
 
 def expected(trace: Trace, recordings: Recordings) -> list[list[tuple[int, ...]]]:
@@ -422,4 +422,4 @@ def check_sources(
         ),
     }
     names = {CHECK: "eskin_check.c", VECTORS: "test_vectors.h"}
-    return {path: _template(name).render(values) for path, name in names.items()}
+    return {path: template(__file__, name, brackets=_brackets).render(values) for path, name in names.items()}

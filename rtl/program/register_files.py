@@ -127,10 +127,16 @@ def entries(config: AcceleratorConfig, shell: bool = False, samples: bool = True
 
 
 # -------------------------------------------------------------------- files
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+_hex = "0x{:X}".format
+
+
 def written(name: str, registers: Iterable[Entry], **values: Any) -> str:
     """The text of the file ``name``: its template, filled in."""
-    quoted = lambda text: '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
-    filled = template(__file__, name, xml=escape, hex="0x{:X}".format, quoted=quoted)
+    filled = template(__file__, name, xml=escape, hex=_hex, quoted=_quoted)
     return filled.render(registers=registers, ACCESS=ACCESS, IPXACT=IPXACT, RANGE=RANGE, **values)
 
 
