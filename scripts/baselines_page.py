@@ -16,9 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from eskin.golden.baselines.rows import nearest, orders
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record, replacing
 from eskin.pages.baselines_chart import chart
 from eskin.rtl.views.schedule_view import save_figure
 

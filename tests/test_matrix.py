@@ -116,10 +116,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         (),
     ),
     "enrol": ("enrol {model} --data {data} --with {data} --out {out}/model", ("lstm", "image")),
-    "enrol --teach": (
-        "enrol {model} --teach --data {data} --out {out}/model",
-        ("linear", "prototypes", "image"),
-    ),
+    "enrol --teach": ("enrol {model} --teach {data} --out {out}/model", ("linear", "prototypes", "image")),
     "enrol --evaluate --readout": (
         f"enrol --evaluate --readout prototypes {JUDGED} -k 1 --jobs 1",
         ("prototypes", "image"),

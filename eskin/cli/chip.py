@@ -1,7 +1,5 @@
 """The verb that makes a chip's netlist."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from typing import Annotated
@@ -55,8 +53,8 @@ def asic(
     ),
 ) -> None:
     """Make the netlist for a chip's process; tell area, memories, clock, leakage. Before layout; minutes."""
-    from eskin.golden.core.errors import InputError
-    from eskin.golden.model.model import IntegerModel
+    from eskin.golden.core import InputError
+    from eskin.golden.model import IntegerModel
     from eskin.rtl.fpga.tools import ToolError
     from eskin.verbs import asic_job, chip_fit
 

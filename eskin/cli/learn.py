@@ -181,13 +181,14 @@ Readout = Literal["dense", "prototypes"]
 
 @app.command(
     epilog="Example: eskin enrol model --data few.npz --out model2 --with recordings.npz, or "
-    "eskin enrol --evaluate --data recordings.npz --group seq -k 1,2"
+    "eskin enrol model --teach few.npz --out model2, or eskin enrol --evaluate --data recordings.npz --group seq -k 1,2"
 )
 def enrol(
-    data: Annotated[
-        str, option(f"The touches to enrol, 1 to 5 of each class; with --evaluate all recordings. {DATA}")
-    ],
     model: Annotated[Path | None, argument("A quantised model folder; it stays as it is.")] = None,
+    data: Annotated[
+        str | None,
+        option(f"The touches to train on, 1 to 5 of each class; with --evaluate all recordings. {DATA}"),
+    ] = None,
     out: Annotated[
         Path | None, option("The folder of the enrolled model: new, or an earlier model, which is replaced.")
     ] = None,
@@ -209,13 +210,14 @@ def enrol(
         ),
     ] = False,
     teach: Annotated[
-        bool,
+        str | None,
         option(
-            "Store the touches as prototypes beside those of a model quantised with --readout prototypes; "
-            "nothing is trained.",
+            "In place of --data: touches to store as prototypes beside those of a model quantised with "
+            "--readout prototypes; nothing is trained.",
             "--teach",
+            metavar="FEW",
         ),
-    ] = False,
+    ] = None,
     readout: Annotated[
         Readout, option("With --evaluate: what is judged, a dense layer trained on, or prototypes taught.")
     ] = "dense",
@@ -251,7 +253,7 @@ def enrol(
     """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host
     loads the new weights."""
     if evaluate:
-        for name, value in (("MODEL", model), ("--out", out), ("--with", with_), ("--teach", teach or None)):
+        for name, value in (("MODEL", model), ("--out", out), ("--with", with_), ("--teach", teach)):
             if value is not None:
                 raise InputError(
                     f"eskin enrol, {name}: belongs to no --evaluate, which trains networks of its own; "
@@ -265,6 +267,8 @@ def enrol(
                 "eskin enrol --evaluate, option --group: is missing; name the group array whose values are "
                 "mountings"
             )
+        if data is None:
+            raise InputError("eskin enrol --evaluate, option --data: is missing; name all recordings")
         recordings, user_config = load_data(data, config)
         options: Record = {"layers": layers, "old": not alone, "draw": draw, "seed": seed, "seeds": seeds}
         options |= {"cell": cell, "hidden": hidden, "readout": readout, "new_class": new_class}
@@ -307,10 +311,11 @@ def enrol(
 
     check_model_target(out)
     config_of_model = load_config(model)
-    if teach:
+    if teach is not None:
         from eskin.golden.training.enrol import teach_folder
 
         for name, given in (
+            ("--data", data is not None),
             ("--with", with_ is not None),
             ("--layers", layers != "all"),
             ("--seed", seed != 0),
@@ -320,9 +325,14 @@ def enrol(
                     f"eskin enrol --teach, option {name}: is for what is trained, and --teach trains nothing; "
                     "leave it out"
                 )
-        result = teach_folder(model, load_recordings(data, config=config_of_model), out)
+        result = teach_folder(model, load_recordings(teach, config=config_of_model), out)
         show("teach", **result, out=out)
         return result
+    if data is None:
+        raise InputError(
+            "eskin enrol, option --data: is missing; name a few touches of each class, or --teach FEW for a "
+            "model that is taught"
+        )
     few, old = (
         load_recordings(data, config=config_of_model),
         None if with_ is None else recordings_for(with_, config_of_model),

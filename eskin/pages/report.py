@@ -50,7 +50,7 @@ from eskin.golden.training.choice_table import (
     windows_brief,
 )
 from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
-from eskin.pages.views import GAP, page, percent, tables, words, write_text
+from eskin.pages.views import GAP, page, percent, short_name, tables, words, write_text
 
 if TYPE_CHECKING:
     from eskin.golden.data.recordings import Recordings
@@ -246,13 +246,6 @@ def _range_row(entry: Record) -> Record:
         "bits": fmt.width,
         "share": max(entry["max"] / high, entry["min"] / low if low else 0.0, 0.0),
     }
-
-
-def _short_name(source: str) -> str:
-    """A name for a title: the file's without its ending, or the folder's where the file has the usual
-    name."""
-    path = Path(source)
-    return path.parent.name if path.name == "recordings.npz" and path.parent.name else path.stem or source
 
 
 def network_label(config: AcceleratorConfig) -> str:
@@ -632,6 +625,7 @@ def _render(result: Result) -> str:
     values = _values(result)
     (cards,) = tables(words("cards", **values))
     values |= {
+        "name": run.get("name") or short_name(run["data"]["source"]),
         "data": run["data"],
         "splits": splits,
         "cards": [dict(zip(("title", "value", "note"), cells, strict=True)) for cells in cards.cells],
@@ -640,15 +634,13 @@ def _render(result: Result) -> str:
         "confusions": lambda split: confusions(split, names),
     }
     if config.is_image:
-        source = Path(run["data"]["source"]).name
         errors = {row["stage"]: row for row in result.evaluate["stages"]}
         formats = describe_formats(config)
-        return page("images.html.j2", **values, name=source, errors=errors, formats=formats)
+        return page("images.html.j2", **values, errors=errors, formats=formats)
     front_end = run.get("front_end")
     return page(
         "report.html.j2",
         **values,
-        name=run.get("name") or _short_name(run["data"]["source"]),
         runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],

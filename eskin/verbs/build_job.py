@@ -14,17 +14,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from amaranth.back import rtlil
 from amaranth.lib.wiring import Component
 
 from eskin.cosim.latency import COUNT_OF, limits
-from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing_folder, write_json
-from eskin.golden.core.jobs import Progress, Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.core import (
+    AcceleratorConfig,
+    Arrays,
+    InputError,
+    Memo,
+    Progress,
+    Record,
+    code_version,
+    content_key,
+    replacing_folder,
+    write_json,
+)
+from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
+from eskin.golden.model import IntegerModel
 from eskin.golden.studies.energy import PARTS, estimate, scheduled_activity
 from eskin.pages.views import words, write_text
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
@@ -182,7 +189,7 @@ class BuildRequest:
     """
 
     config: AcceleratorConfig
-    arrays: Mapping[str, np.ndarray]
+    arrays: Arrays
     target: Target
     link: bool = True
     standalone: bool = False

@@ -6,16 +6,13 @@ in these cycles goes through the same states, and by `needed` the very cycle of 
 never one of them.
 """
 
-from __future__ import annotations
-
 from unittest import mock
 
 from amaranth.asserts import AnySeq
 from amaranth.hdl import Cat, Fragment, MemoryInstance, Module, Signal, Value
 from amaranth.lib import wiring
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat
 from eskin.rtl.engine import lanes
 from eskin.rtl.top.accelerator import Accelerator
 from formal.proof import Bug, assume, before, free, keeps_its_beat, opened_up, proof, prove

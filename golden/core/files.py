@@ -1,7 +1,5 @@
 """Files written whole or not at all, and archives of arrays read with every distrust."""
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import json

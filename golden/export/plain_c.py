@@ -5,8 +5,6 @@ takes their tables and formats, and adds up hops, as the hardware does. `templat
 what they are filled with.
 """
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
@@ -16,17 +14,18 @@ from typing import Any, NamedTuple
 import jinja2
 import numpy as np
 
-from eskin.golden.core.activation import sigmoid_table, tanh_table
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import signed_bits
-from eskin.golden.core.images import Conv, Pool
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import ImageTrace
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import Trace
-from eskin.golden.model.vectors import completing_frames
+from eskin.golden.core import (
+    AcceleratorConfig,
+    Conv,
+    InputError,
+    Pool,
+    Record,
+    sigmoid_table,
+    signed_bits,
+    tanh_table,
+)
+from eskin.golden.data import Recordings
+from eskin.golden.model import ImageTrace, IntegerModel, Trace, completing_frames
 
 HEADER, SOURCE, CHECK, VECTORS = "eskin_model.h", "eskin_model.c", "eskin_check.c", "test_vectors.h"
 BYTES = {"int8_t": 1, "uint8_t": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4, "int64_t": 8}

@@ -32,13 +32,20 @@ def narrowed(config: AcceleratorConfig, values: np.ndarray) -> np.ndarray:
     return np.clip(rounded, fmt.min_code, fmt.max_code).astype(np.int64)
 
 
+def real_trajectory(config: AcceleratorConfig, hidden: np.ndarray, logits: np.ndarray) -> np.ndarray:
+    """A float network's (..., K, values), in units of a state code and not rounded: what `trajectory_codes`
+    would be without formats."""
+    lsb = 2.0 ** (config.readout_rule.state_code_shift - config.trajectory_format.frac_bits)
+    return (hidden if config.recurrent else logits) / lsb
+
+
 def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
     """Distance of each class's nearest prototype after each step.
 
     Parameters
     ----------
     codes:
-        (n, K, values), of `trajectory_codes`.
+        (n, K, values), of `trajectory_codes`, or of `real_trajectory`: those sums are rounded, once.
 
     Returns
     -------
@@ -63,6 +70,7 @@ def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
         apart = np.stack([np.abs(codes - place[:steps]).sum(axis=-1) for place in stored])
         if config.network.decision != "vote":
             apart = apart.cumsum(axis=-1)
+        apart = np.rint(apart).astype(np.int64)  # of real values; codes' sums are whole
         apart[len(own) :] >>= config.readout_rule.taught_shift
         nearest.append(apart.min(axis=0))
     return np.stack(nearest, axis=-1)

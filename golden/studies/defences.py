@@ -6,8 +6,6 @@ taxels (``robust``), a margin below which a decision is not confident. All is ju
 network has not seen, through the whole integer front end.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import by_recording, decide_touches
-from eskin.golden.model.preprocess import Touches, activity, find_onsets, find_touches
+from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, Touches, decide_touches, find_onsets, find_touches
+from eskin.golden.model.pipeline import by_recording
+from eskin.golden.model.preprocess import activity
 from eskin.golden.training.crossval import Folds
 from eskin.golden.training.recipe import Recipe, choose_recipe
 

@@ -1,14 +1,12 @@
 """Sentences for a result that looks good and may not be: each says what was seen and the one action that
 helps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.training.choice_table import left_out
 from eskin.golden.training.yardsticks import neighbours_alike
 

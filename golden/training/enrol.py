@@ -321,8 +321,8 @@ def enrol(
     check_model_target(out)
     if load_config(model_dir).has_prototypes:
         raise InputError(
-            f"model '{model_dir}', field readout: is 'prototypes', which weights trained on would not fit; add "
-            "--teach, or quantise it without --readout first"
+            f"model '{model_dir}', field readout: is 'prototypes', which weights trained on would not fit; "
+            "give --teach in place of --data, or quantise it without --readout first"
         )
     pair, record = load_pair(model_dir), load_training(model_dir)
     config = pair.integer.config

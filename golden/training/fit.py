@@ -1,18 +1,14 @@
 """Fitting: many networks (folds x seeds) at once, in float, and in integer arithmetic after that."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.model import FloatModel, IntegerModel
 from eskin.golden.training.batches import Batches
 from eskin.golden.training.datasets import Dataset
 from eskin.golden.training.linear_fit import fit_least_squares, fit_linear
@@ -170,7 +166,7 @@ def _fit_linear(
     return models
 
 
-def post_training(model: FloatModel, data: Dataset, rows: np.ndarray, widths: dict[str, Any]) -> IntegerModel:
+def post_training(model: FloatModel, data: Dataset, rows: np.ndarray, widths: Record) -> IntegerModel:
     return quantise_model(model, profile(model, data.touches.take(rows)), **widths)
 
 
@@ -180,7 +176,7 @@ def fine_tune(
     parts: list[np.ndarray],
     models: list[FloatModel],
     seed: int,
-    widths: dict[str, Any],
+    widths: Record,
     progress: Progress,
 ) -> list[IntegerModel]:
     """Quantisation-aware training: an integer network from each trained float one, trained on in integer

@@ -41,13 +41,14 @@ LOOKED_AT = 200
 class TouchTask:
     """A network for recordings.
 
-    ideal, trace: what the float and the integer network made of the recordings.
+    ideal, trace: what the float and the integer network made of the recordings, by the same prototypes where
+    these decide.
     """
 
     def __init__(self, real: FloatModel, integer: IntegerModel, recordings: Recordings) -> None:
         self._real, self._integer = real, integer
         self._touches = find_touches(integer.config, recordings)
-        self.ideal = run(real, recordings, touches=self._touches)
+        self.ideal = run(real, recordings, touches=self._touches, readout=integer)
         self.trace = run(integer, recordings, touches=self._touches)
 
     @property

@@ -1,8 +1,6 @@
 """Verilog of a process's cells from what its Liberty file says they do, for simulation: no delays, and states
 that begin at random."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from eskin.rtl.asic.liberty import Cell

@@ -9,11 +9,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from amaranth.back import rtlil
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError, Record
 from eskin.rtl.asic.buffers import insert
 from eskin.rtl.asic.liberty import Cell, Library, text_of
 from eskin.rtl.common.collisions import open_collisions
@@ -52,7 +51,7 @@ class Process:
         return {cell.name: cell for cell in (*self.library.cells.values(), *self.macros)}
 
 
-HINTS: dict[str, dict[str, Any]] = {
+HINTS: dict[str, Record] = {
     "ihp-sg13g2": {"name": "sg13g2", "high": ("sg13g2_tiehi", "L_HI"), "low": ("sg13g2_tielo", "L_LO")},
     "sky130hd": {
         "name": "sky130",
@@ -140,7 +139,7 @@ class Netlist:
         return cls(folder=folder, verilog=folder / f"{top}.v", cells=cells, memories=memories)
 
     @cached_property
-    def module(self) -> dict[str, Any]:
+    def module(self) -> Record:
         """As Yosys' JSON."""
         return json.loads((self.folder / "flat.json").read_text())["modules"][self.verilog.stem]
 
@@ -253,7 +252,7 @@ write_verilog -noattr -noexpr {top}.v
     return Netlist.of(folder, top)
 
 
-def _memories(folder: Path, process: Process, top: str, latches: bool) -> list[dict[str, Any]]:
+def _memories(folder: Path, process: Process, top: str, latches: bool) -> list[Record]:
     """What each memory of the design is made of."""
     rows = []
     for name, cell in json.loads((folder / "memories_in.json").read_text())["modules"][top]["cells"].items():

@@ -1,11 +1,9 @@
 """The port by which the host writes memories."""
 
-from __future__ import annotations
-
 from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.image_passes import ImagePlan, plan_of
 from eskin.rtl.program.memory_map import ImageMemory, memories
 

@@ -5,9 +5,7 @@ large ones of 16384 words of 16 bits with a single port, which only the host can
 up with arbitrary contents.
 """
 
-from __future__ import annotations
-
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.layouts import expands
 

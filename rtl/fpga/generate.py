@@ -5,20 +5,15 @@ No file here is read back by the generator; co-simulation reads accelerator.sv, 
 and load.hex.
 """
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing_folder
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, replacing_folder
 from eskin.rtl import host
 from eskin.rtl.fpga.export import SENSING, TOP, WAIVER, export, export_bus, export_sensing
 from eskin.rtl.program.memory_map import (
@@ -51,7 +46,7 @@ MARK = "registers.json"
 
 def generate(
     config: AcceleratorConfig,
-    arrays: Mapping[str, np.ndarray],
+    arrays: Arrays,
     out: str | Path,
     *,
     vectors: str | Path | None = None,
@@ -104,7 +99,7 @@ def generate(
 
 def _write_all(
     config: AcceleratorConfig,
-    arrays: Mapping[str, np.ndarray],
+    arrays: Arrays,
     folder: Path,
     vectors: str | Path | None,
     bus: Bus | None,
@@ -145,7 +140,7 @@ def _write_all(
     (folder / "eskin.core").write_text(fusesoc_core(folder, top, release))
 
 
-def boot_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:
+def boot_writes(config: AcceleratorConfig, arrays: Arrays) -> list[tuple[int, int]]:
     """(register, word) writes after reset: the whole model, or the mask alone where the memories are ROM."""
     memory = (Register.MEMORY_SELECT, Register.MEMORY_DATA)
     return [
@@ -155,7 +150,7 @@ def boot_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> 
     ]
 
 
-def register_map(config: AcceleratorConfig) -> dict[str, Any]:
+def register_map(config: AcceleratorConfig) -> Record:
     """The register map as plain values."""
     named = ImageMemory if config.is_image else memories(config)
     return {

@@ -1,14 +1,12 @@
 """The registers of a design as files for other tools: C header, SystemRDL 2.0, CMSIS-SVD, IP-XACT 1685-2014,
 a table for documents. All are written from `eskin.rtl.program.memory_map`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 from xml.etree import ElementTree
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.memory_map import (
     Bits,
     Described,

@@ -1,11 +1,9 @@
 """The schedule of a configuration's step, and the clocks that follow from it."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.compact_program import compact_schedule
 from eskin.rtl.program.image_passes import plan_of

@@ -11,12 +11,10 @@ B starts when the features' window is complete. Partial sums of phase A wait in 
 accumulator width.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, reads_new_state, row_count
 from eskin.rtl.program.timing import Timing, logit_to_decision, shares_lane, timing
 

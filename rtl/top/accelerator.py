@@ -3,15 +3,13 @@
 Frames to decisions: docs/specification.md, sections 2 to 7.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from amaranth.hdl import Cat, Const, Module, ResetInserter, ResetSignal, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.decision.classifier import Classifier

@@ -1,16 +1,13 @@
 """The whole chain for images, wiring only: frames in, decisions out, the host bus beside it, probes for
 benches."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from amaranth.hdl import Module, Mux, ResetInserter, ResetSignal, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.engine import probe

@@ -1,8 +1,6 @@
 """Co-simulation from a converter's pins: every stage exact on what the converter gives, faults flagged,
 nothing decided from them."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,16 +10,9 @@ import pytest
 
 from eskin.cosim import flow
 from eskin.cosim.scoreboard import read_capture
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.converters import ConverterFault
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import load_archive
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.scene import synthetic_recordings
-from eskin.golden.model.conversion import through_converter
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault, InputError
+from eskin.golden.data import Recordings, load_archive, synthetic_recordings
+from eskin.golden.model import random_integer_model, random_recordings, run, through_converter, write_vectors
 from eskin.rtl.fpga.generate import generate, pack_decision
 from eskin.verbs.flow import BUILD, cosimulate
 from tests.support.array_touches import REST, touches

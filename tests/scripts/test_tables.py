@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.model import random_integer_model
 from eskin.golden.training.choose_network import network
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.fpga.targets import target

@@ -1,14 +1,12 @@
 """What the front end must do, read off docs/specification.md section 2 frame by frame, and small cases that
 exercise each rule."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 
 REST = 500
 """Rest level of the made streams, codes."""

@@ -526,7 +526,7 @@ baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
 enrol ../in/model --data @ --out taught
-enrol ../in/model --teach --data @ --out taught
+enrol ../in/model --teach @ --out taught
 quantise model --data @ --readout prototypes
 run --data @ --config ../in/config.json
 energy ../in/model --data @

@@ -1,8 +1,6 @@
 """Archives and .lvm folders: what is read, what is refused with which sentence, and splits that keep groups
 apart."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -11,11 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.folds import grouped_folds
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.data import Recordings, grouped_folds, load_recordings
 from tests.support.table import each_row
 
 LSB = PRESETS["thesis"].sensor.volt_per_code

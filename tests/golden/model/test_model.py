@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.cells import Float, run_cell
-from eskin.golden.model.model import (
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.model import (
+    Float,
     FloatModel,
     IntegerModel,
     check_model_target,
     load_config,
     load_training,
     network_shapes,
+    normalise,
     normaliser_constants,
     random_integer_model,
-    replace_folder,
+    run_cell,
     with_network,
 )
-from eskin.golden.model.preprocess import normalise
+from eskin.golden.model.model import replace_folder
 from eskin.golden.training.network import RecurrentClassifier
 from tests.support.folder import contents
 from tests.support.table import each_row

@@ -20,6 +20,7 @@ from eskin.golden.training import fit as fitting
 from eskin.golden.training import prototypes as prototypes_of
 from eskin.golden.training import recipe
 from eskin.golden.training.enrol import Question, enrol, judge, summary, teach_folder
+from eskin.golden.training.evaluate import evaluate
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train import TrainingRequest, train
 from tests.support.prices import priced
@@ -397,6 +398,9 @@ def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp
     old, new = IntegerModel.load(taught_ready).arrays, IntegerModel.load(tmp_path / "m").arrays
     assert {name for name in old if (old[name] != new[name]).any()} == {"taught", "taught_count"}
     assert result["touches"] == {"rise": 2, "fall": 2, "pulse": 2} == result["in_use"] and result["passed"]
+    judged = evaluate(tmp_path / "m", REST)  # the float network decides by the same prototypes
+    assert judged["agreement"] > 0.9, judged
+    assert judged["float_accuracy"] >= after - 0.02
     quantise(tmp_path / "m", OLD)  # and back
     assert IntegerModel.load(tmp_path / "m").config == IntegerModel.load(model).config
 

@@ -1,10 +1,8 @@
 """The fit of a linear cell's weights; against scikit-learn's own in tests/rtl/program/test_linear_cell.py."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.training.linear_fit import QUIETEST, fit_linear
 
 CONFIG = AcceleratorConfig.of(

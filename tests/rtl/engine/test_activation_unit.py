@@ -1,15 +1,11 @@
 """Both tables, exhaustively, in golden and hardware."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np
 from amaranth.hdl import Fragment
 
-from eskin.golden.core.activation import sigmoid_table, tanh_table
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, QFormat, sigmoid_table, tanh_table
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row

@@ -1,8 +1,6 @@
 """The compact engine (one serial lane): its program against golden cells in every format, then the hardware,
 its cycles and memories."""
 
-from __future__ import annotations
-
 import random
 from dataclasses import replace
 from itertools import pairwise
@@ -14,11 +12,8 @@ from amaranth.lib import wiring
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.activation import sigmoid_table, tanh_table
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.core import PRESETS, InputError, QFormat, narrow, sigmoid_table, tanh_table
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.engine import compact_engine, compact_sequencer
 from eskin.rtl.program.cells import DENSE, NORMALISE, CellProgram, ElementOp, RowBlock

@@ -1,16 +1,13 @@
 """The engine and the classifier behind it, bit for bit against golden cells, and their cycles against the
 schedule."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from amaranth.hdl import Module
 from amaranth.lib import wiring
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, narrow
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.compact_engine import make_engine
 from eskin.rtl.engine.window_queue import WindowQueue

@@ -1,11 +1,9 @@
 """A finished row to index, value and logit against eskin.golden.core.formats.narrow: every total of a small
 format."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
-from eskin.golden.core.formats import QFormat, narrow
+from eskin.golden.core import QFormat, narrow
 from eskin.rtl.engine.row_narrowing import RowNarrowing
 from tests.support.stream_bench import put, simulate
 

@@ -1,8 +1,6 @@
 """The image engine against sums written out, value by value, and against its cycle formula, on random
 networks."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

@@ -1,12 +1,9 @@
 """rtl/interface/interface_registers.py: what the host reads and sets beside the accelerator; everything else
 goes through."""
 
-from __future__ import annotations
-
 import random
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core import PRESETS, ConverterFault
 from eskin.rtl.interface.interface_registers import InterfaceRegisters
 from eskin.rtl.program.memory_map import Control, InterfaceRegister, Register, interface_registers, mapped
 from tests.support.stream_bench import bus_accesses, simulate

@@ -1,16 +1,12 @@
 """rtl/interface/mpr121_converter.py and i2c_master.py: what is written, cells between electrodes, each kind
 of wrong answer."""
 
-from __future__ import annotations
-
 import dataclasses
 import random
 
 import numpy as np
 
-from eskin.golden.core import mpr121
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core import PRESETS, ConverterFault, mpr121
 from eskin.golden.core.mpr121 import cells_of, mpr_plan
 from eskin.rtl.interface.mpr121_converter import Mpr121Converter
 from tests.support.converter_bench import play_frames

@@ -1,11 +1,9 @@
 """rtl/interface/spi_converter.py: a frame's codes at their taxels, and each kind of wrong answer."""
 
-from __future__ import annotations
-
 import random
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.converters import ConverterFault, spi_chip, spi_plan
+from eskin.golden.core import PRESETS, ConverterFault
+from eskin.golden.core.converters import spi_chip, spi_plan
 from eskin.rtl.interface.spi_converter import SpiConverter
 from tests.support.converter_bench import play_frames
 from tests.support.spi_chip import SpiSlave

@@ -1,11 +1,10 @@
 """rtl/interface/spi_master.py: words both ways on several lines, and the cycles of select and clock."""
 
-from __future__ import annotations
-
 import random
 from itertools import pairwise
 
-from eskin.golden.core.converters import SpiChip, SpiPlan
+from eskin.golden.core import SpiPlan
+from eskin.golden.core.converters import SpiChip
 from eskin.rtl.interface.spi_master import SpiMaster
 from tests.support.spi_chip import SpiSlave
 from tests.support.stream_bench import Bench, put

@@ -5,8 +5,6 @@ That settings are held to their limits, and that OFF follows another electrode, 
 formal/interface/stimulator_frames.py.
 """
 
-from __future__ import annotations
-
 import random
 
 import pytest

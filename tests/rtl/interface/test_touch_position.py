@@ -1,13 +1,10 @@
 """rtl/interface/touch_position.py against the golden positions, bit for bit; the golden ones against where
 the touches were."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model.position import Position, direction, positions
 from eskin.rtl.interface.touch_position import TouchPosition
 from tests.support.array_touches import REST, touches

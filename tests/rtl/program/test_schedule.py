@@ -1,8 +1,6 @@
 """The list scheduler: what must hold for any program on any number of lanes, and the reference's cycles
 against the ideal."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

@@ -1,15 +1,13 @@
 """rtl/top/skin_top.py: whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
 decision is heard again."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest
 from amaranth.hdl import Signal
 from amaranth.sim import Simulator
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
 from eskin.rtl.top import skin_top
 from tests.support.silent import Silent
