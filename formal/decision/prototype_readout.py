@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from amaranth.hdl import Array, Module, Mux, Signal
+from amaranth.hdl import Array, Cat, Module, Mux, Signal
 
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
@@ -52,7 +52,7 @@ def no_place_is_half_written(m: Module) -> None:
         Bug(
             "the counter goes on after a touch",
             "(address, moves | back, Mux(back, 0, (address + 1)[: len(address)]))",
-            "(address, moves | dropped, Mux(dropped, 0, (address + 1)[: len(address)]))",
+            "(address, moves, (address + 1)[: len(address)])",
         ),
     ),
     quick=True,
@@ -245,3 +245,30 @@ def untaught_spare_class_is_far(m: Module) -> None:
     with m.If(inside.whole_place):
         m.d.sync += none.eq((none | inside.first_done) & ~inside.used_done)
     prove(~none | inside.nearest.all(), "as far as can be")
+
+
+@proof(
+    "whatever the registers hold, one whose parity is wrong is flagged in that cycle, and no code is written",
+    depth=2,
+    method="any state",
+    reduced="2 classes, 2 steps of a linear cell, 1 prototype and 2 taught places a class, 3 bits",
+    quick=True,
+    bugs=(
+        Bug("codes are written all the same", "(body & target)) & sound", "(body & target))"),
+        Bug("numbers of touches are not looked at", "guards.append(guard)", "guards.append(Const(0, 1))"),
+        Bug("the last of the registers is not looked at", "Cat(guards).any()", "Cat(guards[:-1]).any()"),
+    ),
+)
+def no_upset_goes_unseen(m: Module) -> None:
+    dut = PrototypeReadout(_config(steps=2, taught=2).replace(checksum=True))
+    inside = opened_up(dut)
+    free_inputs(dut)
+    held = {register.name: register for register in inside.registers}
+    counts = [name for name in held if name.startswith("count_") and not name.endswith("_parity")]
+    for names in (
+        *([name] for name in ("address", "unit", "slot", "label", "place", "chosen", "state")),
+        counts,
+    ):
+        wrong = Cat(part for name in names for part in (held[name], held[f"{name}_parity"])).xor()
+        prove(~wrong | dut.wrong, f"{names[0]} is flagged")
+        prove(~wrong | ~inside.written, f"{names[0]} keeps codes from being written")
