@@ -539,8 +539,12 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
             around = row["accuracy"] + np.array([-1, 1]) * row["standard_error"]
             low, high = axes.transData.transform([(cost, share) for share in np.clip(around, 0, 1)])
             taken.append(Bbox([low - POINT, high + POINT]))
-        for name in names:
-            taken.append(_placed(name, axes.get_window_extent(), taken))
+        at = [axes.transData.transform(name.xy) for name in names]
+        for name, place in zip(names, at, strict=True):
+            if 0 < np.hypot(*(place - at[0])) < POINT:  # behind the taken one: a name would seem another's
+                name.remove()
+            else:
+                taken.append(_placed(name, axes.get_window_extent(), taken))
     return figure
 
 

@@ -436,10 +436,13 @@ def natural(name: str) -> list:
 
 
 def _with_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Labels that are text name the classes where nothing else does."""
+    """Labels, text or whole numbers, name the classes where nothing else does."""
     labels = arrays.get("labels")
+    if labels is not None and labels.dtype.kind in "iu" and "class_names" not in arrays:
+        labels = labels.astype(np.str_)
     if labels is None or labels.dtype.kind not in "US":
         return arrays
+    arrays = arrays | {"labels": labels}
     if labels.dtype.kind == "S":
         words = [word.decode("utf-8", "replace") for word in labels.ravel().tolist()]
         arrays = arrays | {"labels": (labels := np.array(words, dtype=np.str_).reshape(labels.shape))}

@@ -503,8 +503,7 @@ class Field:
         self, part: np.ndarray, groups: Sequence[str], labels: np.ndarray | None = None
     ) -> list[list[Judged]]:
         """Of each labelling (default: the recordings' own) every candidate, judged by the rows ``part``
-        (ascending) alone: on folds of them that leave out ``groups``, or single recordings where they have no
-        two."""
+        (ascending) alone, on ``inner_folds`` of them."""
         labels = (self.recordings.labels[None] if labels is None else labels)[:, part]
         folds = inner_folds(self.recordings.subset(part), groups)
         place = np.full(len(self.numbers), -1)
@@ -523,9 +522,10 @@ class Field:
 
 
 def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -> list[np.ndarray]:
-    """Folds inside a training part: by ``groups`` where they have two values there, else of single
-    recordings."""
-    for split, count in ((groups, folds), ((), min(folds, len(recordings)))):
+    """Folds inside a training part: by ``groups`` where they have two values there; else by the group that
+    ``choose_split`` finds there; else of single recordings, which may be near copies of others."""
+    chosen, _ = choose_split(recordings, None)
+    for split, count in ((groups, folds), (chosen, folds), ((), min(folds, len(recordings)))):
         try:
             return split_folds(recordings, list(split), count, None)
         except InputError:

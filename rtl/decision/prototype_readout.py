@@ -146,7 +146,8 @@ class PrototypeReadout(wiring.Component):
             for name in ("busy", "head", "gap", "body", "teaching", "first")
         )
         address = Signal(range(words + 1))
-        unit, label = Signal(range(width)), Signal(range(config.classes))
+        unit = Signal(range(width))
+        label = Signal(range(config.classes))
         slot, after_slot, last_slot, taught_slot = self._slots()
         last_unit, last_label = Signal(name="last_unit"), Signal(name="last_label")
         row_ends = body & last_unit & last_slot & last_label
@@ -280,7 +281,8 @@ class PrototypeReadout(wiring.Component):
                 attrs=NO_COLLISION | {"ram_style": "block"},
             )
             sum_read, sum_write = sums.read_port(), sums.write_port()
-            place, kept = Signal(range(every)), Signal(range(every))
+            place = Signal(range(every))
+            kept = Signal(range(every))
             registers.append((place, begins | place_ends, Mux(begins, 0, wrapping_increment(place, every))))
             with m.If(place_ends):
                 m.d.sync += kept.eq(place)
@@ -370,7 +372,8 @@ class PrototypeReadout(wiring.Component):
         checks = config.hardware.checksum
         numbers = [Signal(range(2 * places), name=f"count_{k}") for k in range(classes)]
         parities = [Signal(name=f"count_{k}_parity") for k in range(classes)] if checks else []
-        chosen, whole, following = Signal(range(classes)), Signal(), Signal()
+        chosen = Signal(range(classes))
+        whole, following = Signal(), Signal()
         known = ~exceeds(self.label, classes - 1)
         free = ~self.locked & self.idle
         teaches = self.teach & free & known & (self.option | self.loaded | whole)

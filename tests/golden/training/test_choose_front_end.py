@@ -233,6 +233,18 @@ def test_a_level_that_carries_the_class_is_left_in_and_the_gate_opens_at_once():
     )
 
 
+def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
+    recordings = touched_at_random()
+    shifted = recordings.samples + 3000 * np.repeat(recordings.labels, recordings.lengths)[:, None]
+    recordings = replace(recordings, samples=shifted.astype(recordings.samples.dtype))
+    folds = choosing.split_folds(recordings, ["day"], 4, None)
+    at_once = BASE.replace(rest="none", rest_frames=0, onset="immediate")
+    for config, fix in ((at_once, "--config with rest 'initial'"), (BASE, "record classes in turn")):
+        chosen = Judged(config, np.ones(len(recordings), bool), 0)
+        (sentence,) = choosing._cautions(Judge(recordings, folds), chosen, folds, {})
+        assert "frames alone tells the class of" in sentence and fix in sentence
+
+
 def test_touches_at_random_times_want_an_onset():
     front_end = choose_front_end(touched_at_random(), priced())
     assert front_end.config.onset_rule.onset == "baseline" and front_end.config.rest_level.rest != "none"

@@ -88,12 +88,16 @@ def test_bit_exact_on_generated_touches(size):
 
 @each_row(
     "fields",
-    [dict(sample_signed=True, position_rest=-100, band_high=100), dict(sample_bits=16, band_high=60000)],
+    [
+        dict(sample_signed=True, position_rest=-100, band_high=100),
+        dict(sample_bits=16, position_rest=40_000, band_high=60_000),
+        dict(columns=16, position_rest=0),
+    ],
 )
 def test_bit_exact_on_random_frames_of_other_samples(fields):
-    config = config_of(4, 5, **fields)
+    config = config_of(**dict(rows=4, columns=5) | fields)
     low, high = config.sample_format.min_code, config.sample_format.max_code
-    samples = np.random.default_rng(2).integers(low, high + 1, (30, 20))
+    samples = np.random.default_rng(2).integers(low, high + 1, (30, config.sensor.taxels))
     samples[[3, 4, 9, 17]] = low
     samples[5] = high
     assert hardware(samples, config) == as_told(positions(samples, config))

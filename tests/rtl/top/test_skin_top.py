@@ -33,7 +33,7 @@ def skin(monkeypatch, **fields):
     monkeypatch.setattr(
         skin_top, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1]
     )
-    config = PRESETS["thesis"].replace(converter="ads7953", stimulator="decisions", hold_s=0.1)
+    config = PRESETS["thesis"].replace(converter="ads7953", stimulator="decisions", hold_s=0.03)
     return skin_top.SkinTop(config, None, clock_hz=CLOCK_HZ, **fields), made
 
 
@@ -69,6 +69,7 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
         if cause is None:
             await ctx.tick().repeat(8_000)
             assert ctx.get(made[0].on) and not ctx.get(dut.led)
+            await until(False)  # held for long enough
             return
         await pulse(cause)
         assert ctx.get(dut.led)
