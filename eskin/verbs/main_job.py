@@ -26,18 +26,21 @@ from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn, TimeElap
 from rich.progress import Progress as Bars
 
 from eskin.cosim import flow, latency
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import Market, Prefer
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import exchange, write_json
-from eskin.golden.core.jobs import Progress, Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model import pipeline
-from eskin.golden.model.model import IntegerModel, load_training
-from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.vectors import write_vectors
+from eskin.golden.core import (
+    AcceleratorConfig,
+    InputError,
+    Market,
+    Memo,
+    Prefer,
+    Progress,
+    Record,
+    code_version,
+    content_key,
+    write_json,
+)
+from eskin.golden.core.files import exchange
+from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.model import IntegerModel, find_touches, load_training, pipeline, write_vectors
 from eskin.golden.training import choose_network, doubts, evaluate, quantise, yardsticks
 from eskin.golden.training.choice_table import left_out, unseen
 from eskin.golden.training.choose_front_end import Plan, configure
