@@ -34,6 +34,7 @@ from eskin.golden.core import (
     Prefer,
     Progress,
     Record,
+    check_folder,
     code_version,
     content_key,
     write_json,
@@ -141,7 +142,7 @@ def run(
         The simulator fails.
     """
     out = Path(os.path.abspath(out))
-    _check_out(out)
+    check_folder(out, RESULT_MARK)
     user_config = AcceleratorConfig.load(config) if config else None
     begin = time.perf_counter()
     console = console or Console(stderr=True)
@@ -626,18 +627,6 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
 
 
 # ---------------------------------------------------------------------- folders
-def _check_out(out: Path) -> None:
-    if not out.name:
-        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}: is a file; name a new folder")
-    if out.is_dir() and any(out.iterdir()) and not (out / RESULT_MARK).exists():
-        raise InputError(
-            f"--out {out}: holds other files and no {RESULT_MARK}, so it is no earlier result; name a new "
-            "folder"
-        )
-
-
 class _Work:
     """The folder beside ``out`` in which stages are made, and kept until ``out`` is there; one run at a time
     may use it."""
