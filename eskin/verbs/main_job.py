@@ -493,15 +493,7 @@ class _Steps:
         chosen = np.sort(order[: max(1, int((np.cumsum(ends[order]) <= affordable).sum()))])
         if len(chosen) == 1:
             ends = np.minimum(ends, np.maximum(affordable, few_windows))
-        played = whole.subset(chosen)
-        cut = dataclasses.replace(
-            played,
-            samples=np.concatenate(
-                [played.recording(index)[: ends[number]] for index, number in enumerate(chosen)]
-            ),
-            offsets=np.concatenate([[0], np.cumsum(ends[chosen])]),
-        )
-        return candidates[chosen], cut
+        return candidates[chosen], whole.subset(chosen).until(ends[chosen])
 
     def _simulate(
         self,

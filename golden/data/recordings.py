@@ -236,6 +236,12 @@ class Recordings:
             groups={name: values[indices] for name, values in self.groups.items()},
         )
 
+    def until(self, ends: Sequence[int] | np.ndarray) -> Recordings:
+        """Each recording up to its entry of ``ends``, or its own end where that comes first."""
+        ends = np.minimum(ends, self.lengths)
+        samples = np.concatenate([self.recording(i)[:end] for i, end in enumerate(ends)])
+        return dataclasses.replace(self, samples=samples, offsets=np.concatenate([[0], np.cumsum(ends)]))
+
     def of_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
         """These recordings with the classes of ``whose``: a set may lack some of them, or list them in
         another order.
