@@ -547,8 +547,8 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
             low, high = axes.transData.transform([(cost, share) for share in np.clip(around, 0, 1)])
             taken.append(Bbox([low - POINT, high + POINT]))
         at = [axes.transData.transform(name.xy) for name in names]
-        for name, place in zip(names, at, strict=True):
-            if 0 < np.hypot(*(place - at[0])) < POINT:  # behind the taken one: a name would seem another's
+        for name, point in zip(names, at, strict=True):
+            if 0 < np.hypot(*(point - at[0])) < POINT:  # behind the taken one: a name would seem another's
                 name.remove()
             else:
                 taken.append(_placed(name, axes.get_window_extent(), taken))

@@ -4,7 +4,7 @@ seeds at once."""
 from __future__ import annotations
 
 import dataclasses
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -164,7 +164,7 @@ class Folds:
 
     def loses_in(self, models: list[FloatModel], integers: list[IntegerModel]) -> str | None:
         """The stage of the integers that alone moves the logits of recordings left out most, on average."""
-        moved: Counter[str] = Counter()
+        moved: dict[str, float] = defaultdict(float)
         for model, integer, test in zip(models, integers, self.tests, strict=True):
             rows = self.data.index[test]
             for error in stage_errors(model, integer, self.data.touches.take(rows[rows >= 0])):
