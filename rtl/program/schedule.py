@@ -26,9 +26,9 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> A
     program = program or cell_program(config)
     if is_compact(config):
         return compact_schedule(config, program)
-    parts = groups_of(config, program)
+    groups, bias_rows, partial_rows = groups_of(config, program)
     ways = (False, True) if any(op.activated for op in program.elements) else (False,)
-    plans = [Scheduler(config, program, *parts, yields=yields).run() for yields in ways]
+    plans = [Scheduler(config, program, groups, bias_rows, partial_rows, yields).run() for yields in ways]
     return min(plans, key=lambda plan: plan.step_cycles)
 
 
