@@ -1,14 +1,12 @@
 """Sentences for a result that looks good and may not be: each says what was seen and the one action that
 helps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.training.choice_table import left_out, unseen
 from eskin.golden.training.yardsticks import neighbours_alike
 
@@ -96,7 +94,7 @@ def by_choice(split: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def lost_in_integers(splits: Sequence[Mapping[str, Any]], evaluated: Mapping[str, Any]) -> list[str]:
+def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, Any]) -> list[str]:
     """Sentences where integers decide LOST worse than floats, with the stage that loses most and its fix.
 
     Parameters

@@ -1,39 +1,38 @@
 """Quantisation: profile ranges on recordings, choose a format per signal, export the integer network, or
 train it on as integers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 
-from eskin.golden.core.config import PRESETS, WIDEST_DSP_ACCUMULATOR, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.model.cells import Fixed, Float, run_cell
-from eskin.golden.model.model import (
-    TRAINING_FILE,
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
+from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    Fixed,
+    Float,
     FloatModel,
     IntegerModel,
+    Touches,
+    find_touches,
+    float_features,
     load_config,
     load_training,
     network_formats,
     network_shapes,
     normaliser_constants,
     real_by_input,
+    run_cell,
 )
-from eskin.golden.model.pipeline import float_features
-from eskin.golden.model.preprocess import Touches, by_input, find_touches, shifts_by_input
+from eskin.golden.model.model import TRAINING_FILE
+from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.image_formats import quantise_image_model
 from eskin.golden.training.prototypes import of_recordings, training_groups
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 Range = tuple[float, float]
 
@@ -586,7 +585,7 @@ def _noted_ranges(
     return ranges
 
 
-def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[dict[str, Any]]:
+def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[Record]:
     """What training.json and the report say of the ranges: {signal, min, max, format} each, real values."""
     sigmoid, tanh = (f"{config.formats.table_entries} entries over +-{span}" for span in (8, 4))
     names = (
@@ -615,7 +614,7 @@ def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> lis
     ]
 
 
-def load_trained(model_dir: str | Path) -> tuple[FloatModel, dict[str, Any]]:
+def load_trained(model_dir: str | Path) -> tuple[FloatModel, Record]:
     """The float model and its training record: widths start from the configuration of the training, not from
     an earlier quantisation."""
     model, record = FloatModel.load(model_dir), load_training(model_dir)

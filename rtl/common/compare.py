@@ -1,8 +1,6 @@
 """Comparisons with constants that cost few gates."""
 
-from __future__ import annotations
-
-from amaranth.hdl import Cat, Const, Signal, Value
+from amaranth.hdl import Cat, Const, Mux, Signal, Value
 
 
 def reaches(counter: Signal, bound: int) -> Value:
@@ -26,4 +24,13 @@ def exceeds(value: Value, bound: int) -> Value:
     result = Const(0, 1)
     for k, bit in enumerate(value):  # the highest bit that differs decides
         result = bit & result if bound >> k & 1 else bit | result
+    return result
+
+
+def greater(value: Value, other: Value) -> Value:
+    """``value > other`` of few bits without signs, by gates."""
+    result = Const(0, 1)
+    for k in range(max(len(value), len(other))):
+        mine, its = (operand[k] if k < len(operand) else Const(0, 1) for operand in (value, other))
+        result = Mux(mine ^ its, mine, result)
     return result

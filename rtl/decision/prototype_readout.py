@@ -1,19 +1,49 @@
 """The nearest stored trajectory of a touch, and touches that are stored (docs/specification.md, section 18)."""
 
-from __future__ import annotations
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
+from eskin.rtl.common.compare import exceeds, greater, reaches
 from eskin.rtl.common.fixed import narrow, shape_of, wrapping_increment
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.memory_style import prototypes_memory
+from eskin.rtl.common.register_check import parity_wrong
 from eskin.rtl.program.memory_map import Memory as Loaded
 from eskin.rtl.program.memory_map import prototype_words
+
+
+@dataclass(frozen=True)
+class _Scan:
+    """Where a walk through the memory is, and (``begins``, ``ends``, ``target``) what teaching says of it."""
+
+    teaching: Signal
+    first: Signal
+    body: Signal
+    last_unit: Signal
+    label: Signal
+    slot: Signal
+    begins: Signal
+    ends: Signal
+    target: Signal
+
+
+def _by_value(number: Value, of: Callable[[int], int]) -> Value:
+    """``of(number)``, by gates."""
+    outcomes = [of(value) for value in range(1 << len(number))]
+    bits = (max(outcomes)).bit_length()
+    return Cat(
+        Const(
+            sum((outcome >> k & 1) << value for value, outcome in enumerate(outcomes)), len(outcomes)
+        ).bit_select(number, 1)
+        for k in range(bits)
+    )
 
 
 class PrototypeReadout(wiring.Component):
@@ -106,37 +136,56 @@ class PrototypeReadout(wiring.Component):
         stored = bits + checks  # a code and its parity
         places, words = rule.prototypes + rule.taught, prototype_words(config)
         vector = self.vector
+        upset_seen, guards = Signal(), []  # a register below is not what was written
 
         # ---------------------------------------------------------------- where it is
-        busy, head, gap, body, teaching = Signal(), Signal(), Signal(), Signal(), Signal()
-        address = Signal(range(words + 1))
-        unit, slot, label = Signal(range(width)), Signal(range(places)), Signal(range(config.classes))
-        last_unit, last_slot, last_label = (
-            Signal(name=name) for name in ("last_unit", "last_slot", "last_label")
+        busy, head, gap, body, teaching, first = (
+            Signal(name=name, init=name == "first")  # first: step of the touch, row of a pass
+            for name in ("busy", "head", "gap", "body", "teaching", "first")
         )
+        address = Signal(range(words + 1))
+        unit = Signal(range(width))
+        label = Signal(range(config.classes))
+        slot, after_slot, last_slot, taught_slot = self._slots()
+        last_unit, last_label = Signal(name="last_unit"), Signal(name="last_label")
         row_ends = body & last_unit & last_slot & last_label
         begins = Signal()  # a step's distances, or a pass that teaches
+        pass_begins, pass_ends, row_again = Signal(), Signal(), Signal()
+        dropped, back, closes = Signal(), Signal(), Signal()
         m.d.comb += [
             last_unit.eq(unit == width - 1),
-            last_slot.eq(slot == places - 1),
             last_label.eq(label == config.classes - 1),
+            begins.eq(self.step_done | pass_begins),
+            dropped.eq(self.clear & ~teaching & ~pass_begins),
+            back.eq(dropped | self.ended | pass_ends),
         ]
-        with m.If(head | body):
-            m.d.sync += [address.eq(address + 1), unit.eq(wrapping_increment(unit, width))]
-            with m.If(body & last_unit):
-                m.d.sync += slot.eq(wrapping_increment(slot, places))
-                with m.If(last_slot):
-                    m.d.sync += label.eq(wrapping_increment(label, config.classes))
-        first = Signal(init=1)  # step of the touch
-        row_begins = begins
-        m.d.sync += [gap.eq(head & last_unit), body.eq((body & ~row_ends) | (gap if teaches else row_begins))]
+        place_ends, moves = body & last_unit, head | body
+        registers = [
+            (address, moves | back, Mux(back, 0, (address + 1)[: len(address)])),
+            (unit, begins | moves, Mux(begins, 0, wrapping_increment(unit, width))),
+            (slot, begins | place_ends, Mux(begins, 0, after_slot)),
+            (
+                label,
+                begins | (place_ends & last_slot),
+                Mux(begins, 0, wrapping_increment(label, config.classes)),
+            ),
+        ]
+        flags = [
+            (busy, (busy | self.logit_valid) & ~closes & ~dropped),
+            (body, ((body & ~row_ends) | (gap if teaches else begins)) & ~dropped),
+            (first, back | (first & ~closes & ~(teaching & row_ends))),
+        ]
         if teaches:
-            pass_ends, row_again = Signal(), Signal()
             m.d.comb += [
-                pass_ends.eq(teaching & row_ends & (address == words - 1)),
+                # (also where an upset has ended or begun one: nothing moves)
+                pass_ends.eq(teaching & ((row_ends & reaches(address, words - 1)) | ~(head | gap | body))),
                 row_again.eq(teaching & row_ends & ~pass_ends),
             ]
-            m.d.sync += head.eq((head & ~last_unit) | row_begins | row_again)
+            flags += [
+                (head, ((head & ~last_unit) | begins | row_again) & ~dropped),
+                (gap, head & last_unit & ~dropped),
+                (teaching, (teaching | pass_begins) & ~pass_ends),
+            ]
 
         # ---------------------------------------------------------------- codes of the step, and of the places
         codes = Signal(width * stored)  # the next one lowest
@@ -146,23 +195,30 @@ class PrototypeReadout(wiring.Component):
         )
         read, write = memory.read_port(), memory.write_port()
         loads = self.load.enable & self.load.select[load_lines(config)[Loaded.PROTOTYPES]]
-        asked = loads  # the address is the host's
+        asked: Value = loads  # the address is the host's
         reads: Value = reading
         if teaches:
             asked, reads = loads | (self.look & self.idle), reading | (self.look & self.idle)
+        beyond = Signal()  # the host's address is that of a class's number
         written, at = Signal(), Signal(range(words))
         target = Signal()  # of a pass that teaches, the place under way
+        sound: Value = Const(1, 1)
+        if checks and teaches:
+            spoiled = Signal()  # since the touch or pass began
+            m.d.sync += spoiled.eq((spoiled | upset_seen) & ~back)
+            sound = ~(spoiled | upset_seen)
         m.d.comb += [
-            written.eq((head & ~teaching) | (body & target)),
+            beyond.eq(exceeds(self.load.address, words - 1)),
+            written.eq(((head & ~teaching) | (body & target)) & sound),
             at.eq(Mux(asked, self.load.address, address)),
             read.addr.eq(at),
             read.en.eq(reads),
             reading.eq(Mux(teaching, head, body)),
             write.addr.eq(at),
             write.data.eq(Mux(loads, self.load.data, codes)),
-            write.en.eq(written | (loads & (self.load.address < words))),
+            write.en.eq(written | (loads & ~beyond)),
         ]
-        m.d.sync += [comparing.eq(body & ~teaching), from_memory.eq(head & teaching)]
+        m.d.sync += [comparing.eq(body & ~teaching & ~dropped), from_memory.eq(head & teaching)]
         comes = Mux(from_memory, read.data, codes[:stored])
         code: Value = narrow(vector.value, rule.state_code_shift, config.state_code_format).as_unsigned()
         if checks:
@@ -170,32 +226,50 @@ class PrototypeReadout(wiring.Component):
         with m.If(vector.valid | comparing | from_memory | written):
             m.d.sync += codes.eq(Cat(codes[stored:], Mux(vector.valid, code, comes)))
 
-        # ---------------------------------------------------------------- sums
-        sum_bits = len(self.score.value) - 1
-        total, nearest = Signal(sum_bits), Signal(sum_bits)
-        begin_of, end_of, first_of, last_of, used_of = (
-            Signal(name=name) for name in ("begin_of", "end_of", "first_of", "last_of", "used_of")
+        # ---------------------------------------------------------------- a place: in use, and what was last of it
+        used, used_done = (
+            Signal(init=1),
+            Signal(init=1),
+        )  # the code's that is compared; the place's that is whole
+        place_used: Value = Const(1, 1)
+        if teaches:
+            scan = _Scan(teaching, first, body, last_unit, label, slot, pass_begins, pass_ends, target)
+            whole = reaches(address, words) & sound
+            place_used, number, guard = self._teaching(m, scan, loads, beyond, whole, registers, flags)
+            guards.append(guard)
+            m.d.comb += self.place.eq(Mux(beyond, number, read.data))
+        begin_of, end_of, first_done, last_done, taught_done, label_done, whole_place, told = (
+            Signal(name=name)
+            for name in (
+                *("begin_of", "end_of", "first_done", "last_done", "taught_done", "label_done"),
+                *("whole_place", "told"),
+            )
         )
         m.d.sync += [
             begin_of.eq(unit == 0),
             end_of.eq(last_unit),
-            first_of.eq(slot == 0),
-            last_of.eq(last_slot),
+            used.eq(place_used),
+            whole_place.eq(comparing & end_of & ~dropped),
         ]
+        with m.If(
+            place_ends
+        ):  # a place has two values at least, so its sum is whole before the next one ends
+            m.d.sync += [
+                first_done.eq(slot == 0),
+                last_done.eq(last_slot),
+                taught_done.eq(taught_slot),
+                label_done.eq(last_label),
+                used_done.eq(place_used),
+            ]
+
+        # ---------------------------------------------------------------- sums
+        sum_bits = len(self.score.value) - 1
+        total, nearness, nearest = (Signal(sum_bits, name=name) for name in ("total", "nearness", "nearest"))
         apart = Signal(signed(bits + 1))
-        m.d.comb += apart.eq(codes[:bits].as_signed() - read.data[:bits].as_signed())
+        m.d.comb += [apart.eq(codes[:bits].as_signed() - read.data[:bits].as_signed()), nearest.eq(~nearness)]
         minus = apart[-1]
         before: Value = Const(0, sum_bits)
         damaged, was_damaged = Signal(), Signal()  # the place: in this step, in one before
-        whole_place, first_done, last_done, used_done = (
-            Signal(name=name) for name in ("whole_place", "first_done", "last_done", "used_done")
-        )
-        m.d.sync += [
-            whole_place.eq(comparing & end_of),
-            first_done.eq(first_of),
-            last_done.eq(last_of),
-            used_done.eq(used_of),
-        ]
         if config.network.decision != "vote":
             every = config.classes * places
             m.submodules.sums = sums = Memory(
@@ -205,16 +279,16 @@ class PrototypeReadout(wiring.Component):
                 attrs=NO_COLLISION | {"ram_style": "block"},
             )
             sum_read, sum_write = sums.read_port(), sums.write_port()
-            asked, kept = Signal(range(every)), Signal(range(every))
-            with m.If(body & last_unit):
-                m.d.sync += asked.eq(wrapping_increment(asked, every))
-            with m.If(whole_place):
-                m.d.sync += kept.eq(wrapping_increment(kept, every))
+            place = Signal(range(every))
+            kept = Signal(range(every))
+            registers.append((place, begins | place_ends, Mux(begins, 0, wrapping_increment(place, every))))
+            with m.If(place_ends):
+                m.d.sync += kept.eq(place)
             m.d.comb += [
-                sum_read.addr.eq(asked),
+                sum_read.addr.eq(place),
                 sum_write.addr.eq(kept),
                 sum_write.data.eq(Cat(total, damaged) if checks else total),
-                sum_write.en.eq(whole_place),
+                sum_write.en.eq(whole_place & busy),
             ]
             before = Mux(first, 0, sum_read.data[:sum_bits])
             if checks:
@@ -224,34 +298,24 @@ class PrototypeReadout(wiring.Component):
         with m.If(comparing):
             m.d.sync += total.eq(carried >> 1)
         counts_too = used_done & ~damaged if checks else used_done
-        if checks:
-            m.d.comb += self.wrong.eq(comparing & used_of & read.data.xor())
-            with m.If(comparing):
-                m.d.sync += damaged.eq(Mux(begin_of, was_damaged, damaged) | read.data.xor())
-        compared: Value = total
-        if rule.taught_shift:
-            taught_of, taught_done = Signal(name="taught_of"), Signal(name="taught_done")
-            m.d.sync += [taught_of.eq(slot >= rule.prototypes), taught_done.eq(taught_of)]
-            compared = Mux(taught_done, total >> rule.taught_shift, total)
+        compared = Mux(taught_done, total >> rule.taught_shift, total) if rule.taught_shift else total
         nearer = whole_place & (first_done | (counts_too & (compared < nearest)))
         with m.If(nearer):
-            m.d.sync += nearest.eq(compared)
+            m.d.sync += nearness.eq(~compared)
         if rule.spare_classes:  # a class may have no place in use
             with m.If(nearer & first_done & ~used_done):
-                m.d.sync += nearest.eq(-1)
-        told, scores = Signal(), Signal(range(config.classes))
-        m.d.sync += told.eq(whole_place & last_done)
-        done = told & (scores == config.classes - 1)
-        with m.If(told):
-            m.d.sync += scores.eq(wrapping_increment(scores, config.classes))
+                m.d.sync += nearness.eq(0)
+        told_all = Signal()
+        m.d.sync += [
+            told.eq(whole_place & last_done & ~dropped),
+            told_all.eq(whole_place & last_done & label_done & ~dropped),
+        ]
         m.d.comb += [
-            self.score.valid.eq(told),
-            self.score.value.eq(~Cat(nearest, Const(0, 1))),
+            closes.eq(told & told_all),
+            self.score.valid.eq(told & busy),
+            self.score.value.eq(Cat(nearness, Const(1, 1))),
             self.idle.eq(~(busy | teaching)),
         ]
-        m.d.sync += busy.eq((busy | self.logit_valid) & ~done)
-        with m.If(done):
-            m.d.sync += first.eq(0)
         if rule.unknown_above:
             limit, near = Signal(range(rule.unknown_above * config.windows.steps + 1)), Signal()
             with m.If(self.step_done):
@@ -260,105 +324,112 @@ class PrototypeReadout(wiring.Component):
                 m.d.sync += near.eq(near | (nearest <= limit))
             m.d.comb += self.far.eq(~near)
 
-        # ---------------------------------------------------------------- a recording, and what is taught
-        pass_begins: Value = Const(0, 1)
-        if teaches:
-            pass_begins = self._teaching(m, target, teaching, pass_ends, address, slot, label, used_of, loads)
-            m.d.comb += begins.eq(self.step_done | pass_begins)
-            with m.If(self.load.address < words):
-                m.d.comb += self.place.eq(read.data)
-        else:
-            m.d.comb += begins.eq(self.step_done)
-            m.d.sync += used_of.eq(1)
-        dropped = self.clear & ~teaching & ~pass_begins
-        with m.If(dropped | self.ended | (pass_ends if teaches else 0)):
-            m.d.sync += [address.eq(0), first.eq(1)]
-        with m.If(dropped):
-            m.d.sync += [
-                signal.eq(0)
-                for signal in (
-                    *(busy, head, gap, body, comparing, whole_place, told),
-                    unit,
-                    slot,
-                    label,
-                    scores,
-                )
-            ]
-            if config.network.decision != "vote":
-                m.d.sync += [asked.eq(0), kept.eq(0)]
+        # ---------------------------------------------------------------- what outlasts a cycle, with its parity
+        names, values = zip(*flags, strict=True)
+        state = Signal(len(names), init=sum(flag.init << k for k, flag in enumerate(names)))
+        m.d.comb += Cat(*names).eq(state)
+        registers.append((state, Const(1, 1), Cat(*values)))
+        for register, changes, value in registers:
+            with m.If(changes):
+                m.d.sync += register.eq(value)
+        if checks:
+            odd = comparing & (read.data.xor() ^ codes[:stored].xor())
+            guards += [parity_wrong(m, register, changes, value) for register, changes, value in registers]
+            m.d.comb += [upset_seen.eq(Cat(guards).any()), self.wrong.eq((odd & used) | upset_seen)]
+            with m.If(comparing):
+                m.d.sync += damaged.eq(Mux(begin_of, was_damaged, damaged) | odd)
         return m
+
+    def _slots(self) -> tuple[Signal, Value, Value, Value]:
+        """Which place of a class: its number among prototypes, or with the highest bit among taught ones. (That,
+        the next one, whether it is the last, whether it is a taught one.)"""
+        rule = self._config.readout_rule
+        bits = max(1, (max(rule.prototypes, rule.taught) - 1).bit_length())
+        slot = Signal(bits + self._teaches, name="slot")
+        number = slot[:bits]
+        ends, more = number == rule.prototypes - 1, wrapping_increment(number, 1 << bits)
+        if not self._teaches:
+            return slot, Mux(ends, 0, more), ends, Const(0, 1)
+        ends = Mux(slot[-1], number == rule.taught - 1, ends)
+        return slot, Mux(ends, Cat(Const(0, bits), ~slot[-1]), Cat(more, slot[-1])), ends & slot[-1], slot[-1]
 
     def _teaching(
         self,
         m: Module,
-        target: Signal,
-        teaching: Signal,
-        pass_ends: Signal,
-        address: Signal,
-        slot: Signal,
-        label: Signal,
-        used_of: Signal,
+        scan: _Scan,
         loads: Value,
-    ) -> Value:
-        """Commands, and the numbers of touches taught; high where a pass begins."""
+        beyond: Value,
+        complete: Value,
+        registers: list,
+        flags: list,
+    ) -> tuple[Value, Value, Value]:
+        """Commands, and the numbers of touches taught: whether the place under way is in use, the number of the
+        class that a host asks for, whether one has another parity than was written."""
         config, rule = self._config, self._config.readout_rule
-        words, taught = prototype_words(config), rule.taught
-        counts = Array(Signal(range(2 * taught), name=f"count_{k}") for k in range(config.classes))
-        chosen, whole, following = Signal(range(config.classes)), Signal(), Signal()
-        in_use = Signal(range(config.classes * taught + 1))
-        complete = address == words
-        known = self.label < config.classes
+        words, places, classes = prototype_words(config), rule.taught, config.classes
+        checks = config.hardware.checksum
+        numbers = [Signal(range(2 * places), name=f"count_{k}") for k in range(classes)]
+        parities = [Signal(name=f"count_{k}_parity") for k in range(classes)] if checks else []
+        chosen = Signal(range(classes))
+        whole, following = Signal(), Signal()
+        known = ~exceeds(self.label, classes - 1)
         free = ~self.locked & self.idle
         teaches = self.teach & free & known & (self.option | self.loaded | whole)
         forgets = self.forget & free & (self.option | known)
-        pass_begins, taught_before = Signal(), Signal(range(2 * taught))
+        asked = (self.load.address - words)[: len(chosen)]  # a class, of a host that loads or looks
+        at_class, count = Signal(range(classes)), Signal(range(2 * places))
         m.d.comb += [
-            pass_begins.eq((teaches & ~self.option) | (self.ended & following & complete)),
-            taught_before.eq(counts[chosen]),
-            target.eq(
-                teaching
-                & (label == chosen)
-                & (
-                    slot
-                    == Mux(taught_before < taught, taught_before, taught_before - taught) + rule.prototypes
+            at_class.eq(Mux(self.idle, Mux(self.forget, self.label, asked), scan.label)),
+            count.eq(Array(numbers)[at_class]),
+        ]
+        # a touch is counted as its pass comes to its class for the first time; its place is the newest from then on
+        counted = (
+            scan.teaching
+            & scan.first
+            & scan.body
+            & (scan.slot == 0)
+            & scan.last_unit
+            & (scan.label == chosen)
+        )
+        newest = _by_value(count, lambda n: (n - 1) % places)
+        used = lambda number: _by_value(number, lambda n: min(n, places))
+        renewed, in_use = Signal.like(count), Signal(range(classes * places + 1))
+        loaded = loads & beyond
+        m.d.comb += [
+            scan.begins.eq((teaches & ~self.option) | (self.ended & following & complete)),
+            scan.target.eq(
+                scan.teaching & (scan.label == chosen) & scan.slot[-1] & (scan.slot[:-1] == newest)
+            ),
+            renewed.eq(
+                Mux(
+                    loaded,
+                    self.load.data,
+                    Mux(counted, _by_value(count, lambda n: n + 1 if n + 1 < 2 * places else places), 0),
                 )
             ),
             self.refused.eq(
                 (self.teach & ~teaches) | (self.forget & ~forgets) | (self.ended & following & ~complete)
             ),
             self.in_use.eq(in_use),
-            self.teaching_done.eq(pass_ends),
+            self.teaching_done.eq(scan.ends),
         ]
-        in_place: Value = counts[label] + rule.prototypes > slot
+        with m.If(loaded | counted | forgets):
+            m.d.sync += [
+                Array(numbers)[at_class].eq(renewed),
+                in_use.eq(in_use - used(count) + used(renewed)),
+            ]
+            if checks:
+                m.d.sync += Array(parities)[at_class].eq(renewed.xor())
+        with m.If(forgets & self.option):
+            m.d.sync += [in_use.eq(0), *(number.eq(0) for number in (*numbers, *parities))]
+        registers.append((chosen, teaches, self.label[: len(chosen)]))
+        touch_stays = ~(self.vector.valid | (self.clear & self.locked) | loads)
+        flags += [
+            (whole, Mux(self.ended, complete, whole) & touch_stays),
+            (following, Mux(teaches, self.option, following) & ~self.ended),
+        ]
+        turned = exceeds(count, places - 1)
+        place_used = ~scan.slot[-1] | turned | greater(count, scan.slot[:-1])
         if rule.spare_classes:
-            spare = label >= config.classes - rule.spare_classes
-            in_place &= ~spare | (slot >= rule.prototypes)
-        m.d.sync += used_of.eq(in_place)
-        with m.If(teaches):
-            m.d.sync += [chosen.eq(self.label), following.eq(self.option)]
-        with m.If(self.ended):
-            m.d.sync += [whole.eq(complete), following.eq(0)]
-        with m.If(self.vector.valid | (self.clear & self.locked) | loads):
-            m.d.sync += whole.eq(0)
-        m.d.sync += teaching.eq((teaching | pass_begins) & ~pass_ends)
-        with m.If(pass_ends):
-            m.d.sync += [
-                counts[chosen].eq(Mux(taught_before == 2 * taught - 1, taught, taught_before + 1)),
-                in_use.eq(in_use + (taught_before < taught)),
-            ]
-        used = lambda number: Mux(number < taught, number, taught)
-        with m.If(forgets):
-            with m.If(self.option):
-                m.d.sync += [in_use.eq(0), *(number.eq(0) for number in counts)]
-            with m.Else():
-                of_class = counts[self.label]
-                m.d.sync += [in_use.eq(in_use - used(of_class)), of_class.eq(0)]
-        number = (self.load.address - words)[: max(1, len(label))]
-        with m.If(loads & (self.load.address >= words)):
-            m.d.sync += [
-                counts[number].eq(self.load.data),
-                in_use.eq(Mux(number == 0, 0, in_use) + used(self.load.data[: len(taught_before)])),
-            ]
-        with m.If(self.load.address >= words):
-            m.d.comb += self.place.eq(counts[number])
-        return pass_begins
+            place_used &= scan.slot[-1] | ~exceeds(scan.label, classes - rule.spare_classes - 1)
+        return place_used, count, Cat(*numbers, *parities).xor() if checks else Const(0, 1)

@@ -1,13 +1,11 @@
 """Each advice of a doubt is something that the command line takes."""
 
-from __future__ import annotations
-
 from typer.main import get_command
 
 import eskin.cli.main  # noqa: F401  registers the verbs
 from eskin.cli.common import PANELS, app
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import with_network
+from eskin.golden.core import PRESETS
+from eskin.golden.model import with_network
 from eskin.golden.model.stage_error import STAGES
 from eskin.golden.training import doubts
 from tests.golden.training.test_doubts import baseline, split

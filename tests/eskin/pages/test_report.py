@@ -1,7 +1,5 @@
 """The report: every figure comes from the files, the page stands alone, a damaged result is one sentence."""
 
-from __future__ import annotations
-
 import base64
 import io
 import itertools
@@ -13,8 +11,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import write_json
+from eskin.golden.core import InputError, write_json
 from eskin.pages import report
 from eskin.pages.report import (
     Result,

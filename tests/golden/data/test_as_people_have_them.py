@@ -1,7 +1,5 @@
 """Labels that are words, held-back sets with fewer classes, and what people's tables hold beside samples."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -9,11 +7,8 @@ import pytest
 from PIL import Image
 
 import eskin
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import load_archive, save_archive
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.text import Reading
+from eskin.golden.core import InputError
+from eskin.golden.data import Reading, Recordings, load_archive, load_recordings, save_archive
 from tests.support.table import each_row
 
 CODES = np.random.default_rng(3).integers(100, 900, (6, 20, 3))

@@ -1,17 +1,15 @@
 """The front end chosen by evidence: the judge against brute force, missed touches, ties, and choices whose
 truth is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import cut_windows, find_touches, first_touches
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_touches, first_touches
+from eskin.golden.model.preprocess import cut_windows
 from eskin.golden.training import choose_front_end as choosing
 from eskin.golden.training.choice_table import ROWS, front_end_table, front_end_words
 from eskin.golden.training.choose_front_end import (

@@ -1,16 +1,14 @@
 """Figures of folds that chose nothing: no label of a fold is seen by what is chosen for it, and noise stays
 at chance."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import with_network
+from eskin.golden.core import InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import with_network
 from eskin.golden.training import nested as nesting
 from eskin.golden.training.choice_table import unseen
 from eskin.golden.training.choose_front_end import TRIED_RECURRENT, Field, configure, field_of, inner_folds

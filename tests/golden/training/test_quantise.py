@@ -9,11 +9,16 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    find_touches,
+    load_config,
+    load_training,
+    run,
+    with_network,
+)
 from eskin.golden.training.evaluate import compare, evaluate, held
 from eskin.golden.training.network import RecurrentClassifier
 from eskin.golden.training.quantise import (
