@@ -309,16 +309,16 @@ def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
             else "-"
         )
         yield name, cells, memories, mhz, step, touch, teaching
-    if not asked.rows:
-        log = log_layout(PRESETS["pvdf"].with_readout(prototypes=3, **TAUGHT))
+    log = log_layout(PRESETS["pvdf"].with_readout(prototypes=3, **TAUGHT))
+    if log and not asked.rows:
         blocks = {
             "loader of the flash": FlashLoader(0, 1 << 14, wake_cycles=1200),
             "with the log of touches": TaughtLog(0, 1 << 14, log=log, wake_cycles=1200),
             "buttons": TeachButtons(240_000),
         }
         for name, block in blocks.items():
-            count = cells_of(block)
-            yield name, f"{count['lut']} LUT, {count['ff']} flip-flops", *"-----"
+            cells = cells_of(block)
+            yield name, f"{cells['lut']} LUT, {cells['ff']} flip-flops", *"-----"
 
 
 TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
