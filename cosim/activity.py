@@ -10,8 +10,6 @@ differ only in cycles without work: their difference is what an idle cycle costs
 steps cost.
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Callable

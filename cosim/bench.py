@@ -13,8 +13,6 @@ result.json
     it was cleared.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

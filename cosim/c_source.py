@@ -1,7 +1,5 @@
 """What a C++ program says of itself: its functions and structures, for ctypes."""
 
-from __future__ import annotations
-
 import ctypes
 import re
 from pathlib import Path

@@ -6,8 +6,6 @@ is played into it, a scenario, is the same for both: `eskin.cosim.live`, `eskin.
 `eskin.cosim.gate_flow`.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 from collections.abc import Iterable
@@ -19,7 +17,7 @@ import numpy as np
 from eskin.cosim.c_source import library, structure
 from eskin.cosim.runner import build_library
 from eskin.cosim.scoreboard import Stream
-from eskin.golden.core.errors import SimulationError
+from eskin.golden.core import SimulationError
 
 KERNEL = Path(__file__).with_suffix(".cpp")
 ROLES = (

@@ -1,7 +1,5 @@
 """One co-simulation: a generated accelerator, a file of vectors, a simulator; the CONTRACT's result."""
 
-from __future__ import annotations
-
 import copy
 import csv
 import json
@@ -29,11 +27,16 @@ from eskin.cosim.scoreboard import (
     read_capture,
     recordings_of,
 )
-from eskin.golden.core import converters, images
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError, SimulationError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import (
+    AcceleratorConfig,
+    Arrays,
+    InputError,
+    QFormat,
+    Record,
+    SimulationError,
+    converters,
+    images,
+)
 
 PACES = ("full", "declared")
 MEASURES = ("frame", "step", "windows")
@@ -189,7 +192,7 @@ def cosim(
 
 def result_of(
     config: AcceleratorConfig,
-    expected: Mapping[str, np.ndarray],
+    expected: Arrays,
     capture: Capture,
     verdict: Verdict,
     played: Mapping[str, Any],
@@ -276,11 +279,7 @@ def _misbehaviour(fault: tuple[int, int, int] | None) -> dict[str, int]:
 
 
 def conversion(
-    config: AcceleratorConfig,
-    expected: Mapping[str, np.ndarray],
-    capture: Capture,
-    work: Path,
-    clock_hz: float,
+    config: AcceleratorConfig, expected: Arrays, capture: Capture, work: Path, clock_hz: float
 ) -> Record:
     """What the frames' way from the pins took, in cycles.
 
@@ -430,9 +429,7 @@ def lowest_clock(
     )
 
 
-def check(
-    config: AcceleratorConfig, expected: Mapping[str, np.ndarray], vectors: Path, pace: str, clock_hz: float
-) -> None:
+def check(config: AcceleratorConfig, expected: Arrays, vectors: Path, pace: str, clock_hz: float) -> None:
     """Refuse a pace, an array or a clock that do not fit.
 
     Raises
@@ -456,7 +453,7 @@ def check(
         )
 
 
-def _probe_frame(config: AcceleratorConfig, expected: Mapping[str, np.ndarray]) -> tuple[int, int]:
+def _probe_frame(config: AcceleratorConfig, expected: Arrays) -> tuple[int, int]:
     """(recording, frame) after a touch's first step of several, or within an image: there the touch is
     open."""
     if config.is_image:
@@ -486,7 +483,7 @@ class _Run:
 
     def play(
         self,
-        expected: Mapping[str, np.ndarray],
+        expected: Arrays,
         *,
         probing: bool = False,
         progress: Progress | None = None,
@@ -576,7 +573,7 @@ def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
     }
 
 
-def _keep_waves(run: _Run, expected: Mapping[str, np.ndarray], capture: Capture, verdict: Verdict) -> Path:
+def _keep_waves(run: _Run, expected: Arrays, capture: Capture, verdict: Verdict) -> Path:
     """Play the recording of the first mismatch alone, with waves around it; beside them the meaning of the
     signals. The folder."""
     first = _earliest(run.config, verdict, capture)

@@ -7,8 +7,6 @@ Beside Verilator it compiles a whole chip in seconds, and begins every recording
 flip-flop, latch and macro.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
@@ -21,8 +19,7 @@ from eskin.cosim import flow
 from eskin.cosim.device import FRAME_END, Device, Model, Write
 from eskin.cosim.latency import STAMP_RANGE
 from eskin.cosim.scoreboard import Capture, Stream, compare, flat_stages
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError, SimulationError
+from eskin.golden.core import AcceleratorConfig, InputError, Record, SimulationError
 
 SIMULATOR = "compiled"
 """What a result calls it."""
@@ -43,7 +40,7 @@ def cosim(
     stalls: bool = False,
     seed: int = 1,
     progress: flow.Progress | None = None,
-) -> dict[str, Any]:
+) -> Record:
     """Play ``vectors`` into a chip and compare.
 
     Parameters

@@ -8,8 +8,6 @@ gate's clock is high take what the flip-flops then give. With delays the same ha
 that glitches are seen and counted apart. `eskin.cosim.gate_bench` plays recordings into it.
 """
 
-from __future__ import annotations
-
 import ctypes
 import functools
 import hashlib
@@ -26,7 +24,7 @@ import numpy as np
 from eskin.cosim import device
 from eskin.cosim.c_source import library, structure
 from eskin.cosim.runner import kept, need_tools
-from eskin.golden.core.errors import SimulationError
+from eskin.golden.core import Record, SimulationError
 
 KERNEL = Path(__file__).with_suffix(".cpp")
 """Part of ``device.KERNEL``, which is what is compiled."""
@@ -177,7 +175,7 @@ class Program:
         self.states = len(flops) + len(latches)
         first = np.cumsum([0, *(len(row[2]) for row in rows)])
         columns = np.array(flops, np.int32).reshape(-1, 5).T
-        self._arrays: dict[str, Any] = {
+        self._arrays: Record = {
             "output": [row[0] for row in rows],
             "inverse": [row[1] for row in rows],
             "first": first,

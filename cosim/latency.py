@@ -4,17 +4,14 @@ decision latency: from the rising edge that takes the last taxel of the frame th
 first rising edge at which that window's decision can be taken, in cycles.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from eskin.cosim.scoreboard import Capture, recordings_of
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, Arrays, Record
 
 STAMP_RANGE = 1 << 32
 REFERENCES = {"reference: LSTM on a GPU": 5e-3, "reference: SVM on an FPGA": 0.350}
@@ -28,7 +25,7 @@ def standstill_cycles(config: AcceleratorConfig) -> int:
     return 20 * (config.step_ideal * bits + 1000)
 
 
-def decision_latencies(expected: Mapping[str, np.ndarray], capture: Capture) -> np.ndarray:
+def decision_latencies(expected: Arrays, capture: Capture) -> np.ndarray:
     """Cycles, one for each decision that a live frame brought about (decisions at a recording's end have
     none)."""
     latencies: list[int] = []
@@ -41,9 +38,7 @@ def decision_latencies(expected: Mapping[str, np.ndarray], capture: Capture) -> 
     return np.array(latencies, dtype=np.int64)
 
 
-def cycle_table(
-    config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture
-) -> dict[str, int | None]:
+def cycle_table(config: AcceleratorConfig, expected: Arrays, capture: Capture) -> dict[str, int | None]:
     """The CONTRACT's ``cycles``; None where the run had no step."""
     steps = [code for stream in capture.steps.values() for code in stream.codes[stream.definite].tolist()]
     latencies = decision_latencies(expected, capture)
@@ -83,7 +78,7 @@ def budgets(
     *,
     declared: bool,
     overruns: int,
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """Rows {name, limit_s, measured_s, met, margin_s, reference}.
 
     frame and decision depend on the pace, so they are judged at the declared one only; an overrun there (a

@@ -4,8 +4,6 @@ playing a recording.
 Plain Python over anything that reads and writes bytes, so that a board and a simulation run the same code.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol

@@ -1,8 +1,6 @@
 """The simulated accelerator in lock step: frames go in, and every stage that they bring comes back before the
 next ones go."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,7 +11,7 @@ import numpy as np
 from eskin.cosim.device import Design, Device
 from eskin.cosim.latency import standstill_cycles
 from eskin.cosim.scoreboard import flat_stages
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 
 
 @dataclass

@@ -14,8 +14,6 @@ multiplier are black boxes there, so ``cells_ecp5.sv`` describes their behaviour
 ``cells_sim.v``, its black boxes from ``cells_gowin.sv``.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import json
 import re
@@ -24,8 +22,7 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing
+from eskin.golden.core import InputError, replacing
 
 RECOVER_LIMIT_S = 600.0
 ECP5_CELLS, GOWIN_CELLS = (Path(__file__).with_name(f"cells_{name}.sv") for name in ("ecp5", "gowin"))

@@ -1,8 +1,6 @@
 """The serial line of a simulated device at its pins, as a transport of cosim/link.py; and bytes as a line's
 levels, 8N1."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eskin.cosim.device import Device

@@ -5,8 +5,6 @@ parallel test processes share it. Every run has a wall-clock limit, its output i
 message that ends with the last lines of that log.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib.metadata
 import importlib.util
@@ -25,7 +23,7 @@ from typing import Any
 import cocotb_tools.config
 import find_libpython
 
-from eskin.golden.core.errors import InputError, SimulationError
+from eskin.golden.core import InputError, SimulationError
 from eskin.golden.core.memo import locked
 
 HARNESS = Path(__file__).with_name("harness.sv")

@@ -3,11 +3,9 @@
 A value that is missing, superfluous or not fully known (an X or Z bit) is a mismatch like a wrong one.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
@@ -16,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.images import Pool
+from eskin.golden.core import AcceleratorConfig, Arrays, Pool
 
 FLAT_STAGES = {"sum": "taxel", "fault": "taxel", "feature": "taxel", "state": "unit", "logit": "class"}
 """Stages with one number a beat, and what a step's numbers count."""
@@ -166,7 +163,7 @@ class Recording:
     """What the golden model expects of one recording: arrays of eskin.golden.model.vectors.write_vectors by
     their names, ``recording["state"]``."""
 
-    arrays: Mapping[str, np.ndarray]
+    arrays: Arrays
     position: int
 
     @property
@@ -184,7 +181,7 @@ class Recording:
         return self.arrays[name][self.span(name)]
 
 
-def recordings_of(expected: Mapping[str, np.ndarray]) -> list[Recording]:
+def recordings_of(expected: Arrays) -> list[Recording]:
     """All of them, as played."""
     return [Recording(expected, position) for position in range(len(expected["numbers"]))]
 
@@ -250,9 +247,7 @@ def _read_stream(path: Path) -> dict[int, Stream]:
     return streams
 
 
-def compare(
-    config: AcceleratorConfig, expected: Mapping[str, np.ndarray], capture: Capture, *, probes: bool = True
-) -> Verdict:
+def compare(config: AcceleratorConfig, expected: Arrays, capture: Capture, *, probes: bool = True) -> Verdict:
     """The verdict over every recording and stage.
 
     Parameters

@@ -1,14 +1,12 @@
 """A serial port of this computer as a transport of cosim/link.py."""
 
-from __future__ import annotations
-
 import termios
 from pathlib import Path
 
 import serial
 
 from eskin.cosim.link import LinkError
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 
 WRITE_TIMEOUT_S = 10.0
 GONE = "the port went away while it was in use: look at cable and board, then start again"

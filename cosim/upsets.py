@@ -1,8 +1,6 @@
 """Upsets in simulation: a design with the inputs of `eskin.rtl.fpga.upsets` is played from power-on for every
 upset of a list."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eskin.cosim.device import FOREVER, HUNG, QUIET, Design, Device
-from eskin.golden.core.errors import SimulationError
+from eskin.golden.core import Record, SimulationError
 
 PURPOSE = "an upset campaign"
 PORTS = ("upset_register", "upset_memory", "upset_word", "upset_bit")
@@ -49,7 +47,7 @@ class Played:
         *,
         stop: bool = False,
         progress: Callable[[int, int], None] | None = None,
-    ) -> list[dict[str, Any]]:
+    ) -> list[Record]:
         """Run every upset (register, memory, word, bit, recording, cycle since that recording's arm).
 
         Of each ``recordings``: decisions [payload, FAULTS when it was offered, cycle], faults, status,
@@ -66,7 +64,7 @@ class Played:
                     progress(len(results), len(upsets))
         return results
 
-    def _run(self, upset: tuple[int, ...], stop: bool) -> Iterator[dict[str, Any]]:
+    def _run(self, upset: tuple[int, ...], stop: bool) -> Iterator[Record]:
         register, *_, hit_recording, hit = upset
         addresses, commands = self.registers["registers"], self.registers["bits"]["CONTROL"]
         device = Device(self.design, self.sample_bits)
@@ -97,7 +95,7 @@ class Played:
             else:
                 hang = 2 * self._hang(lambda: device.settle(self.limit))
             device.state.stop_at = FOREVER
-            result: dict[str, Any] = {
+            result: Record = {
                 name.lower(): device.read(addresses[name]) for name in ("FAULTS", "STATUS", "TOUCHES")
             }
             events = [

@@ -13,20 +13,18 @@ eskin`` is quick and needs no torch. ``eskin.golden`` (models), ``eskin.rtl`` (h
 (benches) stand at the top of the checkout; links in this folder make them parts of the package.
 """
 
-from __future__ import annotations
-
 import importlib
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from eskin.api import Model, train
-    from eskin.golden.core.config import AcceleratorConfig as Config
-    from eskin.golden.core.errors import InputError
-    from eskin.golden.data.load import load_recordings as load
-    from eskin.golden.data.recordings import Recordings
-    from eskin.golden.model.pipeline import Trace
-    from eskin.golden.model.stream import Decision, Stream
+    from eskin.golden.core import AcceleratorConfig as Config
+    from eskin.golden.core import InputError
+    from eskin.golden.data import Recordings
+    from eskin.golden.data import load_recordings as load
+    from eskin.golden.model import Stream, Trace
+    from eskin.golden.model.stream import Decision
 
 __version__ = version("eskin")
 

@@ -18,24 +18,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eskin.estimator import Estimator, probabilities
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import Prefer
-from eskin.golden.core.errors import InputError, array_of
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings, check_fit, recordings_of
-from eskin.golden.model.image_network import ImageTrace, float_images, images_of, run_images
-from eskin.golden.model.model import (
-    FLOAT_FILE,
-    INTEGER_FILE,
+from eskin.golden.core import AcceleratorConfig, InputError, Prefer, Record, array_of
+from eskin.golden.data import Recordings, check_fit, load_recordings
+from eskin.golden.data.recordings import recordings_of
+from eskin.golden.model import (
     FloatModel,
+    ImageTrace,
     IntegerModel,
+    Stream,
+    Trace,
+    float_images,
+    images_of,
     load_config,
     load_training,
+    run,
+    run_images,
 )
-from eskin.golden.model.pipeline import Trace, run
+from eskin.golden.model.model import FLOAT_FILE, INTEGER_FILE
 from eskin.golden.model.prototypes import forget
-from eskin.golden.model.stream import Stream
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -646,7 +646,7 @@ class Model(Estimator):
             What ``eskin cosim --json`` writes: ``bit_exact``, ``mismatches``, ``compared_values``,
             ``cycles``, ``budgets``, ...
         """
-        from eskin.golden.core.jobs import Jobs
+        from eskin.golden.core import Jobs
         from eskin.verbs import cosim_job
 
         options = {"lanes": lanes, "lane_type": lane_type, "simulator": simulator, **options}

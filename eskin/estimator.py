@@ -1,13 +1,10 @@
 """What scikit-learn calls an estimator: parameters, clones, tags, probabilities."""
 
-from __future__ import annotations
-
 from typing import Any, Self
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record
 
 
 class Estimator:

@@ -1,8 +1,6 @@
 """A memory of registers in place of `amaranth.lib.memory.Memory`, for proofs that must name a memory's
 words."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack, contextmanager
 from types import SimpleNamespace
 from unittest import mock

@@ -6,8 +6,6 @@ registers such a function. All properties look at one clock edge at a time; what
 in registers of the harness. The reset input is low from the first cycle on.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace

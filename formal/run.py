@@ -6,8 +6,6 @@ goes on where it was. Exit status 0 where every proof passed and every bug was f
 build/formal/proofs.md and proofs.json.
 """
 
-from __future__ import annotations
-
 import argparse
 import importlib
 import itertools
@@ -27,9 +25,7 @@ from unittest import mock
 
 from rich.console import Console
 
-from eskin.golden.core.files import write_json
-from eskin.golden.core.jobs import Jobs
-from eskin.golden.core.memo import Memo, content_key
+from eskin.golden.core import Jobs, Memo, content_key, write_json
 from eskin.pages.views import terminal_table
 from eskin.rtl.fpga.tools import run_tool
 from formal.proof import PROOFS, Bug, Proof

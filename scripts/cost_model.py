@@ -8,8 +8,6 @@ document instead, which takes a second.
 Weights and signals are random: the model is of shapes, not of what was learnt.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import json
@@ -23,11 +21,9 @@ from scipy.optimize import nnls
 
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.jobs import Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import random_integer_model, with_network
+from eskin.golden.core import AcceleratorConfig, Memo, Record, code_version, content_key
+from eskin.golden.data import Recordings
+from eskin.golden.model import random_integer_model, with_network
 from eskin.golden.studies.energy import PARTS, counted_activity, estimate
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate

@@ -5,8 +5,6 @@ for each folder of code. A page in docs/ that `ORDER` does not name comes last; 
 skipped.
 """
 
-from __future__ import annotations
-
 import ast
 import dataclasses
 import functools

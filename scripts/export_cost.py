@@ -2,12 +2,10 @@
 microcontroller; one table.
 
 ``python -m scripts.export_cost DATA ... [--emulate N]`` prints it. DATA: archives of recordings or images, or
-NAME=ARCHIVE; the word synthetic. Where a preset has that name it is the front end, else one is derived.
+NAME=ARCHIVE; the word synthetic. Where a preset has that name and array it is the front end, else one is derived.
 Weights are random: neither what is compared nor what it costs depends on them. Instructions are counted on an
 emulated Cortex-M0+ over the first N recordings with a touch.
 """
-
-from __future__ import annotations
 
 import argparse
 import ctypes
@@ -16,25 +14,19 @@ import subprocess
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, Record
+from eskin.golden.data import Recordings, load_recordings
 from eskin.golden.export import compiled, emulated, plain_c
-from eskin.golden.model.image_network import images_of, run_images
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.model import IntegerModel, find_touches, images_of, random_integer_model, run, run_images
 from eskin.golden.training.derive import derive_config, for_recordings
 from eskin.verbs.export_job import export_c
 
 CORE = "Cortex-M0+"
 WIDE = {"state_format": QFormat(4, 12)}
-MODELS: dict[str, dict[str, Any]] = {
+MODELS: dict[str, Record] = {
     "linear, all kinds": {
         "cell": "linear", "decision": "last", "feature_kinds": ("mean", "activity", "integral"),
         "activity_rule": "change", "feature_scale": "taxel",
@@ -90,8 +82,11 @@ int play(const uint8_t *pixels, int32_t *c)
 
 
 def front_end(name: str, recordings: Recordings) -> AcceleratorConfig:
-    """Of the preset of that name, or derived."""
-    return for_recordings(PRESETS[name], recordings) if name in PRESETS else derive_config(recordings)[0]
+    """Of the preset of that name and array, or derived."""
+    preset = PRESETS.get(name)
+    if preset and preset.sensor.taxels == recordings.taxels:
+        return for_recordings(preset, recordings)
+    return derive_config(recordings)[0]
 
 
 def model_of(config: AcceleratorConfig, kind: str) -> IntegerModel:

@@ -43,8 +43,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core.files import write_json
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 SCOPE = Path("tests/mutants.toml")
@@ -542,7 +541,8 @@ def judge(
         Seconds of the processor before a mutant's tests are ended at the earliest; otherwise three times what
         they take without it.
     only:
-        All ``count`` mutants are of files whose path contains this, and none is a named one.
+        All ``count`` mutants are of files in whose path this regular expression is found, and none is a
+        named one.
 
     Raises
     ------
@@ -550,7 +550,7 @@ def judge(
         Tests fail without a mutant: nothing would be known.
     """
     scope = Scope.load(root)
-    texts = {file: (root / file).read_text() for file in scope.tests if only in file}
+    texts = {file: (root / file).read_text() for file in scope.tests if re.search(only, file)}
     tests_of = {mutant: scope.tests[mutant.file] for mutant in choose(texts, count, seed, scope.skip)} | (
         {} if only else scope.named
     )
@@ -630,9 +630,8 @@ def main(words: list[str] | None = None, root: Path = ROOT) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2, help="at a time")
     parser.add_argument("--limit", type=float, default=60.0, help="least time limit of a mutant, in seconds")
-    parser.add_argument(
-        "--only", default="", help="all mutants in files whose path contains this; the result is not written"
-    )
+    only = "all mutants in files in whose path this regular expression is found; the result is not written"
+    parser.add_argument("--only", default="", help=only)
     parser.add_argument("--out", type=Path, default=Path("build/mutants"))
     options = parser.parse_args(words)
     try:

@@ -30,8 +30,6 @@ Cells are Yosys' counts on an iCE40 UP5K before placement where nothing else is 
 without the serial link.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import tempfile
@@ -42,11 +40,8 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
+from eskin.golden.model import random_integer_model, random_recordings
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.golden.training.choose_network import network
 from eskin.rtl.fpga.generate import generate

@@ -6,8 +6,6 @@ the verbs that need neither training nor a simulator. The other verbs must name 
 needs a package index.
 """
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys
@@ -53,8 +51,8 @@ def must(*command: str | Path, status: int = 0, words: str = "") -> None:
 
 def main() -> None:
     """Build, install, try."""
-    from eskin.golden.core.config import PRESETS
-    from eskin.golden.model.model import random_integer_model
+    from eskin.golden.core import PRESETS
+    from eskin.golden.model import random_integer_model
 
     shutil.rmtree(WORK, ignore_errors=True)
     WORK.mkdir(parents=True)

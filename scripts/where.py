@@ -4,8 +4,6 @@ A name is a file's (``classifier``), a stage's (``feature``) or a verb's (``cosi
 is answered for each.
 """
 
-from __future__ import annotations
-
 import ast
 import difflib
 import inspect

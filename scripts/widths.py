@@ -5,14 +5,12 @@
 FOLDER holds pvdf_indent, fabric_slide and biotac_slide, each with recordings.npz.
 """
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.load import load_recordings
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import load_recordings
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.widths import (
     LeftOut,

@@ -1,8 +1,6 @@
 """Fixtures for all tests: the real recordings (where they are), torch's threads, recordings made on the
 spot, the installed command called in this process."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Callable
@@ -12,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.rtl.fpga.tools import run_tool
 
 # Before torch is loaded: its operations here are small, and a second thread on a busy machine costs a factor

@@ -6,8 +6,6 @@ bit with the golden model, and writes ``build/coverage/coverage.json`` and ``.md
 group the cycles in which it was seen. A point that no run reaches is a hole, and the exit status 1.
 """
 
-from __future__ import annotations
-
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -19,9 +17,8 @@ from unittest import mock
 import numpy as np
 import pytest
 
-from eskin.golden.core.files import write_json
-from eskin.golden.core.formats import QFormat
-from eskin.golden.model.model import IntegerModel, network_formats, random_integer_model
+from eskin.golden.core import QFormat, write_json
+from eskin.golden.model import IntegerModel, network_formats, random_integer_model
 from eskin.rtl.common.layouts import frame_layout
 from eskin.rtl.engine.sequencer import control_layout
 from eskin.rtl.frontend.window_averager import Operation

@@ -6,8 +6,6 @@ says what a comment before a block means). ``make`` is only asked what it would 
 project's own jobs, these tests among them.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -24,7 +22,7 @@ import pytest
 from typer.main import get_command
 
 from eskin.cli.main import app
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.groups import GROUP_OF
 from scripts import docs_site
 from tests.support.table import each_row

@@ -1,7 +1,5 @@
 """The fastest proofs of formal/ and their seeded bugs; all of them with `make formal`."""
 
-from __future__ import annotations
-
 import pytest
 
 from formal import run

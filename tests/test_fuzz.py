@@ -2,8 +2,6 @@
 elsewhere, no input changed, memory bounded. A few here, 10 000 with ``make fuzz``; then, that the fuzzer sees
 each kind of defect, and what it found."""
 
-from __future__ import annotations
-
 import functools
 import os
 import random
@@ -20,13 +18,11 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 import eskin
 from eskin.cli import data
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import MOST_UNPACKED_BYTES, ArchiveError, read_arrays
+from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, read_arrays
+from eskin.golden.core.files import MOST_UNPACKED_BYTES
 from eskin.golden.data import load as reader
-from eskin.golden.data import scene
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.model import IntegerModel, load_training, random_integer_model
+from eskin.golden.data import load_recordings, scene
+from eskin.golden.model import IntegerModel, load_training, random_integer_model
 from eskin.golden.studies.sweep import read_grid
 from eskin.golden.training.import_network import read_layers
 from eskin.golden.training.quantise import SIGNALS, quantise

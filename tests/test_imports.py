@@ -1,8 +1,6 @@
 """Which folder imports which, that there is no circle, and that nothing is imported past the package. The
 files are read, not run."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The notebooks of docs/notebooks: their cells run from top to bottom, and a cell that fails is seen."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """What makes a checkout installable: the lock, the dependencies and the check for system tools."""
 
-from __future__ import annotations
-
 import re
 import stat
 import subprocess

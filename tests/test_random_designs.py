@@ -1,8 +1,6 @@
 """Random designs, golden against RTL at every stage: a few, and those that once failed; ``make designs``
 draws 300."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

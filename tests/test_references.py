@@ -1,8 +1,6 @@
 """What documents, comments and docstrings refer to is there: files, sections of the specification, one run of
 the mutants."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from pathlib import Path

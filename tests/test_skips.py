@@ -1,8 +1,6 @@
 """tests/conftest.py: where CI is set, a test that is skipped for a reason of its own fails the run; a named
 one is counted."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

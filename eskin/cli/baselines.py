@@ -1,7 +1,5 @@
 """`eskin baselines`: other methods on the same recordings, and what they cost."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

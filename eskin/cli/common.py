@@ -1,8 +1,6 @@
 """What the verbs share: the application, the console, progress, options, and how recordings and
 configurations are read."""
 
-from __future__ import annotations
-
 import functools
 import sys
 from collections.abc import Callable, Iterator
@@ -14,10 +12,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from eskin.golden.core.cost import Prefer
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target, write_json
-from eskin.golden.core.jobs import Progress, Record
+from eskin.golden.core import InputError, Prefer, Progress, Record, check_target, write_json
 from eskin.pages.views import Rows, parts, words
 from eskin.verbs.milestones import Milestones
 
@@ -86,7 +81,7 @@ def check_outputs(verb: str, options: Record) -> None:
     ------
     InputError
     """
-    from eskin.golden.core.config import PRESETS
+    from eskin.golden.core import PRESETS
 
     # a folder in place of a file is nothing to lose: the verb refuses it
     named = {f"--{name}": options[name] for name in OUTPUTS if options.get(name)}
@@ -221,8 +216,8 @@ def warn(sentence: str) -> None:
 
 def load_data(data: str, config: str | None = None):
     """Recordings, and the configuration that was asked for, if one was."""
-    from eskin.golden.core.config import AcceleratorConfig
-    from eskin.golden.data.load import load_recordings
+    from eskin.golden.core import AcceleratorConfig
+    from eskin.golden.data import load_recordings
 
     chosen = AcceleratorConfig.load(config) if config else None
     return load_recordings(data, config=chosen), chosen
@@ -273,15 +268,14 @@ def fitting_config(
 
 def integer_model(folder: Path):
     """The integer model of a folder, for recordings or images."""
-    from eskin.golden.model.model import IntegerModel
+    from eskin.golden.model import IntegerModel
 
     return IntegerModel.load(folder, images=True)
 
 
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration."""
-    from eskin.golden.data.load import load_recordings
-    from eskin.golden.data.recordings import check_fit
+    from eskin.golden.data import check_fit, load_recordings
 
     recordings = load_recordings(data, config=config)
     if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are

@@ -1,9 +1,6 @@
 """Verbs that look at recordings."""
 
-from __future__ import annotations
-
 import math
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -19,9 +16,7 @@ from eskin.cli.common import (
     show,
     show_text,
 )
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record, check_target
 
 
 @app.command(epilog="Example: eskin inspect recordings.npz --json archive.json")
@@ -38,9 +33,9 @@ def inspect(
     plot."""
     from eskin.pages.inspect_data import draw, in_rows
     from eskin.pages.inspect_data import inspect as look
-    from eskin.pages.views import words, write_text
+    from eskin.pages.views import short_name, words, write_text
 
-    picture = out or Path("build/inspect") / f"{_short_name(data)}.png"
+    picture = out or Path("build/inspect") / f"{short_name(data)}.png"
     check_target(picture)
     readme = picture.with_suffix("") / "README.md"
     if card and readme.exists():
@@ -51,7 +46,7 @@ def inspect(
     more = {} if recordings.image_shape else in_rows(recordings, figures, data)
     show("inspect", **figures, **more, picture=picture)
     if card:
-        write_text(readme, words("card", held=recordings, name=_short_name(data), **figures))
+        write_text(readme, words("card", held=recordings, name=short_name(data), **figures))
         show_text(f"data card: {readme}; fill in what stands as TO FILL IN")
     return figures
 
@@ -108,10 +103,7 @@ def convert(
     ] = None,
 ) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
-    from eskin.golden.data.archive import save_archive
-    from eskin.golden.data.load import load_recordings
-    from eskin.golden.data.pictures import image_size, resized
-    from eskin.golden.data.text import Reading
+    from eskin.golden.data import Reading, image_size, load_recordings, resized, save_archive
 
     if out.suffix != ".npz":
         raise InputError(f"--out {out}: is no archive's name; end it in .npz")
@@ -136,12 +128,3 @@ def convert(
         recordings = resized(recordings, *image_size(size))
     save_archive(recordings, out)
     show("convert", source=source, recordings=recordings, out=out)
-
-
-def _short_name(data: str) -> str:
-    path = Path(data)
-    return (
-        Path(os.path.abspath(path)).parent.name
-        if path.name == "recordings.npz"
-        else path.stem or "recordings"
-    )

@@ -1,7 +1,5 @@
 """Verbs that make hardware and compare it with the model."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import tempfile
@@ -35,9 +33,7 @@ from eskin.cli.common import (
     show,
     stop,
 )
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target, replacing
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record, check_folder, check_target, replacing
 
 Simulator = Literal["verilator", "icarus", "compiled"]
 """Simulators."""
@@ -107,7 +103,7 @@ def export(
     json: JsonOption = None,
 ) -> Record:
     """Write a model in the words of other tools, with what checks it."""
-    from eskin.golden.model.model import FloatModel
+    from eskin.golden.model import FloatModel
     from eskin.verbs.export_job import export_c, export_onnx
 
     exported: Any = integer_model(model) if to == "c" else FloatModel.load(model, images=True)
@@ -174,7 +170,7 @@ def cosim(
     Many recordings are split into parts that run beside each other; interrupted, the same command goes on
     where it stopped.
     """
-    from eskin.golden.core.jobs import Jobs
+    from eskin.golden.core import Jobs
     from eskin.verbs import cosim_job
     from eskin.verbs.flow import cosimulate
 
@@ -334,7 +330,7 @@ def build(
             )
         family = counted_family(synthesis_only)
         folder = out or job.COUNTED / family.name
-        job.check_out(folder)
+        check_folder(folder, job.MARK)
         with progress_bars() as report:
             report("synthesis", 0, 1)
             counted, netlist = job.synthesis_only(integer_model(model), family, lanes, lane_type)
@@ -370,7 +366,7 @@ def build(
         check_target(folder / job.TABLE)
     else:
         board(target or "")
-        job.check_out(folder)
+        check_folder(folder, job.MARK)
     integer = integer_model(model)
     config = integer.config if table else job.suited(integer.config, board(target or ""), lanes, lane_type)
     if converter is not None:
@@ -506,7 +502,7 @@ def schedule(
     ] = False,
 ) -> None:
     """Draw which unit does what in which cycle, from the very program that goes into the hardware."""
-    from eskin.golden.core.config import PRESETS
+    from eskin.golden.core import PRESETS
     from eskin.pages.views import terminal_table
     from eskin.rtl.views import schedule_view
 
@@ -516,7 +512,7 @@ def schedule(
     if model in PRESETS:
         config = PRESETS[model]
     else:
-        from eskin.golden.model.model import load_config
+        from eskin.golden.model import load_config
 
         config = load_config(model)
     config = config.with_lanes(lanes, lane_type)

@@ -34,13 +34,11 @@ from eskin.cli.common import (
     show,
     warn,
 )
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record, check_target
 
 if TYPE_CHECKING:
-    from eskin.golden.core.config import AcceleratorConfig
-    from eskin.golden.data.recordings import Recordings
+    from eskin.golden.core import AcceleratorConfig
+    from eskin.golden.data import Recordings
 
 
 Cell = Literal["gru", "lstm", "linear"]
@@ -110,8 +108,8 @@ def train(
 ) -> None:
     """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write
     its folder."""
-    from eskin.golden.core.memo import Memo
-    from eskin.golden.model.model import check_model_target
+    from eskin.golden.core import Memo
+    from eskin.golden.model import check_model_target
     from eskin.golden.training.choice_table import network_name, windows_brief
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.image_models import KEPT
@@ -181,13 +179,14 @@ Readout = Literal["dense", "prototypes"]
 
 @app.command(
     epilog="Example: eskin enrol model --data few.npz --out model2 --with recordings.npz, or "
-    "eskin enrol --evaluate --data recordings.npz --group seq -k 1,2"
+    "eskin enrol model --teach few.npz --out model2, or eskin enrol --evaluate --data recordings.npz --group seq -k 1,2"
 )
 def enrol(
-    data: Annotated[
-        str, option(f"The touches to enrol, 1 to 5 of each class; with --evaluate all recordings. {DATA}")
-    ],
     model: Annotated[Path | None, argument("A quantised model folder; it stays as it is.")] = None,
+    data: Annotated[
+        str | None,
+        option(f"The touches to train on, 1 to 5 of each class; with --evaluate all recordings. {DATA}"),
+    ] = None,
     out: Annotated[
         Path | None, option("The folder of the enrolled model: new, or an earlier model, which is replaced.")
     ] = None,
@@ -209,13 +208,14 @@ def enrol(
         ),
     ] = False,
     teach: Annotated[
-        bool,
+        str | None,
         option(
-            "Store the touches as prototypes beside those of a model quantised with --readout prototypes; "
-            "nothing is trained.",
+            "In place of --data: touches to store as prototypes beside those of a model quantised with "
+            "--readout prototypes; nothing is trained.",
             "--teach",
+            metavar="FEW",
         ),
-    ] = False,
+    ] = None,
     readout: Annotated[
         Readout, option("With --evaluate: what is judged, a dense layer trained on, or prototypes taught.")
     ] = "dense",
@@ -251,13 +251,13 @@ def enrol(
     """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host
     loads the new weights."""
     if evaluate:
-        for name, value in (("MODEL", model), ("--out", out), ("--with", with_), ("--teach", teach or None)):
+        for name, value in (("MODEL", model), ("--out", out), ("--with", with_), ("--teach", teach)):
             if value is not None:
                 raise InputError(
                     f"eskin enrol, {name}: belongs to no --evaluate, which trains networks of its own; "
                     "leave it out"
                 )
-        from eskin.golden.core.jobs import Jobs
+        from eskin.golden.core import Jobs
         from eskin.verbs import enrol_job
 
         if group is None:
@@ -265,6 +265,8 @@ def enrol(
                 "eskin enrol --evaluate, option --group: is missing; name the group array whose values are "
                 "mountings"
             )
+        if data is None:
+            raise InputError("eskin enrol --evaluate, option --data: is missing; name all recordings")
         recordings, user_config = load_data(data, config)
         options: Record = {"layers": layers, "old": not alone, "draw": draw, "seed": seed, "seeds": seeds}
         options |= {"cell": cell, "hidden": hidden, "readout": readout, "new_class": new_class}
@@ -301,16 +303,17 @@ def enrol(
             f"eskin enrol, {'MODEL' if model is None else 'option --out'}: is missing; or judge enrolment "
             "with --evaluate"
         )
-    from eskin.golden.data.load import load_recordings
-    from eskin.golden.model.model import check_model_target, load_config
+    from eskin.golden.data import load_recordings
+    from eskin.golden.model import check_model_target, load_config
     from eskin.golden.training.enrol import enrol as train_on
 
     check_model_target(out)
     config_of_model = load_config(model)
-    if teach:
+    if teach is not None:
         from eskin.golden.training.enrol import teach_folder
 
         for name, given in (
+            ("--data", data is not None),
             ("--with", with_ is not None),
             ("--layers", layers != "all"),
             ("--seed", seed != 0),
@@ -320,9 +323,14 @@ def enrol(
                     f"eskin enrol --teach, option {name}: is for what is trained, and --teach trains nothing; "
                     "leave it out"
                 )
-        result = teach_folder(model, load_recordings(data, config=config_of_model), out)
+        result = teach_folder(model, load_recordings(teach, config=config_of_model), out)
         show("teach", **result, out=out)
         return result
+    if data is None:
+        raise InputError(
+            "eskin enrol, option --data: is missing; name a few touches of each class, or --teach FEW for a "
+            "model that is taught"
+        )
     few, old = (
         load_recordings(data, config=config_of_model),
         None if with_ is None else recordings_for(with_, config_of_model),
@@ -381,8 +389,8 @@ def import_(
     data: Annotated[str | None, option("Without --mean and --std: measure them on these recordings.")] = None,
 ) -> None:
     """Make a model folder of a network trained elsewhere; then quantise it with --data."""
-    from eskin.golden.core.config import AcceleratorConfig
-    from eskin.golden.model.model import check_model_target
+    from eskin.golden.core import AcceleratorConfig
+    from eskin.golden.model import check_model_target
     from eskin.golden.training.import_network import import_network
 
     check_model_target(out)
@@ -498,7 +506,7 @@ def quantise(
     ] = None,
 ) -> None:
     """Write the integer model into a model folder, a format for each signal."""
-    from eskin.golden.model.model import describe_formats, load_config
+    from eskin.golden.model import describe_formats, load_config
     from eskin.golden.training.quantise import quantise as to_integers
 
     widths: Record = {**_widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)}
@@ -547,7 +555,7 @@ def quantise(
 
 
 def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group: str | None) -> None:
-    from eskin.golden.model.model import describe_formats
+    from eskin.golden.model import describe_formats
     from eskin.golden.training.splits import split_folds
     from eskin.golden.training.widths import FOLDS, quantise_by_error
 
@@ -563,7 +571,7 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
 def evaluate(model: ModelArgument, data: DataOption, json: JsonOption = None) -> Record:
     """Set float against integer: accuracy, agreement, per class, per step; on training data this is no
     accuracy on unseen recordings."""
-    from eskin.golden.model.model import load_config
+    from eskin.golden.model import load_config
     from eskin.golden.training.evaluate import evaluate as compare
 
     result = compare(model, recordings_for(data, load_config(model)))
@@ -583,9 +591,8 @@ def compare(
 ) -> Record:
     """Set float against integer stage by stage: errors, saturations, and every signal against the range of
     its format."""
-    from eskin.golden.model.image_network import image_recordings, random_images
-    from eskin.golden.model.model import load_config
-    from eskin.golden.model.vectors import random_recordings
+    from eskin.golden.model import load_config, random_images, random_recordings
+    from eskin.golden.model.image_network import image_recordings
     from eskin.golden.training.evaluate import compare_stages
     from eskin.pages.compare_page import PAGE, render
     from eskin.pages.views import write_text

@@ -1,7 +1,5 @@
 """The live view."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
@@ -21,8 +19,7 @@ from eskin.cli.common import (
     recordings_for,
     show,
 )
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record
 
 
 @app.command(

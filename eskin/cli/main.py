@@ -3,15 +3,14 @@
 Modules are imported inside the verbs, so that `--help` is quick.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer
 
 from eskin.cli import baselines, chip, data, hardware, job, learn, live, studies
 from eskin.cli.common import PANELS, app, stop
-from eskin.golden.core.errors import InputError, SimulationError, without_extra
+from eskin.golden.core import InputError, SimulationError
+from eskin.golden.core.errors import without_extra
 
 
 def _version(show: bool) -> None:

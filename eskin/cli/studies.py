@@ -1,7 +1,5 @@
 """Verbs that study a model or many of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -27,8 +25,7 @@ from eskin.cli.common import (
     recordings_for,
     show,
 )
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record
 
 
 @app.command(
@@ -155,7 +152,7 @@ def stability(
 ) -> Record:
     """Show where the method fails: every failure mode with a figure, a bound and a curve, and what defences
     save and cost."""
-    from eskin.golden.model.model import load_config
+    from eskin.golden.model import load_config
     from eskin.pages.stability_page import PAGE, figure_in_words
     from eskin.verbs.stability_job import run as stability_job
 

@@ -4,8 +4,6 @@ terminal and tests read it.
 Frames are numbered from 1 in their recording, touches and steps from 0, as in docs/specification.md.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

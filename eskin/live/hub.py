@@ -5,8 +5,6 @@ Nothing here waits for a viewer. The source's thread calls ``publish``; a viewer
 when it can.
 """
 
-from __future__ import annotations
-
 import json
 import threading
 from collections import deque
@@ -15,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record
 from eskin.live.feed import Begin, Differs, Event, Frames, Result, Tally, Taught
 
 DISPLAY_HZ = 100.0

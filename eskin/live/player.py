@@ -5,8 +5,6 @@ The player's thread goes: frames to the recorder, frames to the source, events t
 for a viewer.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 import time
@@ -16,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.data import Recordings
 from eskin.live.feed import Begin, Decided, Differs, End, Event, Frames, Hardware, Onset, Result, Tally
 from eskin.live.hub import Hub
 from eskin.live.recorder import Recorder

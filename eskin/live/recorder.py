@@ -4,8 +4,6 @@ Memory does not grow with the recording. The archive (docs/recordings.md) appear
 closed; the frames are deleted only then.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import secrets
@@ -13,9 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target, replacing
+from eskin.golden.core import AcceleratorConfig, InputError, check_target, replacing
 from eskin.golden.data.frames import SUFFIX, arrays_of, row_type
 
 

@@ -5,8 +5,6 @@ Each viewer has a queue in the hub; a viewer who does not take his messages fill
 is found out by a ping.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import http
@@ -23,7 +21,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.live.hub import Hub, Viewer
 from eskin.live.player import Controls
 

@@ -17,13 +17,12 @@ import numpy as np
 
 from eskin.cosim.link import Link, LinkError
 from eskin.cosim.scoreboard import DECISION_FIELDS, UNEXPECTED_FAULTS, offered_row, unpack_decision
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.model import IntegerModel, Stream
 from eskin.golden.model.image_stream import ImageStream
-from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.position import Position, PositionStream
 from eskin.golden.model.prototypes import taught_in_use
-from eskin.golden.model.stream import Decision, Stream
+from eskin.golden.model.stream import Decision
 from eskin.live.feed import Decided, Differs, Event, Hardware, Onset, Stage, Step, Taught, Where
 from eskin.rtl.program.memory_map import TeachRegister
 

@@ -1,8 +1,6 @@
 """The live view in a terminal: the hub's messages drawn with `rich`, keys in place of buttons. No server, no
 port."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
@@ -21,7 +19,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record
 from eskin.golden.model.position import DIRECTIONS
 from eskin.live.hub import Hub, Viewer
 from eskin.live.player import SPEEDS, Controls

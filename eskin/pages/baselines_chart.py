@@ -1,11 +1,9 @@
 """The chart of ``eskin baselines``: accuracy on unseen groups against the multiplies of a decision, a panel a
 split."""
 
-from __future__ import annotations
-
 import math
 
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record
 
 COLOURS = {
     "ours": "#cc3311",

@@ -1,7 +1,5 @@
 """What the charts have in common."""
 
-from __future__ import annotations
-
 import base64
 import io
 from collections.abc import Sequence

@@ -1,14 +1,12 @@
 """The page of ``eskin compare``: float against integer, signal by signal; one self-contained HTML file."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record
 from eskin.pages.charts import CLASS_COLOURS, STYLE, svg
 from eskin.pages.views import page, parts, words
 

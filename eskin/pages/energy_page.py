@@ -1,12 +1,10 @@
 """The energy page: every configuration's estimate with its band, beside published figures; one self-contained
 HTML file."""
 
-from __future__ import annotations
-
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record
 from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, svg
 from eskin.pages.views import article, page, unit
 

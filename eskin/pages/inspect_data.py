@@ -8,15 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing
-from eskin.golden.core.images import NETWORKS, network, stages_of
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record, replacing
+from eskin.golden.core.images import network, stages_of
+from eskin.golden.data import Recordings
 from eskin.golden.data.rate import wrong_rate
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import images_of
-from eskin.golden.model.preprocess import find_onsets
+from eskin.golden.model import find_onsets, images_of
 from eskin.golden.training.derive import derive_config
 from eskin.pages.charts import draw_events
 

@@ -33,13 +33,17 @@ from matplotlib.text import Annotation
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 from matplotlib.transforms import Bbox
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import pareto
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, read_arrays, replacing
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.jobs import Record
-from eskin.golden.model.model import describe_formats
+from eskin.golden.core import (
+    AcceleratorConfig,
+    ArchiveError,
+    InputError,
+    QFormat,
+    Record,
+    pareto,
+    read_arrays,
+    replacing,
+)
+from eskin.golden.model import describe_formats
 from eskin.golden.training.choice_table import (
     front_end_brief,
     front_end_table,
@@ -50,11 +54,11 @@ from eskin.golden.training.choice_table import (
     windows_brief,
 )
 from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
-from eskin.pages.views import GAP, page, percent, tables, words, write_text
+from eskin.pages.views import GAP, page, percent, short_name, tables, words, write_text
 
 if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
-    from eskin.golden.model.pipeline import Trace
+    from eskin.golden.data import Recordings
+    from eskin.golden.model import Trace
 
 PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")
@@ -246,13 +250,6 @@ def _range_row(entry: Record) -> Record:
         "bits": fmt.width,
         "share": max(entry["max"] / high, entry["min"] / low if low else 0.0, 0.0),
     }
-
-
-def _short_name(source: str) -> str:
-    """A name for a title: the file's without its ending, or the folder's where the file has the usual
-    name."""
-    path = Path(source)
-    return path.parent.name if path.name == "recordings.npz" and path.parent.name else path.stem or source
 
 
 def network_label(config: AcceleratorConfig) -> str:
@@ -546,8 +543,12 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
             around = row["accuracy"] + np.array([-1, 1]) * row["standard_error"]
             low, high = axes.transData.transform([(cost, share) for share in np.clip(around, 0, 1)])
             taken.append(Bbox([low - POINT, high + POINT]))
-        for name in names:
-            taken.append(_placed(name, axes.get_window_extent(), taken))
+        at = [axes.transData.transform(name.xy) for name in names]
+        for name, point in zip(names, at, strict=True):
+            if 0 < np.hypot(*(point - at[0])) < POINT:  # behind the taken one: a name would seem another's
+                name.remove()
+            else:
+                taken.append(_placed(name, axes.get_window_extent(), taken))
     return figure
 
 
@@ -632,6 +633,7 @@ def _render(result: Result) -> str:
     values = _values(result)
     (cards,) = tables(words("cards", **values))
     values |= {
+        "name": run.get("name") or short_name(run["data"]["source"]),
         "data": run["data"],
         "splits": splits,
         "cards": [dict(zip(("title", "value", "note"), cells, strict=True)) for cells in cards.cells],
@@ -640,15 +642,13 @@ def _render(result: Result) -> str:
         "confusions": lambda split: confusions(split, names),
     }
     if config.is_image:
-        source = Path(run["data"]["source"]).name
         errors = {row["stage"]: row for row in result.evaluate["stages"]}
         formats = describe_formats(config)
-        return page("images.html.j2", **values, name=source, errors=errors, formats=formats)
+        return page("images.html.j2", **values, errors=errors, formats=formats)
     front_end = run.get("front_end")
     return page(
         "report.html.j2",
         **values,
-        name=run.get("name") or _short_name(run["data"]["source"]),
         runs=[played for played in (result.cosim, result.declared, result.lowest) if played],
         front_end=front_end,
         front_ends=[(row, front_end_words(row)) for row in front_end_table(front_end)] if front_end else [],

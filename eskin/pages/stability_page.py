@@ -1,15 +1,13 @@
 """The page of `eskin stability`: every failure mode with its figure, its bound and where it starts to fail,
 from stability.json alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record
 from eskin.golden.stability.core import GROUPS
 from eskin.golden.stability.suite import weakest
 from eskin.pages.charts import STYLE, svg

@@ -1,8 +1,6 @@
 """The charts of a sweep, from what sweep.json holds: accuracy against cost, the local decision in time,
 accuracy against bits."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,8 +10,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from eskin.golden.core.cost import pareto
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record, pareto
 from eskin.golden.studies.sweep import cell_name, network_name, split_name
 from eskin.pages.charts import STYLE, cost_axis, share_bars
 

@@ -5,10 +5,9 @@ are a table, which is left out where it has no row; any other line is a sentence
 begins with ``! ``. A bar or the end of a line in a value is no bar and no end. What is None is a dash.
 """
 
-from __future__ import annotations
-
 import functools
 import math
+import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
@@ -19,8 +18,7 @@ from markupsafe import Markup
 from rich.markup import escape
 from rich.table import Column, Table
 
-from eskin.golden.core.files import replacing
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record, replacing
 
 TEMPLATES = Path(__file__).with_name("templates")
 GAP = "\u00a0"
@@ -230,3 +228,10 @@ def terminal_table(title: str, columns: Iterable[str], cells: Iterable[Sequence[
     for row in cells:
         table.add_row(*(escape(str(cell)) for cell in row))
     return table
+
+
+def short_name(data: str) -> str:
+    """A name for recordings: the file's without its ending, or the folder's where the file has the usual
+    name."""
+    path = Path(os.path.abspath(data))
+    return path.parent.name if path.name == "recordings.npz" else path.stem or "recordings"

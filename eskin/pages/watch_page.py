@@ -1,13 +1,11 @@
 """The live view's page: one static file that brings its own style and script; and the shape in which an array
 is drawn."""
 
-from __future__ import annotations
-
 import math
 import re
 from pathlib import Path
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 
 TEMPLATE = Path(__file__).with_name("templates") / "watch.html"
 LONGEST = 4

@@ -1,25 +1,28 @@
 """`eskin asic`: a model's accelerator in the cells of a chip's process: area, memories, clock, leakage, what
 its clock costs."""
 
-from __future__ import annotations
-
 import random
 import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from eskin.cosim.gates import Chip
 from eskin.cosim.latency import limits
 from eskin.cosim.netlist import Hardware, shorten_names
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.files import replacing, replacing_folder, write_json
-from eskin.golden.core.jobs import Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.core import (
+    AcceleratorConfig,
+    Arrays,
+    Memo,
+    Record,
+    code_version,
+    content_key,
+    replacing,
+    replacing_folder,
+    write_json,
+)
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel
 from eskin.pages.views import words
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.blocks import blocks_of
@@ -61,12 +64,7 @@ def chip_config(config: AcceleratorConfig, lanes: int | None, rom: bool) -> Acce
 
 
 def netlist_of(
-    config: AcceleratorConfig,
-    arrays: Mapping[str, np.ndarray],
-    process: Process,
-    *,
-    probes: bool = False,
-    latches: bool = True,
+    config: AcceleratorConfig, arrays: Arrays, process: Process, *, probes: bool = False, latches: bool = True
 ) -> Netlist:
     """The netlist of one design; an unchanged one is taken from the build folder."""
     images = None if config.hardware.loadable else memory_images(config, arrays)

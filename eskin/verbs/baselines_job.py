@@ -1,7 +1,5 @@
 """`eskin baselines`: every method on every split a piece of work of its own, its runs kept by content."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,12 +14,20 @@ from eskin.golden.baselines.registry import METHODS, choose_methods
 from eskin.golden.baselines.rows import nearest, orders, row_of
 from eskin.golden.baselines.scene import Scene, array_shape
 from eskin.golden.baselines.transfer import LEARNT_NOT, read_weights
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target, replacing, write_json
-from eskin.golden.core.jobs import Jobs, Progress, Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import (
+    AcceleratorConfig,
+    InputError,
+    Jobs,
+    Memo,
+    Progress,
+    Record,
+    check_target,
+    code_version,
+    content_key,
+    replacing,
+    write_json,
+)
+from eskin.golden.data import Recordings
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.splits import default_splits, split_folds
 from eskin.pages.baselines_chart import chart

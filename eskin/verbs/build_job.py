@@ -14,17 +14,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from amaranth.back import rtlil
 from amaranth.lib.wiring import Component
 
 from eskin.cosim.latency import COUNT_OF, limits
-from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing_folder, write_json
-from eskin.golden.core.jobs import Progress, Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.core import (
+    AcceleratorConfig,
+    Arrays,
+    InputError,
+    Memo,
+    Progress,
+    Record,
+    check_folder,
+    code_version,
+    content_key,
+    replacing_folder,
+    write_json,
+)
+from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
+from eskin.golden.model import IntegerModel
 from eskin.golden.studies.energy import PARTS, estimate, scheduled_activity
 from eskin.pages.views import words, write_text
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
@@ -128,21 +136,6 @@ def suited(
     return made
 
 
-def check_out(out: Path) -> None:
-    """Refuse a folder that a build must not replace.
-
-    Raises
-    ------
-    InputError
-    """
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}: is a file; name a new folder")
-    if out.is_dir() and any(out.iterdir()) and not (out / MARK).exists():
-        raise InputError(
-            f"--out {out}: holds other files and no {MARK}, so it is no earlier build; name a new folder"
-        )
-
-
 @dataclass(frozen=True, kw_only=True)
 class BuildRequest:
     """What is to be placed.
@@ -182,7 +175,7 @@ class BuildRequest:
     """
 
     config: AcceleratorConfig
-    arrays: Mapping[str, np.ndarray]
+    arrays: Arrays
     target: Target
     link: bool = True
     standalone: bool = False
@@ -447,7 +440,7 @@ FLASH_IMAGE = "flash.bin"
 def write(result: Record, bitstream: Path | None, netlist: Path, out: Path) -> None:
     """Write the folder in one exchange: the bitstream, netlist.v, build.json; the image for the flash."""
     image = result.pop("flash_image", None)
-    check_out(out)
+    check_folder(out, MARK)
     with replacing_folder(out) as folder:
         if bitstream is not None:
             shutil.copyfile(bitstream, folder / result["bitstream"])

@@ -6,9 +6,6 @@ without one. What a cycle without an edge costs is known from the clock's first 
 asked about.
 """
 
-from __future__ import annotations
-
-import dataclasses
 import json
 from collections.abc import Mapping
 from operator import ne
@@ -19,12 +16,10 @@ import numpy as np
 from eskin.cosim.device import Device
 from eskin.cosim.gates import Chip
 from eskin.cosim.latency import limits
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import find_touches, run
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, run
+from eskin.golden.model.pipeline import find_touches
 from eskin.golden.studies.energy import BATTERY_J, TOUCHES_PER_S
 from eskin.rtl.asic.blocks import OTHERS, TRUNK, blocks_of
 from eskin.rtl.asic.energy import BAND, costs
@@ -84,12 +79,7 @@ def with_touches(
         )
     having = np.array(sorted(ends))
     numbers = having[recordings.subset(having).evenly(min(count, len(having)))]
-    chosen = recordings.subset(numbers)
-    lengths = [ends[int(number)] for number in numbers]
-    samples = np.concatenate([chosen.recording(index)[:length] for index, length in enumerate(lengths)])
-    return numbers, dataclasses.replace(
-        chosen, samples=samples, offsets=np.concatenate([[0], np.cumsum(lengths)])
-    )
+    return numbers, recordings.subset(numbers).until([ends[int(number)] for number in numbers])
 
 
 def measured(

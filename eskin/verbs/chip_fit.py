@@ -6,19 +6,14 @@ places of weights: constants in ROMs that are trained take a little less. Netlis
 (`eskin.verbs.asic_job.CACHE`), so that an interrupted search goes on.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing_folder, write_json
-from eskin.golden.core.jobs import Progress, Record
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, replacing_folder, write_json
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.golden.studies.sweep import AWARE, HARDWARE, NETWORK, Point, make_points
 from eskin.pages.views import words
 from eskin.rtl.asic.synthesis import process_of

@@ -7,8 +7,6 @@ and clock without wires. ``--play 3`` plays so many recordings into each chip fr
 and one into each with one wrong cell. Rows are kept in ``--out``.
 """
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import tempfile
@@ -22,11 +20,9 @@ import numpy as np
 from rich.console import Console
 
 from eskin.cosim.gate_flow import SIMULATOR
-from eskin.golden.core.jobs import Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.core import Memo, Record, code_version, content_key
+from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.model import IntegerModel
 from eskin.pages.views import Rows, tables, words
 from eskin.verbs import asic_job
 from eskin.verbs.chip_energy import with_touches

@@ -1,8 +1,6 @@
 """Co-simulation of many recordings, `eskin cosim`: parts of them run beside each other, here or on a cluster;
 their results are joined."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from functools import partial
@@ -10,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cosim.flow import joined
-from eskin.golden.core.jobs import Jobs, Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.core import Jobs, Memo, Record, code_version, content_key
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel
 from eskin.verbs import flow
 
 CACHE = flow.BUILD / "cosim_parts"

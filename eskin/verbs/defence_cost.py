@@ -2,18 +2,11 @@
 co-simulation.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.jobs import Record
-from eskin.golden.core.memo import content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import AcceleratorConfig, Arrays, Record, content_key
+from eskin.golden.data import Recordings
+from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.verbs import build_job, flow
 
@@ -22,9 +15,7 @@ PLAYED = 3
 """Recordings of the co-simulation."""
 
 
-def placed(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], board: str, cache: Path, *, link: bool
-) -> Record:
+def placed(config: AcceleratorConfig, arrays: Arrays, board: str, cache: Path, *, link: bool) -> Record:
     """One placement: {logic_cells, lut, ff, bram, fmax_hz}, or {misfit, logic_cells and bram None} where it
     does not fit."""
     try:

@@ -6,8 +6,6 @@ then the netlist that placement gets, with counters beside its cells, over the s
 and at a slower one. Both runs must be bit-exact.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.util
 import math
@@ -20,13 +18,10 @@ import numpy as np
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.latency import needed_clock
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import write_json
-from eskin.golden.core.jobs import Progress, Record
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, write_json
+from eskin.golden.data import Recordings
 from eskin.golden.export import compiled, emulated
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.model import IntegerModel
 from eskin.golden.studies import energy
 from eskin.pages.energy_page import PAGE, render
 from eskin.pages.views import write_text
@@ -170,10 +165,10 @@ def _images(recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]
 
 def in_software(model: IntegerModel, recordings: Recordings, work: Path) -> list[Record]:
     """The same model as plain C, a row a microcontroller: name, core, instructions and cycles of
-    `eskin.golden.export.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images,
-    and where compiler (ziglang) or emulator (unicorn) is not installed."""
+    `eskin.golden.export.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images
+    and prototypes, which C does not have, and where compiler (ziglang) or emulator (unicorn) is not installed."""
     there = compiled.there() and importlib.util.find_spec("unicorn")
-    if model.config.is_image or not there:
+    if model.config.is_image or model.config.has_prototypes or not there:
         return []
     export_c(model, work, recordings=recordings.subset([0]))
     part = energy.MICROCONTROLLER

@@ -1,23 +1,25 @@
 """``eskin export``: a model in another tool's words, with what checks it."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing_folder
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import InputError, Record, replacing_folder
+from eskin.golden.data import Recordings
 from eskin.golden.export import compiled, plain_c
-from eskin.golden.model.image_network import images_of, random_images, run_images
-from eskin.golden.model.model import FloatModel, IntegerModel
-from eskin.golden.model.pipeline import float_features, run
-from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    find_touches,
+    float_features,
+    images_of,
+    random_images,
+    random_recordings,
+    run,
+    run_images,
+)
 
 
 def export_c(

@@ -1,8 +1,6 @@
 """The order of things: golden trace, generated files, co-simulation. Each step lives in its own package; here
 they are only called."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -14,16 +12,18 @@ from eskin.cosim import flow, gate_flow
 from eskin.cosim.gates import Chip
 from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
 from eskin.cosim.runner import locked
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.conversion import through_converter
-from eskin.golden.model.image_network import images_of, run_images
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import Trace, run
-from eskin.golden.model.vectors import write_image_vectors, write_vectors
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Memo, Record, code_version, content_key
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    IntegerModel,
+    Trace,
+    images_of,
+    run,
+    run_images,
+    through_converter,
+    write_image_vectors,
+    write_vectors,
+)
 from eskin.rtl.fpga.export import TOP
 from eskin.rtl.fpga.generate import boot_writes, generate, register_map
 from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise
@@ -210,7 +210,7 @@ def _add_placed(result: Record, second: Record, cells: Mapping[str, int]) -> Non
 
 def _chips_played(
     config: AcceleratorConfig,
-    arrays: Mapping[str, np.ndarray],
+    arrays: Arrays,
     chips: Mapping[str, tuple[Callable[[int], Chip], Mapping[str, int]]],
     vectors: Path,
     options: Record,
@@ -239,7 +239,7 @@ def with_converter(
 
 
 def netlist_of(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str, *, probes: bool = True
+    config: AcceleratorConfig, arrays: Arrays, target: str, *, probes: bool = True
 ) -> tuple[Hardware, dict[str, int]]:
     """The post-synthesis netlist of one design and the number of its cells by type; an unchanged one is taken
     from the build folder.
@@ -272,7 +272,7 @@ def netlist_of(
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
 
 
-def bitstream_of(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], target: str) -> Hardware:
+def bitstream_of(config: AcceleratorConfig, arrays: Arrays, target: str) -> Hardware:
     """The netlist without probes, placed, routed and read back from its bitstream.
 
     It is placed on an HX8K in a package of 206 pads, the same family and cells as the boards' HX1K and LP1K,

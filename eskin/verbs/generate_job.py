@@ -1,17 +1,21 @@
 """The design's files, with a testbench that plays a recording; no simulator is needed to write them."""
 
-from __future__ import annotations
-
 import tempfile
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import images_of, random_images, run_images
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings, write_image_vectors, write_vectors
+from eskin.golden.core import InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    IntegerModel,
+    images_of,
+    random_images,
+    random_recordings,
+    run,
+    run_images,
+    write_image_vectors,
+    write_vectors,
+)
 from eskin.rtl.fpga.generate import generate
 
 

@@ -1,13 +1,11 @@
 """A board behind the serial link as the C driver sees a design behind a bus (docs/specification.md, sections
 9 and 17): its ``read`` and ``write`` functions."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eskin.cosim.link import Link, LinkError
 from eskin.cosim.scoreboard import unpack_decision
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model.decision_word import NO_DECISION, decision_word
 from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister, teach_registers
 

@@ -1,7 +1,5 @@
 """Upsets in the serial link: after each, does the device still answer, and send its decisions?"""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +7,7 @@ import numpy as np
 from eskin.cosim import link, upsets
 from eskin.cosim.device import Design, Device
 from eskin.cosim.pin_port import decoded, levels
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import AcceleratorConfig, Record
 from eskin.rtl.fpga.upsets import link_with_upsets
 
 PAYLOAD, VALUE = 0x12345678, 0x2BCD

@@ -1,8 +1,6 @@
 """`eskin replay`: recordings or images to a board over its serial line, its decisions against the golden
 model's."""
 
-from __future__ import annotations
-
 import contextlib
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -15,16 +13,11 @@ import numpy as np
 from eskin.cosim.link import BURST, Link, Transport
 from eskin.cosim.scoreboard import Verdict, compare_played
 from eskin.cosim.serial_port import SerialPort
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import images_of, run_images
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import DECISION_FIELDS, run
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, Stream, completing_frames, images_of, run, run_images
+from eskin.golden.model.pipeline import DECISION_FIELDS
 from eskin.golden.model.prototypes import check_teachable, load_taught, save_taught, taught_in_use
-from eskin.golden.model.stream import Stream
-from eskin.golden.model.vectors import completing_frames
 from eskin.live.sources import on_port
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.memory_map import TeachRegister, taught_arrays

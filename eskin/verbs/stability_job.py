@@ -16,12 +16,21 @@ from pathlib import Path
 from typing import Any
 
 from eskin.cosim import upsets as bench_upsets
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.files import check_target, write_json
-from eskin.golden.core.jobs import Function, Jobs, Progress, Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import FloatModel, IntegerModel, load_config
+from eskin.golden.core import (
+    PRESETS,
+    AcceleratorConfig,
+    Jobs,
+    Memo,
+    Progress,
+    Record,
+    check_target,
+    code_version,
+    content_key,
+    write_json,
+)
+from eskin.golden.core.jobs import Function
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel, IntegerModel, load_config
 from eskin.golden.stability import suite as stability
 from eskin.golden.stability.core import GROUPS, Bench, Case, Mode, Outcome
 from eskin.golden.stability.images import ImageBench

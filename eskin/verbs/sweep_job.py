@@ -1,8 +1,6 @@
 """The sweep, `eskin sweep`: golden trains and judges, rtl counts cycles; here the two meet, and the files are
 written."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from functools import partial
@@ -10,12 +8,19 @@ from pathlib import Path
 from typing import Any
 
 from eskin.golden.baselines.rows import SWEPT
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target, replacing, write_json
-from eskin.golden.core.jobs import Jobs, Progress, Record
-from eskin.golden.core.memo import Memo, code_version
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import (
+    AcceleratorConfig,
+    InputError,
+    Jobs,
+    Memo,
+    Progress,
+    Record,
+    check_target,
+    code_version,
+    replacing,
+    write_json,
+)
+from eskin.golden.data import Recordings
 from eskin.golden.studies import sweep as sweeping
 from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.golden.training.image_models import KEPT

@@ -19,13 +19,9 @@ import numpy as np
 
 from eskin.cosim import upsets as bench
 from eskin.cosim.device import Design
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, find_touches, run
 from eskin.golden.stability.core import rebuilt
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.rtl.fpga.upsets import Site, with_upsets

@@ -1,8 +1,6 @@
 """`eskin watch`: a source, a player, a hub and a view, put together; the figures of the whole when it is
 over."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import signal
@@ -17,10 +15,9 @@ from rich.console import Console
 
 from eskin.cosim.link import Link
 from eskin.cosim.serial_port import SerialPort
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.core import InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel
 from eskin.live import terminal
 from eskin.live.hub import Hub
 from eskin.live.player import Controls, Player, hello

@@ -1,8 +1,6 @@
 """Files of the example: `prepare` writes firmware, system and what it is to decide, `compare` reads what it
 said, `bitstream` makes a board's. The Makefile calls them."""
 
-from __future__ import annotations
-
 import argparse
 import dataclasses
 import re
@@ -17,15 +15,10 @@ from soc import CORE, LICENCE, LOADED_WORDS, Soc
 
 from eskin.cosim.flow import converter_parameters
 from eskin.cosim.netlist import netlist_hardware
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import write_json
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.conversion import through_converter
+from eskin.golden.core import AcceleratorConfig, InputError, write_json
+from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.model import IntegerModel, Stream, through_converter
 from eskin.golden.model.decision_word import decision_word
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.stream import Stream
 from eskin.rtl.fpga.export import _verilog
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import DoesNotFit, place

@@ -11,8 +11,6 @@ Reading WAIT is answered when the accelerator's interrupt is high (bit 0) or a f
 then the CPU stands still. SERV has no instruction for that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -22,7 +20,7 @@ from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.one_port_memory import OnePortMemory
 from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins
 from eskin.rtl.host.uart import uart_divisor

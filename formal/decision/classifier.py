@@ -1,11 +1,9 @@
 """Decisions: one local a step, one global a touch, steps and votes in range."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import enum
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.program.timing import holds_two_largest
 from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove
@@ -113,10 +111,12 @@ def _decisions(m: Module, config) -> None:
             ~arrives | (phase == Phase.READ) | (phase == Phase.LOGITS) | (phase == Phase.TALLY),
             "a score of this step or vote",
         )
+        prove(~search_inside.judged | inside.busy, "a lead of this step or vote")
     else:
         prove(search_inside.searching == (phase == Phase.SEARCH), "searching")
     prove(inside.tallying == (phase == Phase.TALLY), "tallying")
-    prove(search_inside.subtracting == (phase == Phase.SUBTRACT), "subtracting")
+    ending = search_inside.ending if once else search_inside.subtracting
+    prove(ending == (phase == Phase.SUBTRACT), "ending")
     prove(inside.finished == (phase == Phase.FINISH), "finished")
     counts = (phase == Phase.LOGITS) | (phase == Phase.TALLY) | (phase == Phase.SEARCH)
     prove(Mux(counts, number < CLASSES, number == 0), "class numbers in range")

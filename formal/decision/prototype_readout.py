@@ -1,13 +1,11 @@
 """Teaching: no prototype of training is changed, no touch is compared with a place that is half written, and
 every address is in range."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from amaranth.hdl import Array, Cat, Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.program.memory_map import prototype_words
 from formal.proof import Bug, assume, before, free, free_inputs, opened_up, proof, prove

@@ -1,8 +1,6 @@
 """The compact engine: its program in order, its one data memory written by one at a time, windows not
 overwritten while they are read."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal, Value
 
 from eskin.rtl.engine.compact_engine import CompactEngine

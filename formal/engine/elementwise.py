@@ -1,13 +1,9 @@
 """The element-wise unit: its operand holds every difference, its result stays within the states' bound, its
 sum never overflows."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Const, Module, Mux, Signal, signed
 
-from eskin.golden.core.activation import tanh_table
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, QFormat, tanh_table
 from eskin.rtl.engine.elementwise import ElementwiseUnit
 from eskin.rtl.program.schedule import schedule
 from formal.proof import Bug, assume, free, proof, prove

@@ -1,7 +1,5 @@
 """The engine's control: windows in and steps out, addresses in range, back to waiting from every state."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.rtl.engine.engine import Engine

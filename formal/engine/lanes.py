@@ -1,10 +1,8 @@
 """The lane types do the same sums, and no sum that the configuration allows overflows."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal, signed
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.engine.lanes import PlainLane, lane_signature
 from eskin.rtl.engine.sb_mac16 import DspLane
 from formal.proof import Bug, assume, free, opened_up, proof, prove

@@ -1,7 +1,5 @@
 """A product in digits of 4 is the product, whatever it is added to."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal, signed
 
 from eskin.rtl.engine.recoded_product import sum_with_product

@@ -1,14 +1,11 @@
 """The sequencer: exactly the microcode's slots, in order, and back to its waiting word after every step."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib.memory import Memory
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, QFormat
 from eskin.rtl.engine.sequencer import Sequencer
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 from eskin.rtl.program.schedule import schedule

@@ -1,10 +1,8 @@
 """Rows become an image: every pixel once, none over an image that is read, one start."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.image.image_receiver import ImageReceiver
 from formal.proof import Bug, free, free_source, opened_up, proof, prove
 

@@ -1,12 +1,10 @@
 """The two memories of maps: a value that is there stays until it is written itself, and only the memory that
 is not read is written."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal
 
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import Conv, Dense, stages_of
+from eskin.golden.core import Conv, Dense, QFormat
+from eskin.golden.core.images import stages_of
 from eskin.rtl.image.map_memory import MapMemory
 from eskin.rtl.program.image_passes import make_plan
 from formal.proof import Bug, any_number, assume, free_inputs, proof, prove

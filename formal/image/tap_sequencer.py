@@ -1,12 +1,10 @@
 """The loops of the image engine: for every small pass no address outside map and weights, every product, an
 end."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import Conv, Dense, Pool, stages_of
+from eskin.golden.core import Conv, Dense, Pool, QFormat
+from eskin.golden.core.images import stages_of
 from eskin.rtl.image.tap_sequencer import TapSequencer
 from eskin.rtl.program.image_passes import make_plan
 from formal.proof import Bug, any_number, assume, proof, prove

@@ -1,7 +1,5 @@
 """Frames of a DDC232: set-up and frames end from any state, and no data clock comes near an edge of CONV."""
 
-from __future__ import annotations
-
 import dataclasses
 from unittest import mock
 

@@ -1,11 +1,9 @@
 """Whole frames only: what is handed on is a good frame, once, in order; the stream rule; nothing is written
 while it is read."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.interface.frame_guard import FrameGuard
 from formal.proof import Bug, before, free_inputs, opened_up, proof, prove
 

@@ -1,8 +1,6 @@
 """The I2C port: it comes back to idle from any state, moves the lines only where the bus allows it, and
 leaves the chips their bits."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal
 
 from eskin.rtl.interface.i2c_master import I2cMaster, I2cOp

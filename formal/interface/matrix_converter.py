@@ -1,7 +1,5 @@
 """Frames of a matrix: a scan ends from any state, and no sample is taken before its cell has settled."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from amaranth.hdl import Cat, Module, Mux, Signal

@@ -1,14 +1,12 @@
 """Frames of an MPR121: start-up and frames come to an end, each frame with one word; none is good of a chip
 that is not alive."""
 
-from __future__ import annotations
-
 from unittest import mock
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 
-from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core import ConverterFault
 from eskin.golden.core.mpr121 import RUNNING, MprPlan
 from eskin.rtl.interface import mpr121_converter
 from eskin.rtl.interface.i2c_master import I2cMaster, I2cOp

@@ -1,7 +1,5 @@
 """The sample clock: neither a frame too many nor one too few, over any time."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.rtl.interface.sample_clock import SampleClock

@@ -1,7 +1,5 @@
 """Frames of SPI converters: a scan ends from any state, once, and every code that counts is handed on."""
 
-from __future__ import annotations
-
 import dataclasses
 
 from amaranth.hdl import Cat, Module, Mux, Signal

@@ -1,11 +1,10 @@
 """The serial port to converters: it comes back to idle from any state, one chip is selected at a time, times
 are kept."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.converters import SpiChip, SpiPlan
+from eskin.golden.core import SpiPlan
+from eskin.golden.core.converters import SpiChip
 from eskin.rtl.interface.spi_master import SpiMaster
 from formal.proof import Bug, before, free_inputs, less_is_to_go, opened_up, proof, prove
 

@@ -1,7 +1,5 @@
 """The stimulator's frames: nothing beyond the limits, and OFF after whatever ends a touch."""
 
-from __future__ import annotations
-
 from unittest import mock
 
 from amaranth.hdl import Module, Mux, Signal

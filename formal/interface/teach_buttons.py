@@ -1,7 +1,5 @@
 """The two buttons: bouncing contacts say nothing, and a press says one thing."""
 
-from __future__ import annotations
-
 from unittest import mock
 
 from amaranth.hdl import Module, Mux, Signal

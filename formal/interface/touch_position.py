@@ -1,11 +1,9 @@
 """Where the array is touched: every whole frame with a touched cell is told once, in time, and nothing else
 is."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.interface.touch_position import FRACTION, TouchPosition
 from formal.proof import Bug, assume, free_inputs, opened_up, proof, prove
 

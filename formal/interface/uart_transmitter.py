@@ -1,7 +1,5 @@
 """The serial line: every byte that is taken is on it, whole, bit by bit, each for its time; idle is high."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 
 from eskin.rtl.interface.uart_transmitter import UartTransmitter

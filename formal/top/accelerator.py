@@ -1,11 +1,8 @@
 """The whole chain, wiring included: from the first frame to the decision, with no pauses and with any."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, QFormat
 from eskin.rtl.top.accelerator import Accelerator
 from formal.proof import Bug, assume, free, free_sink, keeps_its_beat, opened_up, proof, prove
 

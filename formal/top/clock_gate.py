@@ -6,16 +6,13 @@ in these cycles goes through the same states, and by `needed` the very cycle of 
 never one of them.
 """
 
-from __future__ import annotations
-
 from unittest import mock
 
 from amaranth.asserts import AnySeq
 from amaranth.hdl import Cat, Fragment, MemoryInstance, Module, Signal, Value
 from amaranth.lib import wiring
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat
 from eskin.rtl.engine import lanes
 from eskin.rtl.top.accelerator import Accelerator
 from formal.proof import Bug, assume, before, free, keeps_its_beat, opened_up, proof, prove
@@ -87,10 +84,9 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
 
     collect(m.submodules.dut.elaborate(None))
     # What the classifier's own proof says of a classifier that is not busy.
-    decider, search = inside.parts["Classifier"], inside.parts.get("SearchTwice")
-    searching = search.searching if search else inside.parts["SearchOnce"].arriving
-    subtracting = (search or inside.parts["SearchOnce"]).subtracting
-    under_way = Cat(decider.offered, decider.tallying, decider.finished, searching, subtracting)
+    decider, twice, once = (inside.parts.get(name) for name in ("Classifier", "SearchTwice", "SearchOnce"))
+    searching = (twice.searching, twice.subtracting) if twice else (once.arriving, once.judged, once.ending)
+    under_way = Cat(decider.offered, decider.tallying, decider.finished, *searching)
     assume(decider.busy | ~(under_way.any() | decider.number.any()))
     # And the recording's state of its own.
     assume(~inside.parts["RecordingState"].finished | inside.parts["RecordingState"].finishing)

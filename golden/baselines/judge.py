@@ -5,8 +5,6 @@ touch, or without a completed window, counts as wrong. Seconds of training and m
 touch at a time, are those of the processor, in one thread: other work beside it does not count.
 """
 
-from __future__ import annotations
-
 import itertools
 import time
 from collections.abc import Callable
@@ -19,10 +17,8 @@ import numpy as np
 from eskin.golden.baselines.method import FLOAT_BYTES, Fitted, Method
 from eskin.golden.baselines.recurrent import NetworkMethod
 from eskin.golden.baselines.scene import Scene
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel, network_formats
-from eskin.golden.model.pipeline import decide_touches
-from eskin.golden.model.preprocess import Touches
+from eskin.golden.core import InputError, Record
+from eskin.golden.model import FloatModel, IntegerModel, Touches, decide_touches, network_formats
 from eskin.golden.training.crossval import Folds
 from eskin.golden.training.datasets import Datasets
 from eskin.golden.training.fit import one_thread
@@ -42,7 +38,7 @@ class Judging:
     folds: int
 
 
-def judge(scene: Scene, piece: Judging) -> dict[str, Any]:
+def judge(scene: Scene, piece: Judging) -> Record:
     """Its runs, {fold, seed, recordings, accuracy, parameters, multiplies, bytes, comparisons, train_s,
     decision_us (each timed)}; networks also float_accuracy. ``refused`` in their place where the method
     cannot see these touches."""
@@ -56,7 +52,7 @@ def judge(scene: Scene, piece: Judging) -> dict[str, Any]:
             return {"refused": str(error)}
 
 
-def _runs(scene: Scene, method: Method, piece: Judging) -> list[dict[str, Any]]:
+def _runs(scene: Scene, method: Method, piece: Judging) -> list[Record]:
     recordings, runs = scene.recordings, []
     tests = split_folds(recordings, piece.groups, piece.folds, None)
     for seed, (fold, test) in itertools.product(piece.seeds, enumerate(tests)):
@@ -111,7 +107,7 @@ def timed(decide: Callable[[Any], Any], rows: np.ndarray) -> list[float]:
     return microseconds
 
 
-def _network_runs(scene: Scene, method: NetworkMethod, piece: Judging) -> list[dict[str, Any]]:
+def _network_runs(scene: Scene, method: NetworkMethod, piece: Judging) -> list[Record]:
     config, recipe = method.network(scene.config)
     work = Folds(
         scene.recordings,

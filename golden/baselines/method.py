@@ -1,8 +1,6 @@
 """What a baseline is: a way to fit a classifier to some touches of a scene, and what the fitted one is and
 costs."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -9,16 +9,13 @@ All folds and seeds of a network train at once. Accuracy is that of the integer 
 training to 8-bit weights; ``float_accuracy`` stands beside it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import with_network
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.model import with_network
 from eskin.golden.training.choose_network import network
 from eskin.golden.training.recipe import AS_RECORDED, RECIPES, Recipe, choose_recipe
 

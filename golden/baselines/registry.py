@@ -1,7 +1,5 @@
 """Every baseline by its name, and which of them run when none is named."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from eskin.golden.baselines.method import Method
@@ -10,7 +8,7 @@ from eskin.golden.baselines.simple import SIMPLE
 from eskin.golden.baselines.tensor import TENSOR
 from eskin.golden.baselines.tiles import TILED
 from eskin.golden.baselines.transfer import TRANSFER
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 
 _FAMILIES: tuple[Sequence[Method | NetworkMethod], ...] = (OURS, THESIS, SIMPLE, TENSOR, TILED, TRANSFER)
 METHODS = {method.name: method for family in _FAMILIES for method in family}

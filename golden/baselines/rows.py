@@ -1,8 +1,6 @@
 """What follows from the runs of baselines: rows, who in hardware is near the best, which of the thesis's
 orders hold."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -15,10 +13,8 @@ from eskin.golden.baselines.method import Method
 from eskin.golden.baselines.recurrent import NetworkMethod
 from eskin.golden.baselines.registry import METHODS
 from eskin.golden.baselines.scene import Scene
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
 
 NEAR = 0.01
 """Accuracy within which a network is as good as the best method."""

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import real_by_input
-from eskin.golden.model.preprocess import FirstTouches, Touches, find_touches, first_touches, real_features
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import Touches, find_touches, first_touches, real_by_input, real_features
+from eskin.golden.model.preprocess import FirstTouches
 from eskin.golden.training.datasets import scaling
 
 
@@ -39,7 +37,7 @@ class Scene:
     where: np.ndarray
     means: np.ndarray
     labels: np.ndarray
-    weights: Mapping[str, np.ndarray] | None = None
+    weights: Arrays | None = None
     _known: dict[object, np.ndarray] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -48,7 +46,7 @@ class Scene:
         recordings: Recordings,
         config: AcceleratorConfig,
         shape: tuple[int, int] | None = None,
-        weights: Mapping[str, np.ndarray] | None = None,
+        weights: Arrays | None = None,
     ) -> Scene:
         """The touches that ``config`` finds; shape None: ``array_shape``.
 

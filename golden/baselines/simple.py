@@ -14,14 +14,12 @@ Penalties are chosen by cross-validation inside each training part; the convolut
 networks do (noise, time warp and gain of the recipe). All compute in float.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 
 from eskin.golden.baselines.method import Fitted, Method
 from eskin.golden.baselines.scene import Scene
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.training.losses import descend
 from eskin.golden.training.recipe import Recipe, choose_recipe
 from eskin.golden.training.yardsticks import fitted, rbf_svm

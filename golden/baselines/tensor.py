@@ -15,8 +15,6 @@ higher than it is wide, and then say nothing.
 sigma, as a share of the median distance, and the penalty are chosen by folds inside the training part.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Sequence

@@ -12,8 +12,6 @@ pixels. Here it is IMAGES images of TILES x TILES frames, means over time, so a 
 Both by Adam on cross-entropy.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 

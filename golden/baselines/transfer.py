@@ -11,8 +11,6 @@ torchvision's weights fit; the project downloads none. Without a file of weights
 only the last one learns.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -23,7 +21,7 @@ import torch
 from eskin.golden.baselines.method import Fitted, Method
 from eskin.golden.baselines.scene import Scene
 from eskin.golden.baselines.tiles import multiplies
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import Arrays, InputError
 
 BLOCKS = (
     (1, 16, 1, 1),
@@ -138,7 +136,7 @@ def _kept(name: str) -> bool:
     )
 
 
-def network_of(weights: Mapping[str, np.ndarray] | None, seed: int = 0) -> MobileNetV2:
+def network_of(weights: Arrays | None, seed: int = 0) -> MobileNetV2:
     """MobileNetV2 with these layers; None: random ones (K. He et al. 2015)."""
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)

@@ -1,0 +1,22 @@
+"""What every other folder takes of the core: formats, configuration, errors, files, the memo, jobs."""
+
+from eskin.golden.core.activation import sigmoid_table, tanh_table
+from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core.converters import ConverterFault, SpiPlan, converter_plan
+from eskin.golden.core.cost import Market, Prefer, pareto
+from eskin.golden.core.errors import InputError, SimulationError, array_of
+from eskin.golden.core.files import (
+    ArchiveError,
+    check_folder,
+    check_target,
+    read_arrays,
+    replacing,
+    replacing_folder,
+    template,
+    write_json,
+)
+from eskin.golden.core.formats import QFormat, clamp, narrow, signed_bits
+from eskin.golden.core.groups import FEATURE_KINDS
+from eskin.golden.core.images import NETWORKS, Conv, Dense, Pool
+from eskin.golden.core.jobs import Arrays, Jobs, Progress, Record
+from eskin.golden.core.memo import Memo, code_version, content_key

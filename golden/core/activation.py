@@ -6,8 +6,6 @@ function at the centre of the interval that rounds to ``i``. Sigmoid spans +-8 w
 step 8/T (tanh is flat where sigmoid(2x) is).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from eskin.golden.core.config import AcceleratorConfig

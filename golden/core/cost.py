@@ -5,8 +5,6 @@ so they are counted only where they decide. Golden knows no hardware: the figure
 ``eskin.verbs.cost``, through the functions of a `Market`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar, get_args

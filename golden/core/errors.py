@@ -1,7 +1,5 @@
 """What a user's mistake becomes, and what a simulation that breaks."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -4,8 +4,6 @@ config.py.
 Types, ranges and words to choose from stand in the annotations, where pydantic checks them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

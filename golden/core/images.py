@@ -34,8 +34,6 @@ left. The gate is open at once and nothing is subtracted or normalised: a sample
 row ``height`` ends the image; its decision is both local and global (one step).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 import re

@@ -7,8 +7,6 @@ worker once. A piece's key is a hash of all that its result depends on (``conten
 keep results in, interrupted work goes on where it stopped, and repeated work is not done again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import functools
 import multiprocessing
@@ -21,6 +19,8 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_complet
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
+import numpy as np
+
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.memo import Memo
 
@@ -30,6 +30,8 @@ Progress = Callable[[str, int, int], None]
 """Called with (what, done, in all)."""
 Record = dict[str, Any]
 """Named values: a result, a row of it, options; as JSON holds them."""
+Arrays = Mapping[str, np.ndarray]
+"""Arrays by name, as a model has them."""
 
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 """Environment of a worker: there are as many workers as cores."""
@@ -75,7 +77,7 @@ class Jobs:
         *,
         keep: Memo | None = None,
         what: str = "done",
-    ) -> dict[str, Any]:
+    ) -> Record:
         """The result of every piece, by key and in the order of ``pieces``.
 
         An interrupt, or the error of a piece, ends the workers at once and is raised; what was finished

@@ -6,8 +6,6 @@ whole or not at all, and two processes that want the same one make it once. Whoe
 memo loses time, no result.
 """
 
-from __future__ import annotations
-
 import contextlib
 import fcntl
 import hashlib

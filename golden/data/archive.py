@@ -1,13 +1,10 @@
 """Recordings from an npz archive, checked array by array before any work starts."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, read_arrays, replacing
+from eskin.golden.core import ArchiveError, InputError, read_arrays, replacing
 from eskin.golden.data.recordings import Recordings, recordings_of
 
 

@@ -1,13 +1,10 @@
 """Samples as codes: whole numbers stay, real ones are scaled, and the scale is said and kept."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import InputError, QFormat
 
 HEADROOM = 2.0
 """How far later recordings may exceed the largest value of those that choose the scale."""

@@ -1,12 +1,10 @@
 """Splits of recordings that keep groups apart."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.golden.data.recordings import Recordings
 
 

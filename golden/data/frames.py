@@ -1,21 +1,18 @@
 """The file of frames that a record of `eskin watch` is until its archive is written: a line of JSON, then a
 row a frame."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError, Record
 from eskin.golden.data.recordings import Recordings, recordings_of
 
 SUFFIX = ".frames"
 
 
-def row_type(head: dict[str, Any]) -> np.dtype:
+def row_type(head: Record) -> np.dtype:
     """A row: the codes of a frame, the number of its recording, the class of that."""
     return np.dtype([("samples", head["code"], (head["taxels"],)), ("recording", "<u4"), ("label", "<i2")])
 

@@ -1,17 +1,13 @@
 """Recordings from HDF5: the arrays of an archive as datasets, or one dataset a recording, its class and
 groups in attributes or in the name of the group above (docs/other_tools.md)."""
 
-from __future__ import annotations
-
 from itertools import chain
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data.matlab import NAMES, recordings_of_arrays
 from eskin.golden.data.recordings import ARCHIVE_ARRAYS, Recordings, natural, recordings_of
 from eskin.golden.data.text import Reading, check_unpacked, comes_back

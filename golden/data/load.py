@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError, without_extra
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.core.errors import without_extra
 from eskin.golden.data import frames, hdf5
 from eskin.golden.data.archive import load_archive
 from eskin.golden.data.logs import is_log

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError, Record
 from eskin.golden.data.text import MOST_BYTES, Reading, read_table
 
 if TYPE_CHECKING:
@@ -210,7 +210,7 @@ def _mcap(path: Path, refuse: Refuse) -> _Log:
     return _Log({channel.topic: schema.name if schema else "" for schema, channel, _ in messages()}, read)
 
 
-def _object(values: dict[str, Any]) -> SimpleNamespace:
+def _object(values: Record) -> SimpleNamespace:
     return SimpleNamespace(**values)
 
 

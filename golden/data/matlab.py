@@ -1,8 +1,6 @@
 """Recordings from MATLAB's .mat files (up to version 7): named arrays, as in an archive or as cells of
 arrays."""
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable
 from itertools import pairwise
@@ -11,8 +9,7 @@ from typing import Any, Literal, NoReturn
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data.codes import place_of
 from eskin.golden.data.recordings import Recordings, natural
 from eskin.golden.data.tables import assemble

@@ -1,14 +1,12 @@
 """Folders of pressure images as PNG files, a sub-folder for each class."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.golden.data.recordings import Recordings, recordings_of
 
 SUFFIX = ".png"

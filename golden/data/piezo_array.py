@@ -5,14 +5,11 @@ Gain (5 % apart) and rest level (1.65 V, 4 mV apart) belong to the taxel. White 
 added, and the converter rounds to codes of 62.5 uV.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.data.recordings import Recordings
 
 REST_VOLT = 1.65

@@ -1,7 +1,5 @@
 """Whether the declared sample rate can be right, where recordings show it."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eskin.golden.data.recordings import Recordings

@@ -18,9 +18,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike
 
-from eskin.golden.core.config import IMAGE_ROWS_HZ, AcceleratorConfig
-from eskin.golden.core.errors import InputError, array_of
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, QFormat, array_of
+from eskin.golden.core.config import IMAGE_ROWS_HZ
 from eskin.golden.data.codes import place_of, to_codes
 
 ARCHIVE_ARRAYS = ("samples", "offsets", "labels", "class_names", "sample_rate_hz")
@@ -79,7 +78,7 @@ class Recordings:
     labels: np.ndarray
     class_names: tuple[str, ...]
     sample_rate_hz: float
-    groups: Mapping[str, np.ndarray] = field(default_factory=dict)
+    groups: Arrays = field(default_factory=dict)
     source: str = "recordings"
     volt_per_code: float = 0.0
     unit: str = ""
@@ -236,6 +235,12 @@ class Recordings:
             labels=self.labels[indices],
             groups={name: values[indices] for name, values in self.groups.items()},
         )
+
+    def until(self, ends: Sequence[int] | np.ndarray) -> Recordings:
+        """Each recording up to its entry of ``ends``, or its own end where that comes first."""
+        ends = np.minimum(ends, self.lengths)
+        samples = np.concatenate([self.recording(i)[:end] for i, end in enumerate(ends)])
+        return dataclasses.replace(self, samples=samples, offsets=np.concatenate([[0], np.cumsum(ends)]))
 
     def of_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
         """These recordings with the classes of ``whose``: a set may lack some of them, or list them in
@@ -419,7 +424,7 @@ def recordings_of(
     )
 
 
-def _unit(arrays: Mapping[str, np.ndarray]) -> str:
+def _unit(arrays: Arrays) -> str:
     """What samples are in: the text of the array unit; volt where there is none and lsb_volt is."""
     named = arrays.get("unit")
     if named is not None and named.size == 1 and named.dtype.kind in "US":
@@ -437,10 +442,13 @@ def natural(name: str) -> list:
 
 
 def _with_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Labels that are text name the classes where nothing else does."""
+    """Labels, text or whole numbers, name the classes where nothing else does."""
     labels = arrays.get("labels")
+    if labels is not None and labels.dtype.kind in "iu" and "class_names" not in arrays:
+        labels = labels.astype(np.str_)
     if labels is None or labels.dtype.kind not in "US":
         return arrays
+    arrays = arrays | {"labels": labels}
     if labels.dtype.kind == "S":
         words = [word.decode("utf-8", "replace") for word in labels.ravel().tolist()]
         arrays = arrays | {"labels": (labels := np.array(words, dtype=np.str_).reshape(labels.shape))}
@@ -451,9 +459,7 @@ def _with_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     }
 
 
-def _classes(
-    arrays: Mapping[str, np.ndarray], recordings: int, refuse: Refuse
-) -> tuple[tuple[str, ...], np.ndarray]:
+def _classes(arrays: Arrays, recordings: int, refuse: Refuse) -> tuple[tuple[str, ...], np.ndarray]:
     """Names of the classes, and the class of each recording."""
     names = arrays["class_names"]
     if names.dtype.kind not in "US" or names.ndim != 1 or not len(names):
@@ -497,7 +503,7 @@ def _classes(
     return class_names, labels.astype(np.int64)
 
 
-def _groups(arrays: Mapping[str, np.ndarray], recordings: int) -> dict[str, np.ndarray]:
+def _groups(arrays: Arrays, recordings: int) -> dict[str, np.ndarray]:
     return {
         name: values
         for name, values in arrays.items()
@@ -506,11 +512,7 @@ def _groups(arrays: Mapping[str, np.ndarray], recordings: int) -> dict[str, np.n
 
 
 def _images(
-    arrays: Mapping[str, np.ndarray],
-    source: str,
-    groups: Mapping[str, Any] | None,
-    notes: Sequence[str],
-    refuse: Refuse,
+    arrays: Arrays, source: str, groups: Mapping[str, Any] | None, notes: Sequence[str], refuse: Refuse
 ) -> Recordings:
     """The recordings of an archive of images: an image each, its rows the frames."""
     arrays = _with_names(dict(arrays))

@@ -34,8 +34,6 @@ trial. What tells the classes apart is the order in which a taxel is loaded: + t
 (slide), several times (brush).
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from functools import partial
@@ -43,8 +41,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import turns
 from eskin.golden.data.piezo_array import RECORDING_S, SIDES, Person, PiezoArray, bump, check_sizes, single
 from eskin.golden.data.recordings import Recordings

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple, NoReturn
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data.codes import place_of, to_codes
 from eskin.golden.data.logs import is_log, read_log
 from eskin.golden.data.recordings import Recordings, natural, recordings_of

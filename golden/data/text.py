@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.golden.data.codes import place_of
 
 if TYPE_CHECKING:

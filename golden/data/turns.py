@@ -21,8 +21,6 @@ The scene's figures were chosen so that networks of several sizes differ. Accura
 works, nothing of a sensor.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

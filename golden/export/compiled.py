@@ -1,8 +1,6 @@
 """Sizes of the exported C as a compiler for microcontrollers makes it: clang of the Python package
 ziglang."""
 
-from __future__ import annotations
-
 import importlib.util
 import struct
 import subprocess
@@ -10,7 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from eskin.golden.core.errors import SimulationError
+from eskin.golden.core import SimulationError
 from eskin.golden.export.plain_c import SOURCE
 
 CORES = {

@@ -1,17 +1,14 @@
 """The exported C on an emulated core: its decisions, and the instructions they take."""
 
-from __future__ import annotations
-
 import struct
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.export import compiled, plain_c
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import run
+from eskin.golden.model import IntegerModel, run
 
 START, STACK, MEMORY, STOP = 0x10000, 0x3F0000, 0x400000, 0x3FFF00
 """Where the program lies, the stack's top, the size of the memory, and where a call returns to."""

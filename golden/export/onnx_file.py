@@ -1,7 +1,5 @@
 """The float network as an ONNX file, and what onnxruntime makes of it."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any
@@ -10,9 +8,8 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing
-from eskin.golden.model.model import FloatModel
+from eskin.golden.core import InputError, Record, replacing
+from eskin.golden.model import FloatModel
 
 OPSET, IR = 14, 8
 METADATA = "eskin_model"
@@ -89,9 +86,7 @@ def _recurrent(model: FloatModel) -> tuple[list[onnx.NodeProto], dict[str, np.nd
     stack = lambda kind: np.concatenate([arrays[f"{kind}_{gate}"] for gate in gates])
     second = stack("bh") if after else np.zeros(len(gates) * network.hidden)
     hard = network.gate_activation == "hard_sigmoid"
-    options: dict[str, Any] = {"hidden_size": network.hidden} | (
-        {} if lstm else {"linear_before_reset": int(after)}
-    )
+    options: Record = {"hidden_size": network.hidden} | ({} if lstm else {"linear_before_reset": int(after)})
     if hard:
         options |= {"activations": ["HardSigmoid", "Tanh", *["Tanh"] * lstm]}
         options |= {"activation_alpha": [0.2], "activation_beta": [0.5]}

@@ -9,17 +9,13 @@ Parameters are a mapping from the names of docs/specification.md section 8 (``W_
 float network with reset after has a second bias row ``bh_z``, ``bh_r``, ``bh_n``, as in torch.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.activation import sigmoid_table, tanh_table
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import AcceleratorConfig, QFormat, sigmoid_table, tanh_table
 
 Array = Any
 """A numpy array, or a torch tensor where gradients are wanted; torch is imported by whoever brings tensors,

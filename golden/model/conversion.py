@@ -1,15 +1,13 @@
 """What a converter makes of a recording, and what the chain gets of its codes: docs/specification.md section
 12."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.converters import code_format, code_offset, code_shift, converter_plan
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig, converter_plan
+from eskin.golden.core.converters import code_format, code_offset, code_shift
+from eskin.golden.data import Recordings
 
 
 def samples_of(codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:

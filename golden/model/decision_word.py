@@ -1,10 +1,8 @@
 """A decision as the word that a CPU reads (docs/specification.md, section 17)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 
 NO_DECISION = 2**32 - 1
 """What is read while none waits."""

@@ -3,16 +3,14 @@ section 15)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.core.images import PIXEL_FORMAT, Conv, Pool, Stage
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig, Arrays, Conv, InputError, Pool, QFormat, narrow
+from eskin.golden.core.images import PIXEL_FORMAT, Stage
+from eskin.golden.data import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel
 
 BATCH = 64
@@ -135,7 +133,7 @@ Behind = Callable[[int, np.ndarray], np.ndarray]
 
 
 def layer_by_layer(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], values: np.ndarray, behind: Behind
+    config: AcceleratorConfig, arrays: Arrays, values: np.ndarray, behind: Behind
 ) -> Iterator[np.ndarray]:
     """What each layer gives of maps (n, height, width, 1), layer by layer."""
     numbers = {stage.number: index for index, stage in enumerate(config.weighted_stages)}
@@ -184,12 +182,7 @@ def _checked(config: AcceleratorConfig, images: np.ndarray) -> np.ndarray:
 
 
 def _run(
-    config: AcceleratorConfig,
-    arrays: Mapping[str, np.ndarray],
-    behind: Behind,
-    pixels: np.ndarray,
-    keep: bool,
-    kind,
+    config: AcceleratorConfig, arrays: Arrays, behind: Behind, pixels: np.ndarray, keep: bool, kind
 ) -> ImageTrace:
     maps_of: dict[int, list[np.ndarray]] = {stage.number: [] for stage in config.stages}
     for begin in range(0, len(pixels), BATCH):

@@ -1,14 +1,11 @@
 """Images row by row: the integer network's decision with the last row, as the hardware gives it
 (docs/specification.md, section 15)."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model.image_network import run_images
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.stream import Decision

@@ -16,12 +16,18 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, read_arrays, replacing_folder
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import (
+    AcceleratorConfig,
+    ArchiveError,
+    Arrays,
+    InputError,
+    QFormat,
+    Record,
+    content_key,
+    read_arrays,
+    replacing_folder,
+)
 from eskin.golden.core.images import BIAS_BITS
-from eskin.golden.core.memo import content_key
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.preprocess import companded
 
@@ -116,7 +122,7 @@ class FloatModel:
     """
 
     config: AcceleratorConfig
-    arrays: Mapping[str, np.ndarray]
+    arrays: Arrays
     source: str = "float model"
 
     def __post_init__(self) -> None:
@@ -196,7 +202,7 @@ class IntegerModel:
     """
 
     config: AcceleratorConfig
-    arrays: Mapping[str, np.ndarray]
+    arrays: Arrays
     source: str = "integer model"
 
     def __post_init__(self) -> None:
@@ -257,7 +263,7 @@ class IntegerModel:
         hidden, logits = _run(arithmetic, self.config, self.arrays, features)
         return hidden.astype(np.int64), logits.astype(np.int64)
 
-    def logits_of(self, variants: Mapping[str, np.ndarray], features: np.ndarray) -> np.ndarray:
+    def logits_of(self, variants: Arrays, features: np.ndarray) -> np.ndarray:
         """Logit codes (variants, n, K, C), int64: the network once for each variant of its arrays, name ->
         (variants, *shape); arrays without a variant stay. The codes are not checked against their formats."""
         count = len(next(iter(variants.values())))
@@ -293,12 +299,7 @@ class IntegerModel:
         replace_folder(folder, write)
 
 
-def _run(
-    arithmetic: Float | Fixed,
-    config: AcceleratorConfig,
-    arrays: Mapping[str, np.ndarray],
-    features: np.ndarray,
-):
+def _run(arithmetic: Float | Fixed, config: AcceleratorConfig, arrays: Arrays, features: np.ndarray):
     parameters = {name: np.asarray(arrays[name], dtype=np.float64) for name in arrays}
     return run_cell(arithmetic, config, parameters, np.asarray(features, dtype=np.float64))
 
@@ -315,12 +316,7 @@ def _frozen(array: np.ndarray) -> np.ndarray:
     return array
 
 
-def _take(
-    arrays: Mapping[str, np.ndarray],
-    shapes: dict[str, tuple[int, ...]],
-    source: str,
-    config: AcceleratorConfig,
-):
+def _take(arrays: Arrays, shapes: dict[str, tuple[int, ...]], source: str, config: AcceleratorConfig):
     """``arrays`` with exactly the names and shapes of ``shapes``, in that order."""
     cell = (
         f"{config.network.cell} {config.network.hidden}"
@@ -362,7 +358,7 @@ def load_config(folder: str | Path) -> AcceleratorConfig:
     return AcceleratorConfig.load(path)
 
 
-def load_training(folder: str | Path) -> dict[str, Any]:
+def load_training(folder: str | Path) -> Record:
     """The training record of a model folder; empty when it has none.
 
     Raises
@@ -624,7 +620,7 @@ def with_network(
                     "leave it out"
                 )
     asked = {"cell": cell, "reset": reset, "hidden": hidden}
-    changes: dict[str, Any] = {field: value for field, value in asked.items() if value is not None}
+    changes: Record = {field: value for field, value in asked.items() if value is not None}
     if steps is not None and steps != config.windows.steps:
         changes |= {"steps": steps, "feature_shift": ()}
         if config.windows.window_mode == "touch" and steps > 0:

@@ -6,19 +6,19 @@ Decisions: docs/specification.md, section 7.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, Arrays
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.preprocess import Touches, find_touches, normalise, real_features
-from eskin.golden.model.prototypes import class_distances, trajectory_codes
+from eskin.golden.model.prototypes import class_distances, real_trajectory, trajectory_codes
 
 if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
+    from eskin.golden.data import Recordings
 
 STAGES = ("sum", "fault", "feature", "state", "logit", "decision")
 """Stages of a trace, in the order of the chain."""
@@ -210,7 +210,7 @@ def feature_codes(
     model: IntegerModel,
     touches: Touches,
     normaliser: Callable[..., np.ndarray] = normalise,
-    constants: Mapping[str, np.ndarray] | None = None,
+    constants: Arrays | None = None,
 ) -> np.ndarray:
     """Feature codes (n, K, D) of touches, 0 where a taxel is masked, by the host or by the fault detector.
 
@@ -259,6 +259,7 @@ def decide_touches(
     forward: Forward | None = None,
     normaliser: Callable[..., np.ndarray] = normalise,
     rule: Callable[..., tuple] = decide,
+    readout: IntegerModel | None = None,
 ) -> Decided:
     """Touches through a network, masks and all: the one way from windowed sums to decisions.
 
@@ -269,6 +270,8 @@ def decide_touches(
     forward, normaliser, rule:
         In place of the model's own arithmetic, of ``eskin.golden.model.preprocess.normalise`` (integer
         models) and of ``decide``.
+    readout:
+        By whose prototypes a float network's states are decided; None: by its logits.
     """
     config = config or model.config
     features = (
@@ -280,6 +283,9 @@ def decide_touches(
     scores = logits
     if isinstance(model, IntegerModel) and config.has_prototypes:
         scores = -class_distances(model, trajectory_codes(config, hidden, logits))
+    elif readout is not None and readout.config.has_prototypes:
+        config = readout.config
+        scores = -class_distances(readout, real_trajectory(config, hidden, logits))
     local, margin, decision, lead = rule(config, scores, touches.completed)
     step = global_steps(config, local, margin, touches.completed)
     unsure = lead < config.network.margin_threshold
@@ -303,6 +309,7 @@ def run(
     *,
     touches: Touches | None = None,
     progress: Callable[[int, int], None] | None = None,
+    readout: IntegerModel | None = None,
 ) -> Trace:
     """Run a model over recordings: an integer one in exact integers, every stage kept, a float one on the
     same exact sums in real arithmetic, without streams.
@@ -313,6 +320,8 @@ def run(
         Those of ``find_touches(model.config, recordings)``, when they are at hand already.
     progress:
         Called with (recordings done, recordings in all).
+    readout:
+        Of a float model: as `decide_touches`.
 
     Raises
     ------
@@ -321,7 +330,7 @@ def run(
     """
     config = model.config
     touches = find_touches(config, recordings, progress=progress) if touches is None else touches
-    first, decided = touches.first_touch(), decide_touches(model, touches)
+    first, decided = touches.first_touch(), decide_touches(model, touches, readout=readout)
     trace = Trace(
         config,
         touches,

@@ -1,13 +1,11 @@
 """Where the array is touched, frame by frame, and which way a touch slid: docs/specification.md section
 13."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 
 FRACTION = 4
 """Fraction bits of a position: sixteenths of a cell."""

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import clamp, narrow
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig, InputError, clamp, narrow
+from eskin.golden.data import Recordings
 
 BATCH_SAMPLES = 1 << 22
 """Samples (frames x recordings x taxels) held at once while scanning, so that memory does not grow with the

@@ -5,16 +5,11 @@ A trajectory is what the hidden state (of a linear cell: the logits) is after ea
 bits.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, read_arrays, replacing
-from eskin.golden.core.memo import content_key
+from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, content_key, read_arrays, replacing
 from eskin.golden.model.model import IntegerModel
 
 
@@ -32,13 +27,20 @@ def narrowed(config: AcceleratorConfig, values: np.ndarray) -> np.ndarray:
     return np.clip(rounded, fmt.min_code, fmt.max_code).astype(np.int64)
 
 
+def real_trajectory(config: AcceleratorConfig, hidden: np.ndarray, logits: np.ndarray) -> np.ndarray:
+    """A float network's (..., K, values), in units of a state code and not rounded: what `trajectory_codes`
+    would be without formats."""
+    lsb = 2.0 ** (config.readout_rule.state_code_shift - config.trajectory_format.frac_bits)
+    return (hidden if config.recurrent else logits) / lsb
+
+
 def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
     """Distance of each class's nearest prototype after each step.
 
     Parameters
     ----------
     codes:
-        (n, K, values), of `trajectory_codes`.
+        (n, K, values), of `trajectory_codes`, or of `real_trajectory`: those sums are rounded, once.
 
     Returns
     -------
@@ -63,6 +65,7 @@ def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
         apart = np.stack([np.abs(codes - place[:steps]).sum(axis=-1) for place in stored])
         if config.network.decision != "vote":
             apart = apart.cumsum(axis=-1)
+        apart = np.rint(apart).astype(np.int64)  # of real values; codes' sums are whole
         apart[len(own) :] >>= config.readout_rule.taught_shift
         nearest.append(apart.min(axis=0))
     return np.stack(nearest, axis=-1)

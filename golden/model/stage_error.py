@@ -1,23 +1,18 @@
 """Float against integer, stage by stage: how far they are apart, what saturates, how much of its format each
 stage uses."""
 
-from __future__ import annotations
-
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import AcceleratorConfig, Arrays, QFormat, Record
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.model import FloatModel, IntegerModel, network_formats
 from eskin.golden.model.pipeline import feature_codes, float_features
-
-if TYPE_CHECKING:
-    from eskin.golden.model.preprocess import Touches
+from eskin.golden.model.preprocess import Touches
 
 STAGES = {
     "features": "rounding and saturation of the normaliser",
@@ -146,7 +141,7 @@ def profile_of(
     )
 
 
-def logit_error(stages: Sequence[StageError]) -> dict[str, Any]:
+def logit_error(stages: Sequence[StageError]) -> Record:
     """{mean, max, stage} of ``stage_errors``: the logits' error, and the stage that alone brings about the
     largest; None without steps."""
     if not stages:
@@ -159,7 +154,7 @@ def logit_error(stages: Sequence[StageError]) -> dict[str, Any]:
     }
 
 
-def records(stages: Sequence[StageError | SignalProfile]) -> list[dict[str, Any]]:
+def records(stages: Sequence[StageError | SignalProfile]) -> list[Record]:
     """Plain values for JSON."""
     return [asdict(stage) for stage in stages]
 
@@ -289,6 +284,6 @@ class _Runs:
         logits = self._run(_Only(self._config, stage), arrays, features)
         return np.abs(logits - self._logits)[self._done]
 
-    def _run(self, arithmetic: Any, arrays: Mapping[str, np.ndarray], features: np.ndarray) -> np.ndarray:
+    def _run(self, arithmetic: Any, arrays: Arrays, features: np.ndarray) -> np.ndarray:
         parameters = {name: np.asarray(array, dtype=np.float64) for name, array in arrays.items()}
         return run_cell(arithmetic, self._config, parameters, features.astype(np.float64))[1]

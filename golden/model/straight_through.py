@@ -1,7 +1,5 @@
 """Gradients through roundings and tables, for training in integers."""
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor
 

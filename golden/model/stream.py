@@ -6,16 +6,12 @@ docs/specification.md, sections 2 to 7. Front end, windows, cell and decision ru
 ever.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError, array_of
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, array_of
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.pipeline import Decided, decide_touches, early_steps
 from eskin.golden.model.preprocess import Touches, TouchFinder, window_values
@@ -46,7 +42,7 @@ class Decision:
     unsure: bool = False
     onset_frame: int = 0
     start_frame: int = 1
-    stages: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+    stages: Arrays = field(default_factory=dict, repr=False, compare=False)
 
     def row(self) -> tuple[int, ...]:
         """The columns ``eskin.golden.model.pipeline.DECISION_FIELDS`` of an integer model's decision."""

@@ -4,20 +4,14 @@ read.
 The file is what crosses from the golden model to co-simulation and to the generated testbench.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.files import replacing
-from eskin.golden.data.recordings import Recordings
-
-if TYPE_CHECKING:
-    from eskin.golden.model.pipeline import Trace
+from eskin.golden.core import AcceleratorConfig, replacing
+from eskin.golden.data import Recordings
+from eskin.golden.model.pipeline import Trace
 
 
 def write_vectors(

@@ -19,13 +19,10 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model import pipeline, preprocess
-from eskin.golden.model.cells import Fixed
-from eskin.golden.model.model import FloatModel, IntegerModel
-from eskin.golden.model.preprocess import Touches, sums_alone
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import Fixed, FloatModel, IntegerModel, Touches, pipeline, preprocess
+from eskin.golden.model.preprocess import sums_alone
 
 GROUPS = ("numeric", "stream", "sensor", "memory")
 
@@ -73,7 +70,7 @@ class Bench:
     origin: Bench | None = field(default=None, compare=False, repr=False)
     memo: dict[Hashable, Any] = field(default_factory=dict, compare=False, repr=False)
 
-    def __getstate__(self) -> dict[str, Any]:
+    def __getstate__(self) -> Record:
         """What another process gets: the fields, not what was computed from them here."""
         return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)} | {"memo": {}}
 
@@ -83,11 +80,7 @@ class Bench:
         return self.model.config
 
     def changed(
-        self,
-        config: Mapping[str, Any] | None = None,
-        *,
-        arrays: Mapping[str, np.ndarray] | None = None,
-        **parts: Any,
+        self, config: Mapping[str, Any] | None = None, *, arrays: Arrays | None = None, **parts: Any
     ) -> Bench:
         """A bench with fields of the configuration, arrays of the integer model, or parts replaced."""
         model = IntegerModel(
@@ -121,16 +114,13 @@ class Bench:
         if self.origin:
             return self.origin.clean
         touches = preprocess.find_touches(self.config, self.recordings)
-        first, lengths = touches.first_touch(), self.recordings.lengths
+        first = touches.first_touch()
         ends = np.where(
             first >= 0,
             touches.start_frame[first] - 1 + self.config.last_frame + self.config.windows.hop,
-            lengths,
+            self.recordings.lengths,
         )
-        return rebuilt(
-            self.recordings,
-            [self.recordings.recording(i)[: min(end, lengths[i])] for i, end in enumerate(ends)],
-        )
+        return self.recordings.until(ends)
 
     @cached_property
     def sample(self) -> Bench:
@@ -313,7 +303,7 @@ class Outcome:
     worst_case: str
     curve: Curve | None = None
     case: Case | None = None
-    rtl: dict[str, Any] | None = None
+    rtl: Record | None = None
     detail: Any = None
 
 

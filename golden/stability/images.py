@@ -15,20 +15,11 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.core.images import BIAS_BITS, Pool
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import (
-    ImageTrace,
-    accumulators,
-    image_recordings,
-    images_of,
-    layer_formats,
-    pooled,
-    run_images,
-)
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.core import AcceleratorConfig, Pool, QFormat, narrow
+from eskin.golden.core.images import BIAS_BITS
+from eskin.golden.data import Recordings
+from eskin.golden.model import ImageTrace, IntegerModel, images_of, layer_formats, run_images
+from eskin.golden.model.image_network import accumulators, image_recordings, pooled
 from eskin.golden.stability.core import Case, Curve, Mode, Outcome
 from eskin.golden.stability.memory import Site, by_bit, upset
 

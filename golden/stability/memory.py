@@ -1,18 +1,13 @@
 """Failure modes of the memories, in the golden model: single bit flips in weights, tables, constants,
 configuration and state."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.model import pipeline
-from eskin.golden.model.cells import Fixed
-from eskin.golden.model.model import IntegerModel, network_formats
+from eskin.golden.core import Arrays, InputError, QFormat
+from eskin.golden.model import Fixed, IntegerModel, network_formats, pipeline
 from eskin.golden.stability.core import Bench, Case, Curve, Outcome
 
 BATCH = 32
@@ -35,7 +30,7 @@ def upset(array: np.ndarray, place: int, bit: int, fmt: QFormat) -> np.ndarray:
     return array
 
 
-def every_bit(arrays: Mapping[str, np.ndarray], formats: Mapping[str, QFormat]) -> list[Site]:
+def every_bit(arrays: Arrays, formats: Mapping[str, QFormat]) -> list[Site]:
     """Every bit of the arrays that have a format."""
     return [
         (name, place, bit)

@@ -1,13 +1,11 @@
 """Failure modes of a network's numbers: roundings that pile up, ranges."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, constants_shape, network_formats, network_shapes
+from eskin.golden.core import InputError
+from eskin.golden.model import FloatModel, constants_shape, network_formats, network_shapes
 from eskin.golden.model.preprocess import amplified
 from eskin.golden.stability.core import Bench, Curve, Outcome
 from eskin.golden.stability.shapes import float_decisions

@@ -1,14 +1,12 @@
 """Disturbances of the sensor: taxels dead, stuck, noisy, off in gain or offset, exchanged; and how the fault
 detector sees them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.stability.core import Bench, Change, Curve, Outcome, disturbed
 
 SPIKE_CODES = 3000

@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.data import Recordings
 from eskin.golden.model import pipeline
 from eskin.golden.stability.core import Bench, Case, Change, Curve, Outcome, disturbed, rebuilt
 from eskin.golden.training.quantise import profile, quantise_model

@@ -1,14 +1,12 @@
 """Failure modes of the stream: touches that come late, twice or not at all, glitches, drift, frames lost,
 clocks."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import Recordings
 from eskin.golden.stability.core import Bench, Case, Change, Curve, Outcome, disturbed, rebuilt
 from eskin.golden.stability.shapes import Whole
 

@@ -1,15 +1,11 @@
 """The failure modes of the tables, run and judged against their bounds."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.stability.core import Bench, Case, Mode, Outcome
 from eskin.golden.stability.images import IMAGE_MODES, ImageBench
 from eskin.golden.stability.table import MODES

@@ -1,7 +1,5 @@
 """The failure modes, a row each: what is disturbed and how far, the bound and its reason."""
 
-from __future__ import annotations
-
 from eskin.golden.stability import memory, numeric, sensor, stream
 from eskin.golden.stability.core import ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Mode, harmless
 from eskin.golden.stability.shapes import AGREED, AsInFloat, EachTaxel, QuietStretches, TaxelPairs, Whole

@@ -1,14 +1,10 @@
 """What a converter takes by itself, by its data sheet: beside the chain's estimate, never in its sum."""
 
-from __future__ import annotations
-
-from typing import Any
-
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.converters import CONVERTERS, converter_plan
+from eskin.golden.core import AcceleratorConfig, Record, converter_plan
+from eskin.golden.core.converters import CONVERTERS
 
 
-def converter_power(config: AcceleratorConfig) -> dict[str, Any] | None:
+def converter_power(config: AcceleratorConfig) -> Record | None:
     """What the converter takes at most while it runs all the time; None without a converter.
 
     Returns
@@ -30,7 +26,7 @@ def converter_power(config: AcceleratorConfig) -> dict[str, Any] | None:
     return {"converter": name, "chips": count, **figures}
 
 
-def in_words(power: dict[str, Any]) -> str:
+def in_words(power: Record) -> str:
     """A row of a table."""
     if power["power_w"] is None:
         return f"{power['converter']}: {power['rests_on']}"

@@ -6,8 +6,6 @@ taxels (``robust``), a margin below which a decision is not confident. All is ju
 network has not seen, through the whole integer front end.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.jobs import Record
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import by_recording, decide_touches
-from eskin.golden.model.preprocess import Touches, activity, find_onsets, find_touches
+from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, Touches, decide_touches, find_onsets, find_touches
+from eskin.golden.model.pipeline import by_recording
+from eskin.golden.model.preprocess import activity
 from eskin.golden.training.crossval import Folds
 from eskin.golden.training.recipe import Recipe, choose_recipe
 
@@ -161,12 +158,7 @@ def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
     touches_of = {"clean": (config, rows, clean)}
     # half a touch more than the first touch takes is all that a late onset can ask for
     ends = np.where(rows >= 0, clean.start_frame[rows] - 1 + config.last_frame * 3 // 2, recordings.lengths)
-    ends = np.minimum(ends, recordings.lengths)
-    short = dataclasses.replace(
-        recordings,
-        samples=np.concatenate([recordings.recording(i)[:end] for i, end in enumerate(ends)]),
-        offsets=np.cumsum([0, *ends]),
-    )
+    short = recordings.until(ends)
     for taxel in config.sensor.live:
         for name, (changed, spoiled) in failures(short, config, taxel).items():
             touches = find_touches(changed, spoiled)

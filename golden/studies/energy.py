@@ -17,14 +17,11 @@ board, small designs with little fan-out, no block RAM. A figure is therefore go
 and is never called a measurement.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.studies.converter_power import converter_power
 
 BATTERY_J = 1000e-3 * 5.0 * 3600

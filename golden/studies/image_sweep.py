@@ -7,8 +7,6 @@ bits and lanes: weights of 8 bits are rounded after it, those of 4 bits are trai
 areas. What was trained by `eskin train` on the same images, folds and recipe is not trained again.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,15 +14,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import BIAS_BITS, NETWORKS, SIZES, Conv, Dense, Pool, parse_layer
-from eskin.golden.core.jobs import Jobs, Record
-from eskin.golden.core.memo import Memo
-from eskin.golden.data.pictures import image_size, resized
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import images_of
+from eskin.golden.core import (
+    NETWORKS,
+    AcceleratorConfig,
+    Conv,
+    Dense,
+    InputError,
+    Jobs,
+    Memo,
+    Pool,
+    QFormat,
+    Record,
+)
+from eskin.golden.core.images import BIAS_BITS, SIZES, parse_layer
+from eskin.golden.data import Recordings, image_size, resized
+from eskin.golden.model import images_of
 from eskin.golden.studies.sweep import Judging, Request, expand, lanes_name, split_figures
 from eskin.golden.training.image_models import image_config, judged_pieces, pieces_of, split_of
 from eskin.golden.training.train_images import ImageRecipe, judge, size_of

@@ -6,22 +6,16 @@ gate is forced open at the onset that was found in the recording as it was; leng
 Cross-validated networks, trained on the touches as recorded, then decide unseen groups.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.preprocess import find_onsets
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_onsets
 from eskin.golden.training import crossval
 from eskin.golden.training import recipe as recipes
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 MARGIN = 0.10
 """Accuracy above chance that is still no leak."""
@@ -73,7 +67,7 @@ def leak_check(
     left_in: int = 0,
     recipe: recipes.Recipe | None = None,
     progress: crossval.Progress | None = None,
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """Accuracy of cross-validated integer networks on unseen recordings, as recorded and without their
     touches.
 

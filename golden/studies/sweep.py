@@ -7,8 +7,6 @@ kept by content: points that differ in lanes alone share one training, an interr
 stopped, and a repeated one trains nothing.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
@@ -20,14 +18,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from eskin.golden.baselines.rows import judge_baseline
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import pareto
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError, Jobs, Memo, Record, content_key, pareto
 from eskin.golden.core.groups import Network
-from eskin.golden.core.jobs import Jobs, Record
-from eskin.golden.core.memo import Memo, content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import with_network
+from eskin.golden.data import Recordings
+from eskin.golden.model import with_network
 from eskin.golden.training.crossval import cross_validate
 from eskin.golden.training.quantise import COVERED_FEATURE, choose_formats
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.model.model import real_by_input
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.model import real_by_input
 from eskin.golden.training.datasets import Dataset, scaling
 from eskin.golden.training.recipe import Recipe
 

@@ -4,23 +4,21 @@ seeds at once."""
 from __future__ import annotations
 
 import dataclasses
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.model.model import FloatModel, IntegerModel
-from eskin.golden.model.pipeline import by_recording, decide_touches, step_times
+from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel, IntegerModel, decide_touches, stage_errors, step_times
+from eskin.golden.model.pipeline import by_recording
 from eskin.golden.training.datasets import Dataset, Datasets, find_dataset, touch_rows
 from eskin.golden.training.fit import fine_tune, fit_networks, post_training
 from eskin.golden.training.losses import LossCurves
 from eskin.golden.training.recipe import Recipe, choose_recipe
 from eskin.golden.training.splits import held_out, split_folds
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 Progress = Callable[[str, int, int], None]
 """Called with (what, updates done, updates in all)."""
@@ -34,11 +32,11 @@ def cross_validate(
     *,
     folds: int = 5,
     recipe: Recipe | None = None,
-    widths: dict[str, Any] | None = None,
+    widths: Record | None = None,
     quantisation_aware: bool = False,
     datasets: Datasets | None = None,
     progress: Progress | None = None,
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """Accuracy on recordings that a network has not seen, float and integer, for every split; all folds and
     seeds train at once.
 
@@ -119,7 +117,7 @@ class Folds:
             self.data, self._config, self._recipe, self.parts, self._seeds[0], report, curves=self._curves
         )
 
-    def quantise(self, models: list[FloatModel], widths: dict[str, Any]) -> list[IntegerModel]:
+    def quantise(self, models: list[FloatModel], widths: Record) -> list[IntegerModel]:
         """Post-training integers of each, ranges profiled on its own training part."""
         return [
             post_training(model, self.data, rows, widths)
@@ -127,7 +125,7 @@ class Folds:
         ]
 
     def fine_tune(
-        self, models: list[FloatModel], widths: dict[str, Any], progress: Progress | None
+        self, models: list[FloatModel], widths: Record, progress: Progress | None
     ) -> list[IntegerModel]:
         """Integers of each by quantisation-aware training on its own part."""
         report = named(progress, "quantisation-aware training")
@@ -156,9 +154,18 @@ class Folds:
         """
         self.data = find_dataset(recordings, self._config, self._recipe, onsets)
 
-    def records(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[dict[str, Any]]:
+    def records(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[Record]:
         """A record for each split, as ``cross_validate`` returns them."""
         return self.records_of(self.decided(models, integers))
+
+    def loses_in(self, models: list[FloatModel], integers: list[IntegerModel]) -> str | None:
+        """The stage of the integers that alone moves the logits of recordings left out most, on average."""
+        moved: dict[str, float] = defaultdict(float)
+        for model, integer, test in zip(models, integers, self.tests, strict=True):
+            rows = self.data.index[test]
+            for error in stage_errors(model, integer, self.data.touches.take(rows[rows >= 0])):
+                moved[error.stage] += error.logit_mean
+        return max(moved, key=moved.__getitem__, default=None)
 
     def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[FoldDecisions]:
         """What each network decided on the recordings it has not seen (``tests``)."""
@@ -174,7 +181,7 @@ class Folds:
             for m, run in enumerate(runs)
         ]
 
-    def records_of(self, runs: Sequence[FoldDecisions]) -> list[dict[str, Any]]:
+    def records_of(self, runs: Sequence[FoldDecisions]) -> list[Record]:
         """A record for each split from what each network ``decided``."""
         decided: dict[tuple[int, int], list[FoldDecisions]] = {}
         for m, run in enumerate(runs):
@@ -208,7 +215,7 @@ class Terms:
     seeds: Sequence[int] = (0, 1, 2)
     folds: int = 5
     protocol: str = "default"
-    widths: dict[str, Any] = dataclasses.field(default_factory=dict)
+    widths: Record = dataclasses.field(default_factory=dict)
     progress: Progress | None = None
 
     def called(self, name: str) -> Progress | None:
@@ -235,11 +242,7 @@ class Piece:
 
 
 def judge_pieces(
-    datasets: Datasets,
-    pieces: Sequence[Piece],
-    seed: int,
-    widths: dict[str, Any],
-    progress: Progress | None = None,
+    datasets: Datasets, pieces: Sequence[Piece], seed: int, widths: Record, progress: Progress | None = None
 ) -> list[FoldDecisions]:
     """What each decided on its test. All of one configuration and recipe train at once; of those that also
     share their training part and are judged on several tests, one is trained."""
@@ -302,7 +305,7 @@ def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.nda
 SHARES = ("float_accuracy", "integer_accuracy", "agreement")
 
 
-def fold_records(names, tests, decided, labels: np.ndarray) -> list[dict[str, Any]]:
+def fold_records(names, tests, decided, labels: np.ndarray) -> list[Record]:
     """For each fold what it holds out, its recordings, and SHARES: means over seeds, and by seed."""
     records = []
     for name, test, runs in zip(names, tests, decided, strict=True):
@@ -317,7 +320,7 @@ def fold_records(names, tests, decided, labels: np.ndarray) -> list[dict[str, An
     return records
 
 
-def over_folds(per_fold: Sequence[dict[str, Any]]) -> dict[str, float]:
+def over_folds(per_fold: Sequence[Record]) -> dict[str, float]:
     """SHARES of all recordings."""
     weights = [fold["recordings"] for fold in per_fold]
     return {key: float(np.average([fold[key] for fold in per_fold], weights=weights)) for key in SHARES}
@@ -333,7 +336,7 @@ def share_right(labels: np.ndarray, tests: Sequence[np.ndarray], runs: Sequence[
     return right / judged
 
 
-def split_record(groups, names, tests, decided, recordings, seeds, times) -> dict[str, Any]:
+def split_record(groups, names, tests, decided, recordings, seeds, times) -> Record:
     """The record of one split, as training.json has it, of what each network (a list a fold, one a seed)
     decided on the part left out."""
     classes = len(recordings.class_names)
@@ -392,7 +395,7 @@ def split_record(groups, names, tests, decided, recordings, seeds, times) -> dic
     }
 
 
-def _training_curve(runs: Sequence[FoldDecisions]) -> dict[str, Any] | None:
+def _training_curve(runs: Sequence[FoldDecisions]) -> Record | None:
     """{updates, training_loss, held_out_loss (None: nothing to judge)}, means over networks; None of a linear
     cell."""
     losses = [run.losses for run in runs if run.losses is not None]

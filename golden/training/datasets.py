@@ -1,20 +1,15 @@
 """First touches of a set of recordings, ready to train on, and the scale of their features."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.preprocess import Touches, find_touches, real_features
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import Touches, find_touches, real_features
 from eskin.golden.training.recipe import Recipe
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 
 @dataclass(frozen=True)

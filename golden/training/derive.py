@@ -21,17 +21,13 @@ recordings spread evenly over the classes:
 Where the rule so made finds a touch in fewer than half of the recordings, the gate opens at once.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import find_onsets
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_onsets
 
 LOOKED_AT = 64
 """Recordings that the rules look at: enough for quantiles, quick for any archive."""
@@ -126,7 +122,7 @@ def _unsuited(config: AcceleratorConfig, recordings: Recordings) -> str | None:
     return None
 
 
-def sensor_sizes(recordings: Recordings) -> tuple[dict[str, Any], list[str]]:
+def sensor_sizes(recordings: Recordings) -> tuple[Record, list[str]]:
     """Fields that a configuration has from the sensor alone, all but rest level, gate and windows; and the
     reasons.
 
@@ -225,9 +221,7 @@ def measure_onset(recordings: Recordings, settle: int, mean_frames: int) -> Onse
     )
 
 
-def _onset_rule(
-    sample: Recordings, recordings: Recordings, base: dict[str, Any]
-) -> tuple[dict[str, Any], list[str], int]:
+def _onset_rule(sample: Recordings, recordings: Recordings, base: Record) -> tuple[Record, list[str], int]:
     """Fields of the onset rule, the reasons, and the median onset frame (0 where the gate opens at once)."""
     at_once = dict(onset="immediate", rest="initial", clip=0)
     mean_frames = base["onset_mean_frames"]

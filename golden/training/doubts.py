@@ -1,15 +1,13 @@
 """Sentences for a result that looks good and may not be: each says what was seen and the one action that
 helps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.training.choice_table import left_out
+from eskin.golden.data import Recordings
+from eskin.golden.training.choice_table import left_out, unseen
 from eskin.golden.training.yardsticks import neighbours_alike
 
 MOST_MISSED = 0.02
@@ -96,7 +94,7 @@ def by_choice(split: Mapping[str, Any]) -> list[str]:
     return sentences
 
 
-def lost_in_integers(splits: Sequence[Mapping[str, Any]], evaluated: Mapping[str, Any]) -> list[str]:
+def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, Any]) -> list[str]:
     """Sentences where integers decide LOST worse than floats, with the stage that loses most and its fix.
 
     Parameters
@@ -113,7 +111,7 @@ def lost_in_integers(splits: Sequence[Mapping[str, Any]], evaluated: Mapping[str
         f"leaving out {left_out(split['groups'])}, the integer network decides "
         f"{percent(split['integer_accuracy'])} rightly and the float one {percent(split['float_accuracy'])}: most is "
         f"lost in the {stage}; try 'eskin quantise MODEL {fix}'"
-        for split in splits
+        for split in map(unseen, map(dict, splits))
         if split["float_accuracy"] - split["integer_accuracy"] > LOST and stage
     ]
 

@@ -1,20 +1,16 @@
 """Float model against integer model on recordings or images: accuracy, agreement, per step and per class."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import logit_error, step_times
 from eskin.golden.model.image_network import image_seconds
-from eskin.golden.model.pipeline import step_times
-from eskin.golden.model.stage_error import logit_error, records
+from eskin.golden.model.stage_error import records
 from eskin.golden.training.task import task_of
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 MAX_LOSS = 0.01
 """Accuracy that the integer model may lose against the float one."""

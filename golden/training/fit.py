@@ -1,18 +1,14 @@
 """Fitting: many networks (folds x seeds) at once, in float, and in integer arithmetic after that."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.model import FloatModel, IntegerModel
 from eskin.golden.training.batches import Batches
 from eskin.golden.training.datasets import Dataset
 from eskin.golden.training.linear_fit import fit_least_squares, fit_linear
@@ -34,6 +30,20 @@ TOGETHER = 256
 --seeds 100)."""
 
 
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Torch and the linear algebra of numpy and scipy in one thread: the operations are small, a second
+    thread gains a third on an idle machine and loses a factor of ten on a busy one."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+@one_thread()
 def fit_networks(
     data: Dataset,
     config: AcceleratorConfig,
@@ -53,32 +63,6 @@ def fit_networks(
             raise InputError(
                 "training: no touch was found in a training part; check the onset rule with 'eskin inspect'"
             )
-    with one_thread():
-        return _fit_in_one_thread(data, config, recipe, parts, seed, progress, curves)
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Torch and the linear algebra of numpy and scipy in one thread: the operations are small, a second
-    thread gains a third on an idle machine and loses a factor of ten on a busy one."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with threadpool_limits(1):
-            yield
-    finally:
-        torch.set_num_threads(threads)
-
-
-def _fit_in_one_thread(
-    data: Dataset,
-    config: AcceleratorConfig,
-    recipe: Recipe,
-    parts: list[np.ndarray],
-    seed: int,
-    progress: Progress,
-    curves: LossCurves | Told | None,
-) -> list[FloatModel]:
     generator = torch.Generator().manual_seed(seed)
     if not config.recurrent:
         return _fit_linear(data, config, recipe, parts, generator, progress)
@@ -170,7 +154,7 @@ def _fit_linear(
     return models
 
 
-def post_training(model: FloatModel, data: Dataset, rows: np.ndarray, widths: dict[str, Any]) -> IntegerModel:
+def post_training(model: FloatModel, data: Dataset, rows: np.ndarray, widths: Record) -> IntegerModel:
     return quantise_model(model, profile(model, data.touches.take(rows)), **widths)
 
 
@@ -180,7 +164,7 @@ def fine_tune(
     parts: list[np.ndarray],
     models: list[FloatModel],
     seed: int,
-    widths: dict[str, Any],
+    widths: Record,
     progress: Progress,
 ) -> list[IntegerModel]:
     """Quantisation-aware training: an integer network from each trained float one, trained on in integer

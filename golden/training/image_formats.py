@@ -1,8 +1,6 @@
 """Integers of a network for images: a format for each layer, from ranges, and the model folder's integer
 half. No torch."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping
@@ -11,13 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import AcceleratorConfig, InputError, QFormat
 from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT, Stage
-from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import float_images, images_of, layer_formats, run_images
-from eskin.golden.model.model import TRAINING_FILE, FloatModel, IntegerModel, load_training
+from eskin.golden.data import Recordings, check_fit
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    float_images,
+    images_of,
+    layer_formats,
+    load_training,
+    run_images,
+)
+from eskin.golden.model.model import TRAINING_FILE
 
 COVERED = 0.9999
 """Share of the values of a map that its format holds; rarer ones saturate."""

@@ -6,26 +6,21 @@ whose accuracy lies within one standard error of the best one's, as the choice a
 (`eskin.golden.training.choose_network`).
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.images import NETWORKS, network
-from eskin.golden.core.jobs import Jobs, Record
-from eskin.golden.core.memo import Memo, content_key
-from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import image_seconds, images_of
-from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target
+from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Jobs, Memo, Record, content_key
+from eskin.golden.core.images import network
+from eskin.golden.data import Recordings, check_fit
+from eskin.golden.model import FloatModel, IntegerModel, check_model_target, images_of
+from eskin.golden.model.image_network import image_seconds
 from eskin.golden.training.crossval import FoldDecisions, Progress, named, split_record
 from eskin.golden.training.fit import one_thread
 from eskin.golden.training.image_formats import check_weight_bits, profile_images
@@ -232,7 +227,7 @@ def pieces_of(
 
 
 def judged_pieces(
-    images: Mapping[str, np.ndarray],
+    images: Arrays,
     labels: np.ndarray,
     pieces: Sequence[list[list[ImageFold]]],
     jobs: Jobs,

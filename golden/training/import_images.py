@@ -7,8 +7,6 @@ hold channels last: the first dense layer's columns change places. Pixels were `
 ``code / 256`` here: the first layer's weights are scaled.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,9 +14,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.images import PIXEL_FORMAT, Conv, Dense, Stage
+from eskin.golden.core import AcceleratorConfig, Conv, Dense, InputError
+from eskin.golden.core.images import PIXEL_FORMAT, Stage
 from eskin.golden.training.torch_files import TORCH_SUFFIXES, check_readable, plain_array, read_state
 
 EPS = 1e-5

@@ -7,23 +7,26 @@ The file's shapes tell the cell and, for a GRU, where the reset gate stands: tor
 torch files are read with ``weights_only``, archives without pickles.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, read_arrays
-from eskin.golden.model.model import FloatModel, check_model_target, constants_shape, with_network
-from eskin.golden.model.preprocess import find_touches, real_features
+from eskin.golden.core import AcceleratorConfig, ArchiveError, Arrays, InputError, Record, read_arrays
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    FloatModel,
+    check_model_target,
+    constants_shape,
+    find_touches,
+    real_features,
+    with_network,
+)
 from eskin.golden.training.datasets import scaling
 from eskin.golden.training.import_images import read_image_network
 from eskin.golden.training.torch_files import (
@@ -33,9 +36,6 @@ from eskin.golden.training.torch_files import (
     plain_array,
     read_state,
 )
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 KERAS_SUFFIX, ONNX_SUFFIX = ".npz", ".onnx"
 ORDERS = {
@@ -57,7 +57,7 @@ class Layers:
     path: Path
     kind: str
     names: Mapping[str, str]
-    arrays: Mapping[str, np.ndarray]
+    arrays: Arrays
 
     def refuse(self, role: str, why: str) -> NoReturn:
         """An InputError about the array of that role."""
@@ -431,7 +431,7 @@ def import_network(
     mean: float | None = None,
     std: float | None = None,
     recordings: Recordings | None = None,
-) -> dict[str, Any]:
+) -> Record:
     """Make a float model folder (config.json, float.npz, training.json) of a network trained elsewhere, ready
     to quantise.
 
@@ -468,7 +468,7 @@ def import_network(
         folder that must not be replaced.
     """
     check_model_target(out)
-    scale: dict[str, Any]
+    scale: Record
     if Path(file).suffix == ONNX_SUFFIX:
         from eskin.golden.training.import_onnx import convert_onnx, read_onnx
 
@@ -547,7 +547,7 @@ def _normalisation(
     mean: float | None,
     std: float | None,
     recordings: Recordings | None,
-) -> dict[str, Any]:
+) -> Record:
     """mean, std and their source: those given, or measured on recordings."""
     if mean is not None:
         return {"mean": mean, "std": std, "source": "given"}

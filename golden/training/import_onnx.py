@@ -5,8 +5,6 @@ inputs and compared with the network that was read: nodes that only move values 
 of another step, a transposed layout or an offset is found. Nothing of a file is run but the operators below.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -19,11 +17,8 @@ import onnx
 from onnx import numpy_helper
 from onnx.reference import ReferenceEvaluator
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
-from eskin.golden.model.cells import Float, run_cell
-from eskin.golden.model.model import constants_shape, network_shapes, with_network
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.model import Float, constants_shape, network_shapes, run_cell, with_network
 from eskin.golden.training.torch_files import MOST_VALUES, check_readable
 
 SUFFIX = ".onnx"

@@ -1,12 +1,10 @@
 """Multinomial logistic regression on all windows of a touch, as the weights and bias of a linear cell."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 
 MOST_ITERATIONS = 300
 """Of the solver; it stops there where it has not converged, a hair from the best weights."""

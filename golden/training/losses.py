@@ -1,7 +1,5 @@
 """Losses of networks, their descent, and their curves while they are trained."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -9,7 +7,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.training.batches import Batches, TouchPool
 from eskin.golden.training.datasets import Dataset
 from eskin.golden.training.network import RecurrentClassifier

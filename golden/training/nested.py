@@ -15,14 +15,13 @@ that looks at a label, by a cheaper choice of the same kind:
 - the network chosen is trained on the whole training part with the full recipe, quantised, and judged on the
   fold.
 
-Inner folds leave out what the choice itself leaves out. Thresholds and scales of the candidates are measured
+Inner folds (``inner_folds``) leave out what the choice itself leaves out; where a part has one value of it, a
+group that can be left out there. Thresholds and scales of the candidates are measured
 on all recordings, without a label.
 
 Where recordings are few, the ridge regression does the same with SHUFFLES shufflings of the labels: what luck
 alone reaches.
 """
-
-from __future__ import annotations
 
 import dataclasses
 import time
@@ -32,9 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import Market
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError, Market, Record
 from eskin.golden.training.choice_table import front_end_words, network_name
 from eskin.golden.training.choose_front_end import (
     Field,
@@ -88,7 +85,7 @@ class Nested:
     networks: Sequence[Network]
     market: Market
 
-    def record(self, split: Sequence[str]) -> dict[str, Any]:
+    def record(self, split: Sequence[str]) -> Record:
         """The figure of one split, and how it came about.
 
         Returns
@@ -224,7 +221,7 @@ class Nested:
         seen: Sequence[np.ndarray],
         judged: Sequence[list[list[Judged]]],
         labels: np.ndarray,
-    ) -> dict[str, Any]:
+    ) -> Record:
         """{count, mean, largest (accuracy of the ridge regression on shuffled labels), right (on the right
         ones), as_good (share of labellings, the right one among them, that do as well as the right one)}."""
         classes, right = len(self.terms.recordings.class_names), np.zeros(labels.shape, dtype=bool)
@@ -284,7 +281,7 @@ def fits(network: Network, config: AcceleratorConfig) -> bool:
     return True
 
 
-def _row(config: AcceleratorConfig, recipe: Recipe) -> dict[str, Any]:
+def _row(config: AcceleratorConfig, recipe: Recipe) -> Record:
     return {
         "cell": config.network.cell,
         "hidden": config.network.hidden if config.recurrent else 0,

@@ -1,15 +1,12 @@
 """The float network as a torch module."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.model.cells import Float, run_cell
-from eskin.golden.model.model import network_shapes
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.model import Float, network_shapes, run_cell
 
 
 class RecurrentClassifier(torch.nn.Module):

@@ -1,39 +1,38 @@
 """Quantisation: profile ranges on recordings, choose a format per signal, export the integer network, or
 train it on as integers."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.model.cells import Fixed, Float, run_cell
-from eskin.golden.model.model import (
-    TRAINING_FILE,
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
+from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    Fixed,
+    Float,
     FloatModel,
     IntegerModel,
+    Touches,
+    find_touches,
+    float_features,
     load_config,
     load_training,
     network_formats,
     network_shapes,
     normaliser_constants,
     real_by_input,
+    run_cell,
 )
-from eskin.golden.model.pipeline import float_features
-from eskin.golden.model.preprocess import Touches, by_input, find_touches, shifts_by_input
+from eskin.golden.model.model import TRAINING_FILE
+from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.image_formats import quantise_image_model
 from eskin.golden.training.prototypes import of_recordings, training_groups
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 Range = tuple[float, float]
 
@@ -56,6 +55,9 @@ FEATURE_COVERAGE = 0.999
 COVERED_FEATURE = f"feature ({FEATURE_COVERAGE:.1%})"
 """Name of that range."""
 
+LAST_LOGIT, ROUNDING = "last logit", 1 / 512
+"""Logits of touches' last steps; and how much of their span rounded weights of a linear cell may move one."""
+
 SIGNALS = (
     "feature",
     COVERED_FEATURE,
@@ -68,10 +70,11 @@ SIGNALS = (
     "tanh pre-activation",
     "state",
     "logit",
+    LAST_LOGIT,
 )
 """Signals whose ranges are profiled, and noted with the format they are given."""
 
-LINEAR_SIGNALS = ("feature", COVERED_FEATURE, "dense", "dense bias", "logit")
+LINEAR_SIGNALS = ("feature", COVERED_FEATURE, "dense", "dense bias", "logit", LAST_LOGIT)
 """Those of a linear cell."""
 
 LOGIT_HEADROOM = 2.0
@@ -111,7 +114,7 @@ class Profile(Float):
 
 def signals(config: AcceleratorConfig) -> tuple[str, ...]:
     """The signals that the configured cell has."""
-    return SIGNALS if config.recurrent else LINEAR_SIGNALS
+    return SIGNALS[:-1] if config.recurrent else LINEAR_SIGNALS
 
 
 def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
@@ -138,7 +141,11 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
     features[~done] = 0.0
     parameters = {name: torch.tensor(array, dtype=torch.float64) for name, array in model.arrays.items()}
     with torch.no_grad():
-        run_cell(profiler, config, parameters, torch.from_numpy(features))
+        logits = run_cell(profiler, config, parameters, torch.from_numpy(features))[1]
+    if not config.recurrent:
+        begun = touches.completed > 0
+        last = logits[begun, np.minimum(touches.completed[begun], features.shape[1]) - 1]
+        profiler.ranges[LAST_LOGIT] = (float(last.min()), float(last.max()))
     ranges = {"feature": (float(features.min()), float(features.max())), **profiler.ranges}
     covered = float(np.quantile(np.abs(features[done]), FEATURE_COVERAGE))
     ranges[COVERED_FEATURE] = (-covered, covered)
@@ -367,7 +374,7 @@ def choose_formats(
     config: AcceleratorConfig,
     ranges: Mapping[str, Range],
     *,
-    weight_bits: int = WEIGHT_BITS,
+    weight_bits: int | None = None,
     state_bits: int | None = None,
     feature_bits: int | None = None,
     gate_bits: int | None = None,
@@ -376,7 +383,9 @@ def choose_formats(
     lean: bool = False,
     plain: bool = False,
 ) -> AcceleratorConfig:
-    """``config`` with a format for every signal, from profiled ranges; widths in bits.
+    """``config`` with a format for every signal, from profiled ranges; widths in bits. ``weight_bits`` None:
+    WEIGHT_BITS, of a linear cell more where rounding them moves logits by more than ROUNDING of their span, as
+    far as an accumulator of DSP lanes goes.
 
     State: SQ(2, .) for GRU reset before, SQ(4, .) for LSTM and reset after (``state_bits`` changes the
     fraction only; where it is None, weights of at most LOW_WEIGHT_BITS bits bring a state of LOW_BIT_STATE,
@@ -400,14 +409,24 @@ def choose_formats(
     check_widths(config, weight_bits, state_bits, feature_bits, gate_bits, table_entries)
     # features times weights, nothing else; features keep their width, which are what is multiplied
     if not config.recurrent:
-        dense, feature = (
-            covering_format(ranges["dense"], weight_bits),
-            covering_format(ranges[COVERED_FEATURE], feature_bits or FEATURE_BITS),
-        )
+        feature = covering_format(ranges[COVERED_FEATURE], feature_bits or FEATURE_BITS)
         feature = QFormat(feature.int_bits, min(feature.frac_bits, feature_frac_limit))
         gate_frac = config.formats.gate_frac if gate_bits is None else gate_bits
-        formats = {"feature_format": feature, "dense_format": dense, "gate_frac": gate_frac}
-        return _with_logits(config, ranges, lean, dense.frac_bits + feature.frac_bits, **formats)
+
+        def of_weights(bits: int) -> AcceleratorConfig:
+            dense = covering_format(ranges["dense"], bits)
+            formats = {"feature_format": feature, "dense_format": dense, "gate_frac": gate_frac}
+            return _with_logits(config, ranges, lean, dense.frac_bits + feature.frac_bits, **formats)
+
+        chosen = of_weights(weight_bits or WEIGHT_BITS)
+        low, high = ranges.get(LAST_LOGIT, (-math.inf, math.inf))
+        while not (weight_bits or plain) and _rounding(chosen) > ROUNDING * (high - low):
+            finer = of_weights(chosen.weight_bits + 1)
+            if finer.weight_bits > OPERAND_BITS or finer.accumulator_bits > WIDEST_DSP_ACCUMULATOR:
+                break
+            chosen = finer
+        return chosen
+    weight_bits = weight_bits or WEIGHT_BITS
     state_int = 4 if config.network.cell == "lstm" or config.network.reset == "after" else 2
     if state_bits is None and weight_bits <= LOW_WEIGHT_BITS:
         state_bits = min(LOW_BIT_STATE, state_int + config.formats.state_format.frac_bits)
@@ -458,6 +477,16 @@ def choose_formats(
         bias_format=covering_format(ranges["bias"], BIAS_BITS, max_frac=products),
         gate_frac=gate_bits,
         table_entries=table_entries or config.formats.table_entries,
+    )
+
+
+def _rounding(config: AcceleratorConfig) -> float:
+    """By how much rounded weights move the logits of a linear cell, standard deviation: features have that
+    of 1, and where one set of weights serves all windows its errors add up over them."""
+    steps = config.windows.steps
+    return (
+        math.sqrt(config.inputs * steps * (steps // config.sets) / 12)
+        / 2**config.formats.dense_format.frac_bits
     )
 
 
@@ -545,7 +574,8 @@ def _noted_ranges(
         raise InputError(f"model '{model_dir}': has no ranges noted at training; {fix}")
     try:
         ranges = {entry["signal"]: (float(entry["min"]), float(entry["max"])) for entry in entries}
-        endless = [signal for signal in signals(config) if not all(map(math.isfinite, ranges[signal]))]
+        needed = [signal for signal in signals(config) if signal in ranges or signal != LAST_LOGIT]
+        endless = [signal for signal in needed if not all(map(math.isfinite, ranges[signal]))]
     except (TypeError, ValueError, KeyError) as error:
         raise InputError(
             f"{model_dir}/{TRAINING_FILE}, field ranges: is damaged ({error!r}); {fix}"
@@ -555,7 +585,7 @@ def _noted_ranges(
     return ranges
 
 
-def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[dict[str, Any]]:
+def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> list[Record]:
     """What training.json and the report say of the ranges: {signal, min, max, format} each, real values."""
     sigmoid, tanh = (f"{config.formats.table_entries} entries over +-{span}" for span in (8, 4))
     names = (
@@ -570,6 +600,7 @@ def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> lis
         "",
         "state",
         "logit",
+        "logit",
     )
     noted = {
         signal: getattr(config.formats, f"{name}_format", None)
@@ -579,10 +610,11 @@ def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> lis
     return [
         {"signal": s, "min": ranges[s][0], "max": ranges[s][1], "format": str(noted[s])}
         for s in signals(config)
+        if s in ranges
     ]
 
 
-def load_trained(model_dir: str | Path) -> tuple[FloatModel, dict[str, Any]]:
+def load_trained(model_dir: str | Path) -> tuple[FloatModel, Record]:
     """The float model and its training record: widths start from the configuration of the training, not from
     an earlier quantisation."""
     model, record = FloatModel.load(model_dir), load_training(model_dir)

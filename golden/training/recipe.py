@@ -5,14 +5,11 @@ The default recipe is chosen by the configuration: ``onset`` where a touch has a
 protocol is an option.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 
 WEIGHT_LIMIT = 1.98
 """Below 2 - 2**-6, the largest SQ(2,6) weight."""
@@ -69,7 +66,7 @@ class Recipe:
         )
 
 
-AS_RECORDED: dict[str, Any] = {
+AS_RECORDED: Record = {
     "noise": 0.0,
     "warp": 1.0,
     "gain": 1.0,

@@ -1,19 +1,13 @@
 """Splits: which recordings a fold leaves out, by the group arrays of an archive."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.data.folds import grouped_folds
+from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.golden.data import Recordings, grouped_folds
 from eskin.golden.training.derive import fits_sensor
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 SPLITS: dict[str, list[list[str]]] = {
     "pvdf": [["trial"], ["speed"], ["seq"]],

@@ -1,7 +1,5 @@
 """Tensors of a torch state_dict, read without running anything of the file."""
 
-from __future__ import annotations
-
 import pickle
 import warnings
 import zipfile
@@ -10,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, check_unpacked
+from eskin.golden.core import ArchiveError, InputError
+from eskin.golden.core.files import check_unpacked
 
 MOST_VALUES = 1 << 20
 """Of one array; the largest that the accelerator takes has 4 x 32 x 512."""

@@ -1,23 +1,19 @@
 """Training: cross-validation, a network fitted on all recordings, and the model folder."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
-from eskin.golden.model.model import check_model_target
-from eskin.golden.model.pipeline import decide_touches
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import check_model_target, decide_touches
 from eskin.golden.training.crossval import Progress, cross_validate, named
 from eskin.golden.training.datasets import Datasets, touch_rows
 from eskin.golden.training.fit import fine_tune, fit_networks
@@ -25,9 +21,6 @@ from eskin.golden.training.losses import Callback, Told
 from eskin.golden.training.quantise import check_widths, profile, range_records
 from eskin.golden.training.recipe import Recipe, choose_recipe
 from eskin.golden.training.splits import default_splits, split_folds
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 
 @dataclass(frozen=True, kw_only=True)

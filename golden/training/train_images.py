@@ -6,8 +6,6 @@ a one-cycle schedule, each batch turned, mirrored, shifted and scaled anew. Batc
 and biases at the end, so what is kept is what hardware computes.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Mapping
@@ -19,13 +17,19 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import PIXEL_FORMAT, Conv, Dense, Pool
-from eskin.golden.core.memo import code_version
-from eskin.golden.model.image_network import float_images, layer_formats, run_images
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.core import (
+    AcceleratorConfig,
+    Arrays,
+    Conv,
+    Dense,
+    InputError,
+    Pool,
+    QFormat,
+    Record,
+    code_version,
+)
+from eskin.golden.core.images import PIXEL_FORMAT
+from eskin.golden.model import FloatModel, IntegerModel, float_images, layer_formats, run_images
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.image_formats import (
     choose_image_formats,
@@ -321,7 +325,7 @@ def size_of(config: AcceleratorConfig) -> str:
     return f"{config.image.height}x{config.image.width}"
 
 
-def judge(shared: tuple[Mapping[str, np.ndarray], np.ndarray], piece: ImageFold) -> dict[str, Any]:
+def judge(shared: tuple[Arrays, np.ndarray], piece: ImageFold) -> Record:
     """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned``
     (trained on with few bits), each a list of classes in the order of ``left_out``; ``wall_s``. shared:
     images by their size (`size_of`), and labels."""
@@ -340,11 +344,7 @@ def judge(shared: tuple[Mapping[str, np.ndarray], np.ndarray], piece: ImageFold)
             even = model if bits == 8 else equalised(model, images[train], bits)
             decided[f"w{bits}"] = run_images(quantised(even, images[train], bits), images[out], maps=False)
         if piece.tuned_bits:
-            options: dict[str, Any] = {
-                "weight_bits": piece.tuned_bits,
-                "recipe": piece.recipe,
-                "seed": piece.seed,
-            }
+            options: Record = {"weight_bits": piece.tuned_bits, "recipe": piece.recipe, "seed": piece.seed}
             tuned = tune_network(model, images[train], labels[train], **options)[1]
             decided["tuned"] = run_images(tuned, images[out], maps=False)
     return {name: trace.decision.tolist() for name, trace in decided.items()} | {

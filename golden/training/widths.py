@@ -1,23 +1,28 @@
 """Widths by error: the narrowest weights whose logits, on recordings left out of the training, stay close to
 those in float."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel
-from eskin.golden.model.pipeline import decide_touches, float_features
-from eskin.golden.model.preprocess import Touches, find_touches
-from eskin.golden.model.stage_error import StageError, logit_error, stage_errors
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    Touches,
+    decide_touches,
+    find_touches,
+    float_features,
+    logit_error,
+    stage_errors,
+)
+from eskin.golden.model.stage_error import StageError
 from eskin.golden.training.crossval import Folds
 from eskin.golden.training.quantise import (
     COVERED_FEATURE,
@@ -30,9 +35,6 @@ from eskin.golden.training.quantise import (
 )
 from eskin.golden.training.recipe import RECIPES, Recipe, choose_recipe
 from eskin.golden.training.splits import default_splits
-
-if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
 
 WEIGHTS, TABLES = tuple(range(4, 17)), (512, 1024)
 """Bits of a weight and entries of a table that are tried, in the order of what they cost: weights first."""
@@ -81,7 +83,7 @@ class Tried:
     refused: str = ""
 
     @property
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> Record:
         """What training.json says of them."""
         names = ("weight_bits", "table_entries", "mean", "max", "stage")
         return {name: getattr(self, name) for name in names}
@@ -235,7 +237,7 @@ def quantise_by_error(
     *,
     group: Sequence[str] | None = None,
     progress: Callable[[str, int, int], None] | None = None,
-) -> tuple[IntegerModel, dict[str, Any]]:
+) -> tuple[IntegerModel, Record]:
     """Write the integer model into a model folder, in the narrowest widths that keep logits of recordings
     left out within ``limit``.
 

@@ -9,16 +9,14 @@ end, or without this network.
   what the front end loses.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.data import Recordings
 from eskin.golden.training.choose_front_end import Judge, blocked_ridge
 from eskin.golden.training.splits import split_folds
 
@@ -117,7 +115,7 @@ def yardsticks(
     groups: Sequence[str],
     folds: int,
     progress: Callable[[str, int, int], None] = lambda task, done, total: None,
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """What RBF-SVM and whole recordings reach when ``groups`` are left out.
 
     Returns

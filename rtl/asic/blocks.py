@@ -1,7 +1,5 @@
 """To which block of the chain each cell of a flat netlist belongs: for areas and energies by block."""
 
-from __future__ import annotations
-
 import re
 from collections import Counter
 

@@ -1,11 +1,9 @@
 """Drivers of nets with many receivers, which synthesis leaves to placement: trees of buffers, without which
 such a net decides on the clock, and a cell for so many constant pins."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from typing import Any
 
+from eskin.golden.core import Record
 from eskin.rtl.asic.liberty import Cell
 from eskin.rtl.asic.nets import Nets
 
@@ -31,7 +29,7 @@ def _through(cell: Cell) -> tuple[str, str] | None:
     return None
 
 
-def insert(module: dict[str, Any], cells: Mapping[str, Cell], most: int = RECEIVERS_MAX) -> int:
+def insert(module: Record, cells: Mapping[str, Cell], most: int = RECEIVERS_MAX) -> int:
     """Put buffers into a module of Yosys' JSON, so that no net has more than ``most`` receivers; how many.
     A constant takes as many cells as it needs in place of buffers. The clock's net, and what a clock gate
     drives, wait for a clock tree.
@@ -61,7 +59,7 @@ def insert(module: dict[str, Any], cells: Mapping[str, Cell], most: int = RECEIV
                 for bits, place in ends[low : low + size]:
                     bits[place] = following
                 connections = {out: [following]} if constant else {enters: [net], leaves: [following]}
-                cell: dict[str, Any] = {
+                cell: Record = {
                     "hide_name": 1,
                     "type": module["cells"][driver]["type"] if constant else chosen.name,
                     "parameters": {},

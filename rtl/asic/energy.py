@@ -6,8 +6,6 @@ energies of an edge and ``C`` = pins + wire. A clock net costs ``2 e`` for each 
 as much a change, and are counted apart (`eskin.verbs.chip_energy`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

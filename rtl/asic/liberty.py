@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError, Record
 
 STATEMENT = re.compile(
     r"""(?P<close>\})|(?P<name>[^\s{}();:,"\\]+)
@@ -251,7 +251,7 @@ def _library(path: Path, top: Group) -> Library:
     )
 
 
-def _by_name(groups: Iterable[Group], make: Callable[[Group], Any]) -> dict[str, Any]:
+def _by_name(groups: Iterable[Group], make: Callable[[Group], Any]) -> Record:
     """What ``make`` makes of each group, by its first argument.
 
     Raises

@@ -1,7 +1,5 @@
 """A flat netlist as a graph: at which pins its nets begin and end."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

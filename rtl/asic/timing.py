@@ -1,7 +1,5 @@
 """OpenSTA on a netlist: the slowest path of a corner with a wire load, the clock it allows."""
 
-from __future__ import annotations
-
 import re
 import shutil
 import subprocess

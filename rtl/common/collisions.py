@@ -5,8 +5,6 @@ comparators and bypasses. A memory with `NO_COLLISION` has none of them: its own
 word in one cycle, or never uses the result.
 """
 
-from __future__ import annotations
-
 import re
 
 NO_COLLISION = {"no_rw_check": 1}

@@ -1,7 +1,5 @@
 """Comparisons with constants that cost few gates."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Mux, Signal, Value
 
 

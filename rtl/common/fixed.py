@@ -6,11 +6,9 @@ Amaranth truncates silently on assignment, so every narrowing in ``rtl/`` goes t
 shifts are floor.
 """
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal, Value, signed, unsigned
 
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import QFormat
 
 
 def shape_of(fmt: QFormat) -> Shape:

@@ -1,7 +1,5 @@
 """Cycles between two frames of an array so small that its state would be read before it is written."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal, Value
 
 from eskin.rtl.program.timing import STATE_BEATS

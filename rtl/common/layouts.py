@@ -1,12 +1,10 @@
 """What the streams between the stages of the chain carry, in the order in which a frame meets them."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Mux, Value, signed, unsigned
 from amaranth.lib import data
 from amaranth.utils import ceil_log2
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import shape_of
 
 MARGIN_SHIFT = 2

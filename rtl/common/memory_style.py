@@ -5,9 +5,7 @@ large ones of 16384 words of 16 bits with a single port, which only the host can
 up with arbitrary contents.
 """
 
-from __future__ import annotations
-
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.layouts import expands
 
@@ -56,6 +54,13 @@ def short_of_blocks(config: AcceleratorConfig, platform: str | None) -> bool:
     """
     spares = config.hardware.spare_blocks or expands(config) or config.sets > 1
     return platform == SMALL_FAMILY and config.hardware.lane_type == "dsp" and spares
+
+
+def addends_memory(config: AcceleratorConfig, platform: str | None) -> dict[str, int | str]:
+    """Attributes of the addends' memories. As constants that nothing writes they would become LUTs, some 80
+    of them, where a part with multipliers has block memories left."""
+    small = platform == SMALL_FAMILY and config.hardware.lane_type == "dsp"
+    return NO_COLLISION | ({"ram_style": "block"} if small and not short_of_blocks(config, platform) else {})
 
 
 def lanes_in_large_memories(config: AcceleratorConfig, platform: str | None, words: int) -> int:

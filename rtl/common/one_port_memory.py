@@ -5,8 +5,6 @@ MASKWREN, DATAOUT a cycle after the address, contents unknown at power-on); else
 its behaviour.
 """
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, ClockSignal, Const, Instance, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory

@@ -1,11 +1,9 @@
 """Checks of the host's registers: their parity, and the end of each memory that is loaded
 (docs/specification.md section 11)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Signal, Value
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.program.memory_map import memory_words, words_per_entry

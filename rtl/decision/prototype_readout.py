@@ -1,7 +1,5 @@
 """The nearest stored trajectory of a touch, and touches that are stored (docs/specification.md, section 18)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,7 +8,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import exceeds, greater, reaches
 from eskin.rtl.common.fixed import narrow, shape_of, wrapping_increment

@@ -1,14 +1,12 @@
 """The largest of a step's scores, and by how much (docs/specification.md, section 7): in few cells, or in few
 cycles."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.memory_style import before_an_adder
 from eskin.rtl.program.timing import holds_two_largest
 
@@ -109,10 +107,11 @@ class SearchTwice(wiring.Component):
 
 
 class SearchOnce(wiring.Component):
-    """In few cycles: the two largest so far are held.
+    """In few cycles: the largest so far is held, and by how much.
 
-    ``arriving`` is a score a cycle after it was given, ``compared`` its class. Latency: ``found`` comes 2
-    cycles after the last score.
+    ``new`` is a score a cycle after it was given, ``compared`` its class. ``above`` is, a cycle later, by how
+    much less one it is above the largest of those before it. Latency: ``found`` comes 2 cycles after the last
+    score.
     """
 
     def __init__(self, config: AcceleratorConfig) -> None:
@@ -123,26 +122,34 @@ class SearchOnce(wiring.Component):
         m = Module()
         score, number, last_class = self.score, Signal.like(self.number), self._classes - 1
         best, margin = Signal.like(self.best, reset_less=True), Signal.like(self.margin, reset_less=True)
-        compared, arriving, subtracting = Signal.like(number, reset_less=True), Signal(), Signal()
-        new, largest, second = (
-            Signal.like(score.value, name=name, reset_less=True) for name in ("new", "largest", "second")
+        compared, arriving, ending = Signal.like(number, reset_less=True), Signal(), Signal()
+        new, below, above = (
+            Signal.like(score.value, name=name, reset_less=True) for name in ("new", "below", "above")
         )
+        larger, unseen, judged = Signal(), Signal(), Signal()
         m.d.sync += [new.eq(score.value), compared.eq(number), arriving.eq(score.valid)]
-        m.d.sync += subtracting.eq(arriving & (compared == last_class))
         with m.If(score.valid):
             m.d.sync += number.eq(Mux(number == last_class, 0, number + 1))
-        first, exceeds = compared == 0, new > largest  # strictly: ties stay with the lowest class
+        # `below` is the complement of the largest, so one chain of carries compares and subtracts.
+        first, difference = compared == 0, new + below
+        exceeds = difference[-1]  # strictly: ties stay with the lowest class
         with m.If(arriving & (first | exceeds)):
-            m.d.sync += [largest.eq(new), best.eq(compared), second.eq(Mux(first, 0, largest))]
-        with m.Elif(arriving & (new > second)):
-            m.d.sync += second.eq(new)
-        with m.If(subtracting):
-            m.d.sync += margin.eq(largest - second)
+            m.d.sync += [below.eq(~new), best.eq(compared)]
+        # The next cycle: a new largest is that far above the one before, which was no nearer to any other; the
+        # first is as far above as can be.
+        m.d.sync += [judged.eq(arriving), ending.eq(arriving & (compared == last_class))]
+        with m.If(arriving):
+            m.d.sync += [above.eq(difference), larger.eq(exceeds & ~first), unseen.eq(first | exceeds)]
+        with m.If(arriving & first):
+            m.d.sync += above.eq(0)
+        nearer = (margin + above)[-1]
+        with m.If(judged & (unseen | nearer)):
+            m.d.sync += margin.eq(Mux(larger, above + 1, ~above))
         m.d.comb += [
             self.number.eq(number),
             self.best.eq(best),
             self.margin.eq(margin),
-            self.found.eq(subtracting),
+            self.found.eq(ending),
         ]
         return m
 

@@ -1,14 +1,11 @@
 """Sigmoid and tanh by table (docs/specification.md, section 6)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.activation import sigmoid_table, tanh_table
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, sigmoid_table, tanh_table
 from eskin.rtl.common.memory_style import short_of_blocks
 from eskin.rtl.program.signature import parity
 

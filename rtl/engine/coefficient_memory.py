@@ -4,8 +4,6 @@ loads.
 Gates are those of docs/specification.md, section 5.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
@@ -13,7 +11,7 @@ from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.memory_style import begins_as_told

@@ -1,13 +1,11 @@
 """The compact engine's accumulator: one adder, and one bit of the other operand a cycle
 (docs/specification.md, section 4)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.compact_program import DATA_BITS, CompactProgram, Use
 
 

@@ -4,15 +4,13 @@ with few logic cells.
 Rows and cells: docs/specification.md, sections 4 and 5.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.common.memory_style import begins_as_told

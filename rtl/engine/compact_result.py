@@ -1,14 +1,11 @@
 """What a STORE of the compact engine writes: the accumulator saturated, or a table's answer
 (docs/specification.md, section 4)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.program.compact_program import DATA_BITS, CompactProgram, Kind
 

@@ -1,14 +1,12 @@
 """The compact engine's program: which instruction is under way, and the loops' counters
 (docs/specification.md, section 5)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.compact_program import CompactProgram, Instruction, Limit, Op
 
 FIELDS = {

@@ -1,13 +1,11 @@
 """The element-wise operations around their multiplier: operands in, narrowed results out
 (docs/specification.md, section 5)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import narrow, saturate
 from eskin.rtl.program.scheduler import Schedule
 

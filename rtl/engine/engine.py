@@ -4,8 +4,6 @@ them.
 Rows and cells: docs/specification.md, sections 4 and 5.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
@@ -13,12 +11,12 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import centred_layout
 from eskin.rtl.common.load_port import load_lines, load_signature
-from eskin.rtl.common.memory_style import begins_as_told, lanes_in_large_memories
+from eskin.rtl.common.memory_style import addends_memory, begins_as_told, lanes_in_large_memories
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from eskin.rtl.engine.coefficient_memory import CoefficientMemory
 from eskin.rtl.engine.elementwise import ElementwiseUnit
@@ -494,11 +492,12 @@ class _AddendMemory(wiring.Component):
         )
         names = ("low", "high") if self._config.addend_parts == 2 else ("low", "middle", "high")
         part, entry = self._loaded_entry(m, loads)
+        style = addends_memory(self._config, platform)
         for number, name in enumerate(names):
             bits = slice(16 * number, min(16 * number + 16, self._config.accumulator_bits))
             width = bits.stop - bits.start
             init = [word >> bits.start & (1 << width) - 1 for word in self._image]
-            memory = Memory(shape=width, depth=self._plan.addend_words, init=init, attrs=NO_COLLISION)
+            memory = Memory(shape=width, depth=self._plan.addend_words, init=init, attrs=style)
             m.submodules[name] = memory
             read, write = memory.read_port(), memory.write_port()
             load = loads & (part == number)

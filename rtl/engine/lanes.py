@@ -3,15 +3,11 @@
 The bit-serial lane is an engine of its own: `eskin.rtl.engine.compact_engine`.
 """
 
-from __future__ import annotations
-
-from typing import Any
-
 from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, Record
 from eskin.rtl.common.memory_style import CHIP
 from eskin.rtl.engine.recoded_product import sum_with_product
 from eskin.rtl.engine.sb_mac16 import DspLane
@@ -98,7 +94,7 @@ class PlainLane(wiring.Component):
         return m
 
 
-LANE_TYPES: dict[str, Any] = {"plain": PlainLane, "dsp": DspLane}
+LANE_TYPES: Record = {"plain": PlainLane, "dsp": DspLane}
 """Lane of each ``config.hardware.lane_type`` of which there may be several."""
 
 

@@ -1,7 +1,5 @@
 """The checksum over what the engine's memories hold for ever: docs/specification.md section 11."""
 
-from __future__ import annotations
-
 from functools import reduce
 from operator import xor
 

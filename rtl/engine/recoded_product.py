@@ -1,7 +1,5 @@
 """Multiply and add as one sum of few addends, with radix-4 digits (docs/specification.md, section 4)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Value
 
 

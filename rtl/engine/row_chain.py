@@ -1,7 +1,5 @@
 """Moves the sums of several lanes out one by one, and their next addends in (specification, section 4)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out

@@ -1,13 +1,11 @@
 """The narrowing of a finished row: to a table index, a value or a logit (docs/specification.md, section
 4)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import not_all_equal, saturate
 
 

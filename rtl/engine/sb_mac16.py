@@ -1,7 +1,5 @@
 """A lane in the iCE40's DSP block, accumulator and all (docs/specification.md, section 4)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import ClockSignal, Const, Instance, Module, Signal
 from amaranth.lib import wiring
 

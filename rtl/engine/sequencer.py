@@ -1,7 +1,5 @@
 """Runs the engine's microcode: the order of docs/specification.md, section 5, slot by slot."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory

@@ -6,12 +6,11 @@ multiplier); otherwise, logic between two signals, to the block that most of its
 belongs to exactly one block: blocks add up to the whole.
 """
 
-from __future__ import annotations
-
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable
-from typing import Any
+
+from eskin.golden.core import Record
 
 BLOCKS = {
     "onset_detector": "onset",
@@ -46,7 +45,7 @@ def block_of(path: str) -> str:
     return named[0] if named else WIRING if "accelerator" in parts else TOP
 
 
-def signal_blocks(rtlil: str, names: dict[str, Any], top: str) -> dict[str, str]:
+def signal_blocks(rtlil: str, names: Record, top: str) -> dict[str, str]:
     """Block that drives each signal bit, by its name in the flat design (``a.b.signal`` or
     ``a.b.signal[3]``).
 
@@ -122,7 +121,7 @@ NAMED_CELLS = {
 """Cells that keep the name of the memory or product they come from."""
 
 
-def cell_blocks(packed: dict[str, Any], signals: dict[str, str], border: str = "") -> dict[str, str]:
+def cell_blocks(packed: Record, signals: dict[str, str], border: str = "") -> dict[str, str]:
     """Block of each cell of a placed netlist (nextpnr's ``--write``), by its name.
 
     Parameters

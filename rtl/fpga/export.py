@@ -1,18 +1,13 @@
 """The only place that turns the design into Verilog."""
 
-from __future__ import annotations
-
 import re
 import tempfile
-from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 from amaranth.back import rtlil
 from amaranth.lib import wiring
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError
 from eskin.rtl.common.collisions import without_contents
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
@@ -28,7 +23,7 @@ BUS_TOP = "eskin"
 """Begins the name of the module for a user's system; behind it the bus, or ``axis``."""
 
 
-def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
+def export(config: AcceleratorConfig, arrays: Arrays | None = None) -> str:
     """SystemVerilog text of the accelerator, module ``accelerator``; the same text every time.
 
     ``arrays`` is the integer model that goes into a ROM design (``loadable`` false); a loadable one is the
@@ -45,14 +40,14 @@ def export(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = 
     return _verilog(make_accelerator(config, _rom(config, arrays)), TOP)
 
 
-def export_sensing(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None) -> str:
+def export_sensing(config: AcceleratorConfig, arrays: Arrays | None = None) -> str:
     """SystemVerilog text of the accelerator behind its converter, module ``sensing``; as `export`
     otherwise."""
     return _verilog(Sensing(config, _rom(config, arrays)), SENSING)
 
 
 def export_board(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None, *, clock_hz: float, baud: float
+    config: AcceleratorConfig, arrays: Arrays | None = None, *, clock_hz: float, baud: float
 ) -> str:
     """SystemVerilog text of the accelerator behind its serial link, module ``board_top``; as `export`
     otherwise."""
@@ -61,7 +56,7 @@ def export_board(
 
 def export_bus(
     config: AcceleratorConfig,
-    arrays: Mapping[str, np.ndarray] | None = None,
+    arrays: Arrays | None = None,
     *,
     bus: Bus | None,
     axis: bool = False,
@@ -78,7 +73,7 @@ def export_bus(
     return name, _verilog(BusTop(config, _rom(config, arrays), bus=bus, axis=axis, depth=depth), name)
 
 
-def _rom(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None) -> dict[int, list[int]] | None:
+def _rom(config: AcceleratorConfig, arrays: Arrays | None) -> dict[int, list[int]] | None:
     return None if config.hardware.loadable or arrays is None else memory_images(config, arrays)
 
 

@@ -1,15 +1,13 @@
 """nextpnr on a netlist: placed and routed for a board, with figures of area and timing, and the bitstream."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from eskin.golden.core import Record
 from eskin.rtl.fpga.blocks import block_of, cell_blocks, signal_blocks
 from eskin.rtl.fpga.synthesis import Netlist
 from eskin.rtl.fpga.targets import Target
@@ -208,7 +206,7 @@ def _in_words(counts: list[tuple[str, int, int]]) -> dict[str, tuple[int, int]]:
     return use
 
 
-def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str, int]]:
+def _count(placed: Record, owner: dict[str, str]) -> dict[str, dict[str, int]]:
     blocks: dict[str, Counter[str]] = defaultdict(Counter)
     (module,) = placed["modules"].values()
     constants = {
@@ -247,10 +245,10 @@ def _count(placed: dict[str, Any], owner: dict[str, str]) -> dict[str, dict[str,
     }
 
 
-def _path_in_words(report: dict[str, Any], owner: dict[str, str]) -> str:
+def _path_in_words(report: Record, owner: dict[str, str]) -> str:
     """From which block to which, through how much logic, for the slowest path between two registers."""
 
-    def delay(path: dict[str, Any]) -> float:
+    def delay(path: Record) -> float:
         return sum(part["delay"] for part in path["path"])
 
     inside = [

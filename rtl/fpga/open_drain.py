@@ -1,7 +1,5 @@
 """Open-drain pins of a part around a design that pulls wires low or lets them go."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Const, IOBufferInstance, IOPort, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import flipped

@@ -14,8 +14,7 @@ from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, Mux, ResetSignal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.rtl.common.collisions import open_collisions, without_contents
 from eskin.rtl.fpga.tools import ToolError, run_tool
 from eskin.rtl.host.control import bus_signature

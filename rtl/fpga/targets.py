@@ -1,14 +1,12 @@
 """The boards that `eskin build` knows: part, package, clock and pins, taken from amaranth-boards."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, NamedTuple
 
 from amaranth.build import ResourceError
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError, Record
 from eskin.rtl.fpga.synthesis import ECP5, GOWIN, ICE40_DSP, ICE40_HX, ICE40_LP, Family
 
 
@@ -111,7 +109,7 @@ def _pmod(number: int, *pins: int) -> tuple[str, ...]:
 _PMOD_0, _PMOD_1 = (_pmod(number, 1, 2, 3, 4, 7, 8, 9, 10) for number in (0, 1))
 _J1 = tuple(f"j_1:{pin}" for pin in range(3, 11))
 
-_BOARDS: dict[str, dict[str, Any]] = {
+_BOARDS: dict[str, Record] = {
     "icebreaker": dict(module="icebreaker", platform="ICEBreakerPlatform", connector=_PMOD_0 + _PMOD_1),
     # The USB side of this board is no UART of the FPGA: an adapter goes to the pins that are called 2 and 47
     # on it.

@@ -4,8 +4,6 @@ They see the working folder but not the machine's /tmp, so every call runs in th
 names them without a path.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from collections.abc import Sequence

@@ -1,19 +1,15 @@
 """The design with a way in for upsets: every flip-flop and every memory bit can be inverted at any clock
 edge, in simulation."""
 
-from __future__ import annotations
-
 import re
 import tempfile
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 from amaranth.back import rtlil
 from amaranth.lib import wiring
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, Arrays
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.host.uart_link import UartLink
@@ -48,9 +44,7 @@ class Site:
         return ".".join(parts[:2]) or "accelerator"
 
 
-def with_upsets(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray] | None = None
-) -> tuple[str, list[Site]]:
+def with_upsets(config: AcceleratorConfig, arrays: Arrays | None = None) -> tuple[str, list[Site]]:
     """SystemVerilog of the chain without probes (module ``accelerator``, flat) with the inputs of `PORTS` and
     the output ``hung`` (the watchdog acts in this cycle), and its sites.
 

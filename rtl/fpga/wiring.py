@@ -1,13 +1,9 @@
 """What a build puts onto a board, on which pins of its part, and what is wired to them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.converters import converter_plan
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError, converter_plan
 from eskin.rtl.fpga.open_drain import OpenDrain
 from eskin.rtl.fpga.synthesis import Chain, Harness, PoweredOn
 from eskin.rtl.fpga.targets import TARGETS, Target

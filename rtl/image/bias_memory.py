@@ -1,7 +1,5 @@
 """The image engine's biases, each with its layer's rounding half. The chain takes one a cycle."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory

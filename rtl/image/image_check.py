@@ -1,7 +1,5 @@
 """The checksum over what the image engine's memories hold for ever: docs/specification.md section 11."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out

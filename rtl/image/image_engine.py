@@ -1,8 +1,6 @@
 """The image engine: a network of convolutions, pools and dense layers over one image, pass after pass
 (specification, section 15)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out

@@ -1,12 +1,10 @@
 """Frames become an image: row by row into the image engine's memory (specification, section 15)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import sample_layout
 from eskin.rtl.frontend.frame_aligner import FrameAligner
 from eskin.rtl.program.image_passes import plan_of

@@ -1,7 +1,5 @@
 """What the parts of the image engine hand to one another."""
 
-from __future__ import annotations
-
 from amaranth.hdl import unsigned
 from amaranth.lib import data
 from amaranth.utils import ceil_log2

@@ -1,7 +1,5 @@
 """Where the image engine keeps its maps: two memories of one port, read and written in turn."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out

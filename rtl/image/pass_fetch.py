@@ -1,8 +1,6 @@
 """The image engine's program: the words of its passes, one after the other
 (eskin/rtl/program/image_passes.py)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from amaranth.hdl import Module, Signal

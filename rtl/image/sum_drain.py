@@ -1,13 +1,11 @@
 """What becomes of the image engine's sums: narrowed one by one, the largest of a pool's window kept
 (specification, section 15)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import QFormat
 from eskin.rtl.common.fixed import saturate
 from eskin.rtl.image.layouts import sum_layout
 from eskin.rtl.program.image_passes import ImagePlan

@@ -1,8 +1,6 @@
 """The loops of the image engine: which activation meets which weights, a tap a cycle
 (eskin/rtl/program/image_passes.py)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out

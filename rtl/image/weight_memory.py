@@ -1,8 +1,6 @@
 """The image engine's weights: of convolutions a word for all lanes, of dense layers in two memories of one
 port."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory

@@ -1,7 +1,5 @@
 """From a converter's pins to frames at the declared rate, wiring only (docs/specification.md section 12)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
@@ -9,8 +7,8 @@ from amaranth.hdl import Module, Mux
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.converters import ConverterFault, SpiPlan, converter_plan, sample_clock
+from eskin.golden.core import AcceleratorConfig, ConverterFault, SpiPlan, converter_plan
+from eskin.golden.core.converters import sample_clock
 from eskin.golden.core.ddc232 import DdcPlan
 from eskin.golden.core.matrix_scan import MatrixPlan
 from eskin.golden.core.mpr121 import MprPlan

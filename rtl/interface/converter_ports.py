@@ -1,12 +1,10 @@
 """What every converter's controller has beside its pins (docs/specification.md section 12)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core import ConverterFault
 
 FAULT_BITS = len(ConverterFault)
 

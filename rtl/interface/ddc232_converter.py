@@ -1,14 +1,12 @@
 """Frames from a DDC232: configuration, its readback, integrations in turn on both sides
 (docs/specification.md section 12)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core import ConverterFault
 from eskin.golden.core.ddc232 import (
     CONFIGURATION_BITS,
     PATTERN,

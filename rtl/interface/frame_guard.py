@@ -1,14 +1,12 @@
 """Whole frames only: samples are kept until their frame is known to be good (docs/specification.md section
 12)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import shape_of
 from eskin.rtl.common.layouts import sample_layout
 

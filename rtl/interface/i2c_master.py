@@ -1,7 +1,5 @@
 """One byte, a start or a stop on an I2C bus (UM10204; docs/specification.md section 12)."""
 
-from __future__ import annotations
-
 from enum import Enum
 
 from amaranth.hdl import Cat, Module, Mux, Signal

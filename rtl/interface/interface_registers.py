@@ -1,13 +1,11 @@
 """Registers of what lies beside the accelerator: where the array is touched, the converter's faults, the
 stimulator's settings."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.interface.stimulation import reset_settings

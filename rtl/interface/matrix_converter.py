@@ -1,13 +1,11 @@
 """Frames from a matrix: an address, time to settle, one sample, cell after cell (docs/specification.md
 section 12)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core import ConverterFault
 from eskin.golden.core.matrix_scan import MatrixPlan
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster

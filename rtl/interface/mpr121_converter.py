@@ -1,16 +1,13 @@
 """Frames from one or two MPR121: start-up, filtered data, cells between electrodes (docs/specification.md
 section 12)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from amaranth.hdl import Array, Const, Module, Mux, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import Out
 
-from eskin.golden.core import mpr121
-from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core import ConverterFault, mpr121
 from eskin.golden.core.mpr121 import FULL, MprPlan
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp

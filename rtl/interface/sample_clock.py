@@ -1,7 +1,5 @@
 """When frames begin: the declared rate out of the clock (docs/specification.md section 12)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out

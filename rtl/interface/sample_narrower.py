@@ -1,12 +1,10 @@
 """From a converter's code to a sample: offset, shift, saturation (docs/specification.md section 12)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Const, Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.converters import code_bits, code_offset, code_shift
 from eskin.rtl.common.fixed import narrow, saturate, shape_of
 

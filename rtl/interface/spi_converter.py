@@ -1,13 +1,11 @@
 """A frame from SPI converters: every channel asked in turn, what comes back checked (docs/specification.md
 section 12)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
-from eskin.golden.core.converters import ConverterFault, SpiPlan
+from eskin.golden.core import ConverterFault, SpiPlan
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster, spi_pins
 

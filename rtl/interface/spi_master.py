@@ -1,14 +1,12 @@
 """A serial port to converters: one transfer, several data lines at once (docs/specification.md section
 12)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.converters import SpiPlan
+from eskin.golden.core import SpiPlan
 from eskin.golden.core.serial_port import HALF_MIN
 
 

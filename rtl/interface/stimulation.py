@@ -1,14 +1,12 @@
 """From decisions or positions to the stimulator's line, wiring only (docs/specification.md section 14)."""
 
-from __future__ import annotations
-
 import math
 
 from amaranth.hdl import Module
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.interface.stimulator_frames import SETTINGS, StimulatorFrames, settings_layout

@@ -1,7 +1,5 @@
 """The stimulator's frames, byte by byte, and what keeps them safe (docs/specification.md section 14)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Array, Const, Module, Mux, Signal, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out

@@ -1,13 +1,11 @@
 """Which electrode is wanted: of decisions by a table, of positions by the array's size (docs/specification.md
 section 14)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Array, Const, Module, Mux, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.interface.touch_position import position_layout
 

@@ -1,7 +1,5 @@
 """Two buttons by which a board without a host is taught: docs/specification.md, section 18."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer

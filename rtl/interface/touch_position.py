@@ -1,12 +1,10 @@
 """Where the array is touched, and which way a touch slid (docs/specification.md section 13)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import sample_layout
 
 FRACTION = 4
@@ -39,7 +37,7 @@ class TouchPosition(wiring.Component):
     o : Out(struct: valid, payload of position_layout)
         ``valid`` for one cycle.
 
-    From the last taxel to ``o``: 2 q + 3 cycles, q = bits of a coordinate + 1 (at most 9); with ``ended`` 1.
+    From the last taxel to ``o``: 2 q + 1 cycles, q = bits of a coordinate + 1 (at most 9); with ``ended`` 1.
     The next frame must not end earlier.
     """
 

@@ -1,7 +1,5 @@
 """Bytes onto a serial line: 1 start bit, 8 data bits (lowest first), 1 stop bit, no parity."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out

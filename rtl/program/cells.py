@@ -1,13 +1,11 @@
 """The cells as programs: rows on the lanes, element-wise operations, and what waits for what
 (docs/specification.md, section 5)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 
 
 @dataclass(frozen=True)

@@ -15,18 +15,13 @@ accumulator then the high one. The next step begins at 0 and adds the low word a
 where it belongs; the rounding half came in with the bias.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property, lru_cache
 from typing import Any
 
-import numpy as np
-
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import signed_bits
+from eskin.golden.core import AcceleratorConfig, Arrays, signed_bits
 from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, in_one_phase, reads_new_state, row_count
 from eskin.rtl.program.timing import logit_to_decision
 
@@ -628,7 +623,7 @@ class CompactProgram:
             return (self.regions["scale"] + lengths - 1 << self.index_bits) + self.config.inputs
         return (self.regions["scale"] << self.index_bits) + lengths
 
-    def weight_image(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
+    def weight_image(self, arrays: Arrays) -> list[int]:
         """The weights' bits in the order of their use; sets of weights follow one another.
 
         In a word of n bits, the bit that is used k-th stands at (k + 1) modulo n: the hardware's counter of
@@ -646,7 +641,7 @@ class CompactProgram:
             ) % bits
         return words
 
-    def constant_image(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
+    def constant_image(self, arrays: Arrays) -> list[int]:
         """Bias codes (of carried sums at product scale with the rounding half, in two words) and the
         normaliser's scales, each where the program looks for it."""
         words = [0] * self.constant_words

@@ -4,18 +4,12 @@
 Plain Python (no Amaranth), so that command line and benches can share it.
 """
 
-from __future__ import annotations
-
 import binascii
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError
 from eskin.rtl.program.memory_map import (
     load_words,
     load_writes,
@@ -63,7 +57,7 @@ def sealed(number: int, writes: list[tuple[int, int]]) -> bytes:
     return image + checksum(image).to_bytes(CHECK_BYTES, "big")
 
 
-def flash_image(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> bytes:
+def flash_image(config: AcceleratorConfig, arrays: Arrays) -> bytes:
     """The image of an integer model, for ``FLASH_OFFSET``."""
     return sealed(design_number(config), load_writes(config, arrays))
 
@@ -147,7 +141,7 @@ def log_layout(config: AcceleratorConfig) -> LogLayout | None:
     )
 
 
-def flash_contents(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> bytes:
+def flash_contents(config: AcceleratorConfig, arrays: Arrays) -> bytes:
     """`flash_image`, with an erased log behind it where there is one: another model's touches are gone."""
     image, log = flash_image(config, arrays), log_layout(config)
     return image.ljust(log.offset - FLASH_OFFSET + 2 * log.half, b"\xff") if log else image

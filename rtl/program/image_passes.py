@@ -15,10 +15,8 @@ the slot before leave the chain lane by lane, the next sum's biases come in, and
 walked to, one step a cycle.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
@@ -26,9 +24,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import Conv, Dense, Pool, Stage, accumulator_bits
+from eskin.golden.core import AcceleratorConfig, Arrays, Conv, Dense, Pool, QFormat
+from eskin.golden.core.images import Stage, accumulator_bits
 
 PASS_WORDS = 10
 """16-bit words of a pass."""
@@ -324,7 +321,7 @@ class ImagePlan:
         """Words of all passes."""
         return [word for pass_ in self.passes for word in pass_.words()]
 
-    def addends(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
+    def addends(self, arrays: Arrays) -> list[int]:
         """Biases with the rounding half of their layer."""
         words = []
         for pass_ in self.passes:
@@ -333,11 +330,11 @@ class ImagePlan:
             words += biases + [0] * (pass_.groups * pass_.group - len(biases))
         return words + [0] * (self.addend_words - len(words))
 
-    def conv_weights(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
+    def conv_weights(self, arrays: Arrays) -> list[int]:
         """Words of the convolutions' weights: lane 0's in the lowest bits."""
         return [word for pass_ in self.passes if not pass_.dense for word in self.packed(pass_, arrays)]
 
-    def dense_weights(self, arrays: Mapping[str, np.ndarray]) -> list[int]:
+    def dense_weights(self, arrays: Arrays) -> list[int]:
         """Words of the dense memories: the first tap's weights in the lowest bits."""
         words, bits = [], self.dense_lanes * self.weight_bits
         for pass_ in self.passes:
@@ -350,7 +347,7 @@ class ImagePlan:
                     )
         return words
 
-    def packed(self, pass_: Pass, arrays: Mapping[str, np.ndarray]) -> list[int]:
+    def packed(self, pass_: Pass, arrays: Arrays) -> list[int]:
         """The weights of a pass's taps, its lanes' side by side, lane 0's in the lowest bits."""
         rows = np.asarray(arrays[f"W_{pass_.number}"], dtype=np.int64) & (1 << self.weight_bits) - 1
         if pass_.pairs:

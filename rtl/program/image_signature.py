@@ -5,8 +5,6 @@ Plain Python. The hardware is `eskin.rtl.image.image_check`; step and width are 
 `eskin.rtl.program.signature`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import numpy as np

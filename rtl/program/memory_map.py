@@ -3,8 +3,6 @@
 Plain Python (no Amaranth), so that command line, C header and benches can share it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum, IntFlag
 from types import MappingProxyType
@@ -12,7 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, Arrays
 from eskin.rtl.program.cells import CellProgram
 from eskin.rtl.program.image_passes import ImagePlan, plan_of
 from eskin.rtl.program.image_signature import checked_program, with_parity
@@ -293,7 +291,7 @@ class ImageMemory(IntEnum):
 
 
 def memory_images(
-    config: AcceleratorConfig, arrays: Mapping[str, np.ndarray], program: CellProgram | None = None
+    config: AcceleratorConfig, arrays: Arrays, program: CellProgram | None = None
 ) -> dict[int, list[int]]:
     """Integer contents of every memory by MEMORY_SELECT value.
 
@@ -404,7 +402,7 @@ def taught_arrays(
     return {"taught": taught, "taught_count": counts}
 
 
-def prototype_image(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:
+def prototype_image(config: AcceleratorConfig, arrays: Arrays) -> dict[int, list[int]]:
     """The memory PROTOTYPES, where there is one: the codes of `prototype_words`, then ``taught_count``."""
     if not config.has_prototypes:
         return {}
@@ -421,7 +419,7 @@ def prototype_image(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray])
     return {Memory.PROTOTYPES: words + counts}
 
 
-def image_memories(plan: ImagePlan, arrays: Mapping[str, np.ndarray]) -> dict[int, list[int]]:
+def image_memories(plan: ImagePlan, arrays: Arrays) -> dict[int, list[int]]:
     """Contents of every memory of a design for images, by MEMORY_SELECT value."""
     conv, dense, biases = plan.conv_weights(arrays), plan.dense_weights(arrays), plan.addends(arrays)
     return {
@@ -510,7 +508,7 @@ def load_words(config: AcceleratorConfig) -> int:
     return max(count * words_per_entry(config, select) for select, count in memory_words(config).items())
 
 
-def load_writes(config: AcceleratorConfig, arrays: Mapping[str, np.ndarray]) -> list[tuple[int, int]]:
+def load_writes(config: AcceleratorConfig, arrays: Arrays) -> list[tuple[int, int]]:
     """The (register, 16-bit word) writes that load an integer model over the bus, masked taxels included."""
     writes: list[tuple[int, int]] = []
     for select, words in memory_images(config, arrays).items():

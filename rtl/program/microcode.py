@@ -6,13 +6,11 @@ counting operand address alone are one word with a repeat count. Reads have late
 data in slot t + 1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, ElementOp
 from eskin.rtl.program.scheduler import RowGroup, Schedule
 from eskin.rtl.program.timing import shares_lane

@@ -1,11 +1,9 @@
 """The schedule of a configuration's step, and the clocks that follow from it."""
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import Any
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, cell_program
 from eskin.rtl.program.compact_program import compact_schedule
 from eskin.rtl.program.image_passes import plan_of
@@ -29,7 +27,9 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> A
     if is_compact(config):
         return compact_schedule(config, program)
     groups, bias_rows, partial_rows = groups_of(config, program)
-    return Scheduler(config, program, groups, bias_rows, partial_rows).run()
+    ways = (False, True) if any(op.activated for op in program.elements) else (False,)
+    plans = [Scheduler(config, program, groups, bias_rows, partial_rows, yields).run() for yields in ways]
+    return min(plans, key=lambda plan: plan.step_cycles)
 
 
 def step_cycles(config: AcceleratorConfig) -> int:

@@ -11,12 +11,10 @@ B starts when the features' window is complete. Partial sums of phase A wait in 
 accumulator width.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, ElementOp, RowBlock, reads_new_state, row_count
 from eskin.rtl.program.timing import Timing, logit_to_decision, shares_lane, timing
 
@@ -202,12 +200,14 @@ class Scheduler:
     are there.
 
     Slots are counted from the start of phase A through phase B: while the engine waits for the window between
-    them, time stands still.
+    them, time stands still. Where both want the table in one slot, whoever was issued first has it; with
+    ``yields`` an element-wise operation waits for a group that ends within AHEAD slots.
     """
 
-    NEVER = 10**9
+    NEVER, AHEAD = 10**9, 4
 
-    def __init__(self, config, program, groups, bias_rows, partial_rows) -> None:
+    def __init__(self, config, program, groups, bias_rows, partial_rows, yields: bool = False) -> None:
+        self.yields = yields
         self.config, self.program, self.groups = config, program, groups
         self.bias_rows, self.partial_rows = bias_rows, partial_rows
         self.shared = shares_lane(config)
@@ -324,8 +324,11 @@ class Scheduler:
             if second_term and cycle >= element_free:
                 issued, second_term = (*second_term, 1), None
             elif cycle >= element_free and (not self.shared or (group_start and cycle >= self.lane_free)):
+                coming = [g for g, *_ in elements_of[position : position + self.AHEAD + 1]]
+                left = coming.count(coming[0]) if coming and self.yields else 0
+                kept = self._table_slots(coming[0], cycle + left - 1) if 0 < left <= self.AHEAD else range(0)
                 for k, (op, index) in enumerate(pending):
-                    if position > last_old.get(op.state, -1) and self._element_ready(op, index, cycle):
+                    if position > last_old.get(op.state, -1) and self._element_ready(op, index, cycle, kept):
                         issued = (op, index, 0)
                         del pending[k]
                         break
@@ -379,12 +382,12 @@ class Scheduler:
                 )
         return rows, issues, max(cycle, element_free, last_write)
 
-    def _element_ready(self, op: ElementOp, index: int, cycle: int) -> bool:
+    def _element_ready(self, op: ElementOp, index: int, cycle: int, kept: range) -> bool:
         for term in range(len(op.terms)):
             if any(self.ready.get(key, 0) > cycle + term for key in self._operands(op, term, index)):
                 return False
-        finished = cycle + len(op.terms) - 1
-        return not (op.activated and finished + self.timing.element_to_table in self.table_busy)
+        table = cycle + len(op.terms) - 1 + self.timing.element_to_table
+        return not (op.activated and (table in self.table_busy or table in kept))
 
     # ------------------------------------------------------------------ rows on the lanes
     def _may_start(self, g: int, cycle: int, new_state: dict[tuple[str, int], int]) -> bool:
@@ -411,15 +414,19 @@ class Scheduler:
             return cycle + self.timing.added - self.timing.gap >= fill + self.config.hardware.lanes + 1
         return True
 
+    def _table_slots(self, g: int, last: int) -> range:
+        """Slots in which a group whose last element issues in that one uses the table; a value is written at
+        once, a slot sooner."""
+        group, dest = self.groups[g], self.groups[g].block.dest
+        first = last + self.timing.row - (dest == "value")
+        return range(first, first + group.rows * (dest not in ("partial", "logit")))
+
     def _may_finish(self, g: int, cycle: int) -> bool:
         """A group's last element may issue when the group before has left the chain, the next one's addends
         are in it, and the table is free for its results."""
-        group, capture = self.groups[g], cycle + self.timing.acc
-        if group.block.dest not in ("partial", "logit"):
-            # a value is written at once, a slot sooner
-            table = cycle + self.timing.row - (group.block.dest == "value")
-            if any(table + row in self.table_busy for row in range(group.rows)):
-                return False
+        capture = cycle + self.timing.acc
+        if self.table_busy.intersection(self._table_slots(g, cycle)):
+            return False
         if not self.timing.chain:
             return True
         if capture < self.last_capture[0] + self.last_capture[1]:

@@ -5,8 +5,6 @@ Plain Python (no Amaranth), so that command line and benches can share it. The h
 `eskin.rtl.engine.memory_check`.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 

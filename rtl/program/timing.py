@@ -3,11 +3,9 @@
 A slot is what a word of the engine's program says: one cycle, or as long as the program waits for a window.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 
 ELEMENT_OPERAND_BITS = 16
 

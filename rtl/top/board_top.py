@@ -1,7 +1,5 @@
 """What goes onto a board: accelerator, serial link, decision pins. The same on every target."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal
 
@@ -10,7 +8,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.host.uart_link import UartLink
 from eskin.rtl.interface.interface_registers import InterfaceRegisters

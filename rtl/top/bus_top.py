@@ -1,8 +1,6 @@
 """The accelerator for a user's system: behind a bus, or with its streams under AXI-Stream names
 (docs/specification.md, section 17). Wiring only."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Literal
 
@@ -10,7 +8,7 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, Record
 from eskin.rtl.host.apb_front import ApbFront
 from eskin.rtl.host.axi4lite_front import Axi4LiteFront
 from eskin.rtl.host.bus_shell import BusShell
@@ -21,7 +19,7 @@ from eskin.rtl.top.skin_top import SkinTop
 
 Bus = Literal["wishbone", "axi4lite", "apb"]
 """Buses that there is a front for."""
-FRONTS: dict[str, Any] = {"wishbone": WishboneFront, "axi4lite": Axi4LiteFront, "apb": ApbFront}
+FRONTS: Record = {"wishbone": WishboneFront, "axi4lite": Axi4LiteFront, "apb": ApbFront}
 FRAMES = {
     "s_axis_tdata": In(16),
     "s_axis_tvalid": In(1),

@@ -1,8 +1,6 @@
 """The clock of a chip's whole chain, stopped while no register could change: one gate, no register outside
 it."""
 
-from __future__ import annotations
-
 from amaranth.hdl import (
     ClockDomain,
     ClockSignal,

@@ -1,15 +1,13 @@
 """The accelerator behind a converter: pins in, decisions out (docs/specification.md section 12). Wiring, and
 what a broken frame does."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.host.control import FedBy, bus_signature
 from eskin.rtl.interface.acquisition import Acquisition

@@ -1,16 +1,13 @@
 """What goes onto a board with its own sensors: converter, chain, decision pins, stimulator; a link or a flash
 where asked for."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 from amaranth.hdl import Const, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins

@@ -1,12 +1,10 @@
 """A chain that hangs goes back to idle: docs/specification.md section 11."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.memory_map import prototype_words
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles

@@ -5,16 +5,14 @@ Cycles and weights are read off the program, memory bits off the memories of the
 here is a formula that could drift from the hardware.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from amaranth.hdl import Fragment, MemoryInstance, Shape
 
-from eskin.golden.core.config import MOST_INPUTS, AcceleratorConfig
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import AcceleratorConfig, Record
+from eskin.golden.core.config import MOST_INPUTS
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.top.accelerator import Accelerator
 from eskin.rtl.views.schedule_view import cell_name, lanes_name, resized, save_figure, summary, write_csv

@@ -4,14 +4,12 @@ tap.
 Everything is read off `eskin.rtl.program.image_passes`, whose cycles are the hardware's.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
+from eskin.golden.core import Record
 from eskin.rtl.program.image_passes import ImagePlan, Pass
 from eskin.rtl.views.schedule_view import save_figure, write_csv
 
@@ -26,9 +24,9 @@ def name(layer: Pass) -> str:
     return words + ", pool" * layer.pool
 
 
-def rows(plan: ImagePlan) -> list[dict[str, Any]]:
+def rows(plan: ImagePlan) -> list[Record]:
     """A row a pass, and one of all. taps: cycles in which the lanes multiply."""
-    table: list[dict[str, Any]] = [
+    table: list[Record] = [
         {
             "layer": name(layer),
             "before": (layer.rows, layer.columns, layer.channels),

@@ -8,8 +8,6 @@ a row or an element-wise operation from its first to its last, planes of its ope
 other.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 import json
@@ -17,9 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.rtl.program.cells import ElementOp, RowBlock
 from eskin.rtl.program.compact_program import CompactSchedule, Kind, Op
 from eskin.rtl.program.microcode import Microcode

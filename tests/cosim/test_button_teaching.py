@@ -1,8 +1,6 @@
 """A board without a host is taught by its buttons: what it decides at its pins is what the golden stream decides
 that was taught the same, also after its power was off."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,10 +8,8 @@ import numpy as np
 import pytest
 
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.golden.model.conversion import codes_of
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel, Stream, codes_of, random_integer_model
 from eskin.golden.model.prototypes import forget, taught_in_use
-from eskin.golden.model.stream import Stream
 from eskin.golden.model.taught_log import played, sizes
 from eskin.rtl.fpga.export import _verilog
 from eskin.rtl.fpga.synthesis import synthesise

@@ -1,8 +1,6 @@
 """Co-simulation from a converter's pins: every stage exact on what the converter gives, faults flagged,
 nothing decided from them."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,16 +10,9 @@ import pytest
 
 from eskin.cosim import flow
 from eskin.cosim.scoreboard import read_capture
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.converters import ConverterFault
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import load_archive
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.scene import synthetic_recordings
-from eskin.golden.model.conversion import through_converter
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault, InputError
+from eskin.golden.data import Recordings, load_archive, synthetic_recordings
+from eskin.golden.model import random_integer_model, random_recordings, run, through_converter, write_vectors
 from eskin.rtl.fpga.generate import generate, pack_decision
 from eskin.verbs.flow import BUILD, cosimulate
 from tests.support.array_touches import REST, touches
@@ -327,13 +318,18 @@ REFUSED = [
     ),
     (DDC_FAST | dict(ddc_first=1), "32 words of 20 bits at 2 MHz.*ddc_first 0, or", None),
     (
+        dict(converter="ddc232", clock_hz=12e6, ddc_version="C", sample_rate_hz=2500.0),
+        "; ddc_version CK and converter_hz 3000000, or",
+        None,
+    ),
+    (
         dict(converter="ddc232", sample_rate_hz=7000.0),
         "integrates for 166.5 us at least: give at most 6006",
         None,
     ),
     (
         BIG | dict(sample_rate_hz=300.0),
-        r"160 cells of 28.8 us, 20 of them to settle, take 4.6 ms.*at most 195 Hz works",
+        r"160 cells of 28.8 us, 20 of them to settle, take 4.6 ms.*; settle_s 1e-05, or a rate of at most 195 Hz works",
         195.0,
     ),
     (

@@ -1,8 +1,6 @@
 """Co-simulation of the generated Verilog, small and on both simulators; what the harness, the runner and the
 generated folder promise."""
 
-from __future__ import annotations
-
 import csv
 import json
 import shutil
@@ -17,11 +15,8 @@ from eskin.cosim import flow, gate_flow, runner
 from eskin.cosim.device import Design
 from eskin.cosim.latency import decision_latencies
 from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.model import IntegerModel, random_integer_model, random_recordings, run, write_vectors
 from eskin.rtl.fpga.generate import boot_writes, c_header, generate, pack_decision, register_map
 from eskin.rtl.program.memory_map import Register, mapped
 from eskin.rtl.program.schedule import frame_cycles, schedule

@@ -1,8 +1,6 @@
 """The compiled netlist of a chip: what states take at an edge that passes, and what every change is counted
 with."""
 
-from __future__ import annotations
-
 import dataclasses
 import random
 
@@ -10,7 +8,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.gates import Chip
-from eskin.golden.core.errors import SimulationError
+from eskin.golden.core import SimulationError
 from eskin.rtl.asic.energy import costs
 from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.models import expression

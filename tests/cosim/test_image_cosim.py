@@ -1,8 +1,6 @@
 """Images through the generated Verilog: every map, logit and decision against the golden model, cycles
 against the formula."""
 
-from __future__ import annotations
-
 import dataclasses
 import subprocess
 from pathlib import Path
@@ -10,12 +8,10 @@ from pathlib import Path
 import pytest
 from amaranth.back import rtlil
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.core.images import SIZES, network
-from eskin.golden.model.image_network import image_recordings, random_images, run_images
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.vectors import write_image_vectors
+from eskin.golden.model import IntegerModel, random_images, run_images, write_image_vectors
+from eskin.golden.model.image_network import image_recordings
 from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.program.image_passes import plan_of

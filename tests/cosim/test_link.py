@@ -1,7 +1,5 @@
 """cosim/link.py against a device in Python that is always a question behind."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from eskin.cosim import link

@@ -1,19 +1,15 @@
 """Recordings over the serial pins of the simulated board, by the host's own code, undisturbed and with every
 kind of damage."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
+from eskin.golden.core import PRESETS
+from eskin.golden.data import load_recordings
+from eskin.golden.model import random_integer_model, random_recordings, run, write_vectors
 from eskin.golden.model.position import positions
-from eskin.golden.model.vectors import random_recordings, write_vectors
 from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from tests.support.link_flow import play_link

@@ -1,13 +1,11 @@
 """The scoreboard sees every kind of difference, and says where it is."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 from eskin.cosim.latency import budgets, cycle_table, decision_latencies, needed_clock, step_limit_frames
 from eskin.cosim.scoreboard import DECISION_FIELDS, FLAT_STAGES, compare, read_capture
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from tests.support.link_flow import pack_decisions
 from tests.support.table import each_row
 

@@ -1,8 +1,6 @@
 """A board without a host: from the converter's pins to the bytes on the stimulator's line, as it goes onto
 the part."""
 
-from __future__ import annotations
-
 import dataclasses
 import random
 import shutil
@@ -14,15 +12,16 @@ import pytest
 
 from eskin.cosim.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
 from eskin.cosim.netlist import Hardware, netlist_hardware
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import load_archive
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.scene import synthetic_recordings
-from eskin.golden.model.conversion import through_converter
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import completing_frames, random_recordings
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.data import Recordings, load_archive, synthetic_recordings
+from eskin.golden.model import (
+    IntegerModel,
+    completing_frames,
+    random_integer_model,
+    random_recordings,
+    run,
+    through_converter,
+)
 from eskin.rtl.fpga.export import _verilog
 from eskin.rtl.fpga.generate import boot_writes, register_map
 from eskin.rtl.fpga.synthesis import PoweredOn, synthesise

@@ -1,14 +1,12 @@
 """What no good host does: traffic of every kind at any time, resets in the middle of anything, and registers
 that start unknown."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
 import pytest
 
-from eskin.golden.model.model import with_network
+from eskin.golden.model import with_network
 from tests.support.table import each_row
 from tests.support.traffic import changed, initial_values
 from tests.support.traffic_case import (

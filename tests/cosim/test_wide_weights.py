@@ -1,20 +1,13 @@
 """Weights of 16 bits: accumulators of more than 32, addends in three words of the host's, bit-exact from the
 frames to the decisions."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, signed_bits
-from eskin.golden.model.cells import Fixed
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.core import AcceleratorConfig, InputError, QFormat, signed_bits
+from eskin.golden.model import Fixed, IntegerModel, random_integer_model, random_recordings, run
 from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory_images
 from eskin.verbs.flow import cosimulate
 from tests.support.small_designs import SMALL

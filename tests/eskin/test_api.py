@@ -9,10 +9,9 @@ import pytest
 
 import eskin
 from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.image_network import random_images
-from eskin.golden.model.pipeline import run
+from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.golden.data import load_recordings
+from eskin.golden.model import random_images, run
 from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row

@@ -1,7 +1,5 @@
 """A model in scikit-learn's hands: clones, cross-validation, grids, pipelines on lists of recordings; callbacks."""
 
-from __future__ import annotations
-
 import dataclasses
 import pickle
 import re

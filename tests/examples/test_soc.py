@@ -1,7 +1,5 @@
 """examples/soc: the simulated system decides as the golden model, and a run that does not is told from one that does."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

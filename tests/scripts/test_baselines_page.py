@@ -1,8 +1,6 @@
 """scripts/baselines_page.py: the figures of docs/baselines.md come from results, and nothing else of the page
 changes."""
 
-from __future__ import annotations
-
 import json
 import sys
 
@@ -10,7 +8,7 @@ import pytest
 
 from eskin.golden.baselines.registry import METHODS
 from eskin.golden.baselines.rows import row_of
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from scripts import baselines_page as page
 
 COMMON = {

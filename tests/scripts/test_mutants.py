@@ -1,8 +1,6 @@
 """``make mutants`` on a project of one file and one test: what a test sees is killed, what it does not see
 survives and is explained."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,8 +1,6 @@
 """Touches on an array with their truth: a bump of force that moves from one place to another while it is
 pressed."""
 
-from __future__ import annotations
-
 import numpy as np
 
 REST, TOP = 5, 255

@@ -1,8 +1,6 @@
 """Broken variants of the modes that play recordings into the hardware: the generated Verilog, changed in one
 place."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +8,7 @@ from typing import Any
 
 from eskin.cosim import upsets
 from eskin.cosim.netlist import Hardware
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.model import IntegerModel
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import Register
 

@@ -1,20 +1,15 @@
 """Broken variants of the failure modes: what each mode must report as failed, bench -> broken bench."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model import pipeline
-from eskin.golden.model.cells import Fixed
-from eskin.golden.model.model import network_formats
-from eskin.golden.model.preprocess import Touches, by_input, find_touches, normalise, shifts_by_input
+from eskin.golden.core import AcceleratorConfig, QFormat, narrow
+from eskin.golden.data import Recordings
+from eskin.golden.model import Fixed, Touches, find_touches, network_formats, normalise, pipeline
+from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.golden.stability.core import Bench, rebuilt
 from eskin.golden.stability.table import MODES
 

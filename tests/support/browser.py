@@ -1,8 +1,6 @@
 """A real browser without a screen: Chromium of the distribution, driven by selenium. Tests are skipped where
 there is none."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import shutil

@@ -1,7 +1,5 @@
 """A CPU's side of each bus, with random waits, in Amaranth's simulator; shell and front behind it."""
 
-from __future__ import annotations
-
 import random
 
 from amaranth.hdl import Module

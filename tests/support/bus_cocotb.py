@@ -1,7 +1,5 @@
 """The other side of a bus under cocotb: masters of cocotbext, with pauses at random, on the generated Verilog."""
 
-from __future__ import annotations
-
 import os
 import random
 

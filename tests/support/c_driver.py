@@ -1,7 +1,5 @@
 """The C driver of a generated folder in this process, and recordings through it."""
 
-from __future__ import annotations
-
 import ctypes
 import subprocess
 

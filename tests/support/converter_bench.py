@@ -1,11 +1,9 @@
 """A converter's controller and a model of its chips at the pins: what each frame that ended brought."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 
-from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core import ConverterFault
 from tests.support.stream_bench import Bench
 
 

@@ -1,7 +1,5 @@
 """Recordings written as other people's tools write them, each with the format's own library."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +14,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 
 STORE, STORE1 = get_typestore(Stores.ROS2_HUMBLE), get_typestore(Stores.ROS1_NOETIC)
 """Types of messages of ROS 2 and 1."""

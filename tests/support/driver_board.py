@@ -1,8 +1,6 @@
 """A generated design behind a bus, Verilated, with its C driver: the driver's reads and writes are accesses at the
 design's pins, with pauses at random."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

@@ -1,10 +1,8 @@
 """A scene unlike the synthetic one: a grip that lasts from the first frame to the last."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 
 GRIP_COUNTS, GRIP_NOISE, GRIP_OFFSET = 24.0, 0.6, 3.0
 """Counts that a firm grip gives the taxel under its middle; standard deviation of a sample's noise; counts of

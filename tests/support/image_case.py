@@ -1,14 +1,12 @@
 """Random image networks, and what they compute by a reference of its own: sums written out, no shared
 code."""
 
-from __future__ import annotations
-
 import random
 from dataclasses import dataclass
 
 import numpy as np
 
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import QFormat
 from eskin.golden.core.images import parse_layer, stages_of
 from eskin.rtl.program.image_passes import ImagePlan, make_plan
 

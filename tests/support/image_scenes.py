@@ -1,18 +1,16 @@
 """Small pressure images of three shapes that a small network tells apart after few epochs; networks with
 random weights."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.core.images import PIXEL_FORMAT, Pool
-from eskin.golden.data.recordings import Recordings, image_recordings
-from eskin.golden.model.image_network import accumulators, pooled, random_images
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.core import AcceleratorConfig, Pool, QFormat, narrow
+from eskin.golden.core.images import PIXEL_FORMAT
+from eskin.golden.data import Recordings
+from eskin.golden.data.recordings import image_recordings
+from eskin.golden.model import IntegerModel, random_images
+from eskin.golden.model.image_network import accumulators, pooled
 
 SHAPES = ("bar", "dot", "frame")
 

@@ -4,8 +4,6 @@ It runs in the simulator's own Python in the work folder, takes its settings fro
 and answers in ``result.json``.
 """
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

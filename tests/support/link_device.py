@@ -14,8 +14,8 @@ from types import TracebackType
 import numpy as np
 
 from eskin.cosim import link
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import Recordings
 from eskin.rtl.program.memory_map import ID_VALUE, VERSION_VALUE, Control, Register, Status
 from tests.support.link_flow import pack_decisions
 
@@ -142,8 +142,7 @@ class Device:
 def golden_decisions(model, recordings: Recordings) -> Callable[[np.ndarray], tuple[np.ndarray, int]]:
     """``decide`` of Device by the golden model; only for exactly these recordings, so that a shifted one is
     noticed."""
-    from eskin.golden.model.image_network import images_of, run_images
-    from eskin.golden.model.pipeline import run
+    from eskin.golden.model import images_of, run, run_images
 
     if model.config.is_image:
         rows, offsets = run_images(model, images_of(recordings)).streams["decision"]

@@ -1,8 +1,6 @@
 """Plays recordings through the serial pins of the simulated board and compares its decisions with the golden
 model's."""
 
-from __future__ import annotations
-
 import json
 import random
 import time
@@ -18,7 +16,7 @@ from eskin.cosim.device import Design, Device
 from eskin.cosim.link import Link
 from eskin.cosim.pin_port import PinPort
 from eskin.cosim.scoreboard import UNEXPECTED_FAULTS
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.fpga.generate import pack_decision
 from tests.support.noisy_port import NoisyPort
 

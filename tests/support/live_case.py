@@ -7,7 +7,7 @@ import math
 import threading
 from collections.abc import Sequence
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.live.hub import Hub
 from eskin.live.player import Controls, Player, hello
 from eskin.live.recorder import Recorder

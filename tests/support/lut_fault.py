@@ -1,7 +1,5 @@
 """A fault in a netlist that a co-simulation must see."""
 
-from __future__ import annotations
-
 import random
 import re
 

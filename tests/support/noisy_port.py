@@ -1,7 +1,5 @@
 """A serial port that damages bytes: what a bad line does, on purpose and by seed."""
 
-from __future__ import annotations
-
 import random
 
 from eskin.cosim.link import read_packet

@@ -1,14 +1,12 @@
 """Recordings put together anew."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 
 
 def of_parts(recordings: Recordings, parts: Sequence[np.ndarray], **changes: Any) -> Recordings:

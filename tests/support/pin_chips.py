@@ -1,8 +1,6 @@
 """Chips for benches of the Amaranth simulator: a DDC232 and an MPR121 at their pins, as much of them as a
 frame needs."""
 
-from __future__ import annotations
-
 
 class DdcSlave:
     """Answers with ``words`` (each ``bits`` wide, in the order of the wire) so many cycles after each edge of

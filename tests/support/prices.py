@@ -1,11 +1,9 @@
 """Prices that a test can work out in its head, without any hardware: multiplies of a touch and frames."""
 
-from __future__ import annotations
-
 from typing import Any
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import Cost, Market
+from eskin.golden.core import AcceleratorConfig, Market
+from eskin.golden.core.cost import Cost
 
 
 def cost_by_size(config: AcceleratorConfig) -> Cost:

@@ -1,7 +1,5 @@
 """What was done to a device, done again to the same design in Icarus: as RTL or as a netlist."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 

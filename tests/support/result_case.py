@@ -1,7 +1,5 @@
 """A small made-up result of the main job: recordings, a random model, and what each stage would have said."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from pathlib import Path
@@ -9,13 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.files import write_json
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model import pipeline
-from eskin.golden.model.model import FloatModel, network_shapes, random_integer_model
-from eskin.golden.model.pipeline import step_times
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.core import AcceleratorConfig, write_json
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    FloatModel,
+    network_shapes,
+    pipeline,
+    random_integer_model,
+    random_recordings,
+    step_times,
+)
 from eskin.golden.training.quantise import profile, range_records
 from eskin.pages.report import write_trace
 

@@ -1,8 +1,6 @@
 """A part that does nothing: its ports, for a bench that tests the wiring around it and plays its outputs by
 hand."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module
 from amaranth.lib import wiring
 

@@ -1,7 +1,5 @@
 """A board without a host, from the converter's pins to the bytes on the stimulator's line."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -11,7 +9,7 @@ import numpy as np
 from eskin.cosim import runner
 from eskin.cosim.flow import converter_model, converter_parameters
 from eskin.cosim.netlist import Hardware
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from tests.support.stimulator import StimulatorModel
 
 HARNESS = Path(__file__).with_name("skin_harness.sv")

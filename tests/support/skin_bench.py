@@ -1,7 +1,5 @@
 """The cocotb bench of skin_harness.sv: it waits until the recording has been played."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import cocotb

@@ -1,9 +1,6 @@
 """Designs that many tests vary: a small one whose touches last 200 frames; the thesis's with any cell."""
 
-from __future__ import annotations
-
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat
 
 SMALL = AcceleratorConfig.of(
     taxels=4,

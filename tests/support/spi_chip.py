@@ -1,8 +1,6 @@
 """A chip on an SPI port for benches of the Amaranth simulator: what it hears and says, bit by bit, out of a
 function of the command."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 

@@ -1,8 +1,6 @@
 """A serial flash at its pins, by a data sheet's words (W25Q128: commands 0xAB, 0x03, 0x05, 0x06, 0x02 and an
 erase), for Amaranth's simulator."""
 
-from __future__ import annotations
-
 import random
 
 WAKE, READ, STATUS, ENABLE, PROGRAM = 0xAB, 0x03, 0x05, 0x06, 0x02

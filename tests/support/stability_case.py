@@ -1,17 +1,15 @@
 """A tiny array with three touches that six taxels tell apart with room to spare, and a network trained on it,
 for the failure modes."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import with_network
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import Recordings
+from eskin.golden.model import with_network
 from eskin.golden.stability.core import Bench
 from eskin.golden.training import datasets
 from eskin.golden.training import fit as fitting

@@ -6,8 +6,6 @@ SD has four bytes, SF and SW two, C1 and C2 sixteen amplitudes, SA sixty-four ch
 1 is n - 1 for channel n or 0xFF for off.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 LENGTHS = {

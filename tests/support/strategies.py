@@ -19,16 +19,18 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, reject, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError, QFormat
 from eskin.golden.core.converters import SPI_CHIPS, code_format, code_shift
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.groups import FEATURE_KINDS
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.conversion import codes_of, samples_of
-from eskin.golden.model.image_network import image_recordings, random_images
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    IntegerModel,
+    codes_of,
+    random_images,
+    random_integer_model,
+    random_recordings,
+    samples_of,
+)
+from eskin.golden.model.image_network import image_recordings
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model

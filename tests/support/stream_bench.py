@@ -14,8 +14,6 @@ beats too many. Collected streams are checked: once ``valid`` is up, ``valid`` a
 ``ready``.
 """
 
-from __future__ import annotations
-
 import random
 from typing import Any, NamedTuple
 

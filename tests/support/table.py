@@ -1,8 +1,6 @@
 """A table of cheap cases as one test, where collecting and naming every row apart tells no more than the row
 itself."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack

@@ -5,8 +5,6 @@ registers, and bits have two values: undefined ones of both sides are alike. Ind
 and give equal outputs; that both sides begin in the same state is compared register by register.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -1,8 +1,6 @@
 """A process of a dozen cells and one memory, made up, in Liberty files as a chip's tests need them; the real
 one where it is beside us."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

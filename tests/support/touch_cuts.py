@@ -1,14 +1,12 @@
 """Recordings cut to the part around their touch: a whole one takes minutes at a converter's pace."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import find_onsets
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_onsets
 
 
 def beginnings(

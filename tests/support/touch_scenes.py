@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import Recordings
 
 SMALL = AcceleratorConfig.of(
     name="small",

@@ -5,8 +5,6 @@ Also what makes a simulation start in another state than the initial one, in X a
 `changed`.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,7 +15,7 @@ import numpy as np
 
 from eskin.cosim.runner import SimulationError, build
 from eskin.cosim.scoreboard import FLAT_STAGES
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from tests.support.link_flow import pack_decisions
 
 HARNESS = Path(__file__).with_name("traffic_harness.sv")

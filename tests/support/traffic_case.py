@@ -1,8 +1,6 @@
 """A small accelerator under scripts of tests/support/traffic.py: any bus traffic, resets, and registers and
 memories that start as X."""
 
-from __future__ import annotations
-
 import random
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.pipeline import run as golden_run
-from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, random_integer_model, random_recordings, write_vectors
+from eskin.golden.model import run as golden_run
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.memory_map import Control, Register

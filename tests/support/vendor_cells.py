@@ -1,8 +1,6 @@
 """What a component is described as beside the block that it becomes, on the vendor's own models of iCE40 cells,
 run on Icarus."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import tempfile

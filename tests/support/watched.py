@@ -4,8 +4,6 @@ It passes when it ends with a status of the command line's own, or reaches work 
 (training, a tool in a process of its own): that far everything given was read and checked.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import multiprocessing

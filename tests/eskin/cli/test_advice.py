@@ -1,13 +1,11 @@
 """Each advice of a doubt is something that the command line takes."""
 
-from __future__ import annotations
-
 from typer.main import get_command
 
 import eskin.cli.main  # noqa: F401  registers the verbs
 from eskin.cli.common import PANELS, app
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import with_network
+from eskin.golden.core import PRESETS
+from eskin.golden.model import with_network
 from eskin.golden.model.stage_error import STAGES
 from eskin.golden.training import doubts
 from tests.golden.training.test_doubts import baseline, split
@@ -43,6 +41,8 @@ def test_what_integers_lose_names_the_stage_and_an_option_of_quantise():
         (sentence,) = doubts.lost_in_integers([split() | {"float_accuracy": 0.95}], evaluated)
         assert stage in sentence and "95.0 %" in sentence
         assert {word for word in sentence.replace("'", " ").split() if word.startswith("--")} <= options
+    anew = split() | {"nested": split() | {"float_accuracy": 0.95}}  # what folds that chose nothing lose
+    assert doubts.lost_in_integers([anew], evaluated) == [sentence]
 
 
 def test_every_verb_is_in_one_group_of_the_help():

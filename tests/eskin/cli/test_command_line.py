@@ -1,8 +1,6 @@
 """The command line: what each verb prints and writes, and that every bad input ends in one sentence, status 2
 and no changed file."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import os
@@ -18,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.golden.core.groups import GROUP_OF
 from tests.support.folder import contents
 from tests.support.table import each_row
@@ -103,8 +101,8 @@ def model(folder) -> Path:
     """``model``: an untrained network, quantised on data.npz."""
     import torch
 
-    from eskin.golden.data.load import load_recordings
-    from eskin.golden.model.model import FloatModel
+    from eskin.golden.data import load_recordings
+    from eskin.golden.model import FloatModel
     from eskin.golden.training.network import RecurrentClassifier
     from eskin.golden.training.quantise import quantise
 

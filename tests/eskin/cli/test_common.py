@@ -1,7 +1,5 @@
 """eskin/cli/common.py: no output of any verb destroys an input, whatever its name; numbers that are none."""
 
-from __future__ import annotations
-
 import inspect
 from pathlib import Path
 from typing import get_args, get_type_hints
@@ -13,9 +11,8 @@ from eskin.cli.common import CONFIG, DATA, INPUT_WORDS, OUTPUTS, REPLACING, app,
 from eskin.cli.learn import _touch_counts
 from eskin.cli.main import VERBS
 from eskin.golden.baselines.scene import array_shape
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.pictures import image_size
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.data import image_size
 from eskin.pages.watch_page import asked_shape
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row

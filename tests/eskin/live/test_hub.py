@@ -1,8 +1,6 @@
 """eskin/live/hub.py: thinning loses no peak, queues are bounded, drops are counted, late viewers get what
 they need."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

@@ -1,8 +1,6 @@
 """eskin/live/player.py and sources.py: every decision is golden's at every pace, controls act, nothing waits
 for a viewer."""
 
-from __future__ import annotations
-
 import math
 import time
 from itertools import pairwise
@@ -10,9 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import random_integer_model, with_network
-from eskin.golden.model.pipeline import run
+from eskin.golden.data import Recordings
+from eskin.golden.model import random_integer_model, run, with_network
 from eskin.live import player as module
 from eskin.live.recorder import Recorder
 from eskin.live.sources import ModelSource

@@ -1,13 +1,10 @@
 """eskin/live/recorder.py: what is recorded is what was played, whole or not at all."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import load_archive, save_archive
-from eskin.golden.data.load import load_recordings
+from eskin.golden.core import InputError
+from eskin.golden.data import load_archive, load_recordings, save_archive
 from eskin.live.recorder import Recorder
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL

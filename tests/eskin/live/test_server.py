@@ -1,8 +1,6 @@
 """eskin/live/server.py: the page, its messages, commands that are not understood, viewers that stall or
 vanish, ports that are taken."""
 
-from __future__ import annotations
-
 import json
 import math
 import socket

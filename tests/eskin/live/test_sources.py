@@ -1,8 +1,6 @@
 """eskin/live/sources.py: hardware beside the model, value by value; every kind of difference is seen; a board
 that is only heard."""
 
-from __future__ import annotations
-
 import json
 import math
 import time
@@ -11,14 +9,11 @@ import numpy as np
 import pytest
 
 from eskin.cosim.live import Brought, LiveSimulator
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.image_network import images_of, run_images
+from eskin.golden.core import InputError
+from eskin.golden.model import Stream, images_of, random_integer_model, random_recordings, run_images
 from eskin.golden.model.image_stream import ImageStream
-from eskin.golden.model.model import random_integer_model
 from eskin.golden.model.position import positions
 from eskin.golden.model.prototypes import forget
-from eskin.golden.model.stream import Stream
-from eskin.golden.model.vectors import random_recordings
 from eskin.live.sources import Listener, ModelSource, SimulationSource
 from eskin.rtl.fpga.export import export
 from eskin.rtl.fpga.generate import boot_writes, register_map
@@ -81,7 +76,7 @@ class Twin:
 
 def expected_values(model, recordings) -> int:
     """Numbers of all stages, and six fields of each decision."""
-    from eskin.golden.model.pipeline import run
+    from eskin.golden.model import run
 
     streams = run(model, recordings).streams
     return sum(len(streams[stage][0]) for stage in ("sum", "fault", "feature", "state", "logit")) + 6 * len(
@@ -263,8 +258,9 @@ def test_positions_go_with_the_frames():
 # ---------------------------------------------------------------------- images
 @pytest.fixture(scope="module")
 def image_case():
-    from eskin.golden.core.config import AcceleratorConfig
-    from eskin.golden.model.image_network import image_recordings, random_images
+    from eskin.golden.core import AcceleratorConfig
+    from eskin.golden.model import random_images
+    from eskin.golden.model.image_network import image_recordings
 
     config = AcceleratorConfig.of_image(
         5, 7, ("conv 3 4", "pool", "conv 1 3", "dense 3"), ("cup", "ball", "ring")

@@ -1,7 +1,5 @@
 """eskin/live/terminal.py: the same figures as the page, on a screen of characters."""
 
-from __future__ import annotations
-
 import io
 import json
 import math
@@ -10,8 +8,7 @@ import threading
 import pytest
 from rich.console import Console
 
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
+from eskin.golden.model import random_integer_model, run
 from eskin.live.player import Controls, hello
 from eskin.live.sources import ModelSource, SimulationSource
 from eskin.live.terminal import Screen, press, watch

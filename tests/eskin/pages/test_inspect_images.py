@@ -1,7 +1,5 @@
 """What `eskin inspect` says and draws of images."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

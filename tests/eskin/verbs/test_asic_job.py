@@ -1,14 +1,12 @@
 """What `eskin asic` says of a netlist, with OpenSTA and where it is missing; a tiny netlist stands for the
 chip's."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.model import random_integer_model
 from eskin.pages import views
 from eskin.rtl.asic import timing
 from eskin.rtl.asic.synthesis import process_of, synthesise

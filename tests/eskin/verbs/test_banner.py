@@ -1,13 +1,11 @@
 """Runs that look done and are not: each is made on purpose, and its banner says what was seen and what
 helps."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training.choose_network import train_chosen
 from eskin.pages.report import write_report

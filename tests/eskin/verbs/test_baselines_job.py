@@ -1,8 +1,6 @@
 """eskin baselines: table, chart and JSON; finished runs are not done again; bad input is one sentence before
 anything is trained."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -10,7 +8,7 @@ from typer.testing import CliRunner
 
 from eskin.cli.main import app
 from eskin.golden.baselines import judge as judging
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.verbs import baselines_job
 from tests.support.result_case import ROW_KEYS
 from tests.support.table import each_row

@@ -1,8 +1,6 @@
 """Energy of a chip: what is made of the counts of frames, and a small netlist played from random contents,
 whole and with a wrong cell."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import random
@@ -11,9 +9,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.model import random_integer_model
 from eskin.golden.studies.energy import BATTERY_J, Activity, compare, estimate
 from eskin.pages.energy_page import render
 from eskin.rtl.asic.nets import Nets

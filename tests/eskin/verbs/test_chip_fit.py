@@ -1,16 +1,13 @@
 """Which network of a sweep fits so many tiles: what is tried, what is chosen, what is refused."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
 from typer.testing import CliRunner
 
 from eskin.cli.main import app
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.model import random_integer_model
 from eskin.golden.studies.sweep import make_points
 from eskin.pages.views import words
 from eskin.verbs import asic_job, chip_fit

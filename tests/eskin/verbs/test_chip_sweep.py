@@ -1,13 +1,11 @@
 """Chips side by side: what is kept is not made again, what was not asked for is said, a wrong decision is an
 exit status."""
 
-from __future__ import annotations
-
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.data.scene import synthetic_recordings
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.data import synthetic_recordings
+from eskin.golden.model import random_integer_model
 from eskin.verbs import asic_job, chip_sweep
 
 

@@ -1,16 +1,13 @@
 """eskin/verbs/cosim_job.py: parts of the recordings give what one run gives, wherever they are played."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from eskin.cosim.flow import joined
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Jobs
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.core import InputError, Jobs
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.verbs import cosim_job, flow
 from tests.support.touch_scenes import SMALL, scene
 

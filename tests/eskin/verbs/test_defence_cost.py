@@ -1,13 +1,11 @@
 """eskin/verbs/defence_cost.py: what a defence costs in hardware, and how that is told."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.core import PRESETS
+from eskin.golden.data import Recordings
+from eskin.golden.model import random_recordings
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.verbs import build_job, defence_cost, flow

@@ -1,17 +1,14 @@
 """`eskin energy` on images: activity of the netlist, counted while it names them."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
 from eskin.cosim.latency import limits
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.image_network import image_recordings, random_images
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.model import random_images, random_integer_model
+from eskin.golden.model.image_network import image_recordings
 from eskin.golden.studies.energy import PARTS, compare, estimate, scheduled_activity
 from eskin.pages.energy_page import draw_power, draw_waiting, render
 from eskin.pages.views import tables, words
@@ -101,7 +98,7 @@ def test_a_later_decision_waits_with_less_down_to_the_clock_that_takes_the_frame
 
 
 def test_the_same_in_software_stands_on_the_page(case, tmp_path):
-    """Energy is counted cycles times the data sheet's charge; images have no row."""
+    """Energy is counted cycles times the data sheet's charge; images and prototypes have no row."""
     pytest.importorskip("ziglang", reason="ziglang (extra soc) is not installed")
     model = random_integer_model(SMALL, 1)
     (row,) = in_software(model, scene(4).subset([1, 2]), tmp_path / "c")
@@ -111,7 +108,9 @@ def test_the_same_in_software_stands_on_the_page(case, tmp_path):
     assert row["per_touch_j"] == pytest.approx(cycles["touch"] * 71e-12 * 3.3)
     assert row["per_touch_j"] == pytest.approx(6 * row["per_step_j"] + row["preprocessing_per_touch_j"])
     assert row["idle_w"] == pytest.approx(cycles["quiet"] * 1000 * 71e-12 * 3.3 + 3.3e-6)
-    assert in_software(*case, tmp_path / "images") == []
+    taught = random_integer_model(SMALL.with_readout(readout="prototypes"), 1)
+    for without in (case, (taught, scene(4))):
+        assert in_software(*without, tmp_path / "none") == []
     result = compare([]) | {"microcontrollers": [row], "chips": []}
     (table, *_) = tables(words("energy", **result, page="p", in_words=str))
     assert table.cells[0][0] == "MSPM0L1106, Cortex-M0+" and table.cells[0][-1] == "yes"

@@ -1,8 +1,6 @@
 """eskin/verbs/link_registers.py: the C driver plays recordings over a serial line, into a board in Python and into
 the simulated one."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,11 +11,9 @@ from eskin.cosim import device as simulated
 from eskin.cosim.link import Link
 from eskin.cosim.pin_port import PinPort
 from eskin.cosim.serial_port import SerialPort
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, random_integer_model, random_recordings, run
 from eskin.golden.model.decision_word import decision_word
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.export import export_board
 from eskin.rtl.fpga.generate import generate, register_map
 from eskin.verbs.link_registers import LinkRegisters

@@ -1,19 +1,16 @@
 """eskin replay against a board in Python behind a pseudo-terminal: equal and differing decisions, losses,
 everything that can go wrong."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
 import pytest
 
 from eskin.cosim import link
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.archive import save_archive
-from eskin.golden.model.image_network import image_recordings, random_images
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import save_archive
+from eskin.golden.model import random_images, random_integer_model, random_recordings
+from eskin.golden.model.image_network import image_recordings
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.host.uart import RATE_ERROR_MAX, uart_divisor

@@ -17,14 +17,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.data.archive import save_archive
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.image_network import random_images
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
+from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.golden.data import Recordings, save_archive
+from eskin.golden.model import random_images, random_integer_model, random_recordings, run
 from eskin.golden.model.prototypes import forget
-from eskin.golden.model.vectors import random_recordings
 from eskin.live.recorder import Recorder
 from eskin.verbs import watch_job
 from tests.golden.model.test_prototypes import taught_model

@@ -1,8 +1,6 @@
 """golden/baselines/rows.py, judge.py, registry.py: figures of the runs, who is near the best, the thesis's
 orders, what is refused."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -12,9 +10,8 @@ from eskin.golden.baselines.recurrent import NetworkMethod, thesis_network
 from eskin.golden.baselines.registry import METHODS, choose_methods
 from eskin.golden.baselines.rows import nearest, orders, row_of
 from eskin.golden.baselines.scene import Scene, array_shape
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.model import random_integer_model
 from eskin.golden.training import recipe as recipes
 from tests.support.result_case import ROW_KEYS
 from tests.support.touch_scenes import SMALL, scene

@@ -1,8 +1,6 @@
 """golden/baselines/simple.py and beside it: each method learns a task it can learn, is counted right, and sees
 nothing of a part that was left out."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -16,7 +14,7 @@ from eskin.golden.baselines.simple import SIMPLE, cnn_channels, cnn_network, cnn
 from eskin.golden.baselines.tensor import TENSOR
 from eskin.golden.baselines.tiles import TILED
 from eskin.golden.baselines.transfer import TRANSFER
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training import yardsticks
 from tests.support.touch_scenes import SMALL, scene

@@ -1,8 +1,6 @@
 """golden/baselines/tensor.py: the kernel against a direct computation, its invariances, its counts, and what
 it learns."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,8 +1,6 @@
 """golden/baselines/tiles.py: where a frame lies in an image, the ConvLSTM against numpy, counts, the thesis's
 sizes, learning."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,8 +1,6 @@
 """golden/baselines/transfer.py: the image, torchvision's names and count, what files of weights are refused,
 the last layer."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -19,7 +17,7 @@ from eskin.golden.baselines.transfer import (
     read_weights,
     side_of,
 )
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from tests.support.touch_scenes import SMALL, scene
 
 

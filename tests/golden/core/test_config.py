@@ -1,15 +1,11 @@
 """Configurations that the hardware cannot hold are refused."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, signed_bits
-from eskin.golden.model.model import with_network
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, signed_bits
+from eskin.golden.model import with_network
 from tests.support.table import each_row
 
 FINE = dict(weight_format=QFormat(1, 7), feature_format=QFormat(4, 8), recurrent_format=QFormat(4, 4))

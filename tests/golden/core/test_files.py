@@ -1,8 +1,6 @@
 """golden/core/files.py and who writes through it: whole or not at all, readable as any new file is, and no
 archive larger than it looks."""
 
-from __future__ import annotations
-
 import os
 import time
 import zipfile
@@ -11,13 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import torch
 
-from eskin.golden.core import files
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import replacing, replacing_folder, write_json
-from eskin.golden.model import pipeline
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.vectors import write_vectors
+from eskin.golden.core import InputError, files, replacing, replacing_folder, write_json
+from eskin.golden.model import find_touches, pipeline, random_integer_model, write_vectors
 from eskin.golden.training.import_network import read_layers
 from eskin.rtl.fpga.generate import generate
 from tests.golden.model.test_model import float_model

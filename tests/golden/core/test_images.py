@@ -1,14 +1,10 @@
 """Layer lists: shapes, counts, formats, and lists that no hardware holds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import NETWORKS, SIZES, Conv, Dense, Pool, Stage, network, parse_layer
+from eskin.golden.core import NETWORKS, AcceleratorConfig, Conv, Dense, InputError, Pool, QFormat
+from eskin.golden.core.images import SIZES, Stage, network, parse_layer
 
 OBJECTS = tuple(f"object {number}" for number in range(22))
 TINY = ("conv 3 4", "pool", "conv 1 3", "dense 2")

@@ -1,8 +1,6 @@
 """golden/core/jobs.py: results in order and by content, on processes and on a cluster; interrupts, errors,
 dead workers."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal
@@ -13,9 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Jobs
-from eskin.golden.core.memo import Memo
+from eskin.golden.core import InputError, Jobs, Memo
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -1,8 +1,6 @@
 """golden/core/memo.py: keys follow content and sources; a result is made once, whole, by whoever comes
 first."""
 
-from __future__ import annotations
-
 import threading
 from dataclasses import replace
 from types import SimpleNamespace
@@ -10,10 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from eskin.golden.core import memo
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS, Memo, code_version, content_key, memo
+from eskin.golden.model import random_integer_model
 from tests.support import result_case
 
 

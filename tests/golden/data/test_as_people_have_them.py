@@ -1,7 +1,5 @@
 """Labels that are words, held-back sets with fewer classes, and what people's tables hold beside samples."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -9,11 +7,8 @@ import pytest
 from PIL import Image
 
 import eskin
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import load_archive, save_archive
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.text import Reading
+from eskin.golden.core import InputError
+from eskin.golden.data import Reading, Recordings, load_archive, load_recordings, save_archive
 from tests.support.table import each_row
 
 CODES = np.random.default_rng(3).integers(100, 900, (6, 20, 3))
@@ -49,6 +44,7 @@ def folder(path, text_of, count=4):
         (np.array(["m10", "m2"] * 3), None, ("m2", "m10")),
         (np.array([b"m10", b"m2"] * 3), None, ("m2", "m10")),
         (np.array(["m10", "m2"] * 3), np.array(["m10", "none", "m2"]), ("m10", "none", "m2")),
+        (np.array([10, 2] * 3), None, ("2", "10")),  # numbers that count nothing
     ],
 )
 def test_labels_that_are_text_are_names(tmp_path, labels, names, expected):
@@ -56,7 +52,7 @@ def test_labels_that_are_text_are_names(tmp_path, labels, names, expected):
         tmp_path / "a.npz", labels=labels, **({} if names is None else {"class_names": names})
     )
     assert recordings.class_names == expected
-    assert [expected[label] for label in recordings.labels] == ["m10", "m2"] * 3
+    assert [expected[label] for label in recordings.labels] == labels.astype(str).tolist()
 
 
 def test_text_labels_of_lists_series_and_images(tmp_path):

@@ -1,18 +1,13 @@
 """What no taxel is, is never taken for one in silence: it is understood and said, or refused with file and
 line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 import pytest
 
 import eskin
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import load_archive, save_archive
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.text import Reading
+from eskin.golden.core import InputError
+from eskin.golden.data import Reading, Recordings, load_archive, load_recordings, save_archive
 from tests.support.table import each_row
 
 FRAMES = 30

@@ -1,8 +1,6 @@
 """Recordings of other people's tools: written with the format's own library, they are the recordings of the
 archive; damaged ones are refused in a sentence."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import sys
@@ -15,11 +13,10 @@ from rosbags.rosbag2 import StoragePlugin
 from typer.testing import CliRunner
 
 from eskin.cli.main import app
-from eskin.golden.core.errors import EXTRAS, InputError
-from eskin.golden.data.load import load_recordings
+from eskin.golden.core import InputError
+from eskin.golden.core.errors import EXTRAS
+from eskin.golden.data import Reading, Recordings, load_recordings
 from eskin.golden.data.logs import is_log
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.text import Reading
 from tests.support import doors
 from tests.support.table import each_row
 

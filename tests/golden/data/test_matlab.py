@@ -1,16 +1,13 @@
 """Recordings from .mat files, written by scipy as MATLAB writes them."""
 
-from __future__ import annotations
-
 import zlib
 
 import numpy as np
 import pytest
 from scipy.io import savemat
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.text import Reading
+from eskin.golden.core import InputError
+from eskin.golden.data import Reading, load_recordings
 from tests.support.table import each_row
 
 PARTS = [np.random.default_rng(n).integers(0, 500, (20 + n, 4)).astype(float) for n in range(4)]

@@ -1,14 +1,11 @@
 """Folders of PNG files, and images of another size."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.pictures import image_size, resized
+from eskin.golden.core import InputError
+from eskin.golden.data import image_size, load_recordings, resized
 from tests.support.image_scenes import shapes
 from tests.support.table import each_row
 

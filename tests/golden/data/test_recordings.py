@@ -1,8 +1,6 @@
 """Archives and .lvm folders: what is read, what is refused with which sentence, and splits that keep groups
 apart."""
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 
@@ -11,11 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.folds import grouped_folds
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.data import Recordings, grouped_folds, load_recordings
 from tests.support.table import each_row
 
 LSB = PRESETS["thesis"].sensor.volt_per_code
@@ -216,6 +211,14 @@ def test_a_subset_keeps_frames_labels_and_groups_together(make_recordings):
     )
     with pytest.raises(InputError, match="no recordings"):
         recordings.subset([])
+
+
+def test_recordings_end_where_they_are_cut_and_never_later(make_recordings):
+    recordings = make_recordings(lengths=(5, 6, 7))
+    cut = recordings.until([2, 6, 99])
+    assert list(cut.lengths) == [2, 6, 7] and list(cut.labels) == list(recordings.labels)
+    for number, length in enumerate((2, 6, 7)):
+        assert np.array_equal(cut.recording(number), recordings.recording(number)[:length])
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

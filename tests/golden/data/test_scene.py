@@ -1,17 +1,12 @@
 """The easy synthetic scene: as it was published, and as its name and configuration say."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import check_fit
-from eskin.golden.data.scene import kinds, scene_of, synthetic_recordings
-from eskin.golden.model.model import with_network
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.data import check_fit, load_recordings, synthetic_recordings
+from eskin.golden.data.scene import kinds, scene_of
+from eskin.golden.model import find_touches, with_network
 from tests.support.table import each_row
 
 SYNTHETIC = PRESETS["synthetic"]

@@ -1,8 +1,6 @@
 """Recordings from text tables: the forms that people have are understood, and what is not certain is refused
 with file and line."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
@@ -10,14 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import load_archive, save_archive
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.data import Reading, check_fit, load_archive, load_recordings, save_archive
 from eskin.golden.data.codes import round_step, to_codes
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import check_fit
 from eskin.golden.data.tables import natural
-from eskin.golden.data.text import Reading
 from tests.support.table import each_row
 
 RATE = 200.0

@@ -1,7 +1,5 @@
 """The synthetic scene: deterministic, nothing but the turn tells the class, and larger networks do better."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np
@@ -11,12 +9,10 @@ from sklearn.model_selection import GroupKFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.data import piezo_array, turns
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings, check_fit
+from eskin.golden.core import InputError
+from eskin.golden.data import Recordings, check_fit, load_recordings, piezo_array, turns
 from eskin.golden.data.turns import turn_recordings
-from eskin.golden.model.preprocess import Touches, find_touches
+from eskin.golden.model import Touches, find_touches
 from eskin.golden.studies.leak_check import leak_check
 from eskin.golden.training.choose_network import network
 from eskin.golden.training.crossval import cross_validate

@@ -1,8 +1,6 @@
 """ONNX in and out: what torch, eskin and files made by hand hold is taken as it is, or refused with the node's
 name."""
 
-from __future__ import annotations
-
 import io
 import random
 import warnings
@@ -14,12 +12,10 @@ import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.data.load import load_recordings
+from eskin.golden.core import AcceleratorConfig, InputError, QFormat
+from eskin.golden.data import load_recordings
 from eskin.golden.export.onnx_file import largest_difference, onnx_model, write_onnx
-from eskin.golden.model.model import FloatModel, constants_shape, network_shapes
+from eskin.golden.model import FloatModel, constants_shape, network_shapes
 from eskin.golden.training.import_network import import_network, measure_scaling
 from eskin.golden.training.import_onnx import OPERATORS
 from eskin.verbs.export_job import export_onnx

@@ -1,8 +1,6 @@
 """The model as plain C against the golden model: every decision of random designs, under both compilers' warnings
 and sanitizers; programs for microcontrollers, run instruction by instruction; and all recordings."""
 
-from __future__ import annotations
-
 import json
 import re
 import subprocess
@@ -14,13 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.images import NETWORKS
-from eskin.golden.data.load import load_recordings
+from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError
+from eskin.golden.data import load_recordings
 from eskin.golden.export import compiled, emulated, plain_c
-from eskin.golden.model.model import IntegerModel, random_integer_model
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.model import IntegerModel, random_integer_model, random_recordings
 from eskin.verbs.export_job import export_c
 from scripts.export_cost import MODELS, differences, front_end, with_failing_taxels
 from scripts.export_cost import model_of as model_on

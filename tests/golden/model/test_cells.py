@@ -9,10 +9,16 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core.activation import sigmoid_table, tanh_table
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.model.cells import Fixed, Float, run_cell
-from eskin.golden.model.model import network_formats, network_shapes, random_integer_model, with_network
+from eskin.golden.core import PRESETS, AcceleratorConfig, sigmoid_table, tanh_table
+from eskin.golden.model import (
+    Fixed,
+    Float,
+    network_formats,
+    network_shapes,
+    random_integer_model,
+    run_cell,
+    with_network,
+)
 from eskin.golden.training.network import RecurrentClassifier
 from tests.support.strategies import configurations
 from tests.support.table import each_row

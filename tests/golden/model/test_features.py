@@ -1,8 +1,6 @@
 """Kinds of feature beyond the mean: golden values against plain loops over frames, configuration refusals,
 training and quantising."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from fractions import Fraction
@@ -12,23 +10,17 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.groups import FEATURE_KINDS
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import normaliser_constants
+from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig, InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_touches, normalise, normaliser_constants, random_recordings, real_features
 from eskin.golden.model.preprocess import (
     TouchFinder,
     amplified,
     by_input,
     companded,
-    find_touches,
-    normalise,
-    real_features,
     shifts_by_input,
     sums_alone,
 )
-from eskin.golden.model.vectors import random_recordings
 from eskin.golden.training import batches as batching
 from eskin.golden.training import datasets
 from eskin.golden.training.crossval import cross_validate

@@ -1,16 +1,18 @@
 """Image networks in integers against plain loops of Python, and in float against torch."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.images import Conv, Pool
-from eskin.golden.model.image_network import float_images, random_images, run_images
-from eskin.golden.model.model import FloatModel, IntegerModel, network_shapes
+from eskin.golden.core import AcceleratorConfig, Conv, InputError, Pool
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    float_images,
+    network_shapes,
+    random_images,
+    run_images,
+)
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
 

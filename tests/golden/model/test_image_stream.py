@@ -1,13 +1,10 @@
 """Images row by row: the decisions of whole images, in whatever pieces the rows come."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.image_network import random_images, run_images
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.model import random_images, run_images
 from eskin.golden.model.image_stream import ImageStream
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row

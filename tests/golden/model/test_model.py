@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.cells import Float, run_cell
-from eskin.golden.model.model import (
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.model import (
+    Float,
     FloatModel,
     IntegerModel,
     check_model_target,
     load_config,
     load_training,
     network_shapes,
+    normalise,
     normaliser_constants,
     random_integer_model,
-    replace_folder,
+    run_cell,
     with_network,
 )
-from eskin.golden.model.preprocess import normalise
+from eskin.golden.model.model import replace_folder
 from eskin.golden.training.network import RecurrentClassifier
 from tests.support.folder import contents
 from tests.support.table import each_row
@@ -220,8 +220,13 @@ def test_normaliser_constants_give_the_feature(config):
 
 
 def test_a_spread_too_small_for_the_scale_is_refused():
+    config = SMALL.replace(hop=4, window=8)
+    fmt, top = config.formats.feature_format, config.scale_format.max_code
+    least = 2.0 ** (fmt.frac_bits + config.formats.gate_frac) / (config.feature_units[0] * top)
+    filled, _, scale = normaliser_constants(config, 0.0, least)
+    assert (*filled.features.feature_shift, *scale) == (0, top), "the largest code is one"
     with pytest.raises(InputError, match="feature_format.*fewer feature bits"):
-        normaliser_constants(SMALL.replace(hop=4, window=8), 0.0, 0.0005)
+        normaliser_constants(config, 0.0, 0.0005)
 
 
 @each_row("name", list(PRESETS))

@@ -6,11 +6,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import random_integer_model, with_network
-from eskin.golden.model.pipeline import STAGES, decide, global_steps, run, step_times
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.model import find_touches, random_integer_model, run, step_times, with_network
+from eskin.golden.model.pipeline import STAGES, decide, global_steps
 from tests.golden.model.test_cells import CELLS, Plain
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene

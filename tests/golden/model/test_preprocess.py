@@ -1,8 +1,6 @@
 """Onset, windows and normaliser against tables worked out by hand and a frame-by-frame reading of the
 specification."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 
@@ -12,12 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eskin.golden.model.preprocess as preprocess
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, signed_bits
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import find_touches, normalise, real_features, window_spans
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, signed_bits
+from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.model import find_touches, normalise, real_features
+from eskin.golden.model.preprocess import window_spans
 from tests.support.front_end_cases import detect
 from tests.support.strategies import configurations
 from tests.support.table import each_row

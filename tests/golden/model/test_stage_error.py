@@ -1,26 +1,27 @@
 """Float against integer, stage by stage: each stage's error is found where it was put, and the whole equals
 the two models' own runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat
-from eskin.golden.model.model import (
+from eskin.golden.core import AcceleratorConfig, QFormat
+from eskin.golden.model import (
     FloatModel,
     IntegerModel,
+    Touches,
+    decide_touches,
+    find_touches,
+    float_features,
+    logit_error,
     network_formats,
     network_shapes,
     normaliser_constants,
+    random_recordings,
+    stage_errors,
 )
-from eskin.golden.model.pipeline import decide_touches, float_features
-from eskin.golden.model.preprocess import Touches, find_touches
-from eskin.golden.model.stage_error import QUANTILES, STAGES, logit_error, signal_profiles, stage_errors
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.model.stage_error import QUANTILES, STAGES, signal_profiles
 from tests.support.table import each_row
 
 WIDE = AcceleratorConfig.of(

@@ -5,11 +5,16 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, network_shapes, random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.stream import Stream
-from eskin.golden.model.vectors import completing_frames, random_recordings
+from eskin.golden.core import InputError
+from eskin.golden.model import (
+    FloatModel,
+    Stream,
+    completing_frames,
+    network_shapes,
+    random_integer_model,
+    random_recordings,
+    run,
+)
 from tests.support.front_end_cases import CASES
 from tests.support.strategies import designs, examples
 from tests.support.table import each_row

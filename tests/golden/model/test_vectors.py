@@ -1,14 +1,11 @@
 """Vectors: which live frame completes which window, the file, and stimulus that exercises a configuration."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import STAGES, run
-from eskin.golden.model.vectors import completing_frames, random_recordings, write_vectors
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import Recordings
+from eskin.golden.model import completing_frames, random_integer_model, random_recordings, run, write_vectors
+from eskin.golden.model.pipeline import STAGES
 from tests.support.table import each_row
 
 CONFIG = AcceleratorConfig.of(

@@ -1,18 +1,14 @@
 """Failure modes of networks for images: disturbances do what they say, sound networks hold their bounds,
 broken variants do not."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.image_network import images_of, run_images
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.model import IntegerModel, images_of, run_images
 from eskin.golden.stability.images import (
     IMAGE_MODES,
     ImageBench,

@@ -1,18 +1,13 @@
 """The failure-mode suite: every experiment reports its broken variant as failed, and what the suite says of a
 run is what was measured."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.jobs import Jobs
+from eskin.golden.core import AcceleratorConfig, InputError, Jobs, QFormat
 from eskin.golden.stability import suite as stability
 from eskin.golden.stability.core import GROUPS, Bench, Curve, Outcome
 from eskin.golden.stability.memory import Upset, flipped
@@ -375,8 +370,8 @@ def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path):
 def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
     """Acceptance: the numeric modes hold at the recommended formats, and at least 35 modes run on real
     recordings."""
-    from eskin.golden.core.config import PRESETS
-    from eskin.golden.data.load import load_recordings
+    from eskin.golden.core import PRESETS
+    from eskin.golden.data import load_recordings
     from eskin.golden.studies import defences
     from eskin.golden.training import train
     from eskin.golden.training.quantise import quantise

@@ -1,11 +1,9 @@
 """golden/studies/converter_power.py: the data sheet's power times chips and seconds, and nothing where no
 figure was read."""
 
-from __future__ import annotations
-
 import pytest
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.golden.core.converters import CONVERTERS
 from eskin.golden.studies.converter_power import converter_power, in_words
 from eskin.golden.studies.energy import estimate

@@ -1,15 +1,12 @@
 """What defences save and cost: the failures are what they say, the margin is chosen on training data, the
 table is counted by hand."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.preprocess import find_onsets, find_touches
+from eskin.golden.model import find_onsets, find_touches, run
 from eskin.golden.studies import defences
 from eskin.golden.training import crossval
 from eskin.golden.training import recipe as recipes

@@ -1,14 +1,11 @@
 """The energy estimate: its sums against sums by hand, its bounds, its page."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.studies.energy import (
     BATTERY_J,
     PARTS,

@@ -1,14 +1,10 @@
 """The sweep over networks for images: its points, its folds, what it names, what it refuses. No network is
 trained but in one test."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Jobs
-from eskin.golden.core.memo import Memo
+from eskin.golden.core import InputError, Jobs, Memo
 from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values
 from eskin.golden.studies.sweep import flat_rows, smallest_at, sweep
 from eskin.pages.sweep_charts import accuracy_chart

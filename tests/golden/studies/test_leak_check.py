@@ -1,8 +1,6 @@
 """golden/studies/leak_check.py: the touch really is taken out, a clean scene passes, and what knows the class
 without a touch is found."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 
@@ -10,10 +8,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.preprocess import find_onsets, find_touches
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.data import load_recordings
+from eskin.golden.model import find_onsets, find_touches
 from eskin.golden.studies.leak_check import leak_check, quiet_enough, without_touches
 from eskin.golden.training import recipe as recipes
 from tests.support.parts import of_parts

@@ -1,8 +1,6 @@
 """golden/studies/sweep.py and eskin/verbs/sweep_job.py: points, costs, the front, the choice, the memory of
 finished trainings, the files."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import json
@@ -13,10 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Jobs
-from eskin.golden.core.memo import Memo
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Jobs, Memo
 from eskin.golden.studies import sweep as sweeping
 from eskin.golden.studies.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
 from eskin.golden.training import recipe as recipes

@@ -1,7 +1,5 @@
 """Recipes of few updates, for what is not about accuracy."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import pytest

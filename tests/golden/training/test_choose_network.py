@@ -1,7 +1,5 @@
 """The smallest network that is enough: the rule, what it is chosen on, and what the command line fixes."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from functools import partial
@@ -9,11 +7,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.core.cost import Cost
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import FloatModel
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel
 from eskin.golden.training import choose_network as choosing
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training import train
@@ -22,6 +19,7 @@ from eskin.golden.training.choose_front_end import cheapest, choose_front_end
 from eskin.golden.training.choose_network import (
     Candidate,
     check_units,
+    cross_validate_network,
     goes_on,
     network,
     splits_to_report,
@@ -58,7 +56,8 @@ def candidate(cell: str, hidden: int | None, right: int, of: int = 100, recipe: 
     correct[:right] = 1.0
     record = {"float_accuracy": right / of, "agreement": 1.0, "decision_time_s": 0.1, "seeds": [0]}
     made = dataclasses.replace(recipes.RECIPES["contact"], name=recipe)
-    return Candidate(network(CONFIG, cell, hidden), made, correct, record, CONFIG)
+    config = network(CONFIG, cell, hidden)
+    return Candidate(config, made, correct, record, CONFIG, config)
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +67,15 @@ def gripped() -> Recordings:
 
 def terms_of(recordings: Recordings) -> Terms:
     return Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings))
+
+
+def test_what_integers_lose_names_its_stage_and_what_they_keep_none(gripped):
+    config, lost = network(CONFIG, "linear", None), {"weight_bits": 2, "feature_bits": 12}
+    for widths, stage in ((lost, "accumulators"), ({}, None)):
+        terms = dataclasses.replace(terms_of(gripped), seeds=[0], widths=widths)
+        judged = cross_validate_network(terms, config, recipes.choose_recipe(config))
+        row = judged.row(True, priced())
+        assert row["loses_in"] == stage and (row["float_accuracy"] - row["accuracy"] > 0.005) == bool(stage)
 
 
 # ---------------------------------------------------------------------- the rule

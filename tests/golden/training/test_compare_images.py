@@ -1,8 +1,6 @@
 """`eskin compare` on networks for images: layer by layer, signal by signal, from the command line to the
 page."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np
@@ -11,10 +9,9 @@ import torch
 from typer.testing import CliRunner
 
 from eskin.cli.main import app
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.archive import save_archive
-from eskin.golden.model.image_network import float_images, images_of, run_images
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import save_archive
+from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, run_images
 from eskin.golden.training.evaluate import compare_stages
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train_images import ImageNetwork

@@ -1,18 +1,14 @@
 """Configurations derived from archives: presets where they fit, sizes that work where they do not, and the
 reasons said."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.model import find_touches
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.derive import derive_config
 from tests.support.parts import of_parts

@@ -1,10 +1,8 @@
 """Each doubt on a result made for it, and none on a sound one."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.training import doubts
 from tests.support.table import each_row
 

@@ -1,8 +1,6 @@
 """golden/training/enrol.py: a shifted mounting is learnt, the configuration stays, what cannot be enrolled is
 refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 
@@ -11,15 +9,15 @@ import pytest
 
 import eskin
 from eskin.cli.common import show
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
-from eskin.golden.model.pipeline import run
+from eskin.golden.core import InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel, IntegerModel, load_config, load_training, run, with_network
 from eskin.golden.training import enrol as enrolling
 from eskin.golden.training import fit as fitting
 from eskin.golden.training import prototypes as prototypes_of
 from eskin.golden.training import recipe
 from eskin.golden.training.enrol import Question, enrol, judge, summary, teach_folder
+from eskin.golden.training.evaluate import evaluate
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train import TrainingRequest, train
 from tests.support.prices import priced
@@ -397,6 +395,9 @@ def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp
     old, new = IntegerModel.load(taught_ready).arrays, IntegerModel.load(tmp_path / "m").arrays
     assert {name for name in old if (old[name] != new[name]).any()} == {"taught", "taught_count"}
     assert result["touches"] == {"rise": 2, "fall": 2, "pulse": 2} == result["in_use"] and result["passed"]
+    judged = evaluate(tmp_path / "m", REST)  # the float network decides by the same prototypes
+    assert judged["agreement"] > 0.9, judged
+    assert judged["float_accuracy"] >= after - 0.02
     quantise(tmp_path / "m", OLD)  # and back
     assert IntegerModel.load(tmp_path / "m").config == IntegerModel.load(model).config
 

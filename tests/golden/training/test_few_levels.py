@@ -1,11 +1,9 @@
 """A sensor of events, whose codes are 0 and 1: integers decide as floats do."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel, load_training, with_network
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, load_training, with_network
 from eskin.golden.training.derive import derive_config
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train import TrainingRequest, train

@@ -1,8 +1,6 @@
 """Networks for images trained elsewhere: torch's own forward pass, batch norm folded, the way on to integers,
 every refusal."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +10,9 @@ from torch import nn
 from typer.testing import CliRunner
 
 from eskin.cli.main import app
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import save_archive
-from eskin.golden.model.image_network import float_images, images_of, random_images, run_images
-from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.data import save_archive
+from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, random_images, run_images
 from eskin.golden.training.image_formats import quantised
 from eskin.golden.training.import_network import import_network
 from tests.support.image_scenes import SHAPES, shapes

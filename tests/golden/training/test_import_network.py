@@ -1,8 +1,6 @@
 """Networks trained elsewhere: torch's own forward pass, Keras's equations, every refusal, and the way on to
 the integer model."""
 
-from __future__ import annotations
-
 import json
 import os
 import zipfile
@@ -12,12 +10,9 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.data.scene import synthetic_recordings
-from eskin.golden.model.model import FloatModel
-from eskin.golden.model.preprocess import find_touches, real_features
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.data import Recordings, synthetic_recordings
+from eskin.golden.model import FloatModel, find_touches, real_features
 from eskin.golden.training.datasets import find_dataset, touch_rows
 from eskin.golden.training.fit import fit_networks
 from eskin.golden.training.import_network import import_network

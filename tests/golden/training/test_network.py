@@ -3,9 +3,8 @@
 import pytest
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.model.cells import Float, run_cell
-from eskin.golden.model.model import with_network
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.model import Float, run_cell, with_network
 from eskin.golden.training.network import RecurrentClassifier
 
 

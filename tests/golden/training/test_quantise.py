@@ -9,15 +9,21 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    find_touches,
+    load_config,
+    load_training,
+    run,
+    with_network,
+)
 from eskin.golden.training.evaluate import compare, evaluate, held
 from eskin.golden.training.network import RecurrentClassifier
 from eskin.golden.training.quantise import (
     COVERED_FEATURE,
+    LAST_LOGIT,
     choose_formats,
     closest_range,
     covering_format,
@@ -280,6 +286,28 @@ def test_the_rarest_features_get_bits_on_top_and_the_state_makes_room_for_recurr
     for widths in ({"feature_bits": 12}, {"state_bits": 14}):
         assert in_words(chosen(30.0, **widths)) == "SQ(4,8) SQ(2,6) SQ(2,12)"
     assert in_words(chosen(30.0, lean=True)).startswith("SQ(4,")
+
+
+@pytest.mark.parametrize(
+    "last, changes, widths, dense",
+    [
+        ((-30.0, 30.0), {}, {}, "SQ(2,6)"),  # of a logistic regression: rounding is nothing beside them
+        ((-2.0, 6.0), {}, {}, "SQ(2,9)"),  # 20 x 16 terms, each off by 2**-9 / sqrt(12)
+        ((-2.0, 6.0), {}, {"weight_bits": 8}, "SQ(2,6)"),  # as asked for
+        ((0.0, 0.0), {}, {}, "SQ(2,10)"),  # as far as an accumulator of DSP lanes goes
+        ((-2.0, 6.0), {"name": "fabric"}, {"plain": True}, "SQ(2,6)"),
+        ((-12.0, 12.0), {}, {}, "SQ(2,7)"),
+        ((-12.0, 12.0), {"weight_sets": "one"}, {}, "SQ(2,9)"),  # the same error in each window
+    ],
+)
+def test_weights_of_a_linear_cell_are_as_fine_as_its_last_logits_ask_for(last, changes, widths, dense):
+    config = with_network(PRESETS["fabric"], cell="linear").replace(**{"name": "derived"} | changes)
+    ranges = UNIT | {"dense": (-1.6, 1.6), "logit": (-20.0, 20.0), LAST_LOGIT: last}
+    chosen = choose_formats(config, ranges, **widths)
+    assert str(chosen.formats.dense_format) == dense and chosen.accumulator_bits <= 32
+    # noted by a version that did not know the last logits
+    del ranges[LAST_LOGIT]
+    assert choose_formats(config, ranges).weight_bits == 8
 
 
 def test_a_preset_keeps_the_formats_that_it_always_had():

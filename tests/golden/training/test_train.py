@@ -8,13 +8,19 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.groups import FEATURE_KINDS
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
-from eskin.golden.model.pipeline import float_features, run
-from eskin.golden.model.preprocess import normalise, real_features
+from eskin.golden.core import FEATURE_KINDS, PRESETS, InputError
+from eskin.golden.data import load_recordings
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    float_features,
+    load_config,
+    load_training,
+    normalise,
+    real_features,
+    run,
+    with_network,
+)
 from eskin.golden.training import batches as batching
 from eskin.golden.training import crossval, datasets, losses
 from eskin.golden.training import fit as fitting

@@ -1,8 +1,6 @@
 """Training networks for images: batch norm folded, augmentation, formats, few-bit weights, folders, refusals.
 Tiny images, few epochs."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 
@@ -10,14 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.memo import Memo
-from eskin.golden.data.archive import save_archive
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.image_network import float_images, images_of, run_images
-from eskin.golden.model.model import FloatModel, IntegerModel, load_training
+from eskin.golden.core import AcceleratorConfig, InputError, Memo, QFormat
+from eskin.golden.data import load_recordings, save_archive
+from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, load_training, run_images
 from eskin.golden.training.choose_network import train_chosen
 from eskin.golden.training.evaluate import evaluate
 from eskin.golden.training.image_formats import (

@@ -1,18 +1,22 @@
 """golden/training/widths.py: the narrowest widths that keep an error on recordings left out, and what is
 refused."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import FloatModel, IntegerModel, load_training, with_network
-from eskin.golden.model.pipeline import decide_touches
-from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.stage_error import logit_error, stage_errors
+from eskin.golden.core import InputError
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    decide_touches,
+    find_touches,
+    load_training,
+    logit_error,
+    stage_errors,
+    with_network,
+)
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training.evaluate import evaluate
 from eskin.golden.training.quantise import COVERED_FEATURE, profile

@@ -1,7 +1,5 @@
 """Yardsticks: what they see, and that they are judged on recordings left out."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

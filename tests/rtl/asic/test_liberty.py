@@ -1,7 +1,5 @@
 """Liberty files: what is read of them, corners by what they say, and one sentence for what is none."""
 
-from __future__ import annotations
-
 import gzip
 import re
 from pathlib import Path
@@ -10,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.rtl.asic import liberty
 from eskin.rtl.asic.blocks import blocks_of
 from eskin.rtl.asic.buffers import buffer_of, insert

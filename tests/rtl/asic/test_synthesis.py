@@ -1,8 +1,6 @@
 """What a chip's registers and memories are made of does what the design says: seen on small ones, in the
 process's own cells."""
 
-from __future__ import annotations
-
 import random
 
 import pytest

@@ -9,8 +9,7 @@ from amaranth.lib.wiring import In, Out
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core import formats
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import QFormat, formats
 from eskin.rtl.common import fixed
 from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, simulate, values

@@ -1,8 +1,6 @@
 """The one-port memory: what it gives against a list, and its iCE40 block on the vendor's cell model against
 its behaviour."""
 
-from __future__ import annotations
-
 import random
 import re
 import tempfile

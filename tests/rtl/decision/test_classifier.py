@@ -1,12 +1,10 @@
 """argmax, margin, ties, votes, partial touches."""
 
-from __future__ import annotations
-
 import random
 
 import pytest
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS, QFormat
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.program.timing import logit_to_decision
 from tests.support.stream_bench import Bench, values
@@ -141,6 +139,13 @@ def test_decisions(number):
         assert [beat.cycle for beat in out if not beat.value["is_global"]] == [
             cycle + logit_to_decision(config) for cycle in last_logit
         ]
+
+
+def test_more_votes_than_a_logit_has_codes():
+    config = PRESETS["pvdf"].replace(steps=80, decision="vote", logit_format=QFormat(4, 2))
+    touches = [[[3 * (number < 75), 0, 1, 1, 0] for number in range(80)]]
+    out, _, ended = play(config, touches)
+    assert (values(out), ended) == expected(config, touches)
 
 
 def test_finish_without_a_step_gives_no_decision():

@@ -1,15 +1,11 @@
 """Both tables, exhaustively, in golden and hardware."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np
 from amaranth.hdl import Fragment
 
-from eskin.golden.core.activation import sigmoid_table, tanh_table
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, QFormat, sigmoid_table, tanh_table
 from eskin.rtl.engine.activation_unit import ActivationUnit
 from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
@@ -39,6 +35,7 @@ def test_tables_are_symmetric_monotone_and_near(entries, gate_activation):
         {},
         {"lane_type": "dsp"},
         {"gate_frac": 12},
+        {"gate_frac": 8},
         {"gate_activation": "hard_sigmoid"},
         {"state_format": QFormat(2, 8)},
     ],

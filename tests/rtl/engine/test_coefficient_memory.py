@@ -1,8 +1,6 @@
 """Gates and constants under one address: every word the host or the step writes is read back, and nothing in
 the other's place."""
 
-from __future__ import annotations
-
 import random
 
 from amaranth.hdl import Fragment

@@ -1,8 +1,6 @@
 """The compact engine (one serial lane): its program against golden cells in every format, then the hardware,
 its cycles and memories."""
 
-from __future__ import annotations
-
 import random
 from dataclasses import replace
 from itertools import pairwise
@@ -14,13 +12,11 @@ from amaranth.lib import wiring
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.activation import sigmoid_table, tanh_table
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.core import PRESETS, InputError, QFormat, narrow, sigmoid_table, tanh_table
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.engine import compact_engine, compact_sequencer
+from eskin.rtl.engine.compact_sequencer import CompactSequencer
 from eskin.rtl.program.cells import DENSE, NORMALISE, CellProgram, ElementOp, RowBlock
 from eskin.rtl.program.compact_program import CompactProgram, Instruction, Kind, Limit, Op, Use
 from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory_images
@@ -29,7 +25,7 @@ from eskin.rtl.program.timing import is_compact
 from tests.rtl.engine.test_engine import beats, check_exact, check_exact_and_cycles, expected, small, windows
 from tests.support.small_designs import CELLS, reference
 from tests.support.strategies import examples
-from tests.support.stream_bench import Bench, put
+from tests.support.stream_bench import Bench, put, simulate
 from tests.support.table import each_row
 
 
@@ -327,6 +323,23 @@ def test_bit_exact_with_stalls():
     model = random_integer_model(serial(hidden=4, steps=2), seed=5)
     centred = windows(model.config, touches=1, seed=5)
     check_exact(model, centred, stall=0.5, seed=5)
+
+
+def test_every_touch_begins_as_after_a_reset():
+    config, starts, ends = serial(hidden=4, taxels=4, steps=2), [], []
+    dut = CompactSequencer(config, planned(config))
+
+    async def bench(ctx):
+        ctx.set(dut.go, 1)
+        while len(starts) < 2:
+            if ctx.get(dut.started & dut.first_step):
+                starts.append(len(ends))
+            ends.append(ctx.get(dut.jump & (dut.fields["limit"] == Limit.STEPS)))
+            await ctx.tick()
+
+    simulate(dut, bench)
+    last = [cycle for cycle, ended in enumerate(ends) if ended][config.windows.steps - 1]
+    assert starts[1] - (last + 1) == starts[0]
 
 
 class LoadedBench(wiring.Component):

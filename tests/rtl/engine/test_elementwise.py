@@ -1,12 +1,9 @@
 """Around the multiplier of element-wise operations, on its own: operands, what a sum starts from, narrowed
 results, table index."""
 
-from __future__ import annotations
-
 import random
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat, clamp, narrow
+from eskin.golden.core import PRESETS, QFormat, clamp, narrow
 from eskin.rtl.engine.elementwise import ElementwiseUnit
 from eskin.rtl.program.schedule import schedule
 from tests.support.stream_bench import simulate

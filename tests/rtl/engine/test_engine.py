@@ -1,16 +1,13 @@
 """The engine and the classifier behind it, bit for bit against golden cells, and their cycles against the
 schedule."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from amaranth.hdl import Module
 from amaranth.lib import wiring
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, narrow
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.engine.compact_engine import make_engine
 from eskin.rtl.engine.window_queue import WindowQueue
@@ -115,8 +112,9 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
     async def monitor(ctx):
         logit, feature, state = engine.logit, engine.feature, engine.state
         taps = [signal for tap in (logit, feature, state) for signal in (tap.valid, tap.value)]
-        taps += [engine.started, engine.step.valid, engine.step.value]
-        async for _, _, lv, l, fv, f, sv, s, started, done, slots in ctx.tick().sample(*taps):
+        taps += [engine.started, engine.step.valid, engine.step.value, engine.check_failed]
+        async for _, _, lv, l, fv, f, sv, s, started, done, slots, wrong in ctx.tick().sample(*taps):
+            assert not wrong, "every word is the image's"
             for name, valid, value in (
                 ("logit", lv, l),
                 ("feature", fv, f),

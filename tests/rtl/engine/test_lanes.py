@@ -1,8 +1,6 @@
 """Every lane type against plain arithmetic: which slot takes operands, addend and controls, and when the sum
 is there."""
 
-from __future__ import annotations
-
 import random
 
 import pytest
@@ -10,7 +8,7 @@ from amaranth.hdl import Fragment
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.engine.lanes import LANE_TYPES, lane_signature, make_lane
 from eskin.rtl.engine.sb_mac16 import DspLane
 from eskin.rtl.program.timing import timing

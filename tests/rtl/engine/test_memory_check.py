@@ -1,13 +1,11 @@
 """The checksum: every bit of every constant bears on it, it costs no slot, it flags what is wrong and nothing
 else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import (
     Control,
     Fault,

@@ -1,8 +1,6 @@
 """A product in digits of 4 is the product: every operand of small widths, and the lanes' widths at random and
 at their ends."""
 
-from __future__ import annotations
-
 import random
 
 from amaranth.hdl import Module, Signal, signed

@@ -1,7 +1,5 @@
 """The DSP lane's behaviour against the SB_MAC16 that it becomes, on the vendor's cell model."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 

@@ -1,14 +1,11 @@
 """Words slot by slot, repeats, waiting, beginning again: against the microcode's own unrolled words."""
 
-from __future__ import annotations
-
 import random
 
 import pytest
 from amaranth.hdl import ResetInserter, Signal
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, QFormat
 from eskin.rtl.engine.sequencer import Sequencer
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 from eskin.rtl.program.schedule import schedule

@@ -1,8 +1,6 @@
 """From a model to a bitstream: figures that add up, the same bits from the same seed, and refusals that say
 what helps."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
@@ -17,9 +15,8 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.formats import QFormat
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat
+from eskin.golden.model import random_integer_model
 from eskin.pages.views import tables, words
 from eskin.rtl.fpga import blocks
 from eskin.rtl.fpga import wiring as wired

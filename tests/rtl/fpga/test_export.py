@@ -1,7 +1,5 @@
 """The exported Verilog: the same text every time, free of what the simulators stumble over."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import subprocess
@@ -12,7 +10,7 @@ from typing import Any
 import pytest
 from amaranth.back import rtlil
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.rtl.fpga.export import SENSING, TOP, export, export_bus, export_sensing
 from eskin.rtl.fpga.tools import ToolError
 from eskin.rtl.frontend import front_end

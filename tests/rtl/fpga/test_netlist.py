@@ -1,8 +1,6 @@
 """Netlists under the harness of the generated Verilog: exact on both families, and a flipped bit of a look-up
 table is seen."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re
@@ -25,10 +23,15 @@ from eskin.cosim.netlist import (
     recovered_hardware,
     shorten_names,
 )
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import IntegerModel, random_integer_model, with_network
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings, write_vectors
+from eskin.golden.core import InputError
+from eskin.golden.model import (
+    IntegerModel,
+    random_integer_model,
+    random_recordings,
+    run,
+    with_network,
+    write_vectors,
+)
 from eskin.rtl.fpga.blocks import block_of
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate, netlist_of

@@ -1,7 +1,5 @@
 """What the tools of others say of the generated folder: Verilator's lint, slang, FuseSoC."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -10,8 +8,8 @@ import pyslang
 import pytest
 
 from eskin.cosim.runner import verilator_command
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.export import WAIVER
 from eskin.verbs.generate_job import generate_design
 from tests.support.image_scenes import random_image_model

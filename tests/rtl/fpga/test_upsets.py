@@ -1,7 +1,5 @@
 """Upsets in the generated Verilog: the way in for them, the campaigns, and that each campaign can fail."""
 
-from __future__ import annotations
-
 import random
 from functools import cache
 from pathlib import Path
@@ -9,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from eskin.cosim import upsets as bench
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.rtl.fpga.upsets import with_upsets
 from eskin.rtl.program.memory_map import Fault
 from eskin.verbs import upset_campaign

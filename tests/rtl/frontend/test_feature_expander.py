@@ -1,17 +1,13 @@
 """rtl/frontend/feature_expander.py: every kind of feature against loops over frames; the whole chain with
 every subset, bit-exact."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.groups import FEATURE_KINDS
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
+from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig
+from eskin.golden.model import random_integer_model, run
 from eskin.golden.model.preprocess import companded
 from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander
 from eskin.rtl.program.memory_map import Fault
@@ -112,6 +108,15 @@ def test_every_kind_of_every_deviation(name):
         assert seen.touches
         out, _ = expand(config, window_beats(config, seen), stalls, seed=3)
         assert values(out) == expected_beats(config, seen)
+
+
+@each_row("taxels", [1, 2])
+@each_row("name", ["pvdf", "thesis"])
+def test_frames_so_short_that_they_wait_for_each_other(name, taxels):
+    config = config_of(name, FEATURE_KINDS, "change", taxels=taxels)
+    seen = detect(config, make_stream(config, 130, seed=11))
+    out, _ = expand(config, window_beats(config, seen), (0.3, 0.5), seed=3)
+    assert seen.touches and values(out) == expected_beats(config, seen)
 
 
 @each_row("subset", SUBSETS)

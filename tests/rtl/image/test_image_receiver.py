@@ -1,10 +1,8 @@
 """Rows become an image: addresses, filling up of short rows, and when the engine is started."""
 
-from __future__ import annotations
-
 import random
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.image.image_receiver import ImageReceiver
 from tests.support.stream_bench import put, simulate
 

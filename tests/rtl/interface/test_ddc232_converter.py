@@ -1,15 +1,12 @@
 """rtl/interface/ddc232_converter.py: set-up, a frame's codes at their taxels, quiet times, and each kind of
 wrong answer."""
 
-from __future__ import annotations
-
 import dataclasses
 import random
 from itertools import pairwise
 from unittest import mock
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core import PRESETS, ConverterFault
 from eskin.golden.core.ddc232 import ddc_plan
 from eskin.rtl.interface import ddc232_converter
 from eskin.rtl.interface.ddc232_converter import Ddc232Converter

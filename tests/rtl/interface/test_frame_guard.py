@@ -1,11 +1,9 @@
 """rtl/interface/frame_guard.py: good frames whole and in order, bad ones not at all; that late ones are left out is
 proved in formal/interface/frame_guard.py."""
 
-from __future__ import annotations
-
 import random
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.interface.frame_guard import FrameGuard
 from tests.support.stream_bench import Bench, put, values
 from tests.support.table import each_row

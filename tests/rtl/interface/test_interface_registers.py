@@ -1,12 +1,9 @@
 """rtl/interface/interface_registers.py: what the host reads and sets beside the accelerator; everything else
 goes through."""
 
-from __future__ import annotations
-
 import random
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.converters import ConverterFault
+from eskin.golden.core import PRESETS, ConverterFault
 from eskin.rtl.interface.interface_registers import InterfaceRegisters
 from eskin.rtl.program.memory_map import Control, InterfaceRegister, Register, interface_registers, mapped
 from tests.support.stream_bench import bus_accesses, simulate
@@ -44,10 +41,11 @@ def test_settings_start_as_configured_and_hold_what_was_written():
     async def body(ctx, dut, write, read):
         expected = [getattr(ALL.interface, f"stim_{name}") for name in names]
         rng = random.Random(3)
-        for _ in range(20):
+        for number in range(20):
             assert [await read(register) for register in registers] == expected
             assert [ctx.get(dut.settings[name]) for name in names] == expected
             words = [rng.getrandbits(16) for _ in names]
+            words[0] >>= number % 2 * 7  # also just above what the amplitude holds
             for register, word in zip(registers, words, strict=True):
                 await write(register, word)
             expected = [min(words[0], 255), *words[1:]]

@@ -1,12 +1,9 @@
 """rtl/interface/matrix_converter.py: every cell's code at its taxel after its time to settle, and each kind
 of wrong answer."""
 
-from __future__ import annotations
-
 import random
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.converters import ConverterFault, converter_plan
+from eskin.golden.core import PRESETS, ConverterFault, converter_plan
 from eskin.rtl.interface.matrix_converter import MatrixConverter
 from tests.support.converter_bench import play_frames
 from tests.support.table import each_row

@@ -1,7 +1,5 @@
 """rtl/interface/sample_clock.py: the rate to the tick, and a new count after a pause."""
 
-from __future__ import annotations
-
 import pytest
 
 from eskin.golden.core.converters import sample_clock

@@ -1,13 +1,11 @@
 """rtl/interface/sample_narrower.py against the golden conversion, every code of 12 bits and the ends of wider
 ones."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.golden.core.converters import code_bits
-from eskin.golden.model.conversion import codes_of, samples_of
+from eskin.golden.model import codes_of, samples_of
 from eskin.rtl.interface.sample_narrower import SampleNarrower
 from tests.support.stream_bench import simulate
 from tests.support.table import each_row

@@ -1,11 +1,10 @@
 """rtl/interface/spi_master.py: words both ways on several lines, and the cycles of select and clock."""
 
-from __future__ import annotations
-
 import random
 from itertools import pairwise
 
-from eskin.golden.core.converters import SpiChip, SpiPlan
+from eskin.golden.core import SpiPlan
+from eskin.golden.core.converters import SpiChip
 from eskin.rtl.interface.spi_master import SpiMaster
 from tests.support.spi_chip import SpiSlave
 from tests.support.stream_bench import Bench, put
@@ -24,7 +23,7 @@ def plan_of(bits=16, lines=1, selects=1, half=2, lead=2, high=1) -> SpiPlan:
     [
         dict(),
         dict(bits=19, lines=2, half=6, lead=6, high=6),
-        dict(bits=5, lines=3, selects=2, half=3, lead=9, high=4),
+        dict(bits=5, lines=3, selects=3, half=3, lead=9, high=4),
     ],
 )
 def test_words_cross_and_every_time_is_kept(shape):

@@ -1,11 +1,8 @@
 """rtl/interface/stimulus.py: electrodes of classes and of positions, how long a request lasts."""
 
-from __future__ import annotations
-
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.rtl.interface.stimulus import Stimulus
 from tests.support.stream_bench import simulate
 from tests.support.table import each_row

@@ -1,7 +1,5 @@
 """rtl/interface/teach_buttons.py: each press is heard once, whatever its contacts do."""
 
-from __future__ import annotations
-
 import random
 
 from amaranth.sim import Simulator

@@ -1,13 +1,10 @@
 """rtl/interface/touch_position.py against the golden positions, bit for bit; the golden ones against where
 the touches were."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model.position import Position, direction, positions
 from eskin.rtl.interface.touch_position import TouchPosition
 from tests.support.array_touches import REST, touches
@@ -39,7 +36,8 @@ def hardware(
     """What is told, by frame; ``clear`` behind frame ``clear_after``, or with the beat ``clear_at`` of the
     frame behind it."""
     dut, taxels = TouchPosition(config), config.sensor.taxels
-    bench, told, frame_now = Bench(dut, max_cycles=2_000_000), [], [0]
+    bench, told, frame_now, ended_at = Bench(dut, max_cycles=2_000_000), [], [0], [0]
+    quotient = (max(config.interface.rows, config.interface.columns) - 1).bit_length() + 5  # its bits
 
     async def play(ctx):
         for frame, cells in enumerate(samples):
@@ -53,7 +51,7 @@ def hardware(
                 )
                 await ctx.tick()
                 if last:
-                    frame_now[0] = frame
+                    frame_now[0], ended_at[0] = frame, bench.cycle
                 ctx.set(dut.i, {"valid": 0, "payload": {"sample": 99, "first": 0, "last": 0}})
                 if place % 7 == 3:
                     await ctx.tick()
@@ -67,6 +65,7 @@ def hardware(
     async def watch(ctx):
         async for *_, valid, p in ctx.tick().sample(dut.o.valid, dut.o.payload):
             if valid:
+                assert bench.cycle - ended_at[0] == (1 if p.ended else 2 * quotient + 1)
                 told.append((frame_now[0], p.x, p.y, p.peak, bool(p.ended), p.direction))
 
     bench._sim.add_testbench(watch, background=True)
@@ -91,12 +90,16 @@ def test_bit_exact_on_generated_touches(size):
 
 @each_row(
     "fields",
-    [dict(sample_signed=True, position_rest=-100, band_high=100), dict(sample_bits=16, band_high=60000)],
+    [
+        dict(sample_signed=True, position_rest=-100, band_high=100),
+        dict(sample_bits=16, position_rest=40_000, band_high=60_000),
+        dict(columns=16, position_rest=0),
+    ],
 )
 def test_bit_exact_on_random_frames_of_other_samples(fields):
-    config = config_of(4, 5, **fields)
+    config = config_of(**dict(rows=4, columns=5) | fields)
     low, high = config.sample_format.min_code, config.sample_format.max_code
-    samples = np.random.default_rng(2).integers(low, high + 1, (30, 20))
+    samples = np.random.default_rng(2).integers(low, high + 1, (30, config.sensor.taxels))
     samples[[3, 4, 9, 17]] = low
     samples[5] = high
     assert hardware(samples, config) == as_told(positions(samples, config))

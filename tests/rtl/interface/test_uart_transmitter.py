@@ -1,7 +1,5 @@
 """rtl/interface/uart_transmitter.py: what is on the line, cycle by cycle, of bytes with and without gaps."""
 
-from __future__ import annotations
-
 import random
 
 from eskin.rtl.interface.uart_transmitter import UartTransmitter

@@ -1,9 +1,7 @@
 """On a chip an address that a slot does not use is the one before it; addresses that are used are the same
 everywhere."""
 
-from __future__ import annotations
-
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.program.microcode import ADDRESSES, Microcode
 from eskin.rtl.program.schedule import schedule
 from tests.support.table import each_row

@@ -1,10 +1,8 @@
 """Cycles of the published networks on so many lanes, by the formula that the other tests hold the hardware
 to."""
 
-from __future__ import annotations
-
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.images import NETWORKS, SIZES, network, stages_of
+from eskin.golden.core import NETWORKS, QFormat
+from eskin.golden.core.images import SIZES, network, stages_of
 from eskin.rtl.program.image_passes import ImagePlan, make_plan
 from tests.support.table import each_row
 

@@ -1,9 +1,7 @@
 """The check words of image networks: every weight counts, and the places of taps are those of a loop written
 out."""
 
-from __future__ import annotations
-
-from eskin.golden.core.images import NETWORKS
+from eskin.golden.core import NETWORKS
 from eskin.rtl.program.image_signature import tap_places, unseen_weights
 from tests.rtl.program.test_image_passes import plan_of
 from tests.support.image_case import random_case

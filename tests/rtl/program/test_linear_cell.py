@@ -1,24 +1,20 @@
 """The linear cell: golden against a direct formula, hardware on every lane type, cycles, checksum, fit,
 import, what fits a part."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat, narrow
-from eskin.golden.model.model import (
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, narrow
+from eskin.golden.model import (
     FloatModel,
     IntegerModel,
     describe_formats,
     random_integer_model,
+    random_recordings,
     with_network,
 )
-from eskin.golden.model.vectors import random_recordings
 from eskin.golden.training.import_network import import_network
 from eskin.golden.training.linear_fit import fit_linear
 from eskin.golden.training.quantise import quantise_model, signals

@@ -1,12 +1,10 @@
 """Memory images: every weight in the place the schedule reads, addends with bias and rounding half, the
 writes that load them."""
 
-from __future__ import annotations
-
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import (
     Memory,
     Register,

@@ -1,7 +1,5 @@
 """Words against slots: what the sequencer runs is what was placed, counting addresses and repeats and all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -3,8 +3,7 @@ nothing else."""
 
 import numpy as np
 
-from eskin.golden.core.activation import sigmoid_table, tanh_table
-from eskin.golden.core.formats import narrow
+from eskin.golden.core import narrow, sigmoid_table, tanh_table
 from eskin.rtl.engine.compact_engine import make_engine
 from eskin.rtl.program.cells import DENSE, NORMALISE, CellProgram, ElementOp, RowBlock
 from eskin.rtl.program.memory_map import memory_images

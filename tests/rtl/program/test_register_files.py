@@ -1,7 +1,5 @@
 """rtl/program/register_files.py: header, SystemRDL, SVD and IP-XACT say the same of every register."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 from xml.etree import ElementTree
@@ -10,7 +8,7 @@ import pytest
 from systemrdl import RDLCompiler
 from systemrdl.node import FieldNode, RegNode
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.fpga.generate import c_header, ports_of
 from eskin.rtl.program.memory_map import interface_registers, mapped
 from eskin.rtl.program.register_files import IPXACT, entries, ip_xact, markdown, svd, system_rdl

@@ -1,10 +1,8 @@
 """rtl/program/signature.py: the proof that every flip is seen names every bit of words that no step reads;
 check words make the sum zero."""
 
-from __future__ import annotations
-
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule

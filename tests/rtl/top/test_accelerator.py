@@ -1,17 +1,15 @@
 """The whole chain in Amaranth's simulator on small recordings: every stage against the golden trace, and the
 host's view."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel, random_integer_model, with_network
-from eskin.golden.model.pipeline import DECISION_FIELDS, run
+from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, random_integer_model, run, with_network
+from eskin.golden.model.pipeline import DECISION_FIELDS
 from eskin.rtl.program.memory_map import (
     ID_VALUE,
     Control,

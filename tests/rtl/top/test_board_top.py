@@ -1,13 +1,11 @@
 """The board top: its ports with loadable and fixed memories, and its pins after reset."""
 
-from __future__ import annotations
-
 import pytest
 from amaranth.back import rtlil
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.model import random_integer_model
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top import board_top

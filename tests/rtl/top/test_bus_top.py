@@ -1,14 +1,12 @@
 """rtl/top/bus_top.py: the generated Verilog under the masters of cocotbext."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
 from cocotb_tools.runner import get_results, get_runner
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.export import export_bus
 
 CONFIG = random_integer_model(

@@ -1,16 +1,13 @@
 """The stopped clock: streams and decisions as without it, at the sensor's pace; a gate that stops too much is
 seen."""
 
-from __future__ import annotations
-
 import pytest
 
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.vectors import write_vectors
+from eskin.golden.core import InputError
+from eskin.golden.data import load_recordings
+from eskin.golden.model import random_integer_model, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate
 from tests.rtl.top.test_recordings import BUILDS, PRESETS

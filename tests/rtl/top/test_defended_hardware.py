@@ -1,20 +1,15 @@
 """Defended designs as they are generated: real recordings with failing taxels in co-simulation, the
 testbench, nothing left when off."""
 
-from __future__ import annotations
-
 import dataclasses
 import subprocess
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.vectors import random_recordings
+from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.model import random_integer_model, random_recordings, run
 from eskin.rtl.fpga.export import export
 from eskin.verbs.flow import cosimulate
 from eskin.verbs.generate_job import generate_design

@@ -1,12 +1,10 @@
 """The chain for images on the bus: a clock that stops while a short row is filled up, a program that runs too
 long."""
 
-from __future__ import annotations
-
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.model.image_network import random_images, run_images
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.model import random_images, run_images
 from eskin.rtl.fpga.generate import boot_writes
 from eskin.rtl.program.image_passes import Word
 from eskin.rtl.program.memory_map import Control, Fault, ImageMemory, Register

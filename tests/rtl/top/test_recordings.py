@@ -1,8 +1,6 @@
 """Every subset of the kinds of feature on recordings of three data sets, with every cell and lane type in turn:
 bit-exact at every stage, and the cycles of the program."""
 
-from __future__ import annotations
-
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -10,12 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.groups import FEATURE_KINDS
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.model import IntegerModel, normaliser_constants, random_integer_model, with_network
-from eskin.golden.model.preprocess import find_touches, real_features
+from eskin.golden.core import FEATURE_KINDS, PRESETS, QFormat
+from eskin.golden.data import load_recordings
+from eskin.golden.model import (
+    IntegerModel,
+    find_touches,
+    normaliser_constants,
+    random_integer_model,
+    real_features,
+    with_network,
+)
 from eskin.golden.training.datasets import scaling
 from eskin.golden.training.derive import derive_config
 from eskin.golden.training.quantise import _feature_frac_limit

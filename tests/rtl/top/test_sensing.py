@@ -1,11 +1,9 @@
 """rtl/top/sensing.py: a broken frame arms the chain, once, in the first cycle in which nobody needs the bus
 and no frame is handed on."""
 
-from __future__ import annotations
-
 import random
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.program.memory_map import Control, Register
 from eskin.rtl.top import sensing
 from tests.support.silent import Silent

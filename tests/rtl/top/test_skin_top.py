@@ -1,15 +1,15 @@
 """rtl/top/skin_top.py: whatever is wrong lights the lamp and takes the stimulator's electrode off; the next
 decision is heard again."""
 
-from __future__ import annotations
-
+import re
 from types import SimpleNamespace
 
 import pytest
 from amaranth.hdl import Signal
 from amaranth.sim import Simulator
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
+from eskin.rtl.host.flash_loader import WAKE_S
 from eskin.rtl.interface.stimulation import STIMULATOR_BAUD
 from eskin.rtl.top import skin_top
 from tests.support.silent import Silent
@@ -35,7 +35,7 @@ def skin(monkeypatch, **fields):
     monkeypatch.setattr(
         skin_top, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1]
     )
-    config = PRESETS["thesis"].replace(converter="ads7953", stimulator="decisions", hold_s=0.1)
+    config = PRESETS["thesis"].replace(converter="ads7953", stimulator="decisions", hold_s=0.03)
     return skin_top.SkinTop(config, None, clock_hz=CLOCK_HZ, **fields), made
 
 
@@ -71,6 +71,7 @@ def test_any_fault_is_a_lamp_and_off_until_the_next_decision(name, monkeypatch):
         if cause is None:
             await ctx.tick().repeat(8_000)
             assert ctx.get(made[0].on) and not ctx.get(dut.led)
+            await until(False)  # held for long enough
             return
         await pulse(cause)
         assert ctx.get(dut.led)
@@ -86,9 +87,13 @@ def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
     dut, _ = skin(monkeypatch, flash=True)
 
     async def play(ctx):
+        selects = ""
         for _ in range(2_000):
             assert not ctx.get(dut.sensing.run)
+            selects += str(ctx.get(dut.flash.cs_n))
             if ctx.get(dut.led):
+                pause = re.search("0(1+)0", selects)[1]  # between its waking and its reading
+                assert WAKE_S * CLOCK_HZ <= len(pause) < WAKE_S * CLOCK_HZ + 8
                 return
             await ctx.tick()
         raise AssertionError("the lamp stays dark")

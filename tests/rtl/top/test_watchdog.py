@@ -1,13 +1,11 @@
 """The watchdog: it acts at its bound and not before, never on a chain that works, and its bound covers the
 longest wait there is."""
 
-from __future__ import annotations
-
 import pytest
 from amaranth.hdl import ResetInserter
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.model import random_integer_model
 from eskin.rtl.program.memory_map import Control, Fault, Register, load_writes
 from eskin.rtl.top import accelerator
 from eskin.rtl.top.accelerator import Accelerator

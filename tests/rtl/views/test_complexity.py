@@ -1,8 +1,6 @@
 """Cost against taxels and classes: memory bits against the generated Verilog, weights against the network,
 files against the figures."""
 
-from __future__ import annotations
-
 import csv
 import json
 import re
@@ -13,7 +11,7 @@ from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.rtl.fpga.export import export
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule

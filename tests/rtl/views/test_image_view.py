@@ -1,12 +1,10 @@
 """The schedule of a network for images: rows add up to the formula, files are written, slots follow one
 another."""
 
-from __future__ import annotations
-
 import json
 from itertools import pairwise
 
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import QFormat
 from eskin.golden.core.images import network, stages_of
 from eskin.rtl.program.image_passes import make_plan
 from eskin.rtl.views import image_view

@@ -1,7 +1,5 @@
 """The schedule made visible: every operation drawn once, figures those of the schedule."""
 
-from __future__ import annotations
-
 import csv
 import itertools
 import json
