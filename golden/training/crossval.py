@@ -4,6 +4,7 @@ seeds at once."""
 from __future__ import annotations
 
 import dataclasses
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -159,11 +160,11 @@ class Folds:
 
     def loses_in(self, models: list[FloatModel], integers: list[IntegerModel]) -> str | None:
         """The stage of the integers that alone moves the logits of recordings left out most, on average."""
-        moved: dict[str, float] = {}
+        moved: dict[str, float] = defaultdict(float)
         for model, integer, test in zip(models, integers, self.tests, strict=True):
             rows = self.data.index[test]
             for error in stage_errors(model, integer, self.data.touches.take(rows[rows >= 0])):
-                moved[error.stage] = moved.get(error.stage, 0.0) + error.logit_mean
+                moved[error.stage] += error.logit_mean
         return max(moved, key=moved.__getitem__, default=None)
 
     def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[FoldDecisions]:

@@ -37,7 +37,7 @@ class TouchPosition(wiring.Component):
     o : Out(struct: valid, payload of position_layout)
         ``valid`` for one cycle.
 
-    From the last taxel to ``o``: 2 q + 3 cycles, q = bits of a coordinate + 1 (at most 9); with ``ended`` 1.
+    From the last taxel to ``o``: 2 q + 1 cycles, q = bits of a coordinate + 1 (at most 9); with ``ended`` 1.
     The next frame must not end earlier.
     """
 

@@ -318,13 +318,18 @@ REFUSED = [
     ),
     (DDC_FAST | dict(ddc_first=1), "32 words of 20 bits at 2 MHz.*ddc_first 0, or", None),
     (
+        dict(converter="ddc232", clock_hz=12e6, ddc_version="C", sample_rate_hz=2500.0),
+        "; ddc_version CK and converter_hz 3000000, or",
+        None,
+    ),
+    (
         dict(converter="ddc232", sample_rate_hz=7000.0),
         "integrates for 166.5 us at least: give at most 6006",
         None,
     ),
     (
         BIG | dict(sample_rate_hz=300.0),
-        r"160 cells of 28.8 us, 20 of them to settle, take 4.6 ms.*at most 195 Hz works",
+        r"160 cells of 28.8 us, 20 of them to settle, take 4.6 ms.*; settle_s 1e-05, or a rate of at most 195 Hz works",
         195.0,
     ),
     (

@@ -220,8 +220,13 @@ def test_normaliser_constants_give_the_feature(config):
 
 
 def test_a_spread_too_small_for_the_scale_is_refused():
+    config = SMALL.replace(hop=4, window=8)
+    fmt, top = config.formats.feature_format, config.scale_format.max_code
+    least = 2.0 ** (fmt.frac_bits + config.formats.gate_frac) / (config.feature_units[0] * top)
+    filled, _, scale = normaliser_constants(config, 0.0, least)
+    assert (*filled.features.feature_shift, *scale) == (0, top), "the largest code is one"
     with pytest.raises(InputError, match="feature_format.*fewer feature bits"):
-        normaliser_constants(SMALL.replace(hop=4, window=8), 0.0, 0.0005)
+        normaliser_constants(config, 0.0, 0.0005)
 
 
 @each_row("name", list(PRESETS))

@@ -175,7 +175,7 @@ def test_a_stream_is_not_taught_during_a_touch():
             RULE | {"unknown_above": 3},
             "field unknown_above: is set with decision 'vote'",
         ),
-        ({}, RULE | {"unknown_above": 60000}, "field unknown_above: is 60000, and no touch"),
+        ({}, RULE | {"unknown_above": 181}, "field unknown_above: is 181, and no touch.* at most 180"),
         ({}, RULE | {"taught": 0, "taught_shift": 1}, "field taught_shift: is 1, and there is no place"),
         ({"loadable": False}, RULE, "field loadable: is false, and the memory of prototypes"),
         ({}, RULE | {"state_code_shift": 15}, "field state_code_shift: is 15 and the values have 14 bits"),

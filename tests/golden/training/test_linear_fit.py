@@ -3,7 +3,7 @@
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.training.linear_fit import QUIETEST, fit_linear
+from eskin.golden.training.linear_fit import QUIETEST, fit_least_squares, fit_linear
 
 CONFIG = AcceleratorConfig.of(
     taxels=4,
@@ -40,6 +40,10 @@ def test_an_input_that_never_changes_is_no_trouble():
     features[:, 0] = 7.0
     arrays = fit_linear(CONFIG, features, labels, 1.0)
     assert not arrays["V"][0].any() and np.isfinite(arrays["b_y"]).all()
+    arrays = fit_least_squares(
+        CONFIG, np.full_like(features, 7.0), labels
+    )  # nor are inputs that all never do
+    assert not arrays["V"].any() and np.allclose(arrays["b_y"], 0.5)
 
 
 def test_many_classes_of_few_touches_are_fitted_without_a_word():

@@ -16,6 +16,7 @@ from eskin.golden.core import PRESETS, InputError, QFormat, narrow, sigmoid_tabl
 from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.engine import compact_engine, compact_sequencer
+from eskin.rtl.engine.compact_sequencer import CompactSequencer
 from eskin.rtl.program.cells import DENSE, NORMALISE, CellProgram, ElementOp, RowBlock
 from eskin.rtl.program.compact_program import CompactProgram, Instruction, Kind, Limit, Op, Use
 from eskin.rtl.program.memory_map import Memory, load_words, load_writes, memory_images
@@ -24,7 +25,7 @@ from eskin.rtl.program.timing import is_compact
 from tests.rtl.engine.test_engine import beats, check_exact, check_exact_and_cycles, expected, small, windows
 from tests.support.small_designs import CELLS, reference
 from tests.support.strategies import examples
-from tests.support.stream_bench import Bench, put
+from tests.support.stream_bench import Bench, put, simulate
 from tests.support.table import each_row
 
 
@@ -322,6 +323,23 @@ def test_bit_exact_with_stalls():
     model = random_integer_model(serial(hidden=4, steps=2), seed=5)
     centred = windows(model.config, touches=1, seed=5)
     check_exact(model, centred, stall=0.5, seed=5)
+
+
+def test_every_touch_begins_as_after_a_reset():
+    config, starts, ends = serial(hidden=4, taxels=4, steps=2), [], []
+    dut = CompactSequencer(config, planned(config))
+
+    async def bench(ctx):
+        ctx.set(dut.go, 1)
+        while len(starts) < 2:
+            if ctx.get(dut.started & dut.first_step):
+                starts.append(len(ends))
+            ends.append(ctx.get(dut.jump & (dut.fields["limit"] == Limit.STEPS)))
+            await ctx.tick()
+
+    simulate(dut, bench)
+    last = [cycle for cycle, ended in enumerate(ends) if ended][config.windows.steps - 1]
+    assert starts[1] - (last + 1) == starts[0]
 
 
 class LoadedBench(wiring.Component):

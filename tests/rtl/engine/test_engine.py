@@ -112,8 +112,9 @@ def run(model: IntegerModel, centred: np.ndarray, *, stall: float = 0.0, seed: i
     async def monitor(ctx):
         logit, feature, state = engine.logit, engine.feature, engine.state
         taps = [signal for tap in (logit, feature, state) for signal in (tap.valid, tap.value)]
-        taps += [engine.started, engine.step.valid, engine.step.value]
-        async for _, _, lv, l, fv, f, sv, s, started, done, slots in ctx.tick().sample(*taps):
+        taps += [engine.started, engine.step.valid, engine.step.value, engine.check_failed]
+        async for _, _, lv, l, fv, f, sv, s, started, done, slots, wrong in ctx.tick().sample(*taps):
+            assert not wrong, "every word is the image's"
             for name, valid, value in (
                 ("logit", lv, l),
                 ("feature", fv, f),

@@ -4,6 +4,7 @@ format."""
 from types import SimpleNamespace
 
 from eskin.golden.core import QFormat, narrow
+from eskin.rtl.engine.row_chain import RowChain
 from eskin.rtl.engine.row_narrowing import RowNarrowing
 from tests.support.stream_bench import put, simulate
 
@@ -46,6 +47,21 @@ def test_a_proven_logit_has_no_saturator_and_needs_none():
         for total in range(-(1 << 13), 1 << 13):
             ctx.set(dut.total, total)
             assert ctx.get(dut.logit) == expected(Proven, total)[3] == total >> 8
+
+    simulate(dut, bench)
+
+
+def test_the_chain_hands_every_bit_of_a_total_on():
+    dut, top = RowChain(14, 3), 1 << 13
+    sums = [-top, top - 1, -top + 1]
+
+    async def bench(ctx):
+        put(ctx, dut, tick=1, swap=1, acc=sums, addend=-top)
+        for total in [*sums, -top]:
+            await ctx.tick()
+            put(ctx, dut, swap=0, shift=1)
+            assert ctx.get(dut.total) == total
+        assert list(ctx.get(dut.load)) == [-top] * 3
 
     simulate(dut, bench)
 

@@ -5,6 +5,7 @@ What a write during a touch and an access to no register may not change is prove
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.host import cycle_counter
 from eskin.rtl.host.control import HostControl
 from eskin.rtl.program.memory_map import (
     ID_VALUE,
@@ -122,6 +123,7 @@ def test_faults(signals, fault):
     async def body(ctx, dut, write, read):
         await pulse(ctx, *(getattr(dut, name) for name in signals))
         assert await read(Register.FAULTS) == fault
+        assert not await read(Register.STATUS) & Status.FAULT, "nothing in the design is broken"
 
     play(body)
 
@@ -173,8 +175,10 @@ def test_a_mask_or_measure_as_it_woke_up_or_was_written_is_no_fault():
     play(body, checksum=True)
 
 
-def test_the_counter_measures_what_is_asked_for():
+def test_the_counter_measures_what_is_asked_for(monkeypatch):
     """Frame, step and window go on at the same time; only the named one counts, and the longest stays."""
+
+    monkeypatch.setattr(cycle_counter, "COUNTER_BITS", 5)
 
     async def during(ctx, signal, cycles):
         ctx.set(signal, 1)
@@ -214,5 +218,10 @@ def test_the_counter_measures_what_is_asked_for():
         await pulse(ctx, dut.slot_done, dut.step_done)
         await ctx.tick().repeat(2)
         assert await read(Register.LONGEST) == 8, "a count begun before the arm went on after it"
+        for slots, longest in ((19, 20), (40, 31)):
+            await during(ctx, dut.slot_done, slots)
+            await pulse(ctx, dut.slot_done, dut.step_done)
+            await ctx.tick().repeat(2)
+            assert await read(Register.LONGEST) == longest, "at its end it stays"
 
     play(body)

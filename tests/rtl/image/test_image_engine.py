@@ -81,7 +81,7 @@ CORNERS = {
         8,
         8,
     ),
-    "one lane, conv on conv, two dense": (3, 5, ["conv 3 3", "conv 1 2", "pool", "dense 5", "dense 3"], 1, 8),
+    "one lane, conv on conv, two dense": (3, 5, ["conv 3 3", "conv 3 2", "pool", "dense 5", "dense 3"], 1, 8),
     "four bits on eight lanes": (5, 4, ["conv 3 6", "pool", "dense 9"], 8, 4),
     "four bits on one lane: eight taps a word": (2, 3, ["dense 3", "dense 2"], 1, 4),
     "pairs, odd rows and columns, then channels on all lanes": (

@@ -51,6 +51,8 @@ def test_every_cell_of_its_electrodes(config):
 def test_the_chip_has_its_time_before_its_first_data():
     early, late = (play(SMALL, 1, lambda address: [700] * 12, first=first)[0][0].end for first in (50, 500))
     assert late - early == 450
+    plan = mpr_plan(SMALL.replace(converter_hz=1e5), 12e6)
+    assert (plan.quarter, plan.reset, plan.first) == (30, 12_000, 120_000)
 
 
 REST, ZEROS, FULL, RUNNING = [700 + k for k in range(12)], [0] * 12, [1023] * 12, 0x8F
@@ -66,6 +68,7 @@ FAULTS = {
     ],
     TWO: [
         (0x5B, {}, ZEROS, ConverterFault.STUCK),
+        (0x5A, {}, ZEROS, ConverterFault.STUCK),
         (0x5B, {}, [1, *ZEROS[1:]], ConverterFault(0)),
         (0x5A, {}, FULL, ConverterFault(0)),  # the other chip's are not
         (0x5B, {"ecr": RUNNING - 1}, REST, ConverterFault.READBACK),

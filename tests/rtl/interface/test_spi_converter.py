@@ -32,8 +32,8 @@ CONFIGS = {
 INSIDE = [700 + k for k in range(16)]
 
 
-def frame_of(name: str, codes: list[int], spoil=lambda word, select, line, channel: word):
-    """(frame, chips) of one frame; ``spoil`` changes what a line says."""
+def frame_of(name: str, codes: list[int], spoil=lambda word, select, line, channel: word, count: int = 1):
+    """(the last frame, chips) of ``count`` frames; ``spoil`` changes what a line says."""
     plan, chip = spi_plan(CONFIGS[name]), spi_chip(CONFIGS[name])
     dut, channels, transfer = SpiConverter(plan, 16), plan.chip.channels, [-1]
 
@@ -47,18 +47,18 @@ def frame_of(name: str, codes: list[int], spoil=lambda word, select, line, chann
         return spoil(code << chip.code_bit | tag, select, line, channel)
 
     chips = SpiSlave(dut.pins, chip.bits, answer)
-    (frame,) = play_frames(dut, chips, 1)
-    assert frame.cycles <= plan.scan_cycles
-    return frame, chips
+    frames = play_frames(dut, chips, count)
+    assert all(frame.cycles <= plan.scan_cycles for frame in frames)
+    return frames[-1], chips
 
 
 @each_row("name", CONFIGS)
 def test_every_code_at_its_taxel_and_a_stuck_line_is_a_fault(name):
     plan, chip = spi_plan(CONFIGS[name]), spi_chip(CONFIGS[name])
     codes = random.Random(name).choices(range(1, 4095), k=16)
-    frame, chips = frame_of(name, codes)
+    frame, chips = frame_of(name, codes, count=2)
     assert frame.codes == dict(enumerate(codes)) and not frame.fault
-    assert [command for _, command in chips.heard] == [command for _, command in plan.transfers]
+    assert [command for _, command in chips.heard] == 2 * [command for _, command in plan.transfers]
     stuck = range(16) if name == "ad7476" else [plan.lines - 1]
     for level in (0, (1 << chip.bits) - 1):
 

@@ -36,7 +36,8 @@ def hardware(
     """What is told, by frame; ``clear`` behind frame ``clear_after``, or with the beat ``clear_at`` of the
     frame behind it."""
     dut, taxels = TouchPosition(config), config.sensor.taxels
-    bench, told, frame_now = Bench(dut, max_cycles=2_000_000), [], [0]
+    bench, told, frame_now, ended_at = Bench(dut, max_cycles=2_000_000), [], [0], [0]
+    quotient = (max(config.interface.rows, config.interface.columns) - 1).bit_length() + 5  # its bits
 
     async def play(ctx):
         for frame, cells in enumerate(samples):
@@ -50,7 +51,7 @@ def hardware(
                 )
                 await ctx.tick()
                 if last:
-                    frame_now[0] = frame
+                    frame_now[0], ended_at[0] = frame, bench.cycle
                 ctx.set(dut.i, {"valid": 0, "payload": {"sample": 99, "first": 0, "last": 0}})
                 if place % 7 == 3:
                     await ctx.tick()
@@ -64,6 +65,7 @@ def hardware(
     async def watch(ctx):
         async for *_, valid, p in ctx.tick().sample(dut.o.valid, dut.o.payload):
             if valid:
+                assert bench.cycle - ended_at[0] == (1 if p.ended else 2 * quotient + 1)
                 told.append((frame_now[0], p.x, p.y, p.peak, bool(p.ended), p.direction))
 
     bench._sim.add_testbench(watch, background=True)

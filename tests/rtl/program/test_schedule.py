@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from eskin.rtl.program import cells
 from eskin.rtl.program.cells import cell_program, in_one_phase
 from eskin.rtl.program.microcode import Microcode
-from eskin.rtl.program.schedule import schedule
+from eskin.rtl.program.schedule import lowest_clock_hz, schedule, step_cycles
 from eskin.rtl.program.scheduler import RowGroup, Schedule
 from tests.support.small_designs import CELLS, reference
 from tests.support.strategies import examples
@@ -22,6 +23,8 @@ from tests.support.table import each_row
 def test_reference_cycles_against_the_ideal(cell, lanes, limit):
     plan = schedule(reference(*cell, lanes=lanes))
     assert plan.step_cycles <= limit * plan.config.step_ideal
+    close = plan.config.replace(hop=4, window=8)  # steps that take longer than the frames of a hop
+    assert lowest_clock_hz(close) >= step_cycles(close) * close.sensor.sample_rate_hz / 4
 
 
 CONFIGURATIONS = given(
@@ -115,6 +118,8 @@ def test_every_multiply_is_placed_once_and_no_hazard_is_left(cell, lanes, hidden
     if cell == ("gru", "before"):
         makers["h"] = {"z", "n"}  # r acts through rh, which is new when n reads it
     blocks = [block.name for block in plan.program.after]
+    for region, names in cells.makers(plan.program).items():
+        assert names & set(blocks) == makers[region] & set(blocks)
     for op in plan.program.elements:
         for index in range((taxels if op.state == "x" else hidden) if op.state else 0):
             there = final[op.name, index] + timing.element_to_state
