@@ -11,23 +11,17 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from eskin.golden.baselines.rows import nearest, orders
-from eskin.golden.core import InputError, Record, replacing
+from eskin.golden.core import InputError, Record, replacing, template
 from eskin.pages.baselines_chart import chart
 from eskin.rtl.views.schedule_view import save_figure
 
 PAGE = Path("docs/baselines.md")
 BEGIN, END = "<!-- figures: begin -->", "<!-- figures: end -->"
-ORDERS = """## Does the thesis's order hold?
-
-It finds GRU and LSTM with 20 windows better than with 256, and better than the tensor methods. In float, as there. An order is told where
-the difference, in points, is more than its standard error over the folds: with so few folds weak evidence.
-"""
-VERDICT = {True: "holds", False: "does not hold", None: "not told apart"}
 
 
 @dataclass(frozen=True)
@@ -82,91 +76,32 @@ class Scene:
         """Rows of one split."""
         return [row for row in self.rows if row["split"] == split]
 
+    @property
+    def labels(self) -> dict[str, str]:
+        """What the methods are called."""
+        return {row["method"]: row["label"] for row in self.rows}
 
-def percent(share: float) -> str:
-    """A share with one decimal."""
-    return f"{100 * share:.1f}"
-
-
-def table(scene: Scene) -> Iterator[str]:
-    """Every method a line, the best on average first; costs are means over the splits."""
-    yield f"### {scene.title[0].upper() + scene.title[1:]}, {scene.recordings} recordings\n"
-    splits = " | ".join(f"unseen {split} (%)" for split in scene.splits)
-    yield f"| method | seeds | {splits} | multiplies | parameters | bytes | train (s) | decision (us), 99 % | hardware |"
-    yield "| :-- | --: |" + " --: |" * (len(scene.splits) + 5) + " :-- |"
-    by_method: dict[str, dict[str, Record]] = {}
-    for row in scene.rows:
-        by_method.setdefault(row["method"], {})[row["split"]] = row
-    for rows in sorted(
-        by_method.values(), key=lambda rows: -sum(row["accuracy"] for row in rows.values()) / len(rows)
-    ):
-        yield _line(scene, rows)
-    yield ""
-    for row in scene.left_out:
-        yield f"Left out, {row['method']} on unseen {row['split']}: {row['reason']}.\n"
-    yield f"![accuracy against multiplies of a decision, {scene.title}](baselines_{scene.name}.svg)\n"
-
-
-def _line(scene: Scene, rows: dict[str, Record]) -> str:
-    first = next(iter(rows.values()))
-
-    def mean(key: str) -> float:
-        return sum(row[key] or 0.0 for row in rows.values()) / len(rows)
-
-    cost = f"{mean('multiplies'):.0f}" if first["multiplies"] else f"0, {mean('comparisons'):.0f} comparisons"
-    shares = [
-        f"{percent(rows[s]['accuracy'])} ± {percent(rows[s]['spread'])}" if s in rows else ""
-        for s in scene.splits
-    ]
-    figures = [cost, f"{mean('parameters'):.0f}", f"{mean('bytes'):.0f}", f"{mean('train_s'):.2g}"]
-    figures.append(f"{mean('decision_us'):.0f}, {mean('decision_us_99'):.0f}")
-    return f"| {' | '.join([first['label'], str(first['seeds']), *shares, *figures])} | {'yes' if first['hardware'] else ''} |"
-
-
-def near(scene: Scene) -> Iterator[str]:
-    """Of each split the best method, and the smallest network in hardware within a point of it."""
-    labels = {row["method"]: row["label"] for row in scene.rows}
-    for split in scene.splits:
-        choice = nearest(scene.of(split))
-        best = f"{labels[choice['best']]}, {percent(choice['best_accuracy'])} %"
-        if choice["network"] is None:
-            yield f"| {scene.title} | {split} | {best} | - | - |"
-            continue
-        network = (
-            f"{labels[choice['network']]}, {percent(choice['accuracy'])} %, {choice['multiplies']} multiplies"
-        )
-        within = "yes" if choice["within"] else f"no: {percent(choice['gap'])} points below"
-        yield f"| {scene.title} | {split} | {best} | {network} | {within} |"
-
-
-def held(scene: Scene) -> Iterator[str]:
-    """The thesis's orders on each split."""
-    for split in scene.splits:
-        for order in orders(scene.of(split)):
-            sides = [
-                f"{order[side]['method']} {percent(order[side]['accuracy'])} ± "
-                f"{percent(order[side]['spread'])} %"
-                for side in ("above", "below")
-            ]
-            apart = f"{100 * order['difference']:+.1f} ± {percent(order['standard_error'])}"
-            yield f"| {scene.title}, {split} | {order['order']} | {sides[0]} | {sides[1]} | {apart} | {VERDICT[order['holds']]} |"
+    @property
+    def methods(self) -> list[tuple[dict[str, Record], Record, dict[str, float]]]:
+        """Of each method, the best on average first: its rows by split, the first of them, and the means of
+        its figures over the splits."""
+        methods = []
+        for name in self.labels:
+            rows = {row["split"]: row for row in self.rows if row["method"] == name}
+            first = next(iter(rows.values()))
+            means = {
+                key: sum(row[key] or 0.0 for row in rows.values()) / len(rows)
+                for key, figure in first.items()
+                if isinstance(figure, int | float | None)
+            }
+            methods.append((rows, first, means))
+        return sorted(methods, key=lambda method: -method[2]["accuracy"])
 
 
 def figures(scenes: Sequence[Scene]) -> str:
     """The part of the page between the marks."""
-    lines = [
-        "| recordings | unseen | best of all | smallest in hardware within a point of it | within |",
-        "| --- | --- | --- | --- | --- |",
-    ]
-    lines += [line for scene in scenes for line in near(scene)]
-    lines += ["", *(line for scene in scenes for line in table(scene))]
-    lines += [ORDERS]
-    lines += [
-        "| recordings, unseen | order | first | second | difference | here |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
-    lines += [line for scene in scenes for line in held(scene)]
-    return "\n".join(lines)
+    filled = template(__file__, "baselines.md", percent=lambda share: f"{100 * share:.1f}")
+    return filled.render(scenes=scenes, nearest=nearest, orders=orders).rstrip("\n")
 
 
 def main() -> None:

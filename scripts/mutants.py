@@ -43,8 +43,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core.files import write_json
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record, write_json
 
 ROOT = Path(__file__).resolve().parents[1]
 SCOPE = Path("tests/mutants.toml")

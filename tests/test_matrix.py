@@ -4,8 +4,6 @@ A new verb needs an entry in ROWS, a new kind of model one in KINDS. What is ref
 docs/verification.md shows it.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json
@@ -22,11 +20,10 @@ import numpy as np
 import pytest
 
 from eskin.cli import main as command_line
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.core.memo import locked
-from eskin.golden.data.load import load_recordings
-from eskin.golden.model.model import IntegerModel
+from eskin.golden.data import load_recordings
+from eskin.golden.model import IntegerModel
 from eskin.golden.training import recipe
 from eskin.verbs import energy_job
 from tests.support.link_device import Device, golden_decisions

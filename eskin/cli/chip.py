@@ -53,14 +53,12 @@ def asic(
     ),
 ) -> None:
     """Make the netlist for a chip's process; tell area, memories, clock, leakage. Before layout; minutes."""
-    from eskin.golden.core import InputError
+    from eskin.golden.core import InputError, check_folder
     from eskin.golden.model import IntegerModel
     from eskin.rtl.fpga.tools import ToolError
     from eskin.verbs import asic_job, chip_fit
 
-    mark = asic_job.MARK if sweep is None else chip_fit.MARK
-    if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
-        raise InputError(f"--out {out}: holds other files and no {mark}; name a new folder")
+    check_folder(out, asic_job.MARK if sweep is None else chip_fit.MARK)
     if fit is not None:
         chip_fit.tiles_of(fit)
     elif sweep is not None:

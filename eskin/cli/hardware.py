@@ -33,7 +33,7 @@ from eskin.cli.common import (
     show,
     stop,
 )
-from eskin.golden.core import InputError, Record, check_target, replacing
+from eskin.golden.core import InputError, Record, check_folder, check_target, replacing
 
 Simulator = Literal["verilator", "icarus", "compiled"]
 """Simulators."""
@@ -330,7 +330,7 @@ def build(
             )
         family = counted_family(synthesis_only)
         folder = out or job.COUNTED / family.name
-        job.check_out(folder)
+        check_folder(folder, job.MARK)
         with progress_bars() as report:
             report("synthesis", 0, 1)
             counted, netlist = job.synthesis_only(integer_model(model), family, lanes, lane_type)
@@ -366,7 +366,7 @@ def build(
         check_target(folder / job.TABLE)
     else:
         board(target or "")
-        job.check_out(folder)
+        check_folder(folder, job.MARK)
     integer = integer_model(model)
     config = integer.config if table else job.suited(integer.config, board(target or ""), lanes, lane_type)
     if converter is not None:

@@ -1,7 +1,5 @@
 """The main job and its page."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -25,7 +23,7 @@ from eskin.cli.common import (
     say,
     show_text,
 )
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import Record
 
 
 @app.command(epilog="Example: eskin run --data recordings.npz --recordings 40 --out result")

@@ -34,13 +34,11 @@ from eskin.cli.common import (
     show,
     warn,
 )
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import check_target
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import InputError, Record, check_target
 
 if TYPE_CHECKING:
-    from eskin.golden.core.config import AcceleratorConfig
-    from eskin.golden.data.recordings import Recordings
+    from eskin.golden.core import AcceleratorConfig
+    from eskin.golden.data import Recordings
 
 
 Cell = Literal["gru", "lstm", "linear"]
@@ -110,8 +108,8 @@ def train(
 ) -> None:
     """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write
     its folder."""
-    from eskin.golden.core.memo import Memo
-    from eskin.golden.model.model import check_model_target
+    from eskin.golden.core import Memo
+    from eskin.golden.model import check_model_target
     from eskin.golden.training.choice_table import network_name, windows_brief
     from eskin.golden.training.choose_network import check_units, train_chosen
     from eskin.golden.training.image_models import KEPT
@@ -259,7 +257,7 @@ def enrol(
                     f"eskin enrol, {name}: belongs to no --evaluate, which trains networks of its own; "
                     "leave it out"
                 )
-        from eskin.golden.core.jobs import Jobs
+        from eskin.golden.core import Jobs
         from eskin.verbs import enrol_job
 
         if group is None:
@@ -305,8 +303,8 @@ def enrol(
             f"eskin enrol, {'MODEL' if model is None else 'option --out'}: is missing; or judge enrolment "
             "with --evaluate"
         )
-    from eskin.golden.data.load import load_recordings
-    from eskin.golden.model.model import check_model_target, load_config
+    from eskin.golden.data import load_recordings
+    from eskin.golden.model import check_model_target, load_config
     from eskin.golden.training.enrol import enrol as train_on
 
     check_model_target(out)
@@ -391,8 +389,8 @@ def import_(
     data: Annotated[str | None, option("Without --mean and --std: measure them on these recordings.")] = None,
 ) -> None:
     """Make a model folder of a network trained elsewhere; then quantise it with --data."""
-    from eskin.golden.core.config import AcceleratorConfig
-    from eskin.golden.model.model import check_model_target
+    from eskin.golden.core import AcceleratorConfig
+    from eskin.golden.model import check_model_target
     from eskin.golden.training.import_network import import_network
 
     check_model_target(out)
@@ -508,7 +506,7 @@ def quantise(
     ] = None,
 ) -> None:
     """Write the integer model into a model folder, a format for each signal."""
-    from eskin.golden.model.model import describe_formats, load_config
+    from eskin.golden.model import describe_formats, load_config
     from eskin.golden.training.quantise import quantise as to_integers
 
     widths: Record = {**_widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)}
@@ -557,7 +555,7 @@ def quantise(
 
 
 def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group: str | None) -> None:
-    from eskin.golden.model.model import describe_formats
+    from eskin.golden.model import describe_formats
     from eskin.golden.training.splits import split_folds
     from eskin.golden.training.widths import FOLDS, quantise_by_error
 
@@ -573,7 +571,7 @@ def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group:
 def evaluate(model: ModelArgument, data: DataOption, json: JsonOption = None) -> Record:
     """Set float against integer: accuracy, agreement, per class, per step; on training data this is no
     accuracy on unseen recordings."""
-    from eskin.golden.model.model import load_config
+    from eskin.golden.model import load_config
     from eskin.golden.training.evaluate import evaluate as compare
 
     result = compare(model, recordings_for(data, load_config(model)))
@@ -593,9 +591,8 @@ def compare(
 ) -> Record:
     """Set float against integer stage by stage: errors, saturations, and every signal against the range of
     its format."""
-    from eskin.golden.model.image_network import image_recordings, random_images
-    from eskin.golden.model.model import load_config
-    from eskin.golden.model.vectors import random_recordings
+    from eskin.golden.model import load_config, random_images, random_recordings
+    from eskin.golden.model.image_network import image_recordings
     from eskin.golden.training.evaluate import compare_stages
     from eskin.pages.compare_page import PAGE, render
     from eskin.pages.views import write_text

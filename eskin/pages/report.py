@@ -33,13 +33,17 @@ from matplotlib.text import Annotation
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 from matplotlib.transforms import Bbox
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import pareto
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, read_arrays, replacing
-from eskin.golden.core.formats import QFormat
-from eskin.golden.core.jobs import Record
-from eskin.golden.model.model import describe_formats
+from eskin.golden.core import (
+    AcceleratorConfig,
+    ArchiveError,
+    InputError,
+    QFormat,
+    Record,
+    pareto,
+    read_arrays,
+    replacing,
+)
+from eskin.golden.model import describe_formats
 from eskin.golden.training.choice_table import (
     front_end_brief,
     front_end_table,
@@ -53,8 +57,8 @@ from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, pan
 from eskin.pages.views import GAP, page, percent, short_name, tables, words, write_text
 
 if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
-    from eskin.golden.model.pipeline import Trace
+    from eskin.golden.data import Recordings
+    from eskin.golden.model import Trace
 
 PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")
@@ -539,8 +543,12 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
             around = row["accuracy"] + np.array([-1, 1]) * row["standard_error"]
             low, high = axes.transData.transform([(cost, share) for share in np.clip(around, 0, 1)])
             taken.append(Bbox([low - POINT, high + POINT]))
-        for name in names:
-            taken.append(_placed(name, axes.get_window_extent(), taken))
+        at = [axes.transData.transform(name.xy) for name in names]
+        for name, point in zip(names, at, strict=True):
+            if 0 < np.hypot(*(point - at[0])) < POINT:  # behind the taken one: a name would seem another's
+                name.remove()
+            else:
+                taken.append(_placed(name, axes.get_window_extent(), taken))
     return figure
 
 

@@ -25,6 +25,7 @@ from eskin.golden.core import (
     Memo,
     Progress,
     Record,
+    check_folder,
     code_version,
     content_key,
     replacing_folder,
@@ -133,21 +134,6 @@ def suited(
     if made.is_image:
         refuse_hardware(made)
     return made
-
-
-def check_out(out: Path) -> None:
-    """Refuse a folder that a build must not replace.
-
-    Raises
-    ------
-    InputError
-    """
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}: is a file; name a new folder")
-    if out.is_dir() and any(out.iterdir()) and not (out / MARK).exists():
-        raise InputError(
-            f"--out {out}: holds other files and no {MARK}, so it is no earlier build; name a new folder"
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -454,7 +440,7 @@ FLASH_IMAGE = "flash.bin"
 def write(result: Record, bitstream: Path | None, netlist: Path, out: Path) -> None:
     """Write the folder in one exchange: the bitstream, netlist.v, build.json; the image for the flash."""
     image = result.pop("flash_image", None)
-    check_out(out)
+    check_folder(out, MARK)
     with replacing_folder(out) as folder:
         if bitstream is not None:
             shutil.copyfile(bitstream, folder / result["bitstream"])

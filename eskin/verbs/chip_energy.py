@@ -6,7 +6,6 @@ without one. What a cycle without an edge costs is known from the clock's first 
 asked about.
 """
 
-import dataclasses
 import json
 from collections.abc import Mapping
 from operator import ne
@@ -80,12 +79,7 @@ def with_touches(
         )
     having = np.array(sorted(ends))
     numbers = having[recordings.subset(having).evenly(min(count, len(having)))]
-    chosen = recordings.subset(numbers)
-    lengths = [ends[int(number)] for number in numbers]
-    samples = np.concatenate([chosen.recording(index)[:length] for index, length in enumerate(lengths)])
-    return numbers, dataclasses.replace(
-        chosen, samples=samples, offsets=np.concatenate([[0], np.cumsum(lengths)])
-    )
+    return numbers, recordings.subset(numbers).until([ends[int(number)] for number in numbers])
 
 
 def measured(

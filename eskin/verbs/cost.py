@@ -8,14 +8,10 @@ design has (`parts_of`). These constants are fitted to counted netlists by ``pyt
 which prints how far they are off (docs/energy.md). Block memories are those of the elaborated design.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache, partial
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import PREFERENCES, Cost, Market, Prefer
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import AcceleratorConfig, InputError, Market, Prefer, Record
+from eskin.golden.core.cost import PREFERENCES, Cost
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as find_target

@@ -1,7 +1,5 @@
 """`eskin enrol --evaluate`: every seed a piece of work of its own, its rows kept by content."""
 
-from __future__ import annotations
-
 import dataclasses
 import time
 from collections.abc import Sequence
@@ -10,11 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.jobs import Jobs, Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import with_network
+from eskin.golden.core import AcceleratorConfig, Jobs, Memo, Record, code_version, content_key
+from eskin.golden.data import Recordings
+from eskin.golden.model import with_network
 from eskin.golden.training import enrol
 from eskin.golden.training.choose_front_end import configure
 from eskin.golden.training.enrol import Question

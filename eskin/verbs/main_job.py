@@ -26,18 +26,22 @@ from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn, TimeElap
 from rich.progress import Progress as Bars
 
 from eskin.cosim import flow, latency
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import Market, Prefer
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import exchange, write_json
-from eskin.golden.core.jobs import Progress, Record
-from eskin.golden.core.memo import Memo, code_version, content_key
-from eskin.golden.data.load import load_recordings
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model import pipeline
-from eskin.golden.model.model import IntegerModel, load_training
-from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.vectors import write_vectors
+from eskin.golden.core import (
+    AcceleratorConfig,
+    InputError,
+    Market,
+    Memo,
+    Prefer,
+    Progress,
+    Record,
+    check_folder,
+    code_version,
+    content_key,
+    write_json,
+)
+from eskin.golden.core.files import exchange
+from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.model import IntegerModel, find_touches, load_training, pipeline, write_vectors
 from eskin.golden.training import choose_network, doubts, evaluate, quantise, yardsticks
 from eskin.golden.training.choice_table import left_out, unseen
 from eskin.golden.training.choose_front_end import Plan, configure
@@ -138,7 +142,7 @@ def run(
         The simulator fails.
     """
     out = Path(os.path.abspath(out))
-    _check_out(out)
+    check_folder(out, RESULT_MARK)
     user_config = AcceleratorConfig.load(config) if config else None
     begin = time.perf_counter()
     console = console or Console(stderr=True)
@@ -489,15 +493,7 @@ class _Steps:
         chosen = np.sort(order[: max(1, int((np.cumsum(ends[order]) <= affordable).sum()))])
         if len(chosen) == 1:
             ends = np.minimum(ends, np.maximum(affordable, few_windows))
-        played = whole.subset(chosen)
-        cut = dataclasses.replace(
-            played,
-            samples=np.concatenate(
-                [played.recording(index)[: ends[number]] for index, number in enumerate(chosen)]
-            ),
-            offsets=np.concatenate([[0], np.cumsum(ends[chosen])]),
-        )
-        return candidates[chosen], cut
+        return candidates[chosen], whole.subset(chosen).until(ends[chosen])
 
     def _simulate(
         self,
@@ -623,18 +619,6 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
 
 
 # ---------------------------------------------------------------------- folders
-def _check_out(out: Path) -> None:
-    if not out.name:
-        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
-    if out.exists() and not out.is_dir():
-        raise InputError(f"--out {out}: is a file; name a new folder")
-    if out.is_dir() and any(out.iterdir()) and not (out / RESULT_MARK).exists():
-        raise InputError(
-            f"--out {out}: holds other files and no {RESULT_MARK}, so it is no earlier result; name a new "
-            "folder"
-        )
-
-
 class _Work:
     """The folder beside ``out`` in which stages are made, and kept until ``out`` is there; one run at a time
     may use it."""

@@ -1,11 +1,9 @@
 """Decisions: one local a step, one global a touch, steps and votes in range."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import enum
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.program.timing import holds_two_largest
 from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove

@@ -1,10 +1,8 @@
 """The early rule against a history of the last decisions."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.decision.early_rule import EarlyRule
 from formal.proof import Bug, free, opened_up, proof, prove
 

@@ -1,13 +1,11 @@
 """Teaching: no prototype of training is changed, no touch is compared with a place that is half written, and
 every address is in range."""
 
-from __future__ import annotations
-
 import dataclasses
 
-from amaranth.hdl import Array, Module, Mux, Signal
+from amaranth.hdl import Array, Cat, Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.program.memory_map import prototype_words
 from formal.proof import Bug, assume, before, free, free_inputs, opened_up, proof, prove
@@ -52,7 +50,7 @@ def no_place_is_half_written(m: Module) -> None:
         Bug(
             "the counter goes on after a touch",
             "(address, moves | back, Mux(back, 0, (address + 1)[: len(address)]))",
-            "(address, moves | dropped, Mux(dropped, 0, (address + 1)[: len(address)]))",
+            "(address, moves, (address + 1)[: len(address)])",
         ),
     ),
     quick=True,
@@ -245,3 +243,63 @@ def untaught_spare_class_is_far(m: Module) -> None:
     with m.If(inside.whole_place):
         m.d.sync += none.eq((none | inside.first_done) & ~inside.used_done)
     prove(~none | inside.nearest.all(), "as far as can be")
+
+
+@proof(
+    "whatever the registers hold, one whose parity is wrong is flagged in that cycle, and no code is written",
+    depth=1,
+    method="any state",
+    reduced="2 classes, 2 steps of a linear cell, 1 prototype and 2 taught places a class, 3 bits",
+    quick=True,
+    bugs=(
+        Bug("codes are written all the same", "(body & target)) & sound", "(body & target))"),
+        Bug("numbers of touches are not looked at", "guards.append(guard)", "guards.append(Const(0, 1))"),
+        Bug("the last of the registers is not looked at", "Cat(guards).any()", "Cat(guards[:-1]).any()"),
+    ),
+)
+def no_upset_goes_unseen(m: Module) -> None:
+    dut = PrototypeReadout(_config(steps=2, taught=2).replace(checksum=True))
+    inside = opened_up(dut)
+    free_inputs(dut)
+    held = {register.name: register for register in inside.registers}
+    counts = [name for name in held if name.startswith("count_") and not name.endswith("_parity")]
+    for names in (
+        *([name] for name in ("address", "unit", "slot", "label", "place", "chosen", "state")),
+        counts,
+    ):
+        wrong = Cat(part for name in names for part in (held[name], held[f"{name}_parity"])).xor()
+        prove(~wrong | dut.wrong, f"{names[0]} is flagged")
+        prove(~wrong | ~inside.written, f"{names[0]} keeps codes from being written")
+
+
+@proof(
+    "a taught place is as far as its distance without the lowest bits, a prototype as all of it",
+    depth=2,
+    reduced="2 classes, 1 step of a linear cell, 1 prototype and 1 taught place a class, 3 bits, shift 1",
+    quick=True,
+    bugs=(
+        Bug(
+            "a taught place is as far as all of it",
+            "total >> rule.taught_shift, total",
+            "total, total",
+            depth=26,
+        ),
+        Bug("a prototype is nearer", "Mux(taught_done, total", "Mux(~taught_done, total", depth=26),
+    ),
+)
+def taught_places_are_nearer(m: Module) -> None:
+    config = _config(steps=1, taught=1)
+    rule = dataclasses.replace(config.readout_rule, taught_shift=1)
+    dut = PrototypeReadout(dataclasses.replace(config, readout_rule=rule))
+    inside = opened_up(dut)
+    free_inputs(dut)
+    taught = [Signal(name=f"taught_{cycles}_before") for cycles in (1, 2)]
+    m.d.sync += Cat(taught).eq(Cat(inside.slot[-1], taught[0]))
+    ended = inside.comparing & inside.end_of
+    prove(~ended | (inside.taught_done == taught[0]), "the place that ended")
+    prove(~ended | ~inside.body | (inside.unit == 0), "the next one has begun")
+    prove(~inside.whole_place | (inside.taught_done == taught[1]), "whose sum is whole")
+    far, was = Mux(taught[1], inside.total >> 1, inside.total), Signal.like(inside.total, name="far_before")
+    m.d.sync += was.eq(far)
+    nearer = inside.whole_place & (inside.first_done | (inside.used_done & (far < inside.nearest)))
+    prove(~before(nearer, "nearer") | (inside.nearest == was), "as far as that")

@@ -1,11 +1,8 @@
 """The two searches for the largest score: class and margin of any scores, and when they are there."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, QFormat
 from eskin.rtl.decision.score_search import make_search
 from formal.proof import Bug, assume, free, proof, prove
 

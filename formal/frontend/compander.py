@@ -1,10 +1,8 @@
 """The compander: a beat out for each beat in, and the formula exactly."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal, signed, unsigned
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.frontend.compander import Compander
 from formal.proof import Bug, assume, free_sink, free_source, keeps_its_beat, opened_up, proof, prove
 

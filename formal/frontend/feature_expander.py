@@ -1,14 +1,12 @@
 """The feature expander: of every deviation a beat a kind, in order, each by the specification's words,
 whatever the memory held before."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 
 import eskin.rtl.frontend.feature_expander
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander
 from eskin.rtl.program.timing import STATE_BEATS
 from formal.frontend.frame_marks import EVEN, FREE, KINDS, frames, gap_left

@@ -1,12 +1,10 @@
 """The marks of a touch's frames, against its windows; and the frames that the blocks behind them see."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from amaranth.hdl import Module, Mux, Signal, Value
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig
 from eskin.rtl.frontend.frame_marks import TouchMarks
 from eskin.rtl.program.timing import STATE_BEATS
 from formal.engine.sequencer import table

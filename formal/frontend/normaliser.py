@@ -1,10 +1,8 @@
 """The normaliser: a beat out for each beat in, the same window, exact narrowing."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal, signed
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.frontend.normaliser import Normaliser
 from formal.proof import (
     Bug,

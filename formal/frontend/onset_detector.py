@@ -1,12 +1,10 @@
 """The onset detector: every whole frame goes through once, in order, whatever comes in; levels and counters
 stay in range."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import enum
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from eskin.rtl.program.timing import STATE_BEATS
 from formal.proof import (

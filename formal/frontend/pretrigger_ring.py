@@ -1,8 +1,6 @@
 """The pre-trigger ring: of every touch exactly the frames s..e, in order, nothing lost, whatever the reader
 does."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 from unittest import mock
 
@@ -10,7 +8,7 @@ from amaranth.hdl import Cat, Const, Module, Mux, Signal
 
 import eskin.golden.core.config
 import eskin.rtl.frontend.pretrigger_ring
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
 from eskin.rtl.program.timing import STATE_BEATS
 from formal.memory import opened

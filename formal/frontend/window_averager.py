@@ -1,11 +1,9 @@
 """The window averager: every window of every touch once, input by input, with the exact sum of its frames."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 
 import eskin.rtl.frontend.window_averager
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.frontend.window_averager import Operation, WindowAverager
 from eskin.rtl.program.timing import STATE_BEATS
 from formal.engine.sequencer import table

@@ -1,11 +1,9 @@
 """APB4 in front of the shell: each transfer is one access, and ends with its data."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib.wiring import connect
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.host.apb_front import ApbFront
 from eskin.rtl.host.bus_shell import BusShell
 from formal.proof import Bug, assume, before, free, opened_up, proof, prove

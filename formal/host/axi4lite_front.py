@@ -1,7 +1,5 @@
 """AXI4-Lite: the protocol's rules, one access and one response a request."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.rtl.host.axi4lite_front import Axi4LiteFront

@@ -1,10 +1,8 @@
 """What a CPU asks for acts once and is answered; samples, decisions and the interrupt."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.decision_queue import decision_word
 from eskin.rtl.program.memory_map import Register, ShellRegister

@@ -1,10 +1,8 @@
 """The host's side: writes during a touch, addresses without a register."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.host.control import INPUTS, HostControl
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister
 from formal.proof import Bug, assume, before, free, free_inputs, opened_up, proof, prove

@@ -1,7 +1,5 @@
 """The counter of cycles: what it counts, and that the longest is the longest."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.rtl.host.cycle_counter import COUNTER_BITS, CycleCounter

@@ -1,10 +1,8 @@
 """Decisions that wait: none is lost, doubled or overtaken."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.host.decision_queue import DecisionQueue, decision_word
 from formal.proof import Bug, assume, before, free, opened_up, proof, prove
 

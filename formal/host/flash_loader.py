@@ -1,8 +1,6 @@
 """The model out of the flash: it comes to an end from any state, and is there only behind a right
 checksum."""
 
-from __future__ import annotations
-
 from unittest import mock
 
 from amaranth.hdl import Cat, Module, Mux, Signal

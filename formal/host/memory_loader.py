@@ -1,10 +1,8 @@
 """The host's writes into the memories: nothing while locked, one memory at a time, its words in order."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.host.memory_loader import MemoryLoader
 from formal.proof import Bug, assume, before, free_inputs, opened_up, proof, prove
 

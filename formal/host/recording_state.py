@@ -1,10 +1,8 @@
 """The life of a recording: finish comes once, when nothing is under way, and ends."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.host.recording_state import RecordingState
 from formal.proof import Bug, before, free_inputs, opened_up, proof, prove
 

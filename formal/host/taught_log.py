@@ -1,8 +1,6 @@
 """The log in the flash: what counts is never erased nor written over, nothing else in the chain is touched,
 and addresses are in range. From any state in which that holds it holds in the next cycle."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 
 from eskin.rtl.host.taught_log import CODE_PURPOSE, COUNT_PURPOSE, IDLE_PURPOSE, TaughtLog

@@ -1,7 +1,5 @@
 """The receiver of serial bytes: after a break it takes the first byte that is sent, and nothing before it."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Array, Cat, Const, Module, Signal
 
 from eskin.rtl.host.uart import UartReceiver

@@ -1,7 +1,5 @@
 """The serial link: frames and register writes out of packets, decisions and answers into packets."""
 
-from __future__ import annotations
-
 from unittest import mock
 
 from amaranth.hdl import Module, Mux, Signal
@@ -9,7 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 import eskin.rtl.host.uart_link
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.host.packet_transmitter import PacketTransmitter
 from eskin.rtl.host.uart_link import UartLink
 from formal import proof as words

@@ -1,11 +1,9 @@
 """Wishbone in front of the shell: one acknowledge a cycle that asks for it, nothing acts outside one."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib.wiring import connect
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.wishbone_front import WishboneFront
 from formal.proof import Bug, before, free, opened_up, proof, prove

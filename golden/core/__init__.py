@@ -7,10 +7,12 @@ from eskin.golden.core.cost import Market, Prefer, pareto
 from eskin.golden.core.errors import InputError, SimulationError, array_of
 from eskin.golden.core.files import (
     ArchiveError,
+    check_folder,
     check_target,
     read_arrays,
     replacing,
     replacing_folder,
+    template,
     write_json,
 )
 from eskin.golden.core.formats import QFormat, clamp, narrow, signed_bits

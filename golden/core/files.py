@@ -2,6 +2,7 @@
 
 import contextlib
 import fcntl
+import functools
 import json
 import os
 import secrets
@@ -184,3 +185,36 @@ def read_arrays(path: str | Path) -> dict[str, np.ndarray]:
                 raise ArchiveError("is no .npz archive") from None
             raise ArchiveError("is damaged or incomplete", member) from None
     return arrays
+
+
+def check_folder(out: Path, mark: str) -> None:
+    """Refuse a folder that must not be replaced: one that holds something and no file ``mark``.
+
+    Raises
+    ------
+    InputError
+    """
+    if not out.name:
+        raise InputError(f"--out {out}: is the folder that work is in; name a new folder")
+    if out.exists() and not out.is_dir():
+        raise InputError(f"--out {out}: is a file; name a new folder")
+    if out.is_dir() and any(out.iterdir()) and not (out / mark).exists():
+        raise InputError(
+            f"--out {out}: holds other files and no {mark}, so it is no earlier result; name a new folder"
+        )
+
+
+@functools.cache
+def template(module: str, name: str, **filters: Any) -> Any:
+    """The template ``name`` in the folder templates/ beside a module's file, for texts that are not HTML."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(module).with_name("templates")),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters |= filters
+    return environment.get_template(f"{name}.j2")

@@ -236,6 +236,12 @@ class Recordings:
             groups={name: values[indices] for name, values in self.groups.items()},
         )
 
+    def until(self, ends: Sequence[int] | np.ndarray) -> Recordings:
+        """Each recording up to its entry of ``ends``, or its own end where that comes first."""
+        ends = np.minimum(ends, self.lengths)
+        samples = np.concatenate([self.recording(i)[:end] for i, end in enumerate(ends)])
+        return dataclasses.replace(self, samples=samples, offsets=np.concatenate([[0], np.cumsum(ends)]))
+
     def of_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
         """These recordings with the classes of ``whose``: a set may lack some of them, or list them in
         another order.
@@ -436,10 +442,13 @@ def natural(name: str) -> list:
 
 
 def _with_names(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Labels that are text name the classes where nothing else does."""
+    """Labels, text or whole numbers, name the classes where nothing else does."""
     labels = arrays.get("labels")
+    if labels is not None and labels.dtype.kind in "iu" and "class_names" not in arrays:
+        labels = labels.astype(np.str_)
     if labels is None or labels.dtype.kind not in "US":
         return arrays
+    arrays = arrays | {"labels": labels}
     if labels.dtype.kind == "S":
         words = [word.decode("utf-8", "replace") for word in labels.ravel().tolist()]
         arrays = arrays | {"labels": (labels := np.array(words, dtype=np.str_).reshape(labels.shape))}

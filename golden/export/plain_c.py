@@ -8,10 +8,8 @@ what they are filled with.
 import textwrap
 from collections.abc import Iterable, Sequence
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any, NamedTuple
 
-import jinja2
 import numpy as np
 
 from eskin.golden.core import (
@@ -23,6 +21,7 @@ from eskin.golden.core import (
     sigmoid_table,
     signed_bits,
     tanh_table,
+    template,
 )
 from eskin.golden.data import Recordings
 from eskin.golden.model import ImageTrace, IntegerModel, Trace, completing_frames
@@ -339,13 +338,13 @@ def sources(model: IntegerModel) -> dict[str, str]:
         }
     )
     names = {
-        HEADER: "eskin_model.h.j2",
-        SOURCE: "eskin_model.c.j2",
-        "library.properties": "library.properties.j2",
-        "zephyr/module.yml": "module.yml.j2",
-        "zephyr/CMakeLists.txt": "CMakeLists.txt.j2",
+        HEADER: "eskin_model.h",
+        SOURCE: "eskin_model.c",
+        "library.properties": "library.properties",
+        "zephyr/module.yml": "module.yml",
+        "zephyr/CMakeLists.txt": "CMakeLists.txt",
     }
-    return {path: _environment().get_template(name).render(values) for path, name in names.items()}
+    return {path: template(__file__, name, brackets=_brackets).render(values) for path, name in names.items()}
 
 
 def table_bytes(model: IntegerModel) -> int:
@@ -354,17 +353,9 @@ def table_bytes(model: IntegerModel) -> int:
     return sum(BYTES[table.kind] * int(np.prod(table.size)) for table in tables)
 
 
-def _environment() -> jinja2.Environment:
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).with_name("templates")),
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-    )
+def _brackets(size: Iterable[int]) -> str:
     # C has no array of no elements
-    environment.filters["brackets"] = lambda size: "".join(f"[{length or 1}]" for length in size)
-    return environment
+    return "".join(f"[{length or 1}]" for length in size)
 
 
 def expected(trace: Trace, recordings: Recordings) -> list[list[tuple[int, ...]]]:
@@ -430,5 +421,5 @@ def check_sources(
             "int32_t",
         ),
     }
-    names = {CHECK: "eskin_check.c.j2", VECTORS: "test_vectors.h.j2"}
-    return {path: _environment().get_template(name).render(values) for path, name in names.items()}
+    names = {CHECK: "eskin_check.c", VECTORS: "test_vectors.h"}
+    return {path: template(__file__, name, brackets=_brackets).render(values) for path, name in names.items()}

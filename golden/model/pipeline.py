@@ -6,19 +6,19 @@ Decisions: docs/specification.md, section 7.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig, Arrays
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.preprocess import Touches, find_touches, normalise, real_features
 from eskin.golden.model.prototypes import class_distances, real_trajectory, trajectory_codes
 
 if TYPE_CHECKING:
-    from eskin.golden.data.recordings import Recordings
+    from eskin.golden.data import Recordings
 
 STAGES = ("sum", "fault", "feature", "state", "logit", "decision")
 """Stages of a trace, in the order of the chain."""
@@ -210,7 +210,7 @@ def feature_codes(
     model: IntegerModel,
     touches: Touches,
     normaliser: Callable[..., np.ndarray] = normalise,
-    constants: Mapping[str, np.ndarray] | None = None,
+    constants: Arrays | None = None,
 ) -> np.ndarray:
     """Feature codes (n, K, D) of touches, 0 where a taxel is masked, by the host or by the fault detector.
 

@@ -5,16 +5,11 @@ A trajectory is what the hidden state (of a linear cell: the logits) is after ea
 bits.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import ArchiveError, read_arrays, replacing
-from eskin.golden.core.memo import content_key
+from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, content_key, read_arrays, replacing
 from eskin.golden.model.model import IntegerModel
 
 

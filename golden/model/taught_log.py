@@ -1,11 +1,9 @@
 """The log of taught touches in a board's flash (docs/specification.md, section 18): what a board makes of one
 when it is switched on."""
 
-from __future__ import annotations
-
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.model.model import IntegerModel
 from eskin.golden.model.prototypes import forget, teach
 

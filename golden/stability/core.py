@@ -114,16 +114,13 @@ class Bench:
         if self.origin:
             return self.origin.clean
         touches = preprocess.find_touches(self.config, self.recordings)
-        first, lengths = touches.first_touch(), self.recordings.lengths
+        first = touches.first_touch()
         ends = np.where(
             first >= 0,
             touches.start_frame[first] - 1 + self.config.last_frame + self.config.windows.hop,
-            lengths,
+            self.recordings.lengths,
         )
-        return rebuilt(
-            self.recordings,
-            [self.recordings.recording(i)[: min(end, lengths[i])] for i, end in enumerate(ends)],
-        )
+        return self.recordings.until(ends)
 
     @cached_property
     def sample(self) -> Bench:

@@ -158,12 +158,7 @@ def front_end(recordings: Recordings, config: AcceleratorConfig) -> FrontEnd:
     touches_of = {"clean": (config, rows, clean)}
     # half a touch more than the first touch takes is all that a late onset can ask for
     ends = np.where(rows >= 0, clean.start_frame[rows] - 1 + config.last_frame * 3 // 2, recordings.lengths)
-    ends = np.minimum(ends, recordings.lengths)
-    short = dataclasses.replace(
-        recordings,
-        samples=np.concatenate([recordings.recording(i)[:end] for i, end in enumerate(ends)]),
-        offsets=np.cumsum([0, *ends]),
-    )
+    short = recordings.until(ends)
     for taxel in config.sensor.live:
         for name, (changed, spoiled) in failures(short, config, taxel).items():
             touches = find_touches(changed, spoiled)

@@ -1,12 +1,9 @@
 """What was chosen, and from what, in words and rows: front ends and networks of a training record, for
 terminal and report."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.jobs import Record
+from eskin.golden.core import PRESETS, Record
 
 ROWS = 12
 """Rows of a table of front ends."""

@@ -36,14 +36,11 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.linalg import solve
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.cost import Market
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Market, QFormat, Record
 from eskin.golden.core.groups import Features
-from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.model import normaliser_constants, with_network
-from eskin.golden.model.preprocess import FirstTouches, cut_windows, first_touches, normalise, real_features
+from eskin.golden.data import Recordings, check_fit
+from eskin.golden.model import first_touches, normalise, normaliser_constants, real_features, with_network
+from eskin.golden.model.preprocess import FirstTouches, cut_windows
 from eskin.golden.training.choice_table import front_end_words, left_out
 from eskin.golden.training.datasets import scaling
 from eskin.golden.training.derive import (
@@ -112,7 +109,7 @@ class Plan:
     split: list[str]
     split_from: str
     market: Market
-    record: dict[str, Any] | None = None
+    record: Record | None = None
     rivals: tuple[AcceleratorConfig, ...] = ()
     shortlist: tuple[AcceleratorConfig, ...] = ()
     field: Field | None = None
@@ -503,8 +500,7 @@ class Field:
         self, part: np.ndarray, groups: Sequence[str], labels: np.ndarray | None = None
     ) -> list[list[Judged]]:
         """Of each labelling (default: the recordings' own) every candidate, judged by the rows ``part``
-        (ascending) alone: on folds of them that leave out ``groups``, or single recordings where they have no
-        two."""
+        (ascending) alone, on ``inner_folds`` of them."""
         labels = (self.recordings.labels[None] if labels is None else labels)[:, part]
         folds = inner_folds(self.recordings.subset(part), groups)
         place = np.full(len(self.numbers), -1)
@@ -523,9 +519,10 @@ class Field:
 
 
 def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -> list[np.ndarray]:
-    """Folds inside a training part: by ``groups`` where they have two values there, else of single
-    recordings."""
-    for split, count in ((groups, folds), ((), min(folds, len(recordings)))):
+    """Folds inside a training part: by ``groups`` where they have two values there; else by the group that
+    ``choose_split`` finds there; else of single recordings, which may be near copies of others."""
+    chosen, _ = choose_split(recordings, None)
+    for split, count in ((groups, folds), (chosen, folds), ((), min(folds, len(recordings)))):
         try:
             return split_folds(recordings, list(split), count, None)
         except InputError:
@@ -534,7 +531,7 @@ def inner_folds(recordings: Recordings, groups: Sequence[str], folds: int = 5) -
 
 
 # ---------------------------------------------------------------------- candidates
-def gates(recordings: Recordings, base: dict[str, Any]) -> list[dict[str, Any]]:
+def gates(recordings: Recordings, base: Record) -> list[Record]:
     """Rest level and gate of each candidate: open at once with and without the first frames' level taken off,
     onset rules on a tracked level (half, once and twice the threshold between noise and signal) and on an
     initial one."""
@@ -594,7 +591,7 @@ def features(config: AcceleratorConfig, knee: int) -> list[AcceleratorConfig]:
     kinds += [(("mean", "integral"), ("sum", 1))]
     candidates = []
     for kind, (rule, length) in kinds:
-        changes: dict[str, Any] = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)
+        changes: Record = dict(feature_kinds=kind, activity_rule=rule, activity_block=length)
         if "integral" in kind:
             changes["integral_knee"] = knee
         for scale in ("array", "taxel"):
@@ -727,7 +724,7 @@ def _how_many(recordings: Recordings) -> int:
 def _windows(
     judge: Judge,
     recordings: Recordings,
-    base: dict[str, Any],
+    base: Record,
     field: Field | None,
     looked_at: np.ndarray,
     progress: Progress | None = None,
@@ -887,10 +884,10 @@ def for_recurrent(
     return [config for config in listed if works(config)][:TRIED_RECURRENT]
 
 
-def row_of(config: AcceleratorConfig) -> dict[str, Any]:
+def row_of(config: AcceleratorConfig) -> Record:
     """The fields of a front end in plain values."""
     onset, windows, features = config.onset_rule, config.windows, config.features
-    row: dict[str, Any] = {"name": config.name, "rest": config.rest_level.rest, "onset": onset.onset}
+    row: Record = {"name": config.name, "rest": config.rest_level.rest, "onset": onset.onset}
     if onset.onset == "baseline":
         row["onset_threshold"] = onset.onset_threshold
     row |= {"hop": windows.hop, "window": windows.window, "steps": windows.steps}
@@ -900,7 +897,7 @@ def row_of(config: AcceleratorConfig) -> dict[str, Any]:
     return row | {"feature_scale": features.feature_scale, "inputs": config.inputs}
 
 
-def describe(candidate: Judged, best: Judged) -> dict[str, Any]:
+def describe(candidate: Judged, best: Judged) -> Record:
     """A row of the record: ``row_of``, accuracy, standard_error (over recordings), missed, behind (the best,
     accuracy), behind_error (of the paired difference), level."""
     shortfall, error = behind(best, candidate)
@@ -922,7 +919,7 @@ def _record(
     split: list[str],
     split_from: str,
     folds: int,
-) -> dict[str, Any]:
+) -> Record:
     ordered = sorted(
         judge.judged.values(), key=lambda candidate: (-candidate.accuracy, price_of(candidate.config, market))
     )
@@ -940,7 +937,7 @@ def _record(
     }
 
 
-def _in_words(record: dict[str, Any]) -> str:
+def _in_words(record: Record) -> str:
     chosen, rivals = record["chosen"], record["rivals"]
     best = max([chosen, *rivals], key=lambda row: row["accuracy"])
     rival = f"; the best, {front_end_words(best)}, has {best['accuracy']:.1%} and is level"
@@ -953,7 +950,7 @@ def _in_words(record: dict[str, Any]) -> str:
     )
 
 
-def _cautions(judge: Judge, chosen: Judged, parts: Sequence[np.ndarray], record: dict[str, Any]) -> list[str]:
+def _cautions(judge: Judge, chosen: Judged, parts: Sequence[np.ndarray], record: Record) -> list[str]:
     """What a reader should know before trusting the figure."""
     cautions = []
     count = len(judge.recordings)

@@ -23,8 +23,6 @@ level with the most accurate is taken, so logistic regressions, whose margins ar
 before least squares.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -33,13 +31,10 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import Market
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.images import NETWORKS
+from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Market, Record
+from eskin.golden.data import Recordings
 from eskin.golden.data.rate import wrong_rate
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import FloatModel, IntegerModel, check_model_target, with_network
+from eskin.golden.model import FloatModel, IntegerModel, check_model_target, with_network
 from eskin.golden.training import doubts
 from eskin.golden.training.choice_table import front_end_words, left_out, network_name
 from eskin.golden.training.choose_front_end import (
@@ -97,7 +92,7 @@ class Candidate:
     config: AcceleratorConfig
     recipe: Recipe
     correct: np.ndarray
-    record: dict[str, Any]
+    record: Record
     front_end: AcceleratorConfig
     integer: AcceleratorConfig
     loses_in: str | None = None
@@ -118,7 +113,7 @@ class Candidate:
         """Multiplies of all steps."""
         return self.config.windows.steps * self.config.multiplies
 
-    def row(self, chosen: bool, market: Market) -> dict[str, Any]:
+    def row(self, chosen: bool, market: Market) -> Record:
         """What training.json says of it."""
         config = self.config
         return {
@@ -206,7 +201,7 @@ def cross_validate_network(
 
 def recurrent_front_end(
     terms: Terms, front_ends: Sequence[AcceleratorConfig], market: Market
-) -> tuple[AcceleratorConfig, list[dict[str, Any]]]:
+) -> tuple[AcceleratorConfig, list[Record]]:
     """The front end for a recurrent network: of these the cheapest that is level with the one on which it
     does best, and a row for each that was tried.
 
@@ -238,10 +233,10 @@ def recurrent_front_end(
     return taken.config, rows
 
 
-def _linear_recipes(augments: bool) -> list[dict[str, Any]]:
+def _linear_recipes(augments: bool) -> list[Record]:
     """How linear cells differ from the configuration's recipe, in the order of preference."""
-    squares: dict[str, Any] = {"name": "least squares", "squares": True}
-    weak: dict[str, Any] = {"penalty": WEAK_PENALTY, **AS_RECORDED}
+    squares: Record = {"name": "least squares", "squares": True}
+    weak: Record = {"penalty": WEAK_PENALTY, **AS_RECORDED}
     if not augments:
         return [{}, {"name": "weak penalty", **weak}, squares]
     # augmenting is no gain where classes differ by their timing
@@ -259,7 +254,7 @@ def choose_network(
     front_ends: Sequence[AcceleratorConfig],
     market: Market,
     recurrent: AcceleratorConfig | None = None,
-) -> tuple[Candidate, list[dict[str, Any]]]:
+) -> tuple[Candidate, list[Record]]:
     """Judge the candidates and take one: it, and the rows of training.json. Linear cells stand on each of
     ``front_ends``, the cheapest first, the others on ``recurrent``, by default the first of them.
 
@@ -306,7 +301,7 @@ def choose_network(
         best = max((candidate.accuracy for candidate in candidates), default=0.0)
         return best - first.accuracy <= OUT_OF_REACH * first.standard_error
 
-    recipes: list[dict[str, Any]] = []
+    recipes: list[Record] = []
     for on in front_ends:
         if any(map(settled, candidates)):
             break
@@ -381,9 +376,9 @@ class _Choice:
                 "--cell linear"
             )
         self.plan, self.reasons = plan, list(plan.reasons)
-        self.notes: dict[str, Any] = {}
+        self.notes: Record = {}
         self.recipe: Recipe | None = None
-        self.judged: list[dict[str, Any]] = []
+        self.judged: list[Record] = []
 
     def take_network(self) -> None:
         """Choose the front end of a recurrent network among the plan's rivals, and the network."""
@@ -405,7 +400,7 @@ class _Choice:
                     f"{front_end_words(row_of(self.plan.config))}"
                 )
 
-    def _recurrent_front_end(self) -> tuple[AcceleratorConfig, list[dict[str, Any]]]:
+    def _recurrent_front_end(self) -> tuple[AcceleratorConfig, list[Record]]:
         plan, wish = self.plan, self.wish
         front_ends = for_recurrent(plan.config, plan.shortlist, plan.rivals)
         resized = wish.front_end(plan.config) != plan.config
@@ -450,7 +445,7 @@ class _Choice:
         """Whether front end or network were chosen."""
         return bool(self.plan.record or self.chooses)
 
-    def compared(self, nested: Nested | None, record: dict[str, Any]) -> dict[str, Any]:
+    def compared(self, nested: Nested | None, record: Record) -> Record:
         """What training.json says beside ``train``'s record; ``doubts`` has the warnings. A linear classifier
         on the same integer features and folds stands beside every split; each split that something was chosen
         on gets its ``nested`` figure."""
@@ -471,7 +466,7 @@ class _Choice:
                     "hardware": True,
                 }
             )
-            network: dict[str, Any] = {"cell": config.network.cell, "hidden": config.network.hidden}
+            network: Record = {"cell": config.network.cell, "hidden": config.network.hidden}
             warnings += doubts.below_baselines(split, baselines, chosen="candidates" in self.notes, **network)
             warnings += doubts.lost_classes(split, recordings.class_names)
             if not self.chose:
@@ -507,13 +502,13 @@ def train_chosen(
     seeds: int | None = None,
     protocol: str = "default",
     quantisation_aware: bool = False,
-    widths: dict[str, Any] | None = None,
+    widths: Record | None = None,
     plan: Plan | None = None,
     progress: Progress | None = None,
     callback: Callback | None = None,
-    of_images: dict[str, Any] | None = None,
+    of_images: Record | None = None,
     **of_network: Any,
-) -> dict[str, Any]:
+) -> Record:
     """Choose what was not asked for, train it, and write the model folder.
 
     Parameters
@@ -548,7 +543,7 @@ def train_chosen(
     wish = Wish(**of_network)
     check_model_target(out)
     check_units(wish.cell, wish.hidden, wish.weight_sets)
-    common: dict[str, Any] = {"folds": folds, "seed": seed, "quantisation_aware": quantisation_aware}
+    common: Record = {"folds": folds, "seed": seed, "quantisation_aware": quantisation_aware}
     if recordings.image_shape:
         if callback:
             raise InputError("fit, callback: is for networks that read recordings; leave it out for images")
@@ -622,10 +617,10 @@ def _train_on_images(
     market: Market,
     wish: Wish,
     protocol: str,
-    widths: dict[str, Any],
-    options: dict[str, Any],
+    widths: Record,
+    options: Record,
     progress: Progress | None,
-) -> dict[str, Any]:
+) -> Record:
     """`eskin.golden.training.image_models.train_image_model`, where nothing was asked for that networks for
     images do not have."""
     bits = widths.pop("weight_bits", None)

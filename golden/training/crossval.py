@@ -4,6 +4,7 @@ seeds at once."""
 from __future__ import annotations
 
 import dataclasses
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -11,9 +12,8 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, IntegerModel, decide_touches, step_times
+from eskin.golden.model import FloatModel, IntegerModel, decide_touches, stage_errors, step_times
 from eskin.golden.model.pipeline import by_recording
-from eskin.golden.model.stage_error import stage_errors
 from eskin.golden.training.datasets import Dataset, Datasets, find_dataset, touch_rows
 from eskin.golden.training.fit import fine_tune, fit_networks, post_training
 from eskin.golden.training.losses import LossCurves
@@ -160,11 +160,11 @@ class Folds:
 
     def loses_in(self, models: list[FloatModel], integers: list[IntegerModel]) -> str | None:
         """The stage of the integers that alone moves the logits of recordings left out most, on average."""
-        moved: dict[str, float] = {}
+        moved: dict[str, float] = defaultdict(float)
         for model, integer, test in zip(models, integers, self.tests, strict=True):
             rows = self.data.index[test]
             for error in stage_errors(model, integer, self.data.touches.take(rows[rows >= 0])):
-                moved[error.stage] = moved.get(error.stage, 0.0) + error.logit_mean
+                moved[error.stage] += error.logit_mean
         return max(moved, key=moved.__getitem__, default=None)
 
     def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[FoldDecisions]:

@@ -111,7 +111,7 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
         f"leaving out {left_out(split['groups'])}, the integer network decides "
         f"{percent(split['integer_accuracy'])} rightly and the float one {percent(split['float_accuracy'])}: most is "
         f"lost in the {stage}; try 'eskin quantise MODEL {fix}'"
-        for split in map(unseen, splits)
+        for split in map(unseen, map(dict, splits))
         if split["float_accuracy"] - split["integer_accuracy"] > LOST and stage
     ]
 

@@ -11,8 +11,6 @@ network good at what it knew: the recordings of the first training where they ar
 quarter of the draws), and always a penalty on the distance to the old weights.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import time
@@ -24,23 +22,23 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.cost import Market
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.folds import grouped_folds
-from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.cells import Float, run_cell
-from eskin.golden.model.model import (
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Market, Record
+from eskin.golden.data import Recordings, check_fit, grouped_folds
+from eskin.golden.model import (
+    Float,
     FloatModel,
     IntegerModel,
     check_model_target,
+    decide_touches,
     load_config,
     load_training,
     network_formats,
     network_shapes,
+    run,
+    run_cell,
     with_network,
 )
-from eskin.golden.model.pipeline import by_recording, decide_touches, run
+from eskin.golden.model.pipeline import by_recording
 from eskin.golden.model.prototypes import check_teachable, taught_in_use
 from eskin.golden.model.straight_through import straight_through
 from eskin.golden.training.batches import Batches, TouchPool
@@ -139,7 +137,7 @@ class _Held(Masters):
         ]
 
 
-def _pair(before: Pair, weights: Mapping[str, np.ndarray]) -> Pair:
+def _pair(before: Pair, weights: Arrays) -> Pair:
     """The networks of other ``weights`` (real, by the integer network's names) that are else as
     ``before``."""
     shapes, old = network_shapes(before.real.config, real=True), before.integer
@@ -290,7 +288,7 @@ def enrol(
     old: Recordings | None = None,
     seed: int = 0,
     progress: Progress = lambda done, total: None,
-) -> dict[str, Any]:
+) -> Record:
     """Train the model in ``model_dir`` on with ``few`` touches of a new mounting, and write it to ``out``;
     config.json stays as it is.
 
@@ -352,7 +350,7 @@ def enrol(
     def right(of: Pair, which: np.ndarray) -> float | None:
         return accuracy(of.integer, data, np.flatnonzero(which)) if which.any() else None
 
-    result: dict[str, Any] = {
+    result: Record = {
         "layers": setting.layers,
         "data": str(few.source),
         "old_data": None if old is None else str(old.source),
@@ -455,7 +453,7 @@ def _right(network: IntegerModel, data: Dataset) -> Callable[[IntegerModel], np.
     return right
 
 
-def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> dict[str, Any]:
+def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Record:
     """Teach the model in ``model_dir`` the touches of ``few`` and write it to ``out``; config.json and all
     weights stay.
 
@@ -479,7 +477,7 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> dic
     check_fit(few, model.config)
     after, counts = teach_recordings(model, few)
     names = model.config.network.class_names
-    result: dict[str, Any] = {
+    result: Record = {
         "data": str(few.source),
         "touches": dict(zip(names, counts.tolist(), strict=True)),
         "in_use": dict(zip(names, taught_in_use(after).tolist(), strict=True)),
@@ -528,11 +526,7 @@ class Question:
 
 
 def front_ends_without(
-    recordings: Recordings,
-    values: Mapping[str, np.ndarray],
-    groups: Sequence[str],
-    market: Market,
-    **network: Any,
+    recordings: Recordings, values: Arrays, groups: Sequence[str], market: Market, **network: Any
 ) -> list[AcceleratorConfig]:
     """For each value of ``groups`` the front end that is chosen without its recordings, with the network
     asked for (`with_network`).
@@ -586,7 +580,7 @@ def lacking(recordings: Recordings, members: np.ndarray) -> list[str]:
     return [name for label, name in enumerate(recordings.class_names) if label not in there]
 
 
-def set_aside(recordings: Recordings, values: Mapping[str, np.ndarray]) -> np.ndarray:
+def set_aside(recordings: Recordings, values: Arrays) -> np.ndarray:
     """(R) bool: the recordings that no network of the evaluation is trained on, one in SET_ASIDE of each
     class of each value, in the archive's order, beginning with the third."""
     aside = np.zeros(len(recordings), dtype=bool)
@@ -598,7 +592,7 @@ def set_aside(recordings: Recordings, values: Mapping[str, np.ndarray]) -> np.nd
 
 def judge(
     recordings: Recordings, question: Question, progress: Progress = lambda done, total: None
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """For each value left out and each k: value, k, before, after (integer accuracy on the recordings of that
     value that no k enrols), others_before, others_after (on recordings of the other values that were set
     aside from both trainings; None: there are none), recordings, others (how many judge), lacking (classes
@@ -628,7 +622,7 @@ FALSE_ALARMS = 0.05
 
 def judge_classes(
     recordings: Recordings, question: Question, progress: Progress = lambda done, total: None
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     """For each class that no network nor prototype was trained on, taught k touches, each of another value of the
     groups: as `judge`, value being the class.
 
@@ -717,11 +711,11 @@ def _with_last(model: IntegerModel, label: int) -> IntegerModel:
 def _judge_values(
     recordings: Recordings,
     config: AcceleratorConfig,
-    values: Mapping[str, np.ndarray],
+    values: Arrays,
     aside: np.ndarray,
     question: Question,
     progress: Progress,
-) -> list[dict[str, Any]]:
+) -> list[Record]:
     recipe = choose_recipe(config)
     data = find_dataset(recordings, config, recipe)
     everything, most = np.arange(len(recordings)), max(question.ks)
@@ -790,10 +784,7 @@ def _taught(
     where, ready = data.touches.recording, []
     for network, part in zip(networks, parts, strict=True):
         whole = part[data.touches.completed[part] == network.config.windows.steps]
-        options: dict[str, Any] = {
-            "taught": max(1, *question.ks),
-            "source": f"recordings '{recordings.source}'",
-        }
+        options: Record = {"taught": max(1, *question.ks), "source": f"recordings '{recordings.source}'"}
         rows = where[whole]
         ready.append(
             with_prototypes(network, data.touches.take(whole), labels[rows], groups[rows], **options)
@@ -839,7 +830,7 @@ def summary(
     old: bool,
     by_seed: Sequence[Sequence[Mapping[str, Any]]],
     readout: str = "dense",
-) -> dict[str, Any]:
+) -> Record:
     """The result of ``enrol --evaluate`` from the rows of ``judge`` for each seed.
 
     Returns
@@ -855,7 +846,7 @@ def summary(
         if name in by_seed[0][0]
     ]
 
-    def means(of_seeds: Mapping[str, np.ndarray | None]) -> dict[str, Any]:
+    def means(of_seeds: Mapping[str, np.ndarray | None]) -> Record:
         spread = {
             name: float(values.std(ddof=1)) if len(values) > 1 else None
             for name, values in of_seeds.items()
@@ -864,7 +855,7 @@ def summary(
         mean = {name: None if values is None else float(values.mean()) for name, values in of_seeds.items()}
         return mean | {"spread": spread}
 
-    rows: list[dict[str, Any]] = []
+    rows: list[Record] = []
     mean = {}
     for same in zip(*by_seed, strict=True):
         runs = {name: [row[name] for row in same] for name in figures}

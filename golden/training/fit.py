@@ -30,6 +30,20 @@ TOGETHER = 256
 --seeds 100)."""
 
 
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Torch and the linear algebra of numpy and scipy in one thread: the operations are small, a second
+    thread gains a third on an idle machine and loses a factor of ten on a busy one."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+@one_thread()
 def fit_networks(
     data: Dataset,
     config: AcceleratorConfig,
@@ -49,32 +63,6 @@ def fit_networks(
             raise InputError(
                 "training: no touch was found in a training part; check the onset rule with 'eskin inspect'"
             )
-    with one_thread():
-        return _fit_in_one_thread(data, config, recipe, parts, seed, progress, curves)
-
-
-@contextlib.contextmanager
-def one_thread() -> Iterator[None]:
-    """Torch and the linear algebra of numpy and scipy in one thread: the operations are small, a second
-    thread gains a third on an idle machine and loses a factor of ten on a busy one."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        with threadpool_limits(1):
-            yield
-    finally:
-        torch.set_num_threads(threads)
-
-
-def _fit_in_one_thread(
-    data: Dataset,
-    config: AcceleratorConfig,
-    recipe: Recipe,
-    parts: list[np.ndarray],
-    seed: int,
-    progress: Progress,
-    curves: LossCurves | Told | None,
-) -> list[FloatModel]:
     generator = torch.Generator().manual_seed(seed)
     if not config.recurrent:
         return _fit_linear(data, config, recipe, parts, generator, progress)

@@ -15,7 +15,8 @@ that looks at a label, by a cheaper choice of the same kind:
 - the network chosen is trained on the whole training part with the full recipe, quantised, and judged on the
   fold.
 
-Inner folds leave out what the choice itself leaves out. Thresholds and scales of the candidates are measured
+Inner folds (``inner_folds``) leave out what the choice itself leaves out; where a part has one value of it, a
+group that can be left out there. Thresholds and scales of the candidates are measured
 on all recordings, without a label.
 
 Where recordings are few, the ridge regression does the same with SHUFFLES shufflings of the labels: what luck

@@ -1,8 +1,6 @@
 """Prototypes of the readout: chosen from the recordings of the training, and taught from a few touches
 (docs/specification.md, section 18)."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,12 +8,9 @@ import numpy as np
 from sklearn.cluster import KMeans
 from threadpoolctl import threadpool_limits
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import decide_touches
-from eskin.golden.model.preprocess import Touches, find_touches
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
 from eskin.golden.model.prototypes import check_teachable, class_distances, narrowed, teach, trajectory_codes
 
 PROTOTYPES, TAUGHT, CODE_BITS = 8, 3, 4
@@ -130,7 +125,7 @@ def with_prototypes(
             f"{source}: show class {name}, and the last {spare_classes} classes are spare; leave its recordings out, or "
             "give a smaller --spare-classes"
         )
-    rule: dict[str, Any] = {
+    rule: Record = {
         "readout": "prototypes",
         "prototypes": max(1, min(prototypes, int(np.bincount(labels).max()))),
         "taught": taught,

@@ -55,7 +55,7 @@ FEATURE_COVERAGE = 0.999
 COVERED_FEATURE = f"feature ({FEATURE_COVERAGE:.1%})"
 """Name of that range."""
 
-LAST_LOGIT, ROUNDING = "last logit", 1 / 128
+LAST_LOGIT, ROUNDING = "last logit", 1 / 512
 """Logits of touches' last steps; and how much of their span rounded weights of a linear cell may move one."""
 
 SIGNALS = (

@@ -5,34 +5,27 @@ What a step and a stage are differs: a touch has several steps, and its stages a
 `eskin.golden.model.stage_error.STAGES`; an image is one step, and its stages are its layers with weights.
 """
 
-from __future__ import annotations
-
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import InputError, QFormat
 from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT
-from eskin.golden.data.recordings import Recordings, check_fit
-from eskin.golden.model.image_network import (
+from eskin.golden.data import Recordings, check_fit
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    find_touches,
     float_images,
     images_of,
-    layer_by_layer,
     layer_formats,
+    run,
     run_images,
-)
-from eskin.golden.model.model import FloatModel, IntegerModel
-from eskin.golden.model.pipeline import run
-from eskin.golden.model.preprocess import find_touches
-from eskin.golden.model.stage_error import (
-    SignalProfile,
-    StageError,
-    profile_of,
-    signal_profiles,
     stage_errors,
 )
+from eskin.golden.model.image_network import layer_by_layer
+from eskin.golden.model.stage_error import SignalProfile, StageError, profile_of, signal_profiles
 
 LOOKED_AT = 200
 """Images on which errors are taken layer by layer."""

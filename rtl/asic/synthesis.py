@@ -12,7 +12,7 @@ from pathlib import Path
 
 from amaranth.back import rtlil
 
-from eskin.golden.core import InputError, Record
+from eskin.golden.core import InputError, Record, template
 from eskin.rtl.asic.buffers import insert
 from eskin.rtl.asic.liberty import Cell, Library, text_of
 from eskin.rtl.common.collisions import open_collisions
@@ -330,42 +330,20 @@ def _without(module: str) -> str:
     return re.sub(r"(?m)^  cell \$meminit_v2 .*?^  end\n", drop, module, flags=re.DOTALL)
 
 
-def macro_verilog(macro: Cell) -> str:
-    """Behaviour of a one-port macro: a word a cycle is read or written, the word read stays; contents begin
-    at random."""
-    address = (macro.words - 1).bit_length()
-    others = [name for name in macro.pins if "BIST" in name]
-    ports = "".join(f", {name}" for name in others)
-    wide = {"A_BIST_ADDR": address, "A_BIST_DIN": macro.bits, "A_BIST_BM": macro.bits}
-    return (
-        f"module {macro.name} (A_CLK, A_MEN, A_WEN, A_REN, A_ADDR, A_DIN, A_DLY, A_DOUT, A_BM{ports});\n"
-        f"input A_CLK, A_MEN, A_WEN, A_REN, A_DLY; input [{address - 1}:0] A_ADDR; input "
-        f"[{macro.bits - 1}:0] A_DIN, A_BM;\n"
-        + "".join(f"input [{wide.get(name, 1) - 1}:0] {name};\n" for name in others)
-        + f"output reg [{macro.bits - 1}:0] A_DOUT;\nreg [{macro.bits - 1}:0] memory [0:{macro.words - 1}];\n"
-        "always @(posedge A_CLK) if (A_MEN) begin\n"
-        "if (A_WEN) memory[A_ADDR] <= (A_DIN & A_BM) | (memory[A_ADDR] & ~A_BM);\nelse if (A_REN) A_DOUT <= "
-        "memory[A_ADDR];\nend\n"
-        "endmodule\n"
-    )
+def _of_macro(name: str, macro: Cell, **values: str | bool) -> str:
+    """A template's text of a one-port macro."""
+    sizes = {"words": macro.words, "bits": macro.bits, "address": (macro.words - 1).bit_length()}
+    others = [pin for pin in macro.pins if "BIST" in pin]
+    return template(__file__, name).render(name=macro.name, others=others, **sizes, **values)
+
+
+def macro_verilog(macro: Cell, random: bool = False) -> str:
+    """Behaviour of a one-port macro: a word a cycle is read or written, the word read stays; contents are
+    not known, or begin at random."""
+    return _of_macro("macro.v", macro, random=random)
 
 
 def macro_map(macro: Cell) -> str:
     """Techmap of a memory that is never read and written in one cycle to a one-port macro."""
-    address = (macro.words - 1).bit_length()
-    ties = "".join(f", .{name}(0)" for name in macro.pins if "BIST" in name)
     parameters = re.findall(r"    parameter MEMID.*?(?=    input)", MEMORIES.read_text(), re.DOTALL)[0]
-    return (
-        '(* techmap_celltype = "$mem_v2" *)\n'
-        "module one_port (RD_CLK, RD_EN, RD_ARST, RD_SRST, RD_ADDR, RD_DATA, WR_CLK, WR_EN, WR_ADDR, "
-        "WR_DATA);\n"
-        f"{parameters}"
-        "input RD_CLK, RD_EN, RD_ARST, RD_SRST, WR_CLK; input [ABITS-1:0] RD_ADDR, WR_ADDR; input "
-        "[WIDTH-1:0] WR_EN, WR_DATA;\n"
-        f"output [WIDTH-1:0] RD_DATA;\nwire [{macro.bits - 1}:0] word; wire [{address - 1}:0] at = RD_EN ? "
-        "RD_ADDR : WR_ADDR;\n"
-        f"wire [{macro.bits - 1}:0] given = WR_DATA; assign RD_DATA = word[WIDTH-1:0];\n"
-        f"{macro.name} macro (.A_CLK(RD_CLK), .A_MEN(RD_EN | WR_EN[0]), .A_WEN(WR_EN[0]), .A_REN(RD_EN), "
-        ".A_ADDR(at), .A_DIN(given), "
-        f".A_DLY(1'b1), .A_DOUT(word), .A_BM({{{macro.bits}{{1'b1}}}}){ties});\nendmodule\n"
-    )
+    return _of_macro("macro_map.v", macro, parameters=parameters)

@@ -1,13 +1,11 @@
 """From logits to decisions: the local one at every step, the global one at the end of a touch
 (docs/specification.md, section 7)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Array, Const, Module, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import exceeds
 from eskin.rtl.common.layouts import decision_layout, margin_units
 from eskin.rtl.decision.early_rule import EarlyRule

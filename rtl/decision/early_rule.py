@@ -1,12 +1,10 @@
 """The early decision: several in a row agree, each by a large enough margin (specification, section 7)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 
 
 class EarlyRule(wiring.Component):

@@ -1,7 +1,5 @@
 """The nearest stored trajectory of a touch, and touches that are stored (docs/specification.md, section 18)."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,7 +8,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import exceeds, greater, reaches
 from eskin.rtl.common.fixed import narrow, shape_of, wrapping_increment
@@ -146,7 +144,8 @@ class PrototypeReadout(wiring.Component):
             for name in ("busy", "head", "gap", "body", "teaching", "first")
         )
         address = Signal(range(words + 1))
-        unit, label = Signal(range(width)), Signal(range(config.classes))
+        unit = Signal(range(width))
+        label = Signal(range(config.classes))
         slot, after_slot, last_slot, taught_slot = self._slots()
         last_unit, last_label = Signal(name="last_unit"), Signal(name="last_label")
         row_ends = body & last_unit & last_slot & last_label
@@ -280,7 +279,8 @@ class PrototypeReadout(wiring.Component):
                 attrs=NO_COLLISION | {"ram_style": "block"},
             )
             sum_read, sum_write = sums.read_port(), sums.write_port()
-            place, kept = Signal(range(every)), Signal(range(every))
+            place = Signal(range(every))
+            kept = Signal(range(every))
             registers.append((place, begins | place_ends, Mux(begins, 0, wrapping_increment(place, every))))
             with m.If(place_ends):
                 m.d.sync += kept.eq(place)
@@ -370,7 +370,8 @@ class PrototypeReadout(wiring.Component):
         checks = config.hardware.checksum
         numbers = [Signal(range(2 * places), name=f"count_{k}") for k in range(classes)]
         parities = [Signal(name=f"count_{k}_parity") for k in range(classes)] if checks else []
-        chosen, whole, following = Signal(range(classes)), Signal(), Signal()
+        chosen = Signal(range(classes))
+        whole, following = Signal(), Signal()
         known = ~exceeds(self.label, classes - 1)
         free = ~self.locked & self.idle
         teaches = self.teach & free & known & (self.option | self.loaded | whole)

@@ -1,14 +1,12 @@
 """The largest of a step's scores, and by how much (docs/specification.md, section 7): in few cells, or in few
 cycles."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.memory_style import before_an_adder
 from eskin.rtl.program.timing import holds_two_largest
 

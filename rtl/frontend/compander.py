@@ -1,12 +1,10 @@
 """Window sums to their logarithm, straight between powers of two (docs/specification.md, section 3)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.fixed import biased_magnitude, logarithm
 from eskin.rtl.common.layouts import sum_layout
 

@@ -1,15 +1,13 @@
 """Which taxels are stuck, silent or saturated (docs/specification.md, section 10): a branch beside the front
 of the chain."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 
 

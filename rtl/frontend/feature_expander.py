@@ -1,15 +1,12 @@
 """One deviation becomes one beat for each kind of feature (docs/specification.md, section 2: what a window
 gives)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import signed_bits
+from eskin.golden.core import AcceleratorConfig, signed_bits
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import biased_magnitude, logarithm, wrapping_increment

@@ -1,12 +1,10 @@
 """Beats become frames of taxels 0 to D - 1, whatever the sender does (docs/specification.md, section 2)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.common.layouts import sample_layout

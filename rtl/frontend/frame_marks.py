@@ -1,14 +1,12 @@
 """What follows from the number of a frame alone, in a recording or in a touch: settling, blocks of the onset
 rule, hops, windows (docs/specification.md, section 2)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
 
 

@@ -1,15 +1,13 @@
 """The front end: samples in, centred window sums out. Wiring only (docs/specification.md, sections 2 and
 3)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from amaranth.hdl import Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import centred_layout, expands, sample_layout, touch_layout
 from eskin.rtl.frontend.compander import Compander
 from eskin.rtl.frontend.feature_expander import FeatureExpander

@@ -1,16 +1,13 @@
 """The moving sum of every taxel, and the verdict of the onset rule ``baseline`` (docs/specification.md,
 section 2)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Shape, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.formats import signed_bits
+from eskin.golden.core import AcceleratorConfig, signed_bits
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import exceeds
 

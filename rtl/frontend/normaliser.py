@@ -1,7 +1,5 @@
 """Window sums to the operands of the feature products (docs/specification.md, section 3)."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,7 +9,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.layouts import centred_layout, sum_layout
 from eskin.rtl.common.memory_style import means_memory

@@ -1,15 +1,13 @@
 """Rest level, deviation and onset rule of every taxel: the front of the chain (docs/specification.md, section
 2)."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import exceeds
 from eskin.rtl.common.fixed import clip
 from eskin.rtl.common.layouts import frame_layout, sample_layout

@@ -1,12 +1,10 @@
 """M of K: the onset rule of the last judged frames (docs/specification.md, section 2)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 
 
 class OnsetFilter(wiring.Component):

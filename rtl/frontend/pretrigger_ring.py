@@ -1,15 +1,13 @@
 """The ring that gives a touch the frames before its onset (docs/specification.md, section 2: start frame
 s)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, unsigned
 from amaranth.lib import stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 from amaranth.utils import ceil_log2
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import exceeds
 from eskin.rtl.common.layouts import frame_layout, touch_layout
 from eskin.rtl.common.memory_style import before_an_adder

@@ -1,12 +1,10 @@
 """An adder with its register, in a DSP block that would be idle (docs/specification.md, sections 2 and 3)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import ClockSignal, Const, Instance, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.memory_style import SMALL_FAMILY
 
 BLOCKS, BLOCK_BITS = 8, 32

@@ -1,12 +1,10 @@
 """ARMED, TOUCH, REARM: which frames are a touch's (docs/specification.md, section 2)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.compare import reaches
 
 

@@ -1,14 +1,12 @@
 """Exact sums over overlapping windows, made of sums of hops (docs/specification.md, section 2: windows and
 sums)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import enum, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import NO_COLLISION
 from eskin.rtl.common.compare import reaches
 from eskin.rtl.common.fixed import wrapping_increment

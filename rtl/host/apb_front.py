@@ -1,7 +1,5 @@
 """APB4 in front of the shell (docs/specification.md, section 17)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out

@@ -1,7 +1,5 @@
 """AXI4-Lite in front of the shell (docs/specification.md, section 17)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out

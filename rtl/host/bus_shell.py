@@ -1,13 +1,11 @@
 """The accelerator as a CPU sees it: samples in, decisions out, events and an interrupt beside its registers
 (docs/specification.md, section 17)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.decision_queue import DecisionQueue

@@ -1,14 +1,12 @@
 """The host's side: registers, commands, memory loading, faults and cycle counters."""
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.load_port import load_signature
 from eskin.rtl.common.register_check import parity_wrong
 from eskin.rtl.host.cycle_counter import CycleCounter

@@ -1,7 +1,5 @@
 """The longest frame, step or touch in cycles: the counter behind the register LONGEST."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out

@@ -1,12 +1,10 @@
 """Decisions as words that wait for a CPU (docs/specification.md, section 17)."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Array, Cat, Module, Mux, Signal, Value
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, margin_units
 from eskin.rtl.program.memory_map import DECISION_FIELDS
 

@@ -1,7 +1,5 @@
 """The model out of the board's SPI flash, at start: docs/specification.md section 16."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

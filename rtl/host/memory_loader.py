@@ -1,12 +1,10 @@
 """The host's writes into the memories: a memory is chosen, then its words come one after the other."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.load_port import load_lines, load_signature
 from eskin.rtl.common.register_check import at_end
 from eskin.rtl.program.memory_map import Memory, load_words

@@ -1,8 +1,6 @@
 """Framing of RFC 1662 (HDLC-like, octet-stuffed): flag 0x7E around a packet, 0x7D before an escaped byte,
 16-bit frame check sequence."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out

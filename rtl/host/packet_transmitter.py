@@ -1,12 +1,10 @@
 """Decisions and answers onto the serial line: docs/specification.md section 9."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.host.packet_framing import ESCAPE, FCS_START, FCS_TAPS, FLAG, FLIPPED_BIT
 

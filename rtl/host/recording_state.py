@@ -1,12 +1,10 @@
 """A recording as the host sees it: touches that await their decision, and how the recording finishes."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 
 QUIET_BITS = {False: 4, True: 2}
 """Of the count of quiet cycles, without and with ``clock_gate``: the shorter it is, the sooner the clock

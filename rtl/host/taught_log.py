@@ -1,7 +1,5 @@
 """What the board was taught, kept in its flash: docs/specification.md, section 18."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value

@@ -1,13 +1,11 @@
 """Asynchronous serial bytes, received: 1 start bit, 8 data bits (lowest first), 1 stop bit, no parity."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 
 DIVISOR_MIN = 4
 """Clocks a bit: with fewer, one clock of doubt about the edge is more than a quarter of a bit."""

@@ -1,13 +1,11 @@
 """The accelerator's host side over a serial line: packets of docs/specification.md section 9 in and out."""
 
-from __future__ import annotations
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.packet_framing import FrameCheck, Unstuffer

@@ -11,7 +11,7 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.layouts import decision_layout, sample_layout
-from eskin.rtl.common.load_port import load_lines
+from eskin.rtl.common.load_port import LOAD, following, load_lines
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
 from eskin.rtl.engine.compact_engine import make_engine
@@ -23,7 +23,69 @@ from eskin.rtl.top.clock_gate import gated
 from eskin.rtl.top.watchdog import Watchdog
 
 
-class Accelerator(wiring.Component):
+class HostedChain(wiring.Component):
+    """Frames in, decisions out, a host bus beside it, probes, a clock that may stop: what the chains for
+    recordings and for images have in common; members as of `Accelerator`.
+
+    probes: their names. ``wired`` of a chain is (its module, whether its next clock edge is needed).
+    """
+
+    probes: tuple[str, ...]
+
+    def __init__(
+        self,
+        config: AcceleratorConfig,
+        images: Mapping[int, list[int]] | None = None,
+        fed_by: FedBy | None = None,
+    ) -> None:
+        self._config, self._images = config, None if config.hardware.loadable else images
+        self._fed_by = fed_by
+        self.watching = Watchdog(config) if config.hardware.watchdog else None
+        super().__init__(
+            {
+                "i": In(stream.Signature(sample_layout(config))),
+                "o": Out(stream.Signature(decision_layout(config))),
+                "bus": In(bus_signature()),
+                "busy": Out(1),
+                "probe": Out(wiring.Signature({name: Out(probe()) for name in self.probes})),
+            }
+            | ({"any_fault": Out(1)} if fed_by else {})
+        )
+
+    def elaborate(self, platform):
+        chain, needed = self.wired()
+        return gated(chain, needed, platform) if self._config.hardware.clock_gate else chain
+
+    def wired(self) -> tuple[Module, Signal]:
+        raise NotImplementedError
+
+    def frames_to(self, control: HostControl) -> list:
+        """Statements that tell the control of the frames."""
+        return [
+            control.beat_offered.eq(self.i.valid),
+            control.frame_beat.eq(self.i.valid & self.i.ready),
+            control.frame_first.eq(self.i.p.first),
+            control.frame_last.eq(self.i.p.last),
+        ]
+
+    def probed(self, engine: wiring.Component, *names: str) -> list:
+        """Statements that show the engine's probes."""
+        return [
+            statement
+            for name in names
+            for statement in following(getattr(self.probe, name), getattr(engine, name), "valid", "value")
+        ]
+
+    def needed(self, m: Module, control: HostControl) -> Signal:
+        """Whether the next clock edge is needed; nobody asks where the clock never stops."""
+        needed = Signal()
+        if self._config.hardware.clock_gate:
+            due = 0 if self.watching is None else self.watching.due
+            m.d.comb += needed.eq(ResetSignal() | self.i.valid | control.awake | due)
+        return needed
+
+
+class Accelerator(HostedChain):
     """Onset detector, pre-trigger ring, feature expander, window averager, normaliser, engine, classifier and
     control.
 
@@ -54,37 +116,12 @@ class Accelerator(wiring.Component):
     `Schedule.decision_cycles`.
     """
 
-    def __init__(
-        self,
-        config: AcceleratorConfig,
-        images: Mapping[int, list[int]] | None = None,
-        fed_by: FedBy | None = None,
-    ) -> None:
-        if not config.hardware.loadable and images is None:
-            raise ValueError("a ROM design (loadable false) needs its memory images")
-        self._config, self._images = config, None if config.hardware.loadable else images
-        self._fed_by = fed_by
-        self.watching = Watchdog(config) if config.hardware.watchdog else None
-        probes = {name: Out(probe()) for name in ("sum", "fault", "feature", "state", "logit", "step")}
-        super().__init__(
-            {
-                "i": In(stream.Signature(sample_layout(config))),
-                "o": Out(stream.Signature(decision_layout(config))),
-                "bus": In(bus_signature()),
-                "busy": Out(1),
-                "probe": Out(wiring.Signature(probes)),
-            }
-            | ({"any_fault": Out(1)} if fed_by else {})
-        )
-
-    def elaborate(self, platform):
-        chain, needed = self.wired()
-        return gated(chain, needed, platform) if self._config.hardware.clock_gate else chain
+    probes = ("sum", "fault", "feature", "state", "logit", "step")
 
     def wired(self) -> tuple[Module, Signal]:
-        """(the chain, whether its next clock edge is needed)."""
-        m = Module()
-        config = self._config
+        m, config = Module(), self._config
+        if not config.hardware.loadable and self._images is None:
+            raise ValueError("a ROM design (loadable false) needs its memory images")
         front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
         engine, classifier, control = (
             make_engine(config, self._images),
@@ -113,16 +150,12 @@ class Accelerator(wiring.Component):
             engine.decider_idle.eq(decider_idle),
             classifier.finish.eq(control.finish),
             engine.blank.eq(front_end.blank),
-            engine.load.select.eq(control.load.select),
-            engine.load.address.eq(control.load.address),
-            engine.load.data.eq(control.load.data),
-            engine.load.enable.eq(control.load.enable),
+            *following(engine.load, control.load, *LOAD),
             self.busy.eq(control.busy),
         ]
         if config.hardware.loadable:
             m.d.comb += [
-                front_end.load.address.eq(control.load.address),
-                front_end.load.data.eq(control.load.data),
+                *following(front_end.load, control.load, "address", "data"),
                 front_end.load.enable.eq(
                     control.load.enable & control.load.select[load_lines(config)[Memory.MEANS]]
                 ),
@@ -155,10 +188,7 @@ class Accelerator(wiring.Component):
         if readout is not None and config.hardware.checksum:
             check_failed |= readout.wrong
         m.d.comb += [
-            control.beat_offered.eq(self.i.valid),
-            control.frame_beat.eq(self.i.valid & self.i.ready),
-            control.frame_first.eq(self.i.p.first),
-            control.frame_last.eq(self.i.p.last),
+            *self.frames_to(control),
             control.detector_armed.eq(front_end.armed),
             control.touch_started.eq(front_end.touch_started),
             control.framing_fault.eq(front_end.framing_fault),
@@ -194,22 +224,11 @@ class Accelerator(wiring.Component):
         m.d.comb += [
             self.probe.sum.valid.eq(front_end.averager.o.valid & front_end.averager.o.ready),
             self.probe.sum.value.eq(~front_end.averager.o.p.complement),
-            self.probe.feature.valid.eq(engine.feature.valid),
-            self.probe.feature.value.eq(engine.feature.value),
-            self.probe.state.valid.eq(engine.state.valid),
-            self.probe.state.value.eq(engine.state.value),
-            self.probe.logit.valid.eq(engine.logit.valid),
-            self.probe.logit.value.eq(engine.logit.value),
-            self.probe.step.valid.eq(engine.step.valid),
-            self.probe.step.value.eq(engine.step.value),
+            *self.probed(engine, "feature", "state", "logit", "step"),
         ]
         if readout is not None:
             m.d.comb += readout.clear.eq(control.clear | begin_anew)
-        needed = Signal()
-        if config.hardware.clock_gate:
-            due = 0 if self.watching is None else self.watching.due
-            m.d.comb += needed.eq(ResetSignal() | self.i.valid | control.awake | due)
-        return m, needed
+        return m, self.needed(m, control)
 
     def _nearest(
         self, m: Module, engine: wiring.Component, classifier: Classifier, control: HostControl
@@ -219,21 +238,17 @@ class Accelerator(wiring.Component):
         vector = engine.state if config.recurrent else engine.logit
         m.submodules.readout = readout = PrototypeReadout(config)
         m.d.comb += [
-            readout.vector.valid.eq(vector.valid),
-            readout.vector.value.eq(vector.value),
+            *following(readout.vector, vector, "valid", "value"),
             readout.logit_valid.eq(engine.logit.valid),
             readout.step_done.eq(engine.step_done),
             readout.ended.eq(classifier.ended),
-            readout.load.select.eq(control.load.select),
-            readout.load.address.eq(control.load.address),
-            readout.load.data.eq(control.load.data),
-            readout.load.enable.eq(control.load.enable),
+            *following(readout.load, control.load, *LOAD),
         ]
         if config.readout_rule.unknown_above:
             m.d.comb += classifier.far.eq(readout.far)
         if config.readout_rule.taught:
             m.d.comb += [
-                *(getattr(readout, name).eq(getattr(control, name)) for name in TEACHING),
+                *following(readout, control, *TEACHING),
                 control.teaching_refused.eq(readout.refused),
                 control.teaching_done.eq(readout.teaching_done),
                 control.taught.eq(readout.in_use),

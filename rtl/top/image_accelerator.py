@@ -3,22 +3,18 @@ benches."""
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Module, Mux, ResetInserter, ResetSignal, Signal
-from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.hdl import Module, Mux, ResetInserter, Signal
+from amaranth.lib import wiring
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.rtl.common.layouts import decision_layout, sample_layout
+from eskin.rtl.common.load_port import LOAD, following
 from eskin.rtl.decision.classifier import Classifier
-from eskin.rtl.engine.engine import probe
-from eskin.rtl.host.control import FedBy, HostControl, bus_signature
+from eskin.rtl.host.control import FedBy, HostControl
 from eskin.rtl.image.image_engine import ImageEngine
 from eskin.rtl.image.image_receiver import ImageReceiver
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.timing import logit_to_decision
-from eskin.rtl.top.accelerator import Accelerator
-from eskin.rtl.top.clock_gate import gated
-from eskin.rtl.top.watchdog import Watchdog
+from eskin.rtl.top.accelerator import Accelerator, HostedChain
 
 LANES = (1, 2, 4, 8, 16)
 
@@ -51,7 +47,7 @@ def refuse_hardware(config: AcceleratorConfig) -> None:
         refuse("weight_formats", "is empty; quantise the model first")
 
 
-class ImageAccelerator(wiring.Component):
+class ImageAccelerator(HostedChain):
     """Receiver, image engine, classifier and control; in place of `eskin.rtl.top.accelerator.Accelerator` for
     a network for images.
 
@@ -71,33 +67,10 @@ class ImageAccelerator(wiring.Component):
     Latency from the last pixel to the decision: `eskin.rtl.program.schedule.decision_cycles`.
     """
 
-    def __init__(
-        self,
-        config: AcceleratorConfig,
-        images: Mapping[int, list[int]] | None = None,
-        fed_by: FedBy | None = None,
-    ) -> None:
-        self._config, self._fed_by = config, fed_by
-        self.watching = Watchdog(config) if config.hardware.watchdog else None
-        super().__init__(
-            {
-                "i": In(stream.Signature(sample_layout(config))),
-                "o": Out(stream.Signature(decision_layout(config))),
-                "bus": In(bus_signature()),
-                "busy": Out(1),
-                "probe": Out(wiring.Signature({name: Out(probe()) for name in ("map", "logit", "step")})),
-            }
-            | ({"any_fault": Out(1)} if fed_by else {})
-        )
-
-    def elaborate(self, platform):
-        chain, needed = self.wired()
-        return gated(chain, needed, platform) if self._config.hardware.clock_gate else chain
+    probes = ("map", "logit", "step")
 
     def wired(self) -> tuple[Module, Signal]:
-        """(the chain, whether its next clock edge is needed)."""
-        m = Module()
-        config = self._config
+        m, config = Module(), self._config
         engine = ImageEngine(plan_of(config), config.hardware.lane_type)
         receiver, classifier = ImageReceiver(config), Classifier(config)
         m.submodules.control = control = HostControl(config, self._fed_by)
@@ -121,15 +94,9 @@ class ImageAccelerator(wiring.Component):
             engine.start.eq(receiver.start),
             classifier.logit.eq(engine.logit),
             classifier.finish.eq(control.finish),
-            engine.load.select.eq(control.load.select),
-            engine.load.address.eq(control.load.address),
-            engine.load.data.eq(control.load.data),
-            engine.load.enable.eq(control.load.enable),
+            *following(engine.load, control.load, *LOAD),
             self.busy.eq(control.busy),
-            control.beat_offered.eq(self.i.valid),
-            control.frame_beat.eq(self.i.valid & self.i.ready),
-            control.frame_first.eq(self.i.p.first),
-            control.frame_last.eq(self.i.p.last),
+            *self.frames_to(control),
             control.detector_armed.eq(~receiver.open & ~receiver.over),
             control.touch_started.eq(receiver.begun),
             control.framing_fault.eq(receiver.framing_fault),
@@ -159,18 +126,11 @@ class ImageAccelerator(wiring.Component):
         cycles = Signal(32)  # since the start
         m.d.sync += cycles.eq(Mux(engine.start, 1, cycles + 1))
         m.d.comb += [
-            self.probe.map.valid.eq(engine.map.valid),
-            self.probe.map.value.eq(engine.map.value),
-            self.probe.logit.valid.eq(engine.logit.valid),
-            self.probe.logit.value.eq(engine.logit.value),
+            *self.probed(engine, "map", "logit"),
             self.probe.step.valid.eq(last_logit),
             self.probe.step.value.eq(cycles + logit_to_decision(config)),
         ]
-        needed = Signal()
-        if config.hardware.clock_gate:
-            due = 0 if self.watching is None else self.watching.due
-            m.d.comb += needed.eq(ResetSignal() | self.i.valid | control.awake | due)
-        return m, needed
+        return m, self.needed(m, control)
 
 
 def make_accelerator(

@@ -1,8 +1,6 @@
 """A model taught by registers, in simulated hardware: after every touch, TEACH, FORGET and reload it decides as
 the golden stream does."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 
@@ -13,13 +11,10 @@ from eskin.cosim.device import Design, Device
 from eskin.cosim.link import Link
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.pin_port import PinPort
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.archive import load_archive
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.data import Recordings, load_archive
+from eskin.golden.model import IntegerModel, Stream, random_integer_model
 from eskin.golden.model.prototypes import forget, load_taught, taught_in_use
-from eskin.golden.model.stream import Stream
 from eskin.live.feed import Differs
 from eskin.live.feed import Hardware as HardwareEvent
 from eskin.live.sources import BoardSource

@@ -2,8 +2,6 @@
 ``rng``, which in the tests is drawn by Hypothesis (``st.randoms()``): so a failing input is made smaller and
 kept."""
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import functools
@@ -31,13 +29,12 @@ from rosbags.rosbag2 import StoragePlugin
 from scipy.io import loadmat, savemat
 
 from eskin.cli.main import app
-from eskin.golden.core.config import AcceleratorConfig
+from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.converters import CONVERTERS
 from eskin.golden.core.groups import Interface
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data import Recordings
 from eskin.golden.export.onnx_file import write_onnx
-from eskin.golden.model.image_network import random_images
-from eskin.golden.model.model import FloatModel, random_integer_model
+from eskin.golden.model import FloatModel, random_images, random_integer_model
 from tests.support import doors, result_case
 from tests.support.image_scenes import random_image_model
 from tests.support.watched import KEPT

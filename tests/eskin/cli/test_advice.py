@@ -41,6 +41,8 @@ def test_what_integers_lose_names_the_stage_and_an_option_of_quantise():
         (sentence,) = doubts.lost_in_integers([split() | {"float_accuracy": 0.95}], evaluated)
         assert stage in sentence and "95.0 %" in sentence
         assert {word for word in sentence.replace("'", " ").split() if word.startswith("--")} <= options
+    anew = split() | {"nested": split() | {"float_accuracy": 0.95}}  # what folds that chose nothing lose
+    assert doubts.lost_in_integers([anew], evaluated) == [sentence]
 
 
 def test_every_verb_is_in_one_group_of_the_help():

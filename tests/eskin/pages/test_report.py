@@ -1,7 +1,5 @@
 """The report: every figure comes from the files, the page stands alone, a damaged result is one sentence."""
 
-from __future__ import annotations
-
 import base64
 import io
 import itertools
@@ -13,8 +11,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from eskin.golden.core.errors import InputError
-from eskin.golden.core.files import write_json
+from eskin.golden.core import InputError, write_json
 from eskin.pages import report
 from eskin.pages.report import (
     Result,
@@ -134,6 +131,11 @@ def test_names_of_candidates_cover_no_point_and_no_other_name():
         points = axes.transData.transform([(factor * row[cost], row["accuracy"]) for row in rows])
         assert names and not any(name.contains(*point) for name in names for point in points)
         assert not any(a.overlaps(b) for a, b in itertools.combinations(names, 2))
+    # one that lies behind the taken one has no name there
+    rows = [judged("gru", 8, 0.9753, 1.2e-6, chosen=True), judged("gru", 12, 0.9772, 1.6e-6)]
+    rows.append(judged("linear", 0, 0.72, 6e-7))
+    named = [[text.get_text().split(",")[0] for text in axes.texts] for axes in draw_candidates(rows).axes]
+    assert named == [["GRU 8", "GRU 12", "linear"], ["GRU 8"]]
 
 
 def test_the_training_curve_is_drawn_of_trained_networks_only(result):
@@ -481,6 +483,24 @@ def test_accuracy_against_time_is_float_and_integer(made):
 )
 def test_figures_in_words(shown, text):
     assert shown.replace("\u00a0", " ") == text
+
+
+@pytest.mark.parametrize(
+    ("source", "name", "title"),
+    [
+        ("gloves/recordings.npz", None, "gloves"),
+        ("gloves/left.csv", None, "left"),
+        ("gloves/left.csv", "My glove", "My glove"),
+    ],
+)
+def test_the_title_is_the_name_given_or_that_of_the_folder(result, source, name, title):
+    path = result / "run.json"
+    run = json.loads(path.read_text())
+    path.write_text(json.dumps(run | {"name": name, "data": run["data"] | {"source": source}}))
+    page = Page(write_report(result)).text
+    assert f"{title}: " in page and f"eskin: {title}" in page
+    for jargon in ("time since arm", "declared pace", "yardstick", "as recorded"):
+        assert jargon not in page
 
 
 def test_events_are_a_raster_units_are_the_archives_and_kinds_have_names(made):

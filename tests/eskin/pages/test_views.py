@@ -1,10 +1,13 @@
 """eskin/pages/views.py: figures in words; what a value holds never becomes a bar, a row, a heading or markup."""
 
+import io
+
 import jinja2
 import pytest
+from rich.console import Console
 
 from eskin.pages import views
-from eskin.pages.views import Rows, parts, words
+from eskin.pages.views import Rows, parts, terminal_table, words
 from tests.support.table import each_row
 
 HOSTILE = ("a|b", "[b]a", "\\|", "two\nlines", "{{ 1 }}", "")
@@ -42,3 +45,12 @@ def test_a_table_without_rows_is_left_out_and_sentences_keep_their_place():
 def test_a_figure_that_is_missing_is_no_empty_cell():
     with pytest.raises(jinja2.UndefinedError, match="recordings_looked_at"):
         words("front_ends", rows=[], split=[])
+
+
+def test_a_name_in_the_first_column_stays_on_one_line():
+    table = terminal_table(
+        "networks", ["network", "windows"], [["linear (not augmented)", "20 windows of 96"]]
+    )
+    text = io.StringIO()
+    Console(file=text, width=36).print(table)
+    assert "linear (not augmented)" in text.getvalue()

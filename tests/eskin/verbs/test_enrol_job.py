@@ -1,17 +1,15 @@
 """eskin enrol: the verb, its evaluation kept by content, and an enrolled model in the board of the old
 one."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 
 import numpy as np
 import pytest
 
-from eskin.golden.data.archive import save_archive
-from eskin.golden.model.model import IntegerModel
-from eskin.golden.model.pipeline import run as run_model
+from eskin.golden.data import save_archive
+from eskin.golden.model import IntegerModel
+from eskin.golden.model import run as run_model
 from eskin.golden.training import enrol as enrolling
 from eskin.golden.training.quantise import quantise
 from eskin.golden.training.train import TrainingRequest, train

@@ -1,8 +1,6 @@
 """The main job's order, its memory and its last rename; the stages are stand-ins except in the slow run of
 everything."""
 
-from __future__ import annotations
-
 import dataclasses
 import fcntl
 import io
@@ -14,9 +12,8 @@ import numpy as np
 import pytest
 
 from eskin.cosim.runner import SimulationError
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.golden.training.choose_front_end import Plan
 from eskin.rtl.fpga.generate import MARK
 from eskin.verbs import main_job, milestones

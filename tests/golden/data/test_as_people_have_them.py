@@ -44,6 +44,7 @@ def folder(path, text_of, count=4):
         (np.array(["m10", "m2"] * 3), None, ("m2", "m10")),
         (np.array([b"m10", b"m2"] * 3), None, ("m2", "m10")),
         (np.array(["m10", "m2"] * 3), np.array(["m10", "none", "m2"]), ("m10", "none", "m2")),
+        (np.array([10, 2] * 3), None, ("2", "10")),  # numbers that count nothing
     ],
 )
 def test_labels_that_are_text_are_names(tmp_path, labels, names, expected):
@@ -51,7 +52,7 @@ def test_labels_that_are_text_are_names(tmp_path, labels, names, expected):
         tmp_path / "a.npz", labels=labels, **({} if names is None else {"class_names": names})
     )
     assert recordings.class_names == expected
-    assert [expected[label] for label in recordings.labels] == ["m10", "m2"] * 3
+    assert [expected[label] for label in recordings.labels] == labels.astype(str).tolist()
 
 
 def test_text_labels_of_lists_series_and_images(tmp_path):

@@ -213,6 +213,14 @@ def test_a_subset_keeps_frames_labels_and_groups_together(make_recordings):
         recordings.subset([])
 
 
+def test_recordings_end_where_they_are_cut_and_never_later(make_recordings):
+    recordings = make_recordings(lengths=(5, 6, 7))
+    cut = recordings.until([2, 6, 99])
+    assert list(cut.lengths) == [2, 6, 7] and list(cut.labels) == list(recordings.labels)
+    for number, length in enumerate((2, 6, 7)):
+        assert np.array_equal(cut.recording(number), recordings.recording(number)[:length])
+
+
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(counts=st.lists(st.integers(0, 12), min_size=2, max_size=5).filter(any), data=st.data())
 def test_evenly_is_balanced_and_repeatable(counts, data):

@@ -1,20 +1,22 @@
 """golden/model/prototypes.py: distances against a plain walk through the specification; what teaching and
 forgetting leave, in a model and in the middle of a stream."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import IntegerModel, random_integer_model, with_network
-from eskin.golden.model.pipeline import decide_touches, run
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.model import (
+    IntegerModel,
+    Stream,
+    decide_touches,
+    find_touches,
+    random_integer_model,
+    run,
+    with_network,
+)
 from eskin.golden.model.prototypes import forget, taught_in_use, teach, trajectory_codes
-from eskin.golden.model.stream import Stream
 from tests.golden.model.test_stream import check_same
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene

@@ -1,17 +1,15 @@
 """The front end chosen by evidence: the judge against brute force, missed touches, ties, and choices whose
 truth is known."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import cut_windows, find_touches, first_touches
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_touches, first_touches
+from eskin.golden.model.preprocess import cut_windows
 from eskin.golden.training import choose_front_end as choosing
 from eskin.golden.training.choice_table import ROWS, front_end_table, front_end_words
 from eskin.golden.training.choose_front_end import (
@@ -231,6 +229,18 @@ def test_a_level_that_carries_the_class_is_left_in_and_the_gate_opens_at_once():
     assert any(
         "the level of the first 13 frames alone tells the class" in reason for reason in front_end.reasons
     )
+
+
+def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
+    recordings = touched_at_random()
+    shifted = recordings.samples + 3000 * np.repeat(recordings.labels, recordings.lengths)[:, None]
+    recordings = replace(recordings, samples=shifted.astype(recordings.samples.dtype))
+    folds = choosing.split_folds(recordings, ["day"], 4, None)
+    at_once = BASE.replace(rest="none", rest_frames=0, onset="immediate")
+    for config, fix in ((at_once, "--config with rest 'initial'"), (BASE, "record classes in turn")):
+        chosen = Judged(config, np.ones(len(recordings), bool), 0)
+        (sentence,) = choosing._cautions(Judge(recordings, folds), chosen, folds, {})
+        assert "frames alone tells the class of" in sentence and fix in sentence
 
 
 def test_touches_at_random_times_want_an_onset():

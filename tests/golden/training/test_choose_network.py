@@ -1,7 +1,5 @@
 """The smallest network that is enough: the rule, what it is chosen on, and what the command line fixes."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from functools import partial
@@ -9,11 +7,10 @@ from functools import partial
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.core.cost import Cost
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import FloatModel
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel
 from eskin.golden.training import choose_network as choosing
 from eskin.golden.training import recipe as recipes
 from eskin.golden.training import train

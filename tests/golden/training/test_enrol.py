@@ -1,8 +1,6 @@
 """golden/training/enrol.py: a shifted mounting is learnt, the configuration stays, what cannot be enrolled is
 refused."""
 
-from __future__ import annotations
-
 import dataclasses
 import shutil
 
@@ -11,10 +9,9 @@ import pytest
 
 import eskin
 from eskin.cli.common import show
-from eskin.golden.core.errors import InputError
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.model import FloatModel, IntegerModel, load_config, load_training, with_network
-from eskin.golden.model.pipeline import run
+from eskin.golden.core import InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel, IntegerModel, load_config, load_training, run, with_network
 from eskin.golden.training import enrol as enrolling
 from eskin.golden.training import fit as fitting
 from eskin.golden.training import prototypes as prototypes_of

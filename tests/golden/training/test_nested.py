@@ -11,7 +11,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import with_network
 from eskin.golden.training import nested as nesting
 from eskin.golden.training.choice_table import unseen
-from eskin.golden.training.choose_front_end import TRIED_RECURRENT, Field, configure, field_of
+from eskin.golden.training.choose_front_end import TRIED_RECURRENT, Field, configure, field_of, inner_folds
 from eskin.golden.training.choose_network import train_chosen
 from eskin.golden.training.crossval import Terms
 from eskin.golden.training.datasets import Datasets
@@ -75,6 +75,16 @@ def test_inside_folds_a_recurrent_network_stands_on_the_front_ends_of_the_choice
     asked = nested_of(recordings, field, "gru")._tried(judged)
     assert asked == tried[-len(recurrent) :]
     assert len(nested_of(recordings, field, "linear")._tried(judged)) == 1
+
+
+def test_inner_folds_keep_a_group_together_where_the_one_asked_for_has_one_value(gripped):
+    recordings, _ = gripped
+    part = recordings.subset(np.flatnonzero(recordings.groups["trial"] == recordings.groups["trial"][0]))
+    folds, persons = inner_folds(part, ["trial"]), part.groups["person"]
+    assert sorted(np.concatenate(folds)) == list(range(len(part)))
+    assert len(folds) == 4 and all(len(set(persons[fold])) == 1 for fold in folds)
+    alone = dataclasses.replace(part, groups={"trial": part.groups["trial"]})
+    assert any(len(set(persons[fold])) > 1 for fold in inner_folds(alone, ["trial"]))
 
 
 def test_of_two_fits_of_one_linear_network_inner_folds_decide(gripped, quick, monkeypatch):

@@ -292,12 +292,12 @@ def test_the_rarest_features_get_bits_on_top_and_the_state_makes_room_for_recurr
     "last, changes, widths, dense",
     [
         ((-30.0, 30.0), {}, {}, "SQ(2,6)"),  # of a logistic regression: rounding is nothing beside them
-        ((-0.5, 1.5), {}, {}, "SQ(2,9)"),  # of least squares; 20 x 16 terms, each off by 2**-9 / sqrt(12)
-        ((-0.5, 1.5), {}, {"weight_bits": 8}, "SQ(2,6)"),  # as asked for
+        ((-2.0, 6.0), {}, {}, "SQ(2,9)"),  # 20 x 16 terms, each off by 2**-9 / sqrt(12)
+        ((-2.0, 6.0), {}, {"weight_bits": 8}, "SQ(2,6)"),  # as asked for
         ((0.0, 0.0), {}, {}, "SQ(2,10)"),  # as far as an accumulator of DSP lanes goes
-        ((-0.5, 1.5), {"name": "fabric"}, {"plain": True}, "SQ(2,6)"),
-        ((-2.0, 6.0), {"weight_sets": "one"}, {}, "SQ(2,9)"),  # the same error in each window
-        ((-2.0, 6.0), {}, {}, "SQ(2,7)"),
+        ((-2.0, 6.0), {"name": "fabric"}, {"plain": True}, "SQ(2,6)"),
+        ((-12.0, 12.0), {}, {}, "SQ(2,7)"),
+        ((-12.0, 12.0), {"weight_sets": "one"}, {}, "SQ(2,9)"),  # the same error in each window
     ],
 )
 def test_weights_of_a_linear_cell_are_as_fine_as_its_last_logits_ask_for(last, changes, widths, dense):

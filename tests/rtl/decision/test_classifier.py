@@ -1,13 +1,10 @@
 """argmax, margin, ties, votes, partial touches."""
 
-from __future__ import annotations
-
 import random
 
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.formats import QFormat
+from eskin.golden.core import PRESETS, QFormat
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.program.timing import logit_to_decision
 from tests.support.stream_bench import Bench, values

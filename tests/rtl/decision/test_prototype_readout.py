@@ -1,16 +1,14 @@
 """Distances, ties and what is unknown; teaching, forgetting and refusals: the block against the golden
 functions."""
 
-from __future__ import annotations
-
 import random
 
 import numpy as np
 import pytest
 from amaranth.hdl import Const
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.golden.model.prototypes import class_distances, forget, narrowed, taught_in_use, teach
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.decision.prototype_readout import PrototypeReadout

@@ -1,13 +1,11 @@
 """Both searches: class and margin of random scores, ties, ends of the range, and the cycle in which they are
 there."""
 
-from __future__ import annotations
-
 import random
 
 from amaranth.sim import Simulator
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.decision.score_search import SearchOnce, SearchTwice, make_search
 from tests.rtl.decision.test_classifier import top_two
 from tests.support.table import each_row

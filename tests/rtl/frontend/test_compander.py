@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.preprocess import compand, real_features
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.model import real_features
+from eskin.golden.model.preprocess import compand
 from eskin.rtl.frontend.compander import Compander
 from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, values

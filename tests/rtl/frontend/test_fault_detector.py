@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from amaranth.hdl import ResetInserter, Signal
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import activity, find_touches
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_touches
+from eskin.golden.model.preprocess import activity
 from eskin.rtl.frontend.fault_detector import FaultDetector
 from tests.support.stream_bench import Bench, put
 

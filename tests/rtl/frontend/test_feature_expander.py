@@ -1,17 +1,13 @@
 """rtl/frontend/feature_expander.py: every kind of feature against loops over frames; the whole chain with
 every subset, bit-exact."""
 
-from __future__ import annotations
-
 from itertools import combinations
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import AcceleratorConfig
-from eskin.golden.core.groups import FEATURE_KINDS
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
+from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig
+from eskin.golden.model import random_integer_model, run
 from eskin.golden.model.preprocess import companded
 from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander
 from eskin.rtl.program.memory_map import Fault

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from amaranth.hdl import ResetInserter, Signal
 
-from eskin.golden.core.formats import clamp
-from eskin.golden.data.recordings import Recordings
-from eskin.golden.model.preprocess import find_touches
+from eskin.golden.core import clamp
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_touches
 from eskin.rtl.frontend.front_end import FrontEnd
 from eskin.rtl.frontend.normaliser import Normaliser
 from tests.support.front_end_cases import CASES, make_stream, sample_beats

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import InputError
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from eskin.rtl.frontend.rest_level import exact_reciprocal
 from tests.support.front_end_cases import CASES, REST, detect, frame_beats, make_stream, sample_beats

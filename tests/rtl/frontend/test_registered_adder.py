@@ -1,13 +1,11 @@
 """The adder as described against the SB_MAC16 that it becomes, on the vendor's cell model."""
 
-from __future__ import annotations
-
 import random
 from pathlib import Path
 
 from amaranth.back import rtlil
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.engine.sb_mac16 import ICE40
 from eskin.rtl.frontend.registered_adder import RegisteredAdder
 from tests.support.table import each_row

@@ -1,14 +1,12 @@
 """rtl/host/bus_shell.py behind each bus: samples in, decisions out, events, an interrupt, other registers."""
 
-from __future__ import annotations
-
 import random
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.golden.model.decision_word import NO_DECISION, decision_word
 from eskin.rtl.host.decision_queue import DEPTHS
 from eskin.rtl.program.memory_map import Control, Event, Register, ShellRegister

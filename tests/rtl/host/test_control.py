@@ -3,9 +3,7 @@
 What a write during a touch and an access to no register may not change is proved in formal/host/control.py.
 """
 
-from __future__ import annotations
-
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.host import cycle_counter
 from eskin.rtl.host.control import HostControl

@@ -1,21 +1,16 @@
 """rtl/host/driver: the C driver, as compilers see it, and as it plays recordings into the Verilated shell."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from xml.etree import ElementTree
 
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.data.load import load_recordings
+from eskin.golden.core import PRESETS
+from eskin.golden.data import load_recordings
+from eskin.golden.model import Stream, random_integer_model, random_recordings, run
 from eskin.golden.model.decision_word import decision_word
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
 from eskin.golden.model.prototypes import forget, taught_in_use
-from eskin.golden.model.stream import Stream
-from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import Control, Event, Fault, Register, Status
 from tests.golden.model.test_prototypes import taught_model

@@ -1,11 +1,9 @@
 """rtl/host/flash_loader.py: the image's writes, in order; nothing is done from one that is not whole."""
 
-from __future__ import annotations
-
 import random
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.model.model import random_integer_model
+from eskin.golden.core import PRESETS
+from eskin.golden.model import random_integer_model
 from eskin.rtl.host.flash_loader import FlashLoader
 from eskin.rtl.program.flash_image import (
     FLASH_OFFSET,

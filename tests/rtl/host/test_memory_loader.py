@@ -1,10 +1,8 @@
 """Words of random memories: where they go, and which are refused."""
 
-from __future__ import annotations
-
 import random
 
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.common.load_port import load_lines
 from eskin.rtl.host.memory_loader import MemoryLoader
 from eskin.rtl.program.memory_map import load_words, memory_words, words_per_entry

@@ -1,9 +1,7 @@
 """A recording is finished when nothing is under way; touches are counted; `due` says what the watchdog waits
 for."""
 
-from __future__ import annotations
-
-from eskin.golden.core.config import PRESETS
+from eskin.golden.core import PRESETS
 from eskin.rtl.host.recording_state import RecordingState
 from tests.support.stream_bench import simulate
 

@@ -1,20 +1,14 @@
 """Every field of every register: written and read in the simulated design, as its description says."""
 
-from __future__ import annotations
-
 import re
 
 import numpy as np
 import pytest
 
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.converters import ConverterFault
-from eskin.golden.model.conversion import codes_of, samples_of
+from eskin.golden.core import PRESETS, ConverterFault
+from eskin.golden.model import codes_of, random_integer_model, random_recordings, run, samples_of
 from eskin.golden.model.decision_word import decision_word
-from eskin.golden.model.model import random_integer_model
-from eskin.golden.model.pipeline import run
 from eskin.golden.model.position import positions
-from eskin.golden.model.vectors import random_recordings
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.program.memory_map import (
     NO_DECISION,

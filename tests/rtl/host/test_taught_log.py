@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from amaranth.sim import Simulator
 
-from eskin.golden.core.config import PRESETS, AcceleratorConfig
-from eskin.golden.core.errors import InputError
-from eskin.golden.model.model import IntegerModel, random_integer_model
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.golden.model.prototypes import forget, taught_in_use, teach
 from eskin.golden.model.taught_log import played, sizes
 from eskin.rtl.host.taught_log import TaughtLog

@@ -1,8 +1,6 @@
 """The serial link on its own, at its pins: packets in, frames and bus accesses out, and the other way round;
 damage of every kind."""
 
-from __future__ import annotations
-
 import random
 from types import SimpleNamespace
 
@@ -13,8 +11,7 @@ from hypothesis import strategies as st
 
 from eskin.cosim import link
 from eskin.cosim.scoreboard import offered_row, unpack_decision
-from eskin.golden.core.config import PRESETS
-from eskin.golden.core.errors import InputError
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.model.decision_word import decision_word
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.fpga.generate import pack_decision
