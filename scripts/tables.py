@@ -21,6 +21,10 @@ features [KINDS ...]
     another.
 checks
     Checksum and watchdog, placed once, with the link, which tells the faults.
+readouts
+    Prototypes in place of the dense layer's decision, preset ``pvdf`` on one lane, placed once; three places to be
+    taught; then, by Yosys, what a board without a host has beside it. Teaching: cycles of one touch's pass
+    over the memory, and as many cycles of a step in joules.
 
 Cells are Yosys' counts on an iCE40 UP5K before placement where nothing else is said, onset to decision
 without the serial link.
@@ -44,11 +48,25 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import place
 from eskin.rtl.fpga.synthesis import ICE40_DSP, Chain, Harness, PoweredOn, counted, synthesise
 from eskin.rtl.fpga.targets import target
+from eskin.rtl.host.flash_loader import FlashLoader
+from eskin.rtl.host.taught_log import TaughtLog
+from eskin.rtl.interface.teach_buttons import TeachButtons
+from eskin.rtl.program.flash_image import log_layout
+from eskin.rtl.program.memory_map import prototype_words
 from eskin.rtl.program.schedule import frame_cycles, lowest_clock_hz, mean_frame_cycles, schedule, step_cycles
 from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.verbs import asic_job, build_job, defence_cost, energy_job
 
 BOARD, LANES, FRAMES = "icebreaker", 4, 300
+READOUTS = {
+    "dense": 0,
+    "3 prototypes": 3,
+    "8 prototypes": 8,
+    "dense, checksum": 0,
+    "3 prototypes, checksum": 3,
+}
+"""Prototypes a class."""
+TAUGHT: Record = {"readout": "prototypes", "taught": 3, "state_code_bits": 4, "state_code_shift": 9}
 SCENES = ("thesis", "synthetic", "pvdf")
 ALL = ("mean", "activity", "integral")
 FEATURES: dict[str, Record] = {
@@ -136,11 +154,16 @@ def cell_rows(asked: argparse.Namespace) -> Iterator[Row]:
 
 
 # ---------------------------------------------------------------------- designs
-def placed(config: AcceleratorConfig) -> Row:
+def placed(config: AcceleratorConfig, seeds: int = 3) -> Row:
     """Columns behind the first, of a design on the board."""
     model = random_integer_model(config, 1)
     request = build_job.BuildRequest(
-        lanes_asked=True, config=model.config, arrays=model.arrays, target=target(BOARD), link=False, seeds=3
+        lanes_asked=True,
+        config=model.config,
+        arrays=model.arrays,
+        target=target(BOARD),
+        link=False,
+        seeds=seeds,
     )
     try:
         built = build_job.build(request)[0]
@@ -264,6 +287,35 @@ def check_rows(asked: argparse.Namespace) -> Iterator[Row]:
         yield name, *(cells.get(kind) for kind in ("logic_cells", "ff", "bram")), cycles
 
 
+def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
+    """The dense layer and prototypes."""
+    for name in asked.rows or READOUTS:
+        base = PRESETS["pvdf"].with_lanes(1, "dsp").replace(checksum=name.endswith("checksum"))
+        if count := READOUTS[name]:
+            base = base.with_readout(prototypes=count, **TAUGHT)
+        cells, memories, mhz, _, _, step, touch, _ = placed(base, seeds=1)
+        config = random_integer_model(base, 1).config
+        pass_cycles = prototype_words(config) + config.windows.steps if count else 0
+        activity = scheduled_activity(config, step, *mean_frame_cycles(config), 1)
+        energy = estimate(config, target(BOARD).device, activity, lowest_clock_hz(config))
+        teaching = (
+            f"{pass_cycles} cycles, {1e6 * pass_cycles * energy['per_step_j'] / step:.2f} uJ"
+            if count
+            else "-"
+        )
+        yield name, cells, memories, mhz, step, touch, teaching
+    log = log_layout(PRESETS["pvdf"].with_readout(prototypes=3, **TAUGHT))
+    if log and not asked.rows:
+        blocks = {
+            "loader of the flash": FlashLoader(0, 1 << 14, wake_cycles=1200),
+            "with the log of touches": TaughtLog(0, 1 << 14, log=log, wake_cycles=1200),
+            "buttons": TeachButtons(240_000),
+        }
+        for name, block in blocks.items():
+            cells = cells_of(block)
+            yield name, f"{cells['lut']} LUT, {cells['ff']} flip-flops", *"-----"
+
+
 TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
     "cells": (
         "scene | cell | accuracy | multiplies a touch | cycles a step | latency | LUT | flip-flops | multipliers "
@@ -280,6 +332,7 @@ TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
         "| frame_plain",
         feature_rows,
     ),
+    "readouts": ("readout | cells | memories | MHz | cycles a step | a touch | teaching", readout_rows),
     "checks": ("checks | cells | flip-flops | block memories | cycles a step", check_rows),
 }
 """Columns and rows of each table."""

@@ -22,7 +22,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jinja2
 import numpy as np
@@ -43,7 +43,8 @@ from eskin.golden.core import (
     read_arrays,
     replacing,
 )
-from eskin.golden.model import describe_formats
+from eskin.golden.data import Recordings
+from eskin.golden.model import Trace, describe_formats
 from eskin.golden.training.choice_table import (
     front_end_brief,
     front_end_table,
@@ -55,10 +56,6 @@ from eskin.golden.training.choice_table import (
 )
 from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
 from eskin.pages.views import GAP, page, percent, short_name, tables, words, write_text
-
-if TYPE_CHECKING:
-    from eskin.golden.data import Recordings
-    from eskin.golden.model import Trace
 
 PAGE = "report.html"
 TEMPLATES = Path(__file__).with_name("templates")

@@ -8,17 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Arrays
+from eskin.golden.data import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel
 from eskin.golden.model.preprocess import Touches, find_touches, normalise, real_features
 from eskin.golden.model.prototypes import class_distances, real_trajectory, trajectory_codes
-
-if TYPE_CHECKING:
-    from eskin.golden.data import Recordings
 
 STAGES = ("sum", "fault", "feature", "state", "logit", "decision")
 """Stages of a trace, in the order of the chain."""

@@ -332,19 +332,9 @@ def spread_of(by_seed: Sequence[float], recordings: int) -> Record:
     """spread: standard deviation over seeds; standard_error: of their mean. One seed says nothing of either:
     then the spread is None and the standard error that of a share of so many recordings."""
     values = np.asarray(by_seed, dtype=np.float64)
-    if len(values) > 1:
-        spread = float(values.std(ddof=1))
-        return {
-            "spread": spread,
-            "standard_error": spread / math.sqrt(len(values)),
-            "by_seed": values.tolist(),
-        }
-    mean = float(values.mean())
-    return {
-        "spread": None,
-        "standard_error": math.sqrt(mean * (1 - mean) / recordings),
-        "by_seed": values.tolist(),
-    }
+    mean, spread = float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else None
+    error = math.sqrt(mean * (1 - mean) / recordings) if spread is None else spread / math.sqrt(len(values))
+    return {"spread": spread, "standard_error": error, "by_seed": values.tolist()}
 
 
 # ---------------------------------------------------------------------- the sweep

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from eskin.pages.inspect_data import MANY_TAXELS, _thinned, draw, held_shares, in_rows, inspect
+from eskin.pages.views import words
 from tests.support.table import each_row
 
 
@@ -47,3 +48,10 @@ def test_of_many_recordings_those_without_an_onset_the_earliest_and_the_latest_a
     assert [row[0] for row in rows["of_recordings"]] == [0, 3, 4, 5, 6, 7, 8, 9, 10, 11]
     assert rows["lost"] == 2 and [row["lost"] for row in rows["of_classes"]] == [0, 2]
     assert [row["span"] for row in rows["of_classes"]] == [[2, 7, 13], [3, 8, 14]]
+
+
+def test_of_many_classes_with_few_recordings_ten_are_named_and_the_others_counted(make_recordings):
+    recordings = make_recordings(lengths=[40] * 26, classes=13)
+    figures = inspect(recordings)
+    text = words("inspect", **figures, **in_rows(recordings, figures, "mine.npz"), picture="mine.png")
+    assert "class9 and 3 other classes: record more" in text

@@ -1,17 +1,20 @@
 """Upsets in the generated Verilog: the way in for them, the campaigns, and that each campaign can fail."""
 
+import random
 from functools import cache
 from pathlib import Path
 
 import pytest
 
 from eskin.cosim import upsets as bench
-from eskin.golden.model import random_integer_model
+from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.rtl.fpga.upsets import with_upsets
 from eskin.rtl.program.memory_map import Fault
 from eskin.verbs import upset_campaign
 from eskin.verbs.link_upsets import upset_link
+from tests.golden.model.test_prototypes import taught_model
 from tests.rtl.top.test_accelerator import CONFIGS, recordings
+from tests.support.touch_scenes import scene
 
 BUILDS = Path("build/simulators")
 
@@ -73,6 +76,28 @@ def test_a_memory_bit_and_a_register_bit_can_be_flipped_and_the_rest_is_as_golde
     assert len(left) > 20, "every cycle around a decision is among them"
     assert any(record["differs"] for record in left)
     assert clean["recordings"][0]["faults"] & (Fault.CHECKSUM | Fault.WATCHDOG) == 0
+
+
+def test_a_flip_of_what_the_readout_keeps_is_flagged_and_nothing_hangs():
+    """Every bit of every register that outlasts a cycle, once."""
+    taught = taught_model("gru")
+    config = taught.config.replace(checksum=True, watchdog=True)
+    given = upset_campaign.scenario(IntegerModel(config, taught.arrays, "a test"), scene(12, seed=8))
+    made = upset_campaign.Campaign.build(given, BUILDS)
+    kept = "address unit slot label chosen state count_0 count_1 count_2".split()
+    rng = random.Random(6)
+    sites = {
+        site.name.removeprefix("readout."): site for site in made.flip_flops() if site.block == "readout"
+    }
+    assert sites.keys() >= set(kept)
+    flips = [
+        (sites[name].number, 0, 0, bit, 0, rng.randrange(100, 1100))
+        for name in kept
+        for bit in range(sites[name].width)
+    ]
+    for flip, result in zip(flips, made.play(flips), strict=True):
+        judged = made.judge(result)
+        assert judged["flagged"] and not judged["hang"], flip
 
 
 def test_a_recording_left_at_any_cycle_around_a_decision_leaves_nothing_to_the_next():

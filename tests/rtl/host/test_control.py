@@ -117,6 +117,7 @@ def test_loading_and_a_refused_write():
         (("beat_offered",), 0),
         (("framing_fault",), Fault.FRAMING),
         (("engine_overrun",), Fault.OVERRUN),
+        (("raised",), Fault.TAXEL),
     ],
 )
 def test_faults(signals, fault):
@@ -125,7 +126,7 @@ def test_faults(signals, fault):
         assert await read(Register.FAULTS) == fault
         assert not await read(Register.STATUS) & Status.FAULT, "nothing in the design is broken"
 
-    play(body)
+    play(body, fault_frames=16)
 
 
 def test_finish_waits_for_everything_in_flight_and_ends_the_touch():

@@ -61,6 +61,11 @@ def test_every_cell_at_its_taxel_when_it_has_settled():
     assert [cell for cell, _ in cells.samples] == list(range(15)) * 2
     assert all(since >= PLAN.settle for _, since in cells.samples[1:])
     assert all(frame.cycles <= PLAN.scan_cycles for frame in frames)
+    lines = {name: len(getattr(cells.pins, name)) for name in cells.pins.signature.members}
+    assert [*PLAN.wires("matrix")] == ["pins__cs_n", "pins__miso", "pins__sclk"] + [
+        f"pins__{name}[{k}]" for name in ("row", "column") for k in range(lines.pop(name))
+    ]
+    assert lines == {"cs_n": 1, "sclk": 1, "miso": 1}
 
 
 @each_row(

@@ -15,6 +15,7 @@ from eskin.rtl.top import skin_top
 from tests.support.silent import Silent
 
 CLOCK_HZ = 4 * STIMULATOR_BAUD
+CONFIG = PRESETS["thesis"].replace(converter="ads7953", stimulator="decisions", hold_s=0.03)
 CAUSES = {
     "nothing": lambda sensing: None,
     "a frame is missing": lambda sensing: sensing.broken,
@@ -23,7 +24,7 @@ CAUSES = {
 }
 
 
-def skin(monkeypatch, **fields):
+def skin(monkeypatch, config=CONFIG, **fields):
     """A board around a chain that does nothing, and a list that will hold its stimulator."""
     sensing_of, stimulation_of, made = skin_top.Sensing, skin_top.Stimulation, []
     watching = SimpleNamespace(watching=SimpleNamespace(hung=Signal()))
@@ -35,7 +36,6 @@ def skin(monkeypatch, **fields):
     monkeypatch.setattr(
         skin_top, "Stimulation", lambda *arguments: made.append(stimulation_of(*arguments)) or made[-1]
     )
-    config = PRESETS["thesis"].replace(converter="ads7953", stimulator="decisions", hold_s=0.03)
     return skin_top.SkinTop(config, None, clock_hz=CLOCK_HZ, **fields), made
 
 
@@ -97,5 +97,24 @@ def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
                 return
             await ctx.tick()
         raise AssertionError("the lamp stays dark")
+
+    run(dut, play)
+
+
+def test_a_button_goes_round_all_classes(monkeypatch):
+    """Five, of which the last takes a bit more than those below it; a disturbance between two looks is no press."""
+    monkeypatch.setattr(skin_top, "SAMPLE_S", 20 / CLOCK_HZ)
+    taught = dict(readout="prototypes", prototypes=1, taught=1, state_code_bits=4, state_code_shift=10)
+    config = CONFIG.replace(decision="last", class_names=tuple("abcde")).with_readout(**taught)
+    dut, _ = skin(monkeypatch, config, flash=True)
+
+    async def play(ctx):
+        for press in range(6):
+            before = ctx.get(dut.decision)
+            for cycles, shown in ((15, before), (70, 1 << press % 5)):
+                for level in (0, 1):
+                    ctx.set(dut.choose_n, level)
+                    await ctx.tick().repeat(cycles if level == 0 else 70)
+                assert ctx.get(dut.decision) == shown
 
     run(dut, play)
