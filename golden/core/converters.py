@@ -39,7 +39,7 @@ LINES_MAX = 16
 class ConverterFault(IntFlag):
     """What was wrong with a frame; it is not handed on."""
 
-    STUCK = 1  # every code of a data line is at the same end of its range
+    STUCK = 1  # every code of a chip is at the same end of its range
     ORDER = 2  # another channel's number, or a bit that the data sheet fixes is wrong
     LATE = 4  # the frame was not complete, or the chain not ready, when the next was due
     SILENT = 8  # no answer: no acknowledge, no DVALID

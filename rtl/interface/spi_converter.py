@@ -14,8 +14,8 @@ class SpiConverter(wiring.Component):
     """All channels of ``plan.lines * plan.selects`` chips, one frame a ``start``.
 
     A frame takes ``len(plan.transfers)`` times (`SpiMaster`'s transfer + lines + 2) cycles. Checked are the
-    channel's number and the bits that are 0 by the data sheet (ORDER), and for each data line whether all its
-    codes are at the same end of their range (STUCK); lines with a single channel are judged together, because
+    channel's number and the bits that are 0 by the data sheet (ORDER), and for each chip whether all its
+    codes are at the same end of their range (STUCK); chips with a single channel are judged together, because
     one saturated taxel is no fault.
 
     Members
@@ -84,13 +84,9 @@ class SpiConverter(wiring.Component):
             with m.If(end_of_lines):
                 m.d.sync += [handing.eq(0), line.eq(0), transfer.eq(transfer + 1), step.eq(step + 1)]
                 with m.If(end_of_group):
-                    m.d.sync += [
-                        step.eq(0),
-                        group.eq(group + 1),
-                        stuck_before.eq(stuck_before | stuck_now),
-                        low.eq(-1),
-                        high.eq(-1),
-                    ]
+                    m.d.sync += [step.eq(0), group.eq(group + 1)]
+                    if chip.channels > 1:
+                        m.d.sync += [stuck_before.eq(stuck_before | stuck_now), low.eq(-1), high.eq(-1)]
                 with m.If(end):
                     m.d.sync += self.busy.eq(0)
                     m.d.comb += self.finished.eq(1)

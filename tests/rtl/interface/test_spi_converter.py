@@ -18,6 +18,7 @@ CONFIGS = {
         "mcp3208x2": dict(converter="mcp3208x2"),
         "in series": dict(converter="mcp3208x2", data_lines=1),
         "ad7476": dict(converter="ad7476"),
+        "ad7476 in series": dict(converter="ad7476", data_lines=1),
         "spi": dict(
             converter="spi",
             spi_frame_bits=24,
@@ -59,7 +60,7 @@ def test_every_code_at_its_taxel_and_a_stuck_line_is_a_fault(name):
     frame, chips = frame_of(name, codes, count=2)
     assert frame.codes == dict(enumerate(codes)) and not frame.fault
     assert [command for _, command in chips.heard] == 2 * [command for _, command in plan.transfers]
-    stuck = range(16) if name == "ad7476" else [plan.lines - 1]
+    stuck = range(16) if name.startswith("ad7476") else [plan.lines - 1]
     for level in (0, (1 << chip.bits) - 1):
 
         def spoil(word, select, line, channel, level=level):
@@ -82,7 +83,10 @@ STUCK, ORDER = ConverterFault.STUCK, ConverterFault.ORDER
 SPOILED = [
     *(("in series", INSIDE, lambda w, s, l, c, chip=chip: 0 if s == chip else w, STUCK) for chip in (0, 1)),
     # one taxel at its end is no fault
-    ("ad7476", [0, 4095, *INSIDE[2:]], lambda w, s, l, c: w, ConverterFault(0)),
+    *(
+        (name, [0, 4095, *INSIDE[2:]], lambda w, s, l, c: w, ConverterFault(0))
+        for name in ("ad7476", "ad7476 in series")
+    ),
     ("mcp3208x2", [0] * 7 + INSIDE[7:], lambda w, s, l, c: w, ConverterFault(0)),
     # a wrong number and a wrong null bit
     *(
