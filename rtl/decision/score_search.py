@@ -65,7 +65,8 @@ class SearchTwice(wiring.Component):
         )
         last, compared_last = number == classes - 1, compared == classes - 1
         # the second time
-        searching, reading_others, others, subtracting = (Signal(), Signal(), Signal(), Signal())
+        names = ("searching", "reading_others", "others", "subtracting")
+        searching, reading_others, others, subtracting = (Signal(name=name) for name in names)
         fetched, comparing, taken_unseen = Signal(), Signal(), Signal()
         # `held` is the complement of the largest score so far, and in the end the margin. It takes one cell a
         # bit: the carries compare, and the same cells compute the value to load.

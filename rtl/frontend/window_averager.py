@@ -84,7 +84,7 @@ class WindowAverager(wiring.Component):
         config, m = self.config, Module()
         kinds, windows = config.features.feature_kinds, config.windows
         index, index_next = Signal(range(config.sensor.taxels)), Signal(range(config.sensor.taxels))
-        operation, operation_next = Signal(Operation), Signal(Operation)
+        operation, operation_next = (Signal(Operation, name=name) for name in ("operation", "operation_next"))
         advance, step, beat_done = Signal(), Signal(), Signal()
 
         # --- windows that end with the touch's last frame: the frame itself is the first one's pass
@@ -158,7 +158,7 @@ class WindowAverager(wiring.Component):
         )
         read, write = sums.read_port(), sums.write_port()
         m.submodules.adder = adder = RegisteredAdder(config, bits, carry=1)
-        total, bank, fresh = adder.total, Signal(), Signal()
+        total, bank, fresh = adder.total, Signal(name="bank"), Signal()
         word_next = Cat(kind_next, index_next, parity ^ turns ^ (operation_next == Operation.PREVIOUS))
         m.d.comb += [
             read.addr.eq(word_next if gap is None else Mux(gap, Cat(kind, index, parity), word_next)),
