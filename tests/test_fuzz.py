@@ -18,9 +18,9 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 import eskin
 from eskin.cli import data
+from eskin.golden import data as reader
 from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, read_arrays
 from eskin.golden.core.files import MOST_UNPACKED_BYTES
-from eskin.golden import data as reader
 from eskin.golden.data import load_recordings, scene
 from eskin.golden.model import IntegerModel, load_training, random_integer_model
 from eskin.golden.studies.sweep import read_grid
