@@ -201,11 +201,12 @@ def _processes(workers: int, shared: Any) -> Place:
     pool = ProcessPoolExecutor(workers, context, _begin_worker, (pickle.dumps(shared),))
 
     def stop() -> None:
-        pool.shutdown(wait=False, cancel_futures=True)
         for process in set(multiprocessing.active_children()) - others:
             with contextlib.suppress(ProcessLookupError):  # it has not become a group yet, or is gone
                 os.killpg(process.pid or 0, signal.SIGTERM)
             process.terminate()
+        # it waits for the pool's thread, which else might close its pipe while Python's end wakes it
+        pool.shutdown(cancel_futures=True)
 
     return pool, lambda function, piece: (_in_worker, function, piece), stop, lambda: None
 
