@@ -57,6 +57,7 @@ class HostedChain(wiring.Component):
         return gated(chain, needed, platform) if self._config.hardware.clock_gate else chain
 
     def wired(self) -> tuple[Module, Signal]:
+        """A chain's own: its module, and whether the next clock edge is needed."""
         raise NotImplementedError
 
     def frames_to(self, control: HostControl) -> list:
