@@ -35,6 +35,7 @@ trial. What tells the classes apart is the order in which a taxel is loaded: + t
 """
 
 import dataclasses
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
@@ -243,7 +244,7 @@ def _contact(
         stuck = (since * rng.uniform(8, 14) + rng.uniform()) % 1
         q = single(slid - 0.05 * (stuck - 0.5) - reach - along) / single(0.3 * width)
         shear = habit["friction"] * np.tanh(slid / 0.25)
-        shape = bump(q) * bump(beside / 2) * (single(0.4) + single(np.sqrt(np.e) * shear) * q)
+        shape = bump(q) * bump(beside / 2) * (single(0.4) + single(math.sqrt(math.e) * shear) * q)
     elif modality == "roll":
         shape = bump((slid - reach - along) / (0.28 * width))
     else:
