@@ -104,12 +104,12 @@ class Jobs:
         if self._progress:
             self._progress(what, 0, len(waiting))
         with contextlib.closing(self._arriving(function, waiting, shared)) as arriving:
-            for done, (key, result) in enumerate(arriving, 1):
+            for finished, (key, result) in enumerate(arriving, 1):
                 if keep:
                     keep.write(key, result)
                 results[key] = result
                 if self._progress:
-                    self._progress(what, done, len(waiting))
+                    self._progress(what, finished, len(waiting))
         return results
 
     def _arriving(

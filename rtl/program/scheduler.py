@@ -326,9 +326,9 @@ class Scheduler:
                 coming = [g for g, *_ in elements_of[position : position + self.AHEAD + 1]]
                 # one look further than AHEAD, so that a group that goes on beyond it counts as longer
                 todo = coming.count(coming[0]) if coming and self.yields else 0
-                kept = self._table_slots(coming[0], cycle + todo - 1) if 0 < todo <= self.AHEAD else range(0)
+                slots = self._table_slots(coming[0], cycle + todo - 1) if 0 < todo <= self.AHEAD else range(0)
                 for k, (op, index) in enumerate(pending):
-                    if position > last_old.get(op.state, -1) and self._element_ready(op, index, cycle, kept):
+                    if position > last_old.get(op.state, -1) and self._element_ready(op, index, cycle, slots):
                         issued = (op, index, 0)
                         del pending[k]
                         break
