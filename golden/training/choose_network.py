@@ -4,10 +4,10 @@ and ``run`` do without --cell and --config.
 Candidates are the linear cell on each front end of the plan's shortlist and GRUs of 4, 8 and 12 units on one,
 and of 16 where 12 is not level: where it lies more than a standard error below the best, or is still that
 much better than 8. Each is cross-validated, all folds at once, in the integers that it would be quantised to,
-with one seed, and with two more where it can still be taken. Taken is the cheapest, by the plan's `Market`,
-of those that are level with the best: behind by at most one standard error of the paired difference over
-recordings, each recording's being the mean over seeds. That says how far the difference would move with other
-recordings like these, not how far it would with other groups.
+with one seed, and with two more where it can still be taken. The cheapest, by the plan's `Market`, of those
+that are level with the best is taken. Level means behind by at most one standard error of the paired
+difference over recordings, seeds averaged. That error says how far the difference would move with other
+recordings like these, not with other groups.
 
 The shortlist was made by a linear classifier, which sees all windows at once; a recurrent network may do with
 fewer kinds of feature, or better with another gate. A GRU 12 is cross-validated on the shortlist and on the
@@ -18,9 +18,9 @@ A linear cell is fitted as a logistic regression and by least squares (``eskin.g
 which one does better depends on how many touches there are for its weights. Where the recipe augments
 touches, which helps or harms by what tells the classes apart, both are fitted to touches as they were
 recorded too; and a logistic regression of these with a weaker penalty. All cost the same, so all are tried on
-the cheapest front end and the best of them on the others. Of equal cost the first in this order that is
-level with the most accurate is taken, so logistic regressions, whose margins are logarithms of odds, come
-before least squares.
+the cheapest front end and the best of them on the others. Of those that are level with the most accurate the
+first in this order is taken. So logistic regressions, whose margins are logarithms of odds, come before least
+squares.
 """
 
 import dataclasses
@@ -137,9 +137,11 @@ class Candidate:
 
 
 def least_error(count: int) -> float:
-    """Standard error of an accuracy of 100 % over ``count`` recordings: that of (count + 1) / (count + 2),
-    what Laplace's rule of succession makes of it. Recordings without a single error do not show that the next
-    one will have none."""
+    """Standard error of an accuracy of 100 % over ``count`` recordings.
+
+    It is that of (count + 1) / (count + 2), Laplace's rule of succession: recordings without an error do not
+    show that the next one will have none.
+    """
     return float(np.sqrt((count + 1) / (count + 2) ** 2 / count))
 
 
