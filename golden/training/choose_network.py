@@ -204,8 +204,8 @@ def cross_validate_network(
 def recurrent_front_end(
     terms: Terms, front_ends: Sequence[AcceleratorConfig], market: Market
 ) -> tuple[AcceleratorConfig, list[Record]]:
-    """The front end for a recurrent network: of these the cheapest that is level with the one on which it
-    does best, and a row for each that was tried.
+    """The front end for a recurrent network, and a row for each that was tried: of ``front_ends`` the
+    cheapest that is level with the best.
 
     Each trains the configuration's network, a GRU 12 as it is derived, the first seed, half the recipe's
     updates; the cheapest first, and none behind one that is so near 100 % that no other can be better by a
@@ -353,6 +353,15 @@ class Wish:
         """``config`` with the steps that were asked for."""
         return config if self.steps is None else with_network(config, steps=self.steps)
 
+    def with_weight_sets(self, plan: Plan) -> Plan:
+        """The plan with ``weight_sets`` on every front end, where they were asked for."""
+        if self.weight_sets is None:
+            return plan
+        config, *listed = (
+            config.replace(weight_sets=self.weight_sets) for config in (plan.config, *plan.shortlist)
+        )
+        return dataclasses.replace(plan, config=config, shortlist=tuple(listed))
+
     def on(self, config: AcceleratorConfig) -> AcceleratorConfig:
         """The network asked for on a front end."""
         config = self.front_end(config)
@@ -401,6 +410,18 @@ class _Choice:
                     "the network stands on another front end than the linear classifier's: "
                     f"{front_end_words(row_of(self.plan.config))}"
                 )
+
+    def splits(self, group: Sequence[str] | None, configured: bool) -> list[list[str]] | None:
+        """The splits to report; None: those of the protocol. ``configured``: the configuration was asked
+        for."""
+        recordings, config = self.terms.recordings, self.config
+        if group is not None:
+            return [list(group)]
+        if self.terms.protocol == "thesis":
+            return None
+        if configured and not self.chooses:
+            return default_splits(recordings, config)
+        return splits_to_report(recordings, config, self.terms.groups)
 
     def _recurrent_front_end(self) -> tuple[AcceleratorConfig, list[Record]]:
         plan, wish = self.plan, self.wish
@@ -568,10 +589,6 @@ def train_chosen(
             "--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or "
             "linear"
         )
-    if wish.weight_sets is not None:
-        weights = {"weight_sets": wish.weight_sets}
-        listed = tuple(config.replace(**weights) for config in plan.shortlist)
-        plan = dataclasses.replace(plan, config=plan.config.replace(**weights), shortlist=listed)
     terms = Terms(
         recordings=recordings,
         groups=plan.split,
@@ -582,16 +599,10 @@ def train_chosen(
         widths=dict(widths or {}),
         progress=progress,
     )
-    choice = _Choice(terms, plan, wish, wish.cell == AUTO or (asked is None and wish.is_open))
+    chooses = wish.cell == AUTO or (asked is None and wish.is_open)
+    choice = _Choice(terms, wish.with_weight_sets(plan), wish, chooses)
     choice.take_network()
-    if group is not None:
-        splits: list[list[str]] | None = [list(group)]
-    elif protocol == "thesis":
-        splits = None
-    elif asked is not None and not choice.chooses:
-        splits = default_splits(recordings, choice.config)
-    else:
-        splits = splits_to_report(recordings, choice.config, plan.split)
+    splits = choice.splits(group, asked is not None)
     nested = choice.nested()
     return train(
         recordings,
