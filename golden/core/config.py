@@ -245,11 +245,9 @@ class AcceleratorConfig:
 
     def _recurrent_refusals(self) -> Iterator[Refusal]:
         cell, reset = self.network.cell, self.network.reset
-        feature, state, bias = (
-            self.formats.feature_format,
-            self.formats.state_format,
-            self.formats.bias_format,
-        )
+        feature = self.formats.feature_format
+        state = self.formats.state_format
+        bias = self.formats.bias_format
         if self.feature_align < 0:
             yield (
                 "feature_format",
@@ -851,10 +849,8 @@ class AcceleratorConfig:
         formats."""
         if not self.recurrent:
             return self.dense_bound
-        state, feature = (
-            self.formats.state_format.magnitude,
-            self.formats.feature_format.magnitude << self.feature_align,
-        )
+        state = self.formats.state_format.magnitude
+        feature = self.formats.feature_format.magnitude << self.feature_align
         gate_row = (
             self.inputs * self.formats.weight_format.magnitude * feature
             + self.network.hidden * self.formats.recurrent_format.magnitude * state

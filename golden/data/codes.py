@@ -76,10 +76,8 @@ def to_codes(
     if scale is None:
         if largest < 1e-300:
             raise InputError(f"{source}: every sample is 0; nothing can be scaled")
-        scale, origin = (
-            round_step(HEADROOM * largest, bounds.max_code),
-            f"twice the largest value of {largest:.6g} fits 16 bits",
-        )
+        scale = round_step(HEADROOM * largest, bounds.max_code)
+        origin = f"twice the largest value of {largest:.6g} fits 16 bits"
     codes = np.rint(values / scale)
     beyond = int(np.count_nonzero((codes < bounds.min_code) | (codes > bounds.max_code)))
     notes = [f"samples are real numbers from {low:.6g} to {high:.6g}; one code is {scale:.6g} ({origin})"]

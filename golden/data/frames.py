@@ -31,11 +31,9 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
     try:
         head = json.loads(line)
         row = row_type(head)
-        names, rate, volt = (
-            np.array(head["class_names"], dtype=np.str_),
-            float(head["sample_rate_hz"]),
-            float(head["lsb_volt"]),
-        )
+        names = np.array(head["class_names"], dtype=np.str_)
+        rate = float(head["sample_rate_hz"])
+        volt = float(head["lsb_volt"])
         # // leaves out a last row that was not written whole
         rows = np.memmap(
             path, row, "r", offset=len(line), shape=(path.stat().st_size - len(line)) // row.itemsize

@@ -225,10 +225,8 @@ class Masters(torch.nn.Module):
         formats = [network_formats(integer.config) for integer in integers]
         self.weights, self._units, self._limits = torch.nn.ParameterDict(), {}, {}
         for name in formats[0]:
-            weight, own = (
-                torch.tensor(np.stack([arrays[name] for arrays in merged])),
-                [fmt[name] for fmt in formats],
-            )
+            weight = torch.tensor(np.stack([arrays[name] for arrays in merged]))
+            own = [fmt[name] for fmt in formats]
             self.weights[name] = torch.nn.Parameter(weight.to(dtype), trained is None or name in trained)
             self._units[name] = _of_each([2.0**fmt.frac_bits for fmt in own], weight).to(dtype)
             self._limits[name] = limits_of(own, weight.to(dtype))
