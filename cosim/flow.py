@@ -252,8 +252,9 @@ def standstill(summary: Mapping[str, int]) -> dict[str, int] | None:
 
 
 def verdict_of(result: Mapping[str, Any]) -> str:
-    """What a result is: ``gave up`` (nothing moved any more, so the rest was not compared), ``differs``, ``no
-    decision`` (no touch with a whole window, so nothing of the network was compared) or ``bit-exact``."""
+    """The result in words: ``gave up`` (the hardware stood still, so later values were not compared),
+    ``differs``, ``no decision`` (no touch with a whole window, so the network was not compared) or
+    ``bit-exact``."""
     if result["gave_up"]:
         return "gave up"
     if not result["bit_exact"]:
@@ -268,8 +269,8 @@ def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
 
 
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
-    """Files and compiler options of the model of the configuration's converter, and of its wiring. A chip on
-    SPI without a model of its own is played by that of any SPI converter."""
+    """Files and compiler options of the converter's model and of its wiring. `spi.sv` stands for every SPI
+    chip that has no model of its own."""
     folder, name = Path(__file__).with_name("converters"), config.interface.converter
     models = (folder / f"{model}.sv" for model in (name, "spi"))
     return (folder / "pins.svh", next(filter(Path.is_file, models))), (f"-DCONVERTER_{name}",)
@@ -296,12 +297,13 @@ def conversion(
     for recording in recordings_of(expected):
         begins, ends = scans[recording.span("samples")].T
         if len(begins):
+            # stamps have 32 bits and wrap: differences are taken modulo their range, around 0
             late = begins - begins[0] - np.arange(len(begins)) * period
             jitter = max(jitter, float(np.abs((late + half) % latency.STAMP_RANGE - half).max()))
         cycles = capture.stream("feature", recording.number).cycles[:: config.inputs]
         frames = recording["decision_frame"][recording["decision"][:, 0] == 0]
         for step, (frame, cycle) in enumerate(zip(frames, cycles, strict=False)):
-            # a step whose window the same frame ends as the one before waits for that
+            # of two windows that end with one frame the second waits for the first, not for the converter
             if step == 0 or frame != frames[step - 1]:
                 waits.append((cycle - ends[frame - 1]) % latency.STAMP_RANGE)
     return {

@@ -14,7 +14,8 @@ import hashlib
 import random
 import re
 import subprocess
-from collections.abc import Callable, Mapping
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,10 @@ def _ticks(cell: Any, pin: str) -> int:
     return min(HORIZON - 1, max(1, round(cell.pins[pin].delay_s / TICK_S)))
 
 
+_Placed = tuple[str, Any, dict]
+"""A cell of the netlist: name, library cell, connections."""
+
+
 class Program:
     """Tables of a module of Yosys' JSON, one flat netlist.
 
@@ -101,14 +106,13 @@ class Program:
         ]
         nets += [bit for port in module["ports"].values() for bit in port["bits"] if isinstance(bit, int)]
         self.nets = 1 + max(nets)
-        by_kind: dict[str, list[tuple[str, Any, dict]]] = {}
+        by_kind: defaultdict[str, list[_Placed]] = defaultdict(list)
         for name, cell in module["cells"].items():
-            by_kind.setdefault(cells[cell["type"]].kind, []).append(
-                (name, cells[cell["type"]], cell["connections"])
-            )
+            kind = cells[cell["type"]]
+            by_kind[kind.kind].append((name, kind, cell["connections"]))
         self._fixed = {
             bits[0]: int("HI" in pin)
-            for _, kind, connections in by_kind.get("other", [])
+            for _, kind, connections in by_kind["other"]
             for pin, bits in connections.items()
             if isinstance(bits[0], int) and kind.pins[pin].direction == "output"
         }
@@ -118,7 +122,7 @@ class Program:
                 for pin, port in kind.pins.items()
                 if port.gate and pin in connections
             }
-            for _, kind, connections in by_kind.get("gate", [])
+            for _, kind, connections in by_kind["gate"]
         ]
         of_net = {role["output"]: number for number, role in enumerate(roles)}
 
@@ -132,11 +136,49 @@ class Program:
         entered = [number for number, role in enumerate(roles) if role["clock"] == root]
         self.top = entered[0] if len(entered) == nets.count(root) - 1 == 1 else None
         self.enable = self.net(roles[self.top]["enable"]) if self.top is not None else 0
-        functions = [self._follower(*row) for row in self._logic(by_kind.get("logic", []))]
+        functions = [self._follower(*row) for row in self._logic(by_kind["logic"])]
         """Of outputs of logic, and behind them of flip-flops that take more than a pin: net, nets of its
         inputs, truth table, delay."""
+        flops = self._flip_flops(by_kind["flip-flop"], functions)
+        latches = self._latches(by_kind["latch"])
+        rows: list[Any] = [*((net, -1, *row) for net, *row in functions), *(row for _, *row in latches)]
+        memory = self._memories(by_kind["memory"])
+        self.states = len(flops) + len(latches)
+        columns = np.array(flops, np.int32).reshape(-1, 5).T
+        arrays: Record = {
+            "output": [row[0] for row in rows],
+            "inverse": [row[1] for row in rows],
+            "first": np.cumsum([0, *(len(row[2]) for row in rows)]),
+            "inputs": [net for row in rows for net in row[2]],
+            "delay": [row[4] for row in rows],
+            "gate_enable": [self.net(role["enable"]) for role in roles],
+            "gate_clock": [self._gate_of[role["clock"]] for role in roles],
+            "memory": memory,
+        }
+        arrays |= {f"flop_{name}": columns[k] for k, name in enumerate(("data", "q", "inverse", "delay"), 1)}
+        # behind no gate (-1), the first gate, the second ...
+        for name, group in (("flop_first", flops), ("latch_first", latches)):
+            arrays[name] = np.searchsorted([row[0] for row in group], range(-1, len(roles) + 1))
+        # kept, because the tables hold no more than the arrays' addresses
+        self._arrays = {name: np.ascontiguousarray(values, np.int32) for name, values in arrays.items()}
+        self._arrays["table"] = np.array([row[3] for row in rows], np.uint64)
+        self.tables = _Tables(
+            nets=self.nets,
+            cells=len(functions),
+            latches=len(latches),
+            gates=len(roles),
+            flops=len(flops),
+            memories=len(by_kind["memory"]),
+            **{name: values.ctypes.data for name, values in self._arrays.items()},
+        )
+
+    def _flip_flops(self, cells: Sequence[_Placed], functions: list) -> list[tuple[int, ...]]:
+        """(gate, net of its input, nets of its outputs, delay) of each, by gate.
+
+        An input that is a function of several pins is one more of ``functions``.
+        """
         flops = []
-        for _, kind, connections in by_kind.get("flip-flop", []):
+        for _, kind, connections in cells:
             gate = self._gate_of[connections[kind.state["clocked_on"]][0]]
             q, inverse, delay = self._state(kind, connections)
             following = kind.state["next_state"]
@@ -149,62 +191,37 @@ class Program:
             functions.append((self.nets, *self._evaluated(following, ends), 1))
             flops.append((gate, self.nets, q, inverse, delay))
             self.nets += 1
+        return sorted(flops, key=lambda row: row[0])
+
+    def _latches(self, cells: Sequence[_Placed]) -> list[tuple]:
+        """(gate, nets of its outputs, inputs, truth table of a wire, delay) of each, by gate."""
         latches = []
-        for _, kind, connections in by_kind.get("latch", []):
+        for _, kind, connections in cells:
             q, inverse, delay = self._state(kind, connections)
             gate = self._gate_of[connections[kind.state["enable"]][0]]
             latches.append((gate, q, inverse, [self.net(connections[kind.state["data_in"]][0])], 0b10, delay))
-        flops.sort(key=lambda row: row[0])
-        latches.sort(key=lambda row: row[0])
-        rows: list[Any] = [*((net, -1, *row) for net, *row in functions), *(row for _, *row in latches)]
+        return sorted(latches, key=lambda row: row[0])
+
+    def _memories(self, cells: Sequence[_Placed]) -> list[int]:
+        """The macros, one behind the other, as the C++ program reads them; counts their ``words``."""
         memory: list[int] = []
         self.words = 0
-        for _, kind, connections in by_kind.get("memory", []):
+        for _, kind, connections in cells:
             pins = {pin: [self.net(bit) for bit in bits] for pin, bits in connections.items()}
             shows = [bit if isinstance(bit, int) else -1 for bit in connections["A_DOUT"]]
-            enables = [pins[pin][0] for pin in ("A_MEN", "A_WEN", "A_REN")]
             memory += [
                 self._gate_of[connections["A_CLK"][0]],
-                *enables,
+                *(pins[pin][0] for pin in ("A_MEN", "A_WEN", "A_REN")),
                 kind.words,
                 len(pins["A_ADDR"]),
                 len(shows),
+                self._ticks(kind, "A_DOUT"),
+                *pins["A_ADDR"],
+                *pins["A_DIN"],
+                *shows,
             ]
-            memory += [self._ticks(kind, "A_DOUT"), *pins["A_ADDR"], *pins["A_DIN"], *shows]
             self.words += kind.words + sum(net >= 0 for net in shows)
-        self.states = len(flops) + len(latches)
-        first = np.cumsum([0, *(len(row[2]) for row in rows)])
-        columns = np.array(flops, np.int32).reshape(-1, 5).T
-        self._arrays: Record = {
-            "output": [row[0] for row in rows],
-            "inverse": [row[1] for row in rows],
-            "first": first,
-            "inputs": [net for row in rows for net in row[2]],
-            "delay": [row[4] for row in rows],
-            "gate_enable": [self.net(role["enable"]) for role in roles],
-            "gate_clock": [self._gate_of[role["clock"]] for role in roles],
-            "memory": memory,
-        }
-        self._arrays |= {
-            f"flop_{name}": columns[k] for k, name in enumerate(("data", "q", "inverse", "delay"), 1)
-        }
-        # behind no gate (-1), the first gate, the second ...
-        for name, group in (("flop_first", flops), ("latch_first", latches)):
-            self._arrays[name] = np.searchsorted([row[0] for row in group], range(-1, len(roles) + 1))
-        held: dict[str, np.ndarray] = {
-            name: np.ascontiguousarray(values, np.int32) for name, values in self._arrays.items()
-        }
-        held["table"] = np.array([row[3] for row in rows], np.uint64)
-        self._arrays = held
-        counts = {
-            "nets": self.nets,
-            "cells": len(functions),
-            "latches": len(latches),
-            "gates": len(roles),
-            "flops": len(flops),
-        }
-        counts["memories"] = len(by_kind.get("memory", []))
-        self.tables = _Tables(**counts, **{name: values.ctypes.data for name, values in held.items()})
+        return memory
 
     def net(self, bit: int | str) -> int:
         """Number of a net; 0 and 1 are those that never change."""

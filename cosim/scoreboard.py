@@ -268,7 +268,7 @@ def compare(config: AcceleratorConfig, expected: Arrays, capture: Capture, *, pr
         "state": config.network.hidden,
         "logit": config.classes,
     } | ({"map": kept_values(config)} if config.is_image else {})
-    numbers = [int(number) for number in expected["numbers"]]
+    numbers = [*map(int, expected["numbers"])]
     counts = {
         "protocol_errors": "decisions that changed before they were taken",
         "unknown": "cycles with an X on valid, ready or busy",
@@ -279,13 +279,12 @@ def compare(config: AcceleratorConfig, expected: Arrays, capture: Capture, *, pr
                 Mismatch(numbers[0] if numbers else -1, "handshake", 0, place, 0, 0, capture.summary[name])
             )
     if capture.summary["stuck"]:
-        place = "no beat was taken for the watchdog's time"
         verdict.add(
             Mismatch(
                 capture.summary["stuck_recording"],
                 "input",
                 0,
-                place,
+                "no beat was taken for the watchdog's time",
                 capture.summary["stuck_frame"],
                 None,
                 "a standstill",

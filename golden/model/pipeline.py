@@ -364,7 +364,7 @@ def _flat_stream(touches: Touches, values: np.ndarray) -> Stream:
     counts = np.bincount(
         touches.recording, weights=touches.completed * width, minlength=touches.recordings
     ).astype(np.int64)
-    return values[complete].reshape(-1).astype(np.int64), np.concatenate([[0], np.cumsum(counts)])
+    return values[complete].reshape(-1).astype(np.int64), np.cumsum([0, *counts])
 
 
 def _fault_stream(config: AcceleratorConfig, touches: Touches) -> Stream:
@@ -397,4 +397,4 @@ def _decision_stream(trace: Trace) -> Stream:
     counts = np.bincount(touches.recording, weights=offered.sum(axis=1), minlength=touches.recordings).astype(
         np.int64
     )
-    return rows[offered], np.concatenate([[0], np.cumsum(counts)])
+    return rows[offered], np.cumsum([0, *counts])

@@ -168,7 +168,7 @@ def random_recordings(config: AcceleratorConfig, lengths: Sequence[int], seed: i
         samples.append(codes)
     return Recordings(
         samples=np.concatenate(samples),
-        offsets=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+        offsets=np.cumsum([0, *lengths]),
         labels=np.arange(len(lengths), dtype=np.int64) % config.classes,
         class_names=config.network.class_names,
         sample_rate_hz=config.sensor.sample_rate_hz,

@@ -599,8 +599,9 @@ def train_chosen(
         widths=dict(widths or {}),
         progress=progress,
     )
-    chooses = wish.cell == AUTO or (asked is None and wish.is_open)
-    choice = _Choice(terms, wish.with_weight_sets(plan), wish, chooses)
+    choice = _Choice(
+        terms, wish.with_weight_sets(plan), wish, wish.cell == AUTO or (asked is None and wish.is_open)
+    )
     choice.take_network()
     splits = choice.splits(group, asked is not None)
     nested = choice.nested()

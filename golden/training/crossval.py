@@ -104,6 +104,7 @@ class Folds:
             self._names.append([held_out(recordings, groups, test) for test in tests])
             self._jobs += [(number, fold, test) for fold, test in enumerate(tests)]
         everything = np.arange(len(recordings))
+        # seed by seed, and within a seed fold by fold: `tests` and `split_numbers` have the same order
         parts = [touch_rows(self.data, np.setdiff1d(everything, test)) for _, _, test in self._jobs]
         self.parts = [part for _ in self._seeds for part in parts]
         self._curves: LossCurves | None = None
@@ -159,7 +160,7 @@ class Folds:
         return self.records_of(self.decided(models, integers))
 
     def loses_in(self, models: list[FloatModel], integers: list[IntegerModel]) -> str | None:
-        """The stage of the integers that alone moves the logits of recordings left out most, on average."""
+        """The stage that moves the logits of left out recordings most when it alone is in integers."""
         moved: dict[str, float] = defaultdict(float)
         for model, integer, test in zip(models, integers, self.tests, strict=True):
             rows = self.data.index[test]
@@ -244,8 +245,11 @@ class Piece:
 def judge_pieces(
     datasets: Datasets, pieces: Sequence[Piece], seed: int, widths: Record, progress: Progress | None = None
 ) -> list[FoldDecisions]:
-    """What each decided on its test. All of one configuration and recipe train at once; of those that also
-    share their training part and are judged on several tests, one is trained."""
+    """The decisions of each network on its test.
+
+    Networks of one configuration and recipe train at once. Pieces with the same training part share one
+    network, which is judged on each of their tests.
+    """
     outcomes: dict[int, FoldDecisions] = {}
     kinds: dict[tuple[AcceleratorConfig, Recipe], list[int]] = {}
     for number, piece in enumerate(pieces):

@@ -40,8 +40,8 @@ IN_CONTACT = 0.3
 0.5 on sliding)."""
 
 CONVERTERS = ("pvdf", "fabric", "synthetic", "thesis")
-"""Presets in the order in which they are tried; ``synthetic`` before ``thesis``, whose fixed band knows one
-converter only."""
+"""Presets in the order in which they are tried. ``synthetic`` comes before ``thesis``, whose band of fixed
+codes suits one converter only."""
 
 
 def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
@@ -132,6 +132,7 @@ def sensor_sizes(recordings: Recordings) -> tuple[Record, list[str]]:
         Every taxel is constant.
     """
     rate = recordings.sample_rate_hz
+    # a power of two of frames, near 8 ms: the detector counts blocks by the lowest bits of its frame number
     check = int(np.clip(2 ** round(np.log2(max(0.008 * rate, 1.0))), 1, 1024))
     fields = dict(
         name="derived",
@@ -140,6 +141,7 @@ def sensor_sizes(recordings: Recordings) -> tuple[Record, list[str]]:
         sample_signed=recordings.sample_signed,
         window_mode="free",
         pretrigger_frames=0,
+        # 16 cycles a taxel: enough for every kind of feature
         clock_hz=max(12e6, 16.0 * recordings.taxels * rate),
         onset_mean_frames=4 * check,
         onset_check_frames=check,
@@ -178,6 +180,7 @@ def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorCon
     base |= onset
     reasons += why
     pace_s = 0.2 if onset["onset"] == "immediate" else 0.048
+    # 20 windows of two hops reach over 21 hops
     available = int(np.quantile(sample.lengths, 0.05, method="lower")) - begin
     fit = available // (STEPS + 1)
     hop = int(np.clip(min(max(round(pace_s * rate), 4), fit), 1, 65535))
@@ -193,7 +196,7 @@ def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorCon
 
 @dataclass(frozen=True)
 class OnsetRule:
-    """What an onset rule can go by, codes: noise (90 % quantile of the lead-ins' largest moving mean), signal
+    """Measures for an onset rule, codes: noise (90 % quantile of the lead-ins' largest moving mean), signal
     (10 % quantile of the clear peaks), threshold between them, clip (0: none); ratio: median of lead-in to
     peak; largest: each recording's largest deviation."""
 
@@ -213,6 +216,7 @@ def measure_onset(recordings: Recordings, settle: int, mean_frames: int) -> Onse
     noise = float(np.quantile(lead, 0.9))
     clear = peak[peak > 3 * noise]  # a recording without a touch must not pass for a weak one
     signal = float(np.quantile(clear if len(clear) else peak, 0.1))
+    # the geometric mean is as many times above the noise as below the signal
     threshold = int(np.clip(round(max(np.sqrt(noise * signal), signal / 4)), 1, 65535))
     clip = int(np.ceil(max(1.5 * np.median(largest), 2 * peak.max())))
     ratio = float(np.median(lead / np.maximum(peak, 1e-9)))
@@ -275,6 +279,7 @@ def _measure(
         if len(samples) < settle + 2 * lead_frames:
             continue
         deviation = samples - samples[:settle].mean(axis=0)
+        # moving sums as differences of running ones
         total = np.vstack([np.zeros(deviation.shape[1]), np.cumsum(deviation[settle:], axis=0)])
         moving = np.abs(total[mean_frames:] - total[:-mean_frames]).max(axis=1) / mean_frames
         rows.append(

@@ -92,14 +92,14 @@ def with_prototypes(
     Parameters
     ----------
     touches, labels, groups:
-        Whole touches, the class of each, and a number for what it was recorded in. Groups are left out, part
-        by part, to choose ``taught_shift``: 1, so that a taught touch is as near again, where teaching a
-        group the prototypes know nothing of costs the others HALVING_COSTS at most.
+        Whole touches, the class of each, and the number of its group. Groups are left out, part by part, to
+        choose ``taught_shift``. It is 1, which halves the distance of taught touches, where teaching a group
+        that no prototype was made of costs the others HALVING_COSTS at most.
     prototypes:
         A class at most.
     unknown:
-        Share of touches of a group left out that may be further from every prototype than `unknown_above`,
-        which is chosen so; None: nothing is unknown.
+        Share of a left out group's touches that may be further from every prototype than `unknown_above`,
+        which follows from it. None: nothing is unknown.
     spare_classes:
         The last classes of ``model``, which no touch shows.
     decision:
@@ -113,18 +113,7 @@ def with_prototypes(
     values_of = decide_touches(dense(model), touches)
     values = values_of.hidden if model.config.recurrent else values_of.logits
     trained = model.config.classes - spare_classes
-    for label, name in enumerate(model.config.network.class_names[:trained]):
-        if not (labels == label).any():
-            raise InputError(
-                f"{source}: show no whole touch of class {name}, and a prototype is made of those; record "
-                "some, or look at their onsets with 'eskin inspect'"
-            )
-    if (labels >= trained).any():
-        name = model.config.network.class_names[int(labels.max())]
-        raise InputError(
-            f"{source}: show class {name}, and the last {spare_classes} classes are spare; leave its recordings out, or "
-            "give a smaller --spare-classes"
-        )
+    _check_labels(model.config, labels, trained, source)
     rule: Record = {
         "readout": "prototypes",
         "prototypes": max(1, min(prototypes, int(np.bincount(labels).max()))),
@@ -181,6 +170,23 @@ def with_prototypes(
         rule["unknown_above"] = int(np.clip(np.ceil(limit), 1, config.distance_bound // config.windows.steps))
     whole = of(np.ones(len(labels), dtype=bool))
     return IntegerModel(config.with_readout(**rule), whole.arrays, whole.source)
+
+
+def _check_labels(config: AcceleratorConfig, labels: np.ndarray, trained: int, source: str) -> None:
+    """Refuse touches that lack one of the ``trained`` classes, or show a spare one."""
+    names = config.network.class_names
+    for label, name in enumerate(names[:trained]):
+        if not (labels == label).any():
+            raise InputError(
+                f"{source}: show no whole touch of class {name}, and a prototype is made of those; record "
+                "some, or look at their onsets with 'eskin inspect'"
+            )
+    if (labels >= trained).any():
+        name = names[int(labels.max())]
+        raise InputError(
+            f"{source}: show class {name}, and the last {len(names) - trained} classes are spare; leave its "
+            "recordings out, or give a smaller --spare-classes"
+        )
 
 
 def dense(model: IntegerModel) -> IntegerModel:

@@ -87,9 +87,9 @@ def train(
     notes:
         Called with the record before it is written; what it returns is added.
     callback:
-        Told of the training on all recordings: {``loss``} at each epoch of a recurrent cell, and at the end,
-        as one epoch more, {``accuracy``}, the share of the touches trained on that the float network decides
-        rightly.
+        Called while the network on all recordings is trained: with {``loss``} at each epoch of a recurrent
+        cell, and at the end, as one epoch more, with {``accuracy``}, the share of the touches trained on that
+        the float network decides rightly.
 
     Returns
     -------
@@ -151,7 +151,7 @@ def train(
     }
     if notes:
         record |= notes(record)
-        record["wall_s"] = time.perf_counter() - begin
+        record["wall_s"] = time.perf_counter() - begin  # notes may take long
     record = json.loads(json.dumps(record))  # what the file will hold: lists, not tuples
     model.save(out, record)
     if integer:

@@ -431,7 +431,9 @@ class Microcode:
             set_(slot + 1, t_write=1, value=0, result=self.layout.t(block.region, index))
         else:
             set_(slot, tanh=0)
-            set_(slot + 1, gate_write=1, result=self.layout.gate(block.region, index))
+            set_(
+                slot + 1, gate_write=1, result=self.layout.gate(block.region, index)
+            )  # the table takes a slot
 
     def _element(self, op: ElementOp, term: int, index: int, slot: int) -> None:
         plan, timing, layout, set_ = self.plan, self.plan.timing, self.layout, self._slots.set
@@ -488,6 +490,7 @@ class Microcode:
             controls = {name: fields.get(name, 0) for name in CONTROLS}
             addresses = {name: fields[name] for name in ADDRESSES if name in fields}
             last = words[-1] if words else None
+            # a step begins with a word of its own, and so do the wait, what follows it, and the last slot
             joins = slot not in (self.again, self.wait, self.wait + 1) and slot != len(self.slots) - 1
             if last is not None and joins and all(last[name] == value for name, value in controls.items()):
                 count = last["repeat"] + 1
@@ -502,7 +505,7 @@ class Microcode:
                     and "gate" not in addresses
                 )
                 if counts and all(free.get(name, value) == value for name, value in relative.items()):
-                    free |= relative  # `accesses` has it too
+                    free |= relative  # in place: the last entry of `accesses` is this very dict
                     last.update(relative, repeat=count)
                     continue
             free = addresses
@@ -541,8 +544,8 @@ class Microcode:
         plan = self.plan
         addends = [*range(len(plan.bias_rows)), *([plan.half_address] if plan.shared else [])]
         used = {fields["addend"] for fields in self.slots[self.again : self.judged - 1] if "addend" in fields}
-        # The check word counts once; it is read when the window, by whose length it is chosen, has been
-        # released.
+        # The check word must count once, so its word is not repeated. It is chosen by the window's length and
+        # therefore read after the window was released, when that length is in a register.
         released = next(number for number, word in enumerate(words) if word["released"])
         late = [id(word) for word in words[released + 1 :]]
         single = next(
