@@ -111,7 +111,7 @@ struct Device {
   void mark() {
 #ifdef NETLIST
     Chip& c = *model.chip;
-    for (i64 count : {s.cycle, s.edges, s.decisions, i64(c.accesses[0]), i64(c.accesses[1])}) marks.push_back(count);
+    for (i64 count : {s.cycle, s.edges, s.decisions}) marks.push_back(count);
     marks.insert(marks.end(), c.joule, c.joule + c.kinds * (c.timed ? 2 : 1));
 #endif
   }

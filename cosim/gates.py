@@ -14,7 +14,7 @@ import hashlib
 import random
 import re
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
@@ -77,7 +77,7 @@ class Program:
     ----------
     nets: how many; gates: nets of the clock gates' outputs, in the order of their tables; top: number of the
     gate that all clocks come from, or None; enable: the net that opens it; states, words: flip-flops and
-    latches, words of macros with their outputs.
+    latches, words of macros with their outputs; macros: their names.
     """
 
     def __init__(
@@ -159,6 +159,7 @@ class Program:
         rows: list[Any] = [*((net, -1, *row) for net, *row in functions), *(row for _, *row in latches)]
         memory: list[int] = []
         self.words = 0
+        self.macros = [name for name, *_ in by_kind.get("memory", [])]
         for _, kind, connections in by_kind.get("memory", []):
             pins = {pin: [self.net(bit) for bit in bits] for pin, bits in connections.items()}
             shows = [bit if isinstance(bit, int) else -1 for bit in connections["A_DOUT"]]
@@ -170,7 +171,7 @@ class Program:
                 len(pins["A_ADDR"]),
                 len(shows),
             ]
-            memory += [self._ticks(kind, "A_DOUT"), *pins["A_ADDR"], *pins["A_DIN"], *shows]
+            memory += [self._ticks(kind, "A_DOUT"), *pins["A_ADDR"], *pins["A_DIN"], *pins["A_BM"], *shows]
             self.words += kind.words + sum(net >= 0 for net in shows)
         self.states = len(flops) + len(latches)
         first = np.cumsum([0, *(len(row[2]) for row in rows)])
@@ -362,9 +363,7 @@ class Chip:
         """As `eskin.cosim.device.Model`."""
         return self.library.port_of(opened, *self._ports[name]) if name in self._ports else -1
 
-    def count_into(
-        self, joule: np.ndarray, costs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    ) -> Callable[[], None]:
+    def count_into(self, joule: np.ndarray, costs: Sequence[np.ndarray]) -> Callable[[], None]:
         """Add up in ``joule``, by kind, what changes cost, and the clock gates that let an edge through. A
         device does so after every edge; who steps the chip itself calls what this gives.
 
@@ -373,12 +372,11 @@ class Chip:
         joule:
             With delays twice as long: behind the kinds the changes that a net takes back within a cycle.
         costs:
-            Joule a change, kind, of every net; joule of an edge, kind, of every gate. Kinds are places in
-            ``joule``.
+            Joule a change, kind, of every net; joule of an edge, kind, of every gate; joule of a read and a write,
+            kind, of every macro. Kinds are places in ``joule``.
         """
         arrays = [
-            np.ascontiguousarray(part, kind)
-            for part, kind in zip(costs, (float, np.uint8, float, np.uint8), strict=True)
+            np.ascontiguousarray(part, kind) for part, kind in zip(costs, 3 * (float, np.uint8), strict=True)
         ]
         kinds = len(joule) // (1 if self.delays is None else 2)
         self.library.costs(self._chip, joule.ctypes.data, kinds, *(part.ctypes.data for part in arrays))
