@@ -38,6 +38,8 @@ HORIZON = 1 << 16
 """Ticks of a delay, less than these."""
 WORD_BITS = 16
 """Random bits of a macro's word."""
+FLIP = "flip "
+"""With a state's number behind it: a port that inverts that state."""
 NAME = re.compile(r"[A-Za-z_]\w*")
 
 
@@ -77,7 +79,8 @@ class Program:
     ----------
     nets: how many; gates: nets of the clock gates' outputs, in the order of their tables; top: number of the
     gate that all clocks come from, or None; enable: the net that opens it; states, words: flip-flops and
-    latches, words of macros with their outputs; macros: their names.
+    latches, words of macros with their outputs; macros: their names; state_nets: of each flip-flop, then of each
+    latch, its nets.
     """
 
     def __init__(
@@ -174,6 +177,8 @@ class Program:
             memory += [self._ticks(kind, "A_DOUT"), *pins["A_ADDR"], *pins["A_DIN"], *pins["A_BM"], *shows]
             self.words += kind.words + sum(net >= 0 for net in shows)
         self.states = len(flops) + len(latches)
+        shown = [(q, inverse) for *_, q, inverse, _ in flops] + [row[1:3] for row in latches]
+        self.state_nets = [[net for net in nets if net >= 0] for nets in shown]
         first = np.cumsum([0, *(len(row[2]) for row in rows)])
         columns = np.array(flops, np.int32).reshape(-1, 5).T
         self._arrays: Record = {
@@ -360,8 +365,11 @@ class Chip:
         return self.library.open_device(self._chip, self.program.top is not None, self.program.enable)
 
     def port(self, opened: int, name: str) -> int:
-        """As `eskin.cosim.device.Model`."""
-        return self.library.port_of(opened, *self._ports[name]) if name in self._ports else -1
+        """As `eskin.cosim.device.Model`; ``flip N`` inverts state N (`Program.state_nets`) where it is 1."""
+        if name.startswith(FLIP):
+            nets = self.program.state_nets[int(name.removeprefix(FLIP))]
+            return self.library.port_of(opened, (ctypes.c_int32 * len(nets))(*nets), len(nets), 1)
+        return self.library.port_of(opened, *self._ports[name], 0) if name in self._ports else -1
 
     def count_into(self, joule: np.ndarray, costs: Sequence[np.ndarray]) -> Callable[[], None]:
         """Add up in ``joule``, by kind, what changes cost, and the clock gates that let an edge through. A
