@@ -339,7 +339,7 @@ def taught_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) ->
     assert energy["bit_exact"]
     return (
         f"{1e-6 * made['area_um2']:.3f} mm2",
-        f"{made['latches']} latches, {1e-6 * area['memory']:.3f} mm2 of macros",
+        f"{made['latches']} latches, {1e-6 * area.get('memory', 0.0):.3f} mm2 of macros",
         ", ".join(f"{1e-6 * hertz:.1f}" for hertz in made["fmax_hz"].values()),
         f"{step_cycles(model.config)}, {decision_cycles(model.config)}",
         f"{1e6 * energy['touch_j']:.2f} uJ",
