@@ -46,7 +46,8 @@ class Taught:
     def __init__(self, model: IntegerModel, builds: Path, seed: int) -> None:
         self.config, self.rng = model.config, random.Random(seed)
         self.stream = Stream(model)
-        self.device = Recorded(Design(export(model.config, model.arrays), builds, PURPOSE), 16)
+        design = Design(export(model.config, model.arrays), builds, PURPOSE)
+        self.device = Recorded(design, self.config.sensor.sample_bits)
         self.device.reset(boot_writes(model.config, model.arrays))
         self.decisions = self.refused = self.taught = 0
 
@@ -132,7 +133,9 @@ class Taught:
         self.device.write(Register.CONTROL, Control.ARM)  # no touch is open then
         self.device.settle()
         held = self.stream.model.arrays | self.read_back()
+        following = self.stream._following  # a touch that was named stays so
         self.stream = Stream(self.stream.model)
+        self.stream._following = following
         for address, word in boot_writes(self.config, held):
             self.device.write(address, word)
         assert not self.device.read(Register.FAULTS) & Fault.WRITE_REFUSED
