@@ -70,14 +70,22 @@ class Classifier(wiring.Component):
         number, best, margin = search.number, search.best, search.margin
         last = number == config.classes - 1
         step = Signal(range(config.windows.steps))  # of the last logits
-        busy, begun, partial, offered, is_global = Signal(), Signal(), Signal(), Signal(), Signal()
-        tallying, voting = Signal(), Signal()  # votes become the scores; the scores are votes
+        busy = Signal()
+        begun = Signal()
+        partial = Signal()
+        offered = Signal()
+        is_global = Signal()
+        tallying = Signal()  # votes become the scores
+        voting = Signal()  # the scores are votes
         votes = Array(
             Signal(range(config.windows.steps + 1), name=f"votes_{k}") for k in range(config.classes)
         )
         finished = Signal()  # one cycle after `finish`, which comes late in its cycle
-        step_done, taken, closes = self.logit.valid & last, offered & self.o.ready, Signal()
-        local_taken, final = taken & ~is_global, Signal()
+        step_done = self.logit.valid & last
+        taken = offered & self.o.ready
+        closes = Signal()
+        local_taken = taken & ~is_global
+        final = Signal()
         ends = finished | (local_taken & final)
         if config.network.decision == "early":
             given = Signal()  # the touch has had its global decision, early

@@ -54,20 +54,26 @@ class SearchTwice(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        score, number, classes = self.score, Signal.like(self.number), self._classes
-        best, held = Signal.like(self.best, reset_less=True), Signal.like(self.margin, reset_less=True)
+        score = self.score
+        number = Signal.like(self.number)
+        classes = self._classes
+        best = Signal.like(self.best, reset_less=True)
+        held = Signal.like(self.margin, reset_less=True)
         m.submodules.scores = scores = Memory(
             shape=unsigned(len(held)), depth=classes, init=[], attrs=before_an_adder(platform)
         )
         write, read = scores.write_port(), scores.read_port()
-        reading, compared = (
-            Signal.like(number, name=name, reset_less=True) for name in ("reading", "compared")
-        )
+        reading = Signal.like(number, reset_less=True)
+        compared = Signal.like(number, reset_less=True)
         last, compared_last = number == classes - 1, compared == classes - 1
         # the second time
-        names = ("searching", "reading_others", "others", "subtracting")
-        searching, reading_others, others, subtracting = (Signal(name=name) for name in names)
-        fetched, comparing, taken_unseen = Signal(), Signal(), Signal()
+        searching = Signal()
+        reading_others = Signal()
+        others = Signal()
+        subtracting = Signal()
+        fetched = Signal()
+        comparing = Signal()
+        taken_unseen = Signal()
         # `held` is the complement of the largest score so far, and in the end the margin. It takes one cell a
         # bit: the carries compare, and the same cells compute the value to load.
         total = Cat(subtracting, held) + Cat(subtracting, read.data)
@@ -121,13 +127,20 @@ class SearchOnce(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        score, number, last_class = self.score, Signal.like(self.number), self._classes - 1
-        best, margin = Signal.like(self.best, reset_less=True), Signal.like(self.margin, reset_less=True)
-        compared, arriving, ending = Signal.like(number, reset_less=True), Signal(), Signal()
-        new, below, above = (
-            Signal.like(score.value, name=name, reset_less=True) for name in ("new", "below", "above")
-        )
-        larger, unseen, judged = Signal(), Signal(), Signal()
+        score = self.score
+        number = Signal.like(self.number)
+        last_class = self._classes - 1
+        best = Signal.like(self.best, reset_less=True)
+        margin = Signal.like(self.margin, reset_less=True)
+        compared = Signal.like(number, reset_less=True)
+        arriving = Signal()
+        ending = Signal()
+        new = Signal.like(score.value, reset_less=True)
+        below = Signal.like(score.value, reset_less=True)
+        above = Signal.like(score.value, reset_less=True)
+        larger = Signal()
+        unseen = Signal()
+        judged = Signal()
         m.d.sync += [new.eq(score.value), compared.eq(number), arriving.eq(score.valid)]
         with m.If(score.valid):
             m.d.sync += number.eq(Mux(number == last_class, 0, number + 1))

@@ -367,10 +367,8 @@ class Engine(wiring.Component):
             m.d.sync += weight_address.eq(0)
         # A large memory has one port, which the host's write takes: it begins the engine anew, so the read
         # that it displaces is not used.
-        large, port_address = (
-            lanes_in_large_memories(config, platform, plan.weight_depth),
-            Signal(range(plan.weight_depth)),
-        )
+        large = lanes_in_large_memories(config, platform, plan.weight_depth)
+        port_address = Signal(range(plan.weight_depth))
         if large:
             m.d.comb += port_address.eq(Mux(loads, self.load.address, weight_address))
         weights = []
@@ -529,7 +527,8 @@ class _AddendMemory(wiring.Component):
             return
         m.submodules.sums = sums = Memory(shape=shape, depth=plan.partial_rows, init=[], attrs=NO_COLLISION)
         read, write = sums.read_port(), sums.write_port()
-        is_sum, sum_read = Signal(), Signal()
+        is_sum = Signal()
+        sum_read = Signal()
         with m.If(self.read_enable):
             m.d.sync += sum_read.eq(is_sum)
         m.d.comb += [
@@ -553,11 +552,10 @@ class _AddendMemory(wiring.Component):
         if self._config.addend_parts == 2:
             return address[0], address[1:]
         parts = self._config.addend_parts
-        part_now, entry_now = Signal(range(parts)), Signal(range(self._plan.addend_words))
-        part_next, entry_next = (
-            Signal.like(part_now, reset_less=True),
-            Signal.like(entry_now, reset_less=True),
-        )
+        part_now = Signal(range(parts))
+        entry_now = Signal(range(self._plan.addend_words))
+        part_next = Signal.like(part_now, reset_less=True)
+        entry_next = Signal.like(entry_now, reset_less=True)
         with m.If(address != 0):
             m.d.comb += [part_now.eq(part_next), entry_now.eq(entry_next)]
         with m.If(loads):

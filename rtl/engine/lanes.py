@@ -70,7 +70,8 @@ class PlainLane(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         # no reset: it would keep the registers out of DSP blocks, and `valid` says what counts
-        a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
+        a = Signal.like(self.a, reset_less=True)
+        b = Signal.like(self.b, reset_less=True)
         # the operands do; others are 0, so that nothing has to choose between their product and the sum
         counts = Signal()
         with m.If(self.tick):

@@ -99,7 +99,9 @@ class Sequencer(wiring.Component):
         pc = Signal(range(len(init)))  # the word to fetch next
         count = Signal(range(1 + max(word["repeat"] for word in words)))
         primed = Signal()  # the first word after a reset takes one cycle to arrive
-        ends, last, fetching = Signal(), Signal(), Signal()
+        ends = Signal()
+        last = Signal()
+        fetching = Signal()
         m.d.sync += primed.eq(1)
         m.d.comb += [
             self.waiting.eq(primed & field("wait")),

@@ -196,7 +196,8 @@ class Harness(wiring.Component):
         m.submodules.chain = chain = self._chain
         ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
         inputs, outputs = (Cat(value for flow, value in ports if flow is way) for way in (In, Out))
-        given, taken = Signal(len(inputs)), Signal(len(outputs))
+        given = Signal(len(inputs))
+        taken = Signal(len(outputs))
         m.d.comb += [inputs.eq(given), self.shift_out.eq(taken[0])]
         m.d.sync += [given.eq(Cat(self.shift_in, given)), taken.eq(Mux(self.capture, outputs, taken >> 1))]
         return m

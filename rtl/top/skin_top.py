@@ -122,7 +122,8 @@ class SkinTop(wiring.Component):
         watching = sensing.accelerator.watching
         hung: Value = Const(0, 1) if watching is None else watching.hung
         unloaded: Value = Const(0, 1)
-        wrong, taken = Signal(), sensing.o.valid & sensing.o.ready
+        wrong = Signal()
+        taken = sensing.o.valid & sensing.o.ready
         registers = None
         if self._divisor or self._shell:
             m.submodules.registers = registers = InterfaceRegisters(config)
