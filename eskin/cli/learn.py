@@ -428,9 +428,9 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
         raise InputError("--config: is missing; a file of weights does not say which array it is for")
     from eskin.golden.training.import_onnx import configuration_of
 
-    kept = configuration_of(file)
-    if kept is not None:
-        return kept, None
+    configuration = configuration_of(file)
+    if configuration is not None:
+        return configuration, None
     if data is None:
         raise InputError(
             f"network '{file}': does not say which array it is for; give --config, or --data to derive one from"

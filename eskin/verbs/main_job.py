@@ -192,8 +192,8 @@ def board_sentence(config: AcceleratorConfig, board: str) -> str:
     size = f"{cost.cells_of(config)} logic cells and {cost.blocks_of(config, board)} block memories"
     where = f"fits the {board}"
     if board not in boards:
-        other = f"the {boards[0]} would hold it" if boards else "no board here would hold it"
-        where = f"does not fit the {board} with its link; {other}"
+        alternative = f"the {boards[0]} would hold it" if boards else "no board here would hold it"
+        where = f"does not fit the {board} with its link; {alternative}"
     return f"the whole design, by estimate {size} without its link, {where}"
 
 
@@ -219,10 +219,10 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
         Naming what differs.
     """
     for name in ("taxels", "image_shape", "sample_rate_hz"):
-        here, there = getattr(held, name), getattr(recordings, name)
-        if here != there:
+        test, data = getattr(held, name), getattr(recordings, name)
+        if test != data:
             raise InputError(
-                f"--test {held.source}, field {name}: is {here}, and {there} in --data; give recordings of "
+                f"--test {held.source}, field {name}: is {test}, and {data} in --data; give recordings of "
                 "the same sensor and task"
             )
 
@@ -596,11 +596,11 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
             continue
         outcome = outcomes[name]
         assert outcome is not None  # the lowest clock alone may be missing
-        exact, said = (
+        exact, sentence = (
             outcome["bit_exact"] and outcome["decisions"] > 0,
             f"{verdict(outcome)}: {compared(outcome)}",
         )
-        check(f"hardware equals model at {title}", exact, said)
+        check(f"hardware equals model at {title}", exact, sentence)
         rows = [row for row in outcome["budgets"] if not row["reference"]]
         missed = ", ".join(row["name"] for row in rows if not row["met"])
         detail = f"{', '.join(row['name'] for row in rows) or 'no step to judge'}; missed: {missed or 'none'}"

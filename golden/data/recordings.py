@@ -92,11 +92,11 @@ class Recordings:
         classes when it is written."""
         groups = {str(name): np.asarray(values) for name, values in self.groups.items()}
         for name in [name for name in groups if name in RESERVED]:
-            other = f"group_{name}"
-            while other in groups:
-                other += "_"
-            groups[other] = groups.pop(name)
-            note = f"group {name} is called {other}, since an archive means something else by {name}"
+            array_name = f"group_{name}"
+            while array_name in groups:
+                array_name += "_"
+            groups[array_name] = groups.pop(name)
+            note = f"group {name} is called {array_name}, since an archive means something else by {name}"
             object.__setattr__(self, "notes", (*self.notes, note))
         object.__setattr__(self, "groups", groups)
 
@@ -548,9 +548,9 @@ def _images(
             "sample_rate_hz",
             f"is {_shown(arrays['sample_rate_hz'])}; give rows a second, above 0, or leave the array out",
         )
-    made = image_recordings(images, labels, class_names, rate_hz=rate, source=source)
+    recordings = image_recordings(images, labels, class_names, rate_hz=rate, source=source)
     return dataclasses.replace(
-        made, groups=_groups(arrays, count) if groups is None else dict(groups), notes=tuple(notes)
+        recordings, groups=_groups(arrays, count) if groups is None else dict(groups), notes=tuple(notes)
     )
 
 

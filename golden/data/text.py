@@ -117,8 +117,8 @@ class Table:
     def unit(self, columns: Sequence[int]) -> str:
         """The one unit of columns: of the row below the header, or behind their names as in ``a (mV)``."""
         behind = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
-        said = self.units or [match[1] if match else "" for match in behind]
-        units = {said[column].strip("()[] ") for column in columns} if said else {""}
+        texts = self.units or [match[1] if match else "" for match in behind]
+        units = {texts[column].strip("()[] ") for column in columns} if texts else {""}
         return units.pop() if len(units) == 1 else ""
 
     def is_missing(self, column: int, missing: Sequence[str]) -> np.ndarray:
@@ -377,9 +377,9 @@ def _frames_of_lvm(table: Table) -> Table:
             "the time is missing; fill it in or leave the whole column blank", int(np.argmax(missing)), 0
         )
     frame = table.frame.iloc[:rows, :columns]
-    made = Table(frame, (), table.lines[:rows], table.sources, table.starts)
-    made.numbers(range(1 if missing.all() else 0, columns))
-    return made
+    table_of_rows = Table(frame, (), table.lines[:rows], table.sources, table.starts)
+    table_of_rows.numbers(range(1 if missing.all() else 0, columns))
+    return table_of_rows
 
 
 def check_unpacked(path: Path, unpacked: int, fix: str, refuse: Callable[..., NoReturn]) -> None:

@@ -227,10 +227,10 @@ def ridge_decisions(
     unit = float(np.trace(gram)) / n
     decided = np.zeros((len(PENALTIES), count, n), dtype=np.int64)
     for fold in folds:
-        rest = np.setdiff1d(np.arange(n), fold)
-        train_gram, test_gram = gram[np.ix_(rest, rest)], gram[np.ix_(fold, rest)]
-        for row, penalty in enumerate(PENALTIES if len(rest) else ()):
-            values = test_gram @ ridge_weights(train_gram, penalty * unit, targets[rest])
+        train = np.setdiff1d(np.arange(n), fold)
+        train_gram, test_gram = gram[np.ix_(train, train)], gram[np.ix_(fold, train)]
+        for row, penalty in enumerate(PENALTIES if len(train) else ()):
+            values = test_gram @ ridge_weights(train_gram, penalty * unit, targets[train])
             decided[row][:, fold] = values.reshape(len(fold), count, classes).argmax(axis=-1).T
     right = decided == labels
     chosen = np.empty_like(labels)
@@ -360,8 +360,8 @@ def cheapest(
     the first that is level with its most accurate."""
     best = most_accurate(judged)
     level = [candidate for candidate in judged if is_level(best, candidate)]
-    taken = market.cheapest(level, lambda candidate: priced(candidate.config))
-    alike = [candidate for candidate in level if candidate.config == taken.config]
+    cheap = market.cheapest(level, lambda candidate: priced(candidate.config))
+    alike = [candidate for candidate in level if candidate.config == cheap.config]
     return next(candidate for candidate in alike if is_level(most_accurate(alike), candidate))
 
 
@@ -819,7 +819,7 @@ def _candidates(judge: Judge, market: Market) -> list[Judged]:
 def _descend(judge: Judge, market: Market) -> None:
     """From the cheapest that is level to its cheaper neighbours, as long as one of them is level: fewer
     kinds, two thirds of the windows, windows of two thirds the length."""
-    left = DESCENT
+    budget = DESCENT
     while True:
         at = cheapest(_candidates(judge, market), market).config
         windows, kinds = at.windows, at.features.feature_kinds
@@ -835,8 +835,8 @@ def _descend(judge: Judge, market: Market) -> None:
             config
             for config in tried
             if config and config not in judge.judged and price_of(config, market) < price_of(at, market)
-        ][:left]
-        left -= len(new)
+        ][:budget]
+        budget -= len(new)
         judge.all(new)
         if not new or cheapest(_candidates(judge, market), market).config == at:
             return
@@ -941,9 +941,9 @@ def _in_words(record: Record) -> str:
     chosen, rivals = record["chosen"], record["rivals"]
     best = max([chosen, *rivals], key=lambda row: row["accuracy"])
     rival = f"; the best, {front_end_words(best)}, has {best['accuracy']:.1%} and is level"
-    left = left_out(record["split"])
+    unseen = left_out(record["split"])
     return (
-        f"front end chosen among {len(rivals) + 1} by a linear classifier, leaving out {left} "
+        f"front end chosen among {len(rivals) + 1} by a linear classifier, leaving out {unseen} "
         f"({record['split_from']}), on "
         f"{record['recordings_looked_at']} recordings: {front_end_words(chosen)}, "
         f"{chosen['accuracy']:.1%}{'' if best is chosen else rival}"

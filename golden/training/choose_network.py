@@ -195,8 +195,8 @@ def cross_validate_network(
     first = candidate(alone, runs)
     if len(terms.seeds) < 2 or not goes_on(first):
         return first
-    others = folds_of(terms.seeds[1:])
-    return candidate(folds_of(terms.seeds), runs + others.decided(*trained(others)))
+    further = folds_of(terms.seeds[1:])
+    return candidate(folds_of(terms.seeds), runs + further.decided(*trained(further)))
 
 
 def recurrent_front_end(
@@ -218,7 +218,7 @@ def recurrent_front_end(
         if settled(tried[-1]):
             break
     judged = [Judged(candidate.config, candidate.correct, 0) for candidate in tried]
-    taken = cheapest(judged, market, lambda config: config)
+    cheap = cheapest(judged, market, lambda config: config)
     rows = [
         {
             "front_end": front_end_words(row_of(candidate.config)),
@@ -226,11 +226,11 @@ def recurrent_front_end(
             "hidden": candidate.config.network.hidden,
             "accuracy": candidate.accuracy,
             "standard_error": candidate.standard_error,
-            "chosen": candidate is taken,
+            "chosen": candidate is cheap,
         }
         for candidate in judged
     ]
-    return taken.config, rows
+    return cheap.config, rows
 
 
 def _linear_recipes(augments: bool) -> list[Record]:

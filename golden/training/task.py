@@ -95,8 +95,8 @@ class ImageTask:
             real, codes = self._maps[index]
             error, alone = np.abs(fmt.to_real(codes) - real), np.abs(self._alone(index) - self._maps[-1][0])
             at_end = (codes >= fmt.max_code) | (fmt.signed & (codes <= fmt.min_code))
-            used = np.abs(codes.astype(np.int64)).max() / fmt.max_code
-            figures = (error.mean(), error.max(), at_end.mean(), used, alone.mean(), alone.max())
+            largest = np.abs(codes.astype(np.int64)).max() / fmt.max_code
+            figures = (error.mean(), error.max(), at_end.mean(), largest, alone.mean(), alone.max())
             errors.append(StageError(f"{stage.number} {stage.layer}", *map(float, figures)))
         return errors
 
