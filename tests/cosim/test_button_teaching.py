@@ -53,8 +53,8 @@ def touch(kind: int, again: int, frames: int) -> np.ndarray:
 class Session:
     """What is done to a board from power-on, and what a golden stream makes of it.
 
-    shown: the class on its pins. refused: of every request, whether it was not carried out. whole: frames of a touch
-    that gives every step."""
+    shown: the class on its pins. refused: of every request, whether it was not carried out. nameless: requests before any
+    class was shown, between which the lamp stays on. whole: frames of a touch that gives every step."""
 
     def __init__(self, model: IntegerModel) -> None:
         self.stream = Stream(model)
@@ -62,6 +62,7 @@ class Session:
         self.finals: list[int] = []
         self.shown: int | None = None
         self.refused: list[bool] = []
+        self.nameless = 0
         self.whole = model.config.last_frame + 20
         self.rest(60)
 
@@ -98,6 +99,7 @@ class Session:
         if button == CHOOSE and not held:
             self.shown = 0 if self.shown is None else (self.shown + 1) % self.stream.config.classes
             return
+        self.nameless += self.shown is None
         self.refused.append(self.shown is None)
         try:
             if self.shown is not None and button == CHOOSE:
