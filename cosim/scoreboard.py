@@ -426,10 +426,8 @@ def _compare_status(
         "TOUCHES": (touches, counted),
     }
     if flags is not None:
-        got, bit = (
-            sum(int(word, 16) << 16 * k for k, word in enumerate(words[4:])),
-            int(bool(faults & TAXEL_FAULT)),
-        )
+        got = sum(int(word, 16) << 16 * k for k, word in enumerate(words[4:]))
+        bit = int(bool(faults & TAXEL_FAULT))
         values["TAXEL_FAULTS"] = (sum(1 << int(taxel) for taxel in np.flatnonzero(flags[-1])), got)
         # sticky: an earlier recording may have set the bit, but only one with a flag
         values["TAXEL of FAULTS"] = (int(flags[-1].any() or (bit and flags.any())), bit)

@@ -331,10 +331,8 @@ def enrol(
             "eskin enrol, option --data: is missing; name a few touches of each class, or --teach FEW for a "
             "model that is taught"
         )
-    few, old = (
-        load_recordings(data, config=config_of_model),
-        None if with_ is None else recordings_for(with_, config_of_model),
-    )
+    few = load_recordings(data, config=config_of_model)
+    old = None if with_ is None else recordings_for(with_, config_of_model)
     with progress_bars() as report:
         result = train_on(
             model,

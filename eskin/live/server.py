@@ -121,11 +121,9 @@ class PageServer:
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page, or None: the request is for the websocket."""
         try:
-            path, query, origin = (
-                urlsplit(request.path).path,
-                request.headers["Host"],
-                request.headers.get("Origin"),
-            )
+            path = urlsplit(request.path).path
+            query = request.headers["Host"]
+            origin = request.headers.get("Origin")
             named, port = urlsplit(f"//{query}").hostname or "", urlsplit(f"//{query}").port or 80
             site = None if origin is None else urlsplit(origin).netloc
         except (ValueError, LookupError):

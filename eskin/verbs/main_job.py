@@ -265,10 +265,8 @@ class _Steps:
         quantised = self.stage(
             "quantisation", GOLDEN, None, lambda folder, _: self._quantise(trained, folder)
         )
-        model, training = (
-            IntegerModel.load(quantised / "model", images=True),
-            load_training(quantised / "model"),
-        )
+        model = IntegerModel.load(quantised / "model", images=True)
+        training = load_training(quantised / "model")
         config = self.config = model.config
         numbers = self.recordings.evenly(count or default_count(self.recordings, config))
         evaluated = self.stage(
@@ -596,10 +594,8 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
             continue
         outcome = outcomes[name]
         assert outcome is not None  # the lowest clock alone may be missing
-        exact, sentence = (
-            outcome["bit_exact"] and outcome["decisions"] > 0,
-            f"{verdict(outcome)}: {compared(outcome)}",
-        )
+        exact = outcome["bit_exact"] and outcome["decisions"] > 0
+        sentence = f"{verdict(outcome)}: {compared(outcome)}"
         check(f"hardware equals model at {title}", exact, sentence)
         rows = [row for row in outcome["budgets"] if not row["reference"]]
         missed = ", ".join(row["name"] for row in rows if not row["met"])
@@ -686,9 +682,9 @@ def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
 
     @contextmanager
     def lines(name: str) -> Iterator[Progress]:
-        begin, milestones = (
-            time.perf_counter(),
-            Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True)),
+        begin = time.perf_counter()
+        milestones = Milestones(
+            lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True)
         )
         with milestones.alive(name):
             yield lambda task, done, total: milestones(f"{name}, {task}", done, total)

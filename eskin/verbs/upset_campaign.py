@@ -81,12 +81,12 @@ def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
     """
     config = model.config
     touches = find_touches(config, recordings)
-    lead, tail = (
+    lead = (
         config.rest_level.rest_frames
         + config.windows.pretrigger_frames
-        + 4 * config.onset_rule.onset_mean_frames,
-        2 * config.onset_rule.rearm_frames + config.windows.hop,
+        + 4 * config.onset_rule.onset_mean_frames
     )
+    tail = 2 * config.onset_rule.rearm_frames + config.windows.hop
     whole = [
         row for row in touches.first_touch() if row >= 0 and touches.completed[row] == config.windows.steps
     ]

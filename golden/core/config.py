@@ -245,11 +245,9 @@ class AcceleratorConfig:
 
     def _recurrent_refusals(self) -> Iterator[Refusal]:
         cell, reset = self.network.cell, self.network.reset
-        feature, state, bias = (
-            self.formats.feature_format,
-            self.formats.state_format,
-            self.formats.bias_format,
-        )
+        feature = self.formats.feature_format
+        state = self.formats.state_format
+        bias = self.formats.bias_format
         if self.feature_align < 0:
             yield (
                 "feature_format",
@@ -554,15 +552,15 @@ class AcceleratorConfig:
 
     @cached_property
     def beat_bits(self) -> int:
-        """Bits of what each frame gives a window for one input: a deviation, a block's activity, a companded
+        """Bits of a frame's share in a window, for one input: a deviation, a block's activity, a companded
         integral."""
         bounds = {"mean": self.deviation_bound, "activity": self.block_bound, "integral": self.integral_limit}
         return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
 
     @cached_property
     def sum_bits(self) -> int:
-        """Bits of what a window gives for one input: of the mean window times deviation_bound, of activity
-        its blocks times block_bound."""
+        """Bits of a window's value for one input: a mean is at most window times deviation_bound, an activity
+        blocks times block_bound."""
         bounds = {
             "mean": self.windows.window * self.deviation_bound,
             # rounded up: blocks that do not fill the window are refused later, with this width in use
@@ -793,7 +791,7 @@ class AcceleratorConfig:
 
     @property
     def trajectory_width(self) -> int:
-        """Values a step of what prototypes are compared with: hidden states; of a linear cell logits."""
+        """Values a step that prototypes are compared with: hidden states, of a linear cell logits."""
         return self.network.hidden if self.recurrent else self.classes
 
     @property
@@ -851,10 +849,8 @@ class AcceleratorConfig:
         formats."""
         if not self.recurrent:
             return self.dense_bound
-        state, feature = (
-            self.formats.state_format.magnitude,
-            self.formats.feature_format.magnitude << self.feature_align,
-        )
+        state = self.formats.state_format.magnitude
+        feature = self.formats.feature_format.magnitude << self.feature_align
         gate_row = (
             self.inputs * self.formats.weight_format.magnitude * feature
             + self.network.hidden * self.formats.recurrent_format.magnitude * state

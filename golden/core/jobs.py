@@ -62,12 +62,10 @@ class Jobs:
         progress: Progress | None = None,
         version: Callable[[], str] | None = None,
     ) -> None:
-        self._workers, self._dask, self._progress, self._version = (
-            workers or os.cpu_count() or 1,
-            dask,
-            progress,
-            version,
-        )
+        self._workers = workers or os.cpu_count() or 1
+        self._dask = dask
+        self._progress = progress
+        self._version = version
 
     def results(
         self,

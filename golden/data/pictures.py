@@ -48,10 +48,8 @@ def load_picture_folder(path: Path) -> Recordings:
         for file in files:
             try:
                 with Image.open(file) as picture:
-                    mode, pixels = (
-                        picture.mode,
-                        np.asarray(picture.convert("L") if picture.mode in ("1", "P", "L") else picture),
-                    )
+                    mode = picture.mode
+                    pixels = np.asarray(picture.convert("L") if picture.mode in ("1", "P", "L") else picture)
             except (
                 OSError,
                 UnidentifiedImageError,

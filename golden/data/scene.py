@@ -249,6 +249,7 @@ def _contact(
         shape = bump((slid - reach - along) / (0.28 * width))
     else:
         u = single(slid - reach - along)
+        # tufts at a regular pitch, and bristles that catch at random, each for 20 ms
         tufts = (1 + np.cos(single(2 * np.pi / habit["pitch"]) * u + single(rng.uniform(0, 2 * np.pi)))) / 2
         hold = max(1, round(0.02 / (time[1] - time[0])))
         bristles = rng.exponential(1.0, (len(u) // hold + 1, len(grid))).repeat(hold, axis=0)[: len(u)]

@@ -262,10 +262,8 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
             names = tuple(first)
             if not any(cell and not _NUMBER.fullmatch(cell) for cell in first):
                 notes.append(f"line {numbered[0][0]} numbers the columns and is their header")
-            header, below = (
-                numbered[0][0],
-                len(rest) == 2 and _numeric(rest[1]) and _is_second(first, rest[0]),
-            )
+            header = numbered[0][0]
+            below = len(rest) == 2 and _numeric(rest[1]) and _is_second(first, rest[0])
             if below and len(rest[0]) == len(names):
                 names, units = _two_rows(names, tuple(rest[0]))
                 notes += [] if units else [f"lines {header} and {numbered[1][0]} are one header"]

@@ -31,12 +31,10 @@ from eskin.golden.core.images import BIAS_BITS
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.preprocess import companded
 
-CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE = (
-    "config.json",
-    "float.npz",
-    "weights.npz",
-    "training.json",
-)
+CONFIG_FILE = "config.json"
+FLOAT_FILE = "float.npz"
+INTEGER_FILE = "weights.npz"
+TRAINING_FILE = "training.json"
 SCALE_ROOM = 2
 """Bits by which a shift may be smaller than the loudest taxel asks for. A centred feature still fits, and the
 quietest taxel may have a scale four times as small.

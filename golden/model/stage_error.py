@@ -189,12 +189,10 @@ class _Only:
     """Real arithmetic in which one stage is that of the integer model."""
 
     def __init__(self, config: AcceleratorConfig, stage: str) -> None:
-        self._float, self._fixed, self._stage, self._units = (
-            Float(config),
-            Fixed(config),
-            stage,
-            _units(config),
-        )
+        self._float = Float(config)
+        self._fixed = Fixed(config)
+        self._stage = stage
+        self._units = _units(config)
 
     def __getattr__(self, name: str) -> Any:
         stage, source, result = OPERATIONS.get(name, ("", "", ""))

@@ -1,5 +1,4 @@
-"""A model that takes frames one by one and decides as the hardware does, at the frame at which the hardware
-has what it needs.
+"""A model that takes frames one by one and decides at the same frame as the hardware does.
 
 docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of
 ``eskin.golden.model.pipeline``; no more than a few touches of frames are kept, so that a stream may last for

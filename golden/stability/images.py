@@ -312,10 +312,8 @@ def weight_flips(bench: ImageBench) -> Outcome:
         upset_arrays = {**arrays, name: upset(arrays[name], place, bit, formats[name])}
         return IntegerModel(bench.config, upset_arrays, bench.model.source)
 
-    sizes, bits = (
-        {name: arrays[name].size for name in formats},
-        {name: fmt.width for name, fmt in formats.items()},
-    )
+    sizes = {name: arrays[name].size for name in formats}
+    bits = {name: fmt.width for name, fmt in formats.items()}
     sites, changed, harmless = _flips(
         bench, 6, bench.flips, sizes, bits, lambda *site: bench.run(hit(*site), images).decision, images
     )

@@ -195,10 +195,8 @@ def lead_ins(bench: Bench) -> tuple[list[np.ndarray], list[int]]:
             streams.append(bench.clean.recording(i)[:end])
             origins.append(i)
     if not streams:  # recordings that begin in contact: the rest level with its noise, as far as there is any
-        streams, origins = (
-            [np.repeat(bench.clean.recording(0)[:1], config.rest_level.rest_frames + 512, axis=0)],
-            [0],
-        )
+        streams = [np.repeat(bench.clean.recording(0)[:1], config.rest_level.rest_frames + 512, axis=0)]
+        origins = [0]
     return streams, origins
 
 

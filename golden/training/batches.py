@@ -71,10 +71,8 @@ class Batches:
 
     def _augmented(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         recipe, generator = self._recipe, self._generator
-        speed, amplitude = (
-            _log_uniform(recipe.warp, rows.shape, generator),
-            _log_uniform(recipe.gain, rows.shape, generator),
-        )
+        speed = _log_uniform(recipe.warp, rows.shape, generator)
+        amplitude = _log_uniform(recipe.gain, rows.shape, generator)
         amplitude = amplitude * speed**recipe.speed_gain
         # a touch at another speed: window k of it lies at k * speed of the recorded one, between two windows
         position = torch.arange(self._config.windows.steps) * speed[..., None]

@@ -417,10 +417,8 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
         bias = np.zeros(len(weights) if weights.ndim else 0)
         if additions:
             place = 1 if node.output[0] == additions[0].input[0] else 0
-            bias, names = (
-                graph.constant(additions[0], place, "bias"),
-                names | {"dense bias": additions[0].input[place]},
-            )
+            bias = graph.constant(additions[0], place, "bias")
+            names = names | {"dense bias": additions[0].input[place]}
     if weights.ndim != 2 or not weights.size or bias.size != len(weights):
         graph.refuse(
             node, f"has weights of shape {weights.shape} and {bias.size} biases; save one dense layer, whole"

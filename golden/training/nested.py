@@ -94,11 +94,9 @@ class Nested:
         per_fold: [{held_out, recordings, the three shares, front_end, network}], shuffled (None: many
         recordings; ``_shuffled``), wall_s}.
         """
-        begin, recordings, seeds = (
-            time.perf_counter(),
-            self.terms.recordings,
-            list(map(int, self.terms.seeds)),
-        )
+        begin = time.perf_counter()
+        recordings = self.terms.recordings
+        seeds = list(map(int, self.terms.seeds))
         tests = split_folds(recordings, list(split), self.terms.folds, None)
         parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
         train_rows = [np.flatnonzero(~np.isin(self.field.numbers, test)) for test in tests]
@@ -230,10 +228,8 @@ class Nested:
             test_rows = np.flatnonzero(np.isin(self.field.numbers, test))
             for number, of_labelling in enumerate(of_part):
                 touched, gram = of_config[cheapest(of_labelling, self.market).config]
-                train, unseen = (
-                    np.flatnonzero(np.isin(touched, rows)),
-                    np.flatnonzero(np.isin(touched, test_rows)),
-                )
+                train = np.flatnonzero(np.isin(touched, rows))
+                unseen = np.flatnonzero(np.isin(touched, test_rows))
                 if not len(train) or not len(unseen):
                     continue
                 targets = np.eye(classes)[labels[number, touched[train]]]

@@ -89,28 +89,29 @@ class Profile(Float):
         super().__init__(config)
         self.ranges: dict[str, Range] = {}
 
-    def _note(self, signal: str, value: torch.Tensor) -> torch.Tensor:
+    def note(self, signal: str, value: Any) -> Any:
+        """Widen the signal's range to these values, and give them on."""
         low, high = self.ranges.get(signal, (math.inf, -math.inf))
         self.ranges[signal] = (min(low, float(value.min())), max(high, float(value.max())))
         return value
 
     def sigmoid(self, acc):
-        return super().sigmoid(self._note("sigmoid pre-activation", acc))
+        return super().sigmoid(self.note("sigmoid pre-activation", acc))
 
     def tanh(self, acc):
-        return super().tanh(self._note("tanh pre-activation", acc))
+        return super().tanh(self.note("tanh pre-activation", acc))
 
     def tanh_of_state(self, value):
-        return super().tanh_of_state(self._note("tanh pre-activation", value))
+        return super().tanh_of_state(self.note("tanh pre-activation", value))
 
     def value(self, acc):
-        return self._note("state", acc)
+        return self.note("state", acc)
 
     def state(self, products):
-        return self._note("state", products)
+        return self.note("state", products)
 
     def logit(self, acc):
-        return self._note("logit", acc)
+        return self.note("logit", acc)
 
 
 def signals(config: AcceleratorConfig) -> tuple[str, ...]:
@@ -147,15 +148,12 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
         begun = touches.completed > 0
         last = logits[begun, np.minimum(touches.completed[begun], features.shape[1]) - 1]
         profiler.ranges[LAST_LOGIT] = (float(last.min()), float(last.max()))
-    ranges = {"feature": (float(features.min()), float(features.max())), **profiler.ranges}
+    profiler.note("feature", features)
     covered = float(np.quantile(np.abs(features[complete]), FEATURE_COVERAGE))
-    ranges[COVERED_FEATURE] = (-covered, covered)
     kinds = {"W": "weight", "U": "recurrent", "b": "bias", "bh": "bias"}
     for name, array in merged_parameters(model).items():
-        kind = {"V": "dense", "b_y": "dense bias"}.get(name) or kinds[name.partition("_")[0]]
-        low, high = ranges.get(kind, (math.inf, -math.inf))
-        ranges[kind] = (min(low, float(array.min())), max(high, float(array.max())))
-    return ranges
+        profiler.note({"V": "dense", "b_y": "dense bias"}.get(name) or kinds[name.partition("_")[0]], array)
+    return profiler.ranges | {COVERED_FEATURE: (-covered, covered)}
 
 
 def merged_parameters(model: FloatModel) -> dict[str, np.ndarray]:
@@ -227,10 +225,8 @@ class Masters(torch.nn.Module):
         formats = [network_formats(integer.config) for integer in integers]
         self.weights, self._units, self._limits = torch.nn.ParameterDict(), {}, {}
         for name in formats[0]:
-            weight, own = (
-                torch.tensor(np.stack([arrays[name] for arrays in merged])),
-                [fmt[name] for fmt in formats],
-            )
+            weight = torch.tensor(np.stack([arrays[name] for arrays in merged]))
+            own = [fmt[name] for fmt in formats]
             self.weights[name] = torch.nn.Parameter(weight.to(dtype), trained is None or name in trained)
             self._units[name] = _of_each([2.0**fmt.frac_bits for fmt in own], weight).to(dtype)
             self._limits[name] = limits_of(own, weight.to(dtype))
@@ -410,25 +406,11 @@ def choose_formats(
         When no format of these widths works.
     """
     check_widths(config, weight_bits, state_bits, feature_bits, gate_bits, table_entries)
-    # a linear cell multiplies features by weights and nothing else
     if not config.recurrent:
         feature = covering_format(ranges[COVERED_FEATURE], feature_bits or FEATURE_BITS)
         feature = QFormat(feature.int_bits, min(feature.frac_bits, feature_frac_limit))
         gate_frac = config.formats.gate_frac if gate_bits is None else gate_bits
-
-        def of_weights(bits: int) -> AcceleratorConfig:
-            dense = covering_format(ranges["dense"], bits)
-            formats = {"feature_format": feature, "dense_format": dense, "gate_frac": gate_frac}
-            return _with_logits(config, ranges, lean, dense.frac_bits + feature.frac_bits, **formats)
-
-        chosen = of_weights(weight_bits or WEIGHT_BITS)
-        low, high = ranges.get(LAST_LOGIT, (-math.inf, math.inf))
-        while not (weight_bits or plain) and _rounding(chosen) > ROUNDING * (high - low):
-            finer = of_weights(chosen.weight_bits + 1)
-            if finer.weight_bits > OPERAND_BITS or finer.accumulator_bits > WIDEST_DSP_ACCUMULATOR:
-                break
-            chosen = finer
-        return chosen
+        return _linear_formats(config.replace(gate_frac=gate_frac), ranges, weight_bits, feature, lean, plain)
     weight_bits = weight_bits or WEIGHT_BITS
     state_int = 4 if config.network.cell == "lstm" or config.network.reset == "after" else 2
     if state_bits is None and weight_bits <= LOW_WEIGHT_BITS:
@@ -482,6 +464,31 @@ def choose_formats(
         gate_frac=gate_bits,
         table_entries=table_entries or config.formats.table_entries,
     )
+
+
+def _linear_formats(
+    config: AcceleratorConfig,
+    ranges: Mapping[str, Range],
+    weight_bits: int | None,
+    feature: QFormat,
+    lean: bool,
+    plain: bool,
+) -> AcceleratorConfig:
+    """As `choose_formats`, of a linear cell, which multiplies features by weights and nothing else."""
+
+    def of_weights(bits: int) -> AcceleratorConfig:
+        dense = covering_format(ranges["dense"], bits)
+        formats = {"feature_format": feature, "dense_format": dense}
+        return _with_logits(config, ranges, lean, dense.frac_bits + feature.frac_bits, **formats)
+
+    chosen = of_weights(weight_bits or WEIGHT_BITS)
+    low, high = ranges.get(LAST_LOGIT, (-math.inf, math.inf))  # without one the span is infinite: no finer
+    while not (weight_bits or plain) and _rounding(chosen) > ROUNDING * (high - low):
+        finer = of_weights(chosen.weight_bits + 1)
+        if finer.weight_bits > OPERAND_BITS or finer.accumulator_bits > WIDEST_DSP_ACCUMULATOR:
+            break
+        chosen = finer
+    return chosen
 
 
 def _rounding(config: AcceleratorConfig) -> float:

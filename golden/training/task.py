@@ -73,10 +73,8 @@ class ImageTask:
     def __init__(self, real: FloatModel, integer: IntegerModel, recordings: Recordings) -> None:
         images = images_of(recordings)
         self._real, self._integer, self._some = real, integer, images[recordings.evenly(LOOKED_AT)]
-        self.ideal, self.trace = (
-            float_images(real, images, maps=False),
-            run_images(integer, images, maps=False),
-        )
+        self.ideal = float_images(real, images, maps=False)
+        self.trace = run_images(integer, images, maps=False)
         self.done = np.ones(len(images), dtype=bool)
 
     @cached_property

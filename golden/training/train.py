@@ -105,11 +105,9 @@ def train(
     begin = time.perf_counter()
     check_model_target(out)
     request = request or TrainingRequest()
-    recipe, seed, widths = (
-        request.recipe or choose_recipe(config, request.protocol),
-        request.seed,
-        dict(request.widths),
-    )
+    recipe = request.recipe or choose_recipe(config, request.protocol)
+    seed = request.seed
+    widths = dict(request.widths)
     check_widths(config, **widths)
     if tuple(recordings.class_names) != config.network.class_names:
         raise InputError(

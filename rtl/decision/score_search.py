@@ -66,7 +66,7 @@ class SearchTwice(wiring.Component):
         reading = Signal.like(number, reset_less=True)
         compared = Signal.like(number, reset_less=True)
         last, compared_last = number == classes - 1, compared == classes - 1
-        # the second time
+        # the second pass
         searching = Signal()
         reading_others = Signal()
         others = Signal()
@@ -116,8 +116,8 @@ class SearchTwice(wiring.Component):
 class SearchOnce(wiring.Component):
     """In few cycles: the largest so far is held, and by how much.
 
-    ``new`` is a score a cycle after it was given, ``compared`` its class. ``above`` is, a cycle later, by how
-    much less one it is above the largest of those before it. Latency: ``found`` comes 2 cycles after the last
+    ``new`` is the score of the cycle before, ``compared`` its class. ``above`` comes a cycle later: its
+    distance from the largest score before it, less one. Latency: ``found`` comes 2 cycles after the last
     score.
     """
 
@@ -149,8 +149,8 @@ class SearchOnce(wiring.Component):
         exceeds = difference[-1]  # strictly: ties stay with the lowest class
         with m.If(arriving & (first | exceeds)):
             m.d.sync += [below.eq(~new), best.eq(compared)]
-        # The next cycle: a new largest is that far above the one before, which was no nearer to any other; the
-        # first is as far above as can be.
+        # The next cycle. A new largest score has its margin over the one before, which was at least as near
+        # as any other. The first score has the largest margin there is.
         m.d.sync += [judged.eq(arriving), ending.eq(arriving & (compared == last_class))]
         with m.If(arriving):
             m.d.sync += [above.eq(difference), larger.eq(exceeds & ~first), unseen.eq(first | exceeds)]
