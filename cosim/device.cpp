@@ -13,6 +13,7 @@ typedef int64_t i64;
 #include "gates.cpp"
 struct Port {
   std::vector<i32> nets;
+  int flips;  // of states: what is put inverts them
 };
 struct Model {
   Chip* chip;
@@ -20,7 +21,10 @@ struct Model {
   i32 enable;
   std::vector<Port> ports;
   void put(int port, u64 value) {
-    if (port >= 0) ::put(chip, ports[port].nets.data(), ports[port].nets.size(), value);
+    if (port < 0) return;
+    Port& p = ports[port];
+    if (!p.flips) ::put(chip, p.nets.data(), p.nets.size(), value);
+    else if (value) for (i32 net : p.nets) ::set(*chip, net, !chip->n[net]);
   }
   u64 get(int port) { return port < 0 ? 0 : ::get(chip, ports[port].nets.data(), ports[port].nets.size()); }
   bool settle() { return ::settle(chip); }
@@ -111,7 +115,7 @@ struct Device {
   void mark() {
 #ifdef NETLIST
     Chip& c = *model.chip;
-    for (i64 count : {s.cycle, s.edges, s.decisions, i64(c.accesses[0]), i64(c.accesses[1])}) marks.push_back(count);
+    for (i64 count : {s.cycle, s.edges, s.decisions}) marks.push_back(count);
     marks.insert(marks.end(), c.joule, c.joule + c.kinds * (c.timed ? 2 : 1));
 #endif
   }
@@ -145,8 +149,8 @@ Device* open_device(Chip* chip, int gated, int32_t enable) {
   d->model.chip = chip, d->model.gated = gated, d->model.enable = enable;
   return d;
 }
-int port_of(Device* d, const i32* nets, int count) {
-  d->model.ports.push_back({{nets, nets + count}});
+int port_of(Device* d, const i32* nets, int count, int flips) {
+  d->model.ports.push_back({{nets, nets + count}, flips});
   return d->model.ports.size() - 1;
 }
 #else

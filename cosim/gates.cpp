@@ -23,7 +23,7 @@ struct Tables {
   const i32 *gate_enable, *gate_clock;                                 // the gate before it, or -1
   const i32 *flop_first, *latch_first;  // numbers of the first behind each gate; before those, behind none
   const i32 *flop_data, *flop_q, *flop_inverse, *flop_delay;
-  const i32 *memory;  // of each: gate, enable, write, read, words, address bits, data bits, delay, then nets of address, input, output
+  const i32 *memory;  // of each: gate, enable, write, read, words, address bits, data bits, delay, then nets of address, input, mask, output
 };
 
 struct Event {
@@ -38,7 +38,6 @@ struct Chip {
   std::vector<i32> reader_first, readers, changed;
   std::vector<std::vector<uint32_t>> words;
   std::vector<uint32_t> shown;
-  long long accesses[2];
   // with delays
   bool timed;
   std::vector<std::vector<Event>> wheel;
@@ -47,8 +46,8 @@ struct Chip {
   long long waiting, now;
   // what changes cost
   double *joule;
-  const double *cost, *gate_cost;
-  const u8 *kind, *gate_kind;
+  const double *cost, *gate_cost, *access_cost;  // of each memory: a read, a write
+  const u8 *kind, *gate_kind, *access_kind;
   int kinds;
 };
 
@@ -168,7 +167,7 @@ Chip *make(const Tables *tables) {
   for (i32 cell = 0; cell < all; cell++)
     for (i32 k = t.first[cell]; k < t.first[cell + 1]; k++) c.readers[count[t.inputs[k]]++] = cell;
   const i32 *row = t.memory;
-  for (i32 k = 0; k < t.memories; k++, row += 8 + row[5] + 2 * row[6]) c.words.emplace_back(row[4]), c.shown.push_back(0);
+  for (i32 k = 0; k < t.memories; k++, row += 8 + row[5] + 3 * row[6]) c.words.emplace_back(row[4]), c.shown.push_back(0);
   return chip;
 }
 
@@ -197,9 +196,9 @@ int begin(Chip *chip, const u8 *random, const uint32_t *contents) {
   for (auto &words : c.words)
     for (auto &word : words) word = *contents++;
   const i32 *row = t.memory;
-  for (i32 k = 0; k < t.memories; k++, row += 8 + row[5] + 2 * row[6])
+  for (i32 k = 0; k < t.memories; k++, row += 8 + row[5] + 3 * row[6])
     for (i32 bit = 0; bit < row[6]; bit++)
-      if (row[8 + row[5] + row[6] + bit] >= 0) c.n[row[8 + row[5] + row[6] + bit]] = *contents++ & 1;
+      if (row[8 + row[5] + 2 * row[6] + bit] >= 0) c.n[row[8 + row[5] + 2 * row[6] + bit]] = *contents++ & 1;
   for (auto &word : c.dirty) word = ~0ull;
   if ((t.cells + t.latches) & 63) c.dirty.back() = (1ull << ((t.cells + t.latches) & 63)) - 1;
   else c.dirty.back() = 0;
@@ -207,7 +206,6 @@ int begin(Chip *chip, const u8 *random, const uint32_t *contents) {
   c.changed.clear();
   std::fill(c.listed.begin(), c.listed.end(), 0);
   std::fill(c.passed.begin(), c.passed.end(), 0);
-  std::memset(c.accesses, 0, sizeof c.accesses);
   c.joule = joule;
   c.timed = timed;
   return wrong;
@@ -234,17 +232,22 @@ int edge(Chip *chip) {
     if (passes(gate))
       for (i32 k = t.flop_first[gate + 1]; k < t.flop_first[gate + 2]; k++) c.sampled[k] = c.n[t.flop_data[k]];
   const i32 *row = t.memory;
-  for (i32 k = 0; k < t.memories; k++, row += 8 + row[5] + 2 * row[6]) {
+  for (i32 k = 0; k < t.memories; k++, row += 8 + row[5] + 3 * row[6]) {
     if (!passes(row[0]) || !c.n[row[1]]) continue;
-    uint32_t address = 0, given = 0;
-    for (i32 bit = 0; bit < row[5]; bit++) address |= uint32_t(c.n[row[8 + bit]]) << bit;
-    for (i32 bit = 0; bit < row[6]; bit++) given |= uint32_t(c.n[row[8 + row[5] + bit]]) << bit;
-    address %= row[4];
-    if (c.n[row[2]]) c.words[k][address] = given, c.accesses[1]++;
+    const i32 *pin = row + 8;
+    auto taken = [&](i32 bits) {
+      uint32_t value = 0;
+      for (i32 bit = 0; bit < bits; bit++) value |= uint32_t(c.n[*pin++]) << bit;
+      return value;
+    };
+    uint32_t address = taken(row[5]) % row[4], given = taken(row[6]), mask = taken(row[6]), &word = c.words[k][address];
+    bool writes = c.n[row[2]];
+    if (writes) word = (given & mask) | (word & ~mask);
     else if (c.n[row[3]]) {
-      c.shown[k] = c.words[k][address], c.accesses[0]++;
-      for (i32 bit = 0; bit < row[6]; bit++) later(c, row[8 + row[5] + row[6] + bit], c.shown[k] >> bit & 1, row[7]);
-    }
+      c.shown[k] = word;
+      for (i32 bit = 0; bit < row[6]; bit++) later(c, *pin++, word >> bit & 1, row[7]);
+    } else continue;
+    if (c.joule) c.joule[c.access_kind[k]] += c.access_cost[2 * k + writes];
   }
   for (i32 gate = -1; gate < t.gates; gate++) {
     if (!passes(gate)) continue;
@@ -262,12 +265,11 @@ int edge(Chip *chip) {
 
 int gate_passed(Chip *chip, int gate) { return chip->passed[gate]; }
 
-long long accesses(Chip *chip, int writes) { return chip->accesses[writes]; }
-
 // Twice as many places in joule as kinds: what has changed from cycle to cycle, then the glitches beyond.
-void costs(Chip *chip, double *joule, int kinds, const double *cost, const u8 *kind, const double *gate_cost, const u8 *gate_kind) {
+void costs(Chip *chip, double *joule, int kinds, const double *cost, const u8 *kind, const double *gate_cost, const u8 *gate_kind, const double *access_cost, const u8 *access_kind) {
   chip->joule = joule, chip->kinds = kinds;
   chip->cost = cost, chip->kind = kind, chip->gate_cost = gate_cost, chip->gate_kind = gate_kind;
+  chip->access_cost = access_cost, chip->access_kind = access_kind;
 }
 
 void count(Chip *chip) {

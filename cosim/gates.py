@@ -39,6 +39,8 @@ HORIZON = 1 << 16
 """Ticks of a delay, less than these."""
 WORD_BITS = 16
 """Random bits of a macro's word."""
+FLIP = "flip "
+"""With a state's number behind it: a port that inverts that state."""
 NAME = re.compile(r"[A-Za-z_]\w*")
 
 
@@ -82,7 +84,8 @@ class Program:
     ----------
     nets: how many; gates: nets of the clock gates' outputs, in the order of their tables; top: number of the
     gate that all clocks come from, or None; enable: the net that opens it; states, words: flip-flops and
-    latches, words of macros with their outputs.
+    latches, words of macros with their outputs; macros: their names; state_nets: of each flip-flop, then of each
+    latch, its nets.
     """
 
     def __init__(
@@ -143,7 +146,10 @@ class Program:
         latches = self._latches(by_kind["latch"])
         rows: list[Any] = [*((net, -1, *row) for net, *row in functions), *(row for _, *row in latches)]
         memory = self._memories(by_kind["memory"])
+        self.macros = [name for name, *_ in by_kind["memory"]]
         self.states = len(flops) + len(latches)
+        shown = [(q, inverse) for *_, q, inverse, _ in flops] + [row[1:3] for row in latches]
+        self.state_nets = [[net for net in nets if net >= 0] for nets in shown]
         columns = np.array(flops, np.int32).reshape(-1, 5).T
         arrays: Record = {
             "output": [row[0] for row in rows],
@@ -218,6 +224,7 @@ class Program:
                 self._ticks(kind, "A_DOUT"),
                 *pins["A_ADDR"],
                 *pins["A_DIN"],
+                *pins["A_BM"],
                 *shows,
             ]
             self.words += kind.words + sum(net >= 0 for net in shows)
@@ -378,12 +385,13 @@ class Chip:
         return self.library.open_device(self._chip, self.program.top is not None, self.program.enable)
 
     def port(self, opened: int, name: str) -> int:
-        """As `eskin.cosim.device.Model`."""
-        return self.library.port_of(opened, *self._ports[name]) if name in self._ports else -1
+        """As `eskin.cosim.device.Model`; ``flip N`` inverts state N (`Program.state_nets`) where it is 1."""
+        if name.startswith(FLIP):
+            nets = self.program.state_nets[int(name.removeprefix(FLIP))]
+            return self.library.port_of(opened, (ctypes.c_int32 * len(nets))(*nets), len(nets), 1)
+        return self.library.port_of(opened, *self._ports[name], 0) if name in self._ports else -1
 
-    def count_into(
-        self, joule: np.ndarray, costs: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    ) -> Callable[[], None]:
+    def count_into(self, joule: np.ndarray, costs: Sequence[np.ndarray]) -> Callable[[], None]:
         """Add up in ``joule``, by kind, what changes cost, and the clock gates that let an edge through. A
         device does so after every edge; who steps the chip itself calls what this gives.
 
@@ -392,12 +400,11 @@ class Chip:
         joule:
             With delays twice as long: behind the kinds the changes that a net takes back within a cycle.
         costs:
-            Joule a change, kind, of every net; joule of an edge, kind, of every gate. Kinds are places in
-            ``joule``.
+            Joule a change, kind, of every net; joule of an edge, kind, of every gate; joule of a read and a write,
+            kind, of every macro. Kinds are places in ``joule``.
         """
         arrays = [
-            np.ascontiguousarray(part, kind)
-            for part, kind in zip(costs, (float, np.uint8, float, np.uint8), strict=True)
+            np.ascontiguousarray(part, kind) for part, kind in zip(costs, 3 * (float, np.uint8), strict=True)
         ]
         kinds = len(joule) // (1 if self.delays is None else 2)
         self.library.costs(self._chip, joule.ctypes.data, kinds, *(part.ctypes.data for part in arrays))

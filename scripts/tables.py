@@ -24,7 +24,8 @@ checks
 readouts
     Prototypes in place of the dense layer's decision, preset ``pvdf`` on one lane, placed once; three places to be
     taught; then, by Yosys, what a board without a host has beside it. Teaching: cycles of one touch's pass
-    over the memory, and as many cycles of a step in joules.
+    over the memory, and as many cycles of a step in joules. With ``--liberty`` chips with 4 lanes, loadable, that a
+    recording made up was played into: teaching as it was counted there.
 
 Cells are Yosys' counts on an iCE40 UP5K before placement where nothing else is said, onset to decision
 without the serial link.
@@ -41,6 +42,7 @@ from typing import Any
 import numpy as np
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
 from eskin.golden.model import random_integer_model, random_recordings
 from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.golden.training.choose_network import network
@@ -53,7 +55,14 @@ from eskin.rtl.host.taught_log import TaughtLog
 from eskin.rtl.interface.teach_buttons import TeachButtons
 from eskin.rtl.program.flash_image import log_layout
 from eskin.rtl.program.memory_map import prototype_words
-from eskin.rtl.program.schedule import frame_cycles, lowest_clock_hz, mean_frame_cycles, schedule, step_cycles
+from eskin.rtl.program.schedule import (
+    decision_cycles,
+    frame_cycles,
+    lowest_clock_hz,
+    mean_frame_cycles,
+    schedule,
+    step_cycles,
+)
 from eskin.rtl.top.bus_top import Bus, BusTop
 from eskin.verbs import asic_job, build_job, defence_cost, energy_job
 
@@ -200,12 +209,15 @@ def on_a_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) -> R
     )
 
 
-def in_software(config: AcceleratorConfig) -> Row:
-    """The same as plain C on a microcontroller, in cycles of its core; a recording made up, which costs what
-    others do."""
-    model = random_integer_model(config, 1)
+def made_up(config: AcceleratorConfig) -> Recordings:
+    """A recording with a whole touch, which costs what others do."""
     settling, again = config.rest_level.rest_frames, config.onset_rule.rearm_frames
-    played = random_recordings(config, [settling + 2 * config.last_frame + 2 * again], 1)
+    return random_recordings(config, [settling + 2 * config.last_frame + 2 * again], 1)
+
+
+def in_software(config: AcceleratorConfig) -> Row:
+    """The same as plain C on a microcontroller, in cycles of its core."""
+    model, played = random_integer_model(config, 1), made_up(config)
     with tempfile.TemporaryDirectory() as work:
         (row,) = energy_job.in_software(model, played, Path(work) / "c")
     cycles = [f"{row['cycles'][part]:.0f}" for part in ("frame", "quiet", "step")]
@@ -293,7 +305,7 @@ def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
         base = PRESETS["pvdf"].with_lanes(1, "dsp").replace(checksum=name.endswith("checksum"))
         if count := READOUTS[name]:
             base = base.with_readout(prototypes=count, **TAUGHT)
-        cells, memories, mhz, _, _, step, touch, _ = placed(base, seeds=1)
+        cells, memories, mhz, _, _, step, touch, waiting = placed(base, seeds=1)
         config = random_integer_model(base, 1).config
         pass_cycles = prototype_words(config) + config.windows.steps if count else 0
         activity = scheduled_activity(config, step, *mean_frame_cycles(config), 1)
@@ -303,7 +315,10 @@ def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
             if count
             else "-"
         )
-        yield name, cells, memories, mhz, step, touch, teaching
+        decision = decision_cycles(config)
+        yield name, cells, memories, mhz, f"{step}, {decision}", touch, teaching, waiting
+        if asked.liberty:
+            yield f"{name}, chip", *taught_chip(base, asked.pdk, asked.liberty)
     log = log_layout(PRESETS["pvdf"].with_readout(prototypes=3, **TAUGHT))
     if log and not asked.rows:
         blocks = {
@@ -313,7 +328,24 @@ def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
         }
         for name, block in blocks.items():
             cells = cells_of(block)
-            yield name, f"{cells['lut']} LUT, {cells['ff']} flip-flops", *"-----"
+            yield name, f"{cells['lut']} LUT, {cells['ff']} flip-flops", *"------"
+
+
+def taught_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) -> Row:
+    """The same columns of a chip."""
+    model = random_integer_model(asic_job.chip_config(config, LANES, rom=False), 1)
+    made = asic_job.asic(model, pdk, liberty, recordings=made_up(model.config))[0]
+    energy, area = made["energy"], made["area_by_kind_um2"]
+    assert energy["bit_exact"]
+    return (
+        f"{1e-6 * made['area_um2']:.3f} mm2",
+        f"{made['latches']} latches, {1e-6 * area.get('memory', 0.0):.3f} mm2 of macros",
+        ", ".join(f"{1e-6 * hertz:.1f}" for hertz in made["fmax_hz"].values()),
+        f"{step_cycles(model.config)}, {decision_cycles(model.config)}",
+        f"{1e6 * energy['touch_j']:.2f} uJ",
+        f"{energy['teach_cycles']} cycles, {1e6 * energy['teach_j']:.3f} uJ" if "teach_j" in energy else "-",
+        f"{1e6 * energy['idle_w']:.2f} uW, leakage {1e6 * energy['leakage_w']:.2f}",
+    )
 
 
 TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
@@ -332,7 +364,10 @@ TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
         "| frame_plain",
         feature_rows,
     ),
-    "readouts": ("readout | cells | memories | MHz | cycles a step | a touch | teaching", readout_rows),
+    "readouts": (
+        "readout | cells | memories | MHz | cycles a step, to the decision | a touch | teaching | waiting",
+        readout_rows,
+    ),
     "checks": ("checks | cells | flip-flops | block memories | cycles a step", check_rows),
 }
 """Columns and rows of each table."""
@@ -351,8 +386,10 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--lane-type", default="dsp", help="of features, checks: plain, dsp or serial")
     parser.add_argument("--block", type=int, default=24, help="of features: frames of a block of activity")
     parser.add_argument("--preset", default="thesis", help="of checks")
-    parser.add_argument("--pdk", default="ihp-sg13g2", help="of designs")
-    parser.add_argument("--liberty", nargs="*", type=Path, default=(), help="of designs: the chip's process")
+    parser.add_argument("--pdk", default="ihp-sg13g2", help="of designs, readouts")
+    parser.add_argument(
+        "--liberty", nargs="*", type=Path, default=(), help="of designs, readouts: the chip's process"
+    )
     asked = parser.parse_args(words)
     columns, rows = TABLES[asked.table]
     print(f"| {columns} |\n| --- |" + " --: |" * columns.count("|"))

@@ -27,7 +27,7 @@ from eskin.rtl.asic.liberty import WireLoad
 from eskin.rtl.asic.models import expression
 from eskin.rtl.asic.nets import Nets
 from eskin.rtl.fpga.generate import boot_writes, pack_decision
-from eskin.rtl.program.memory_map import Control, Register
+from eskin.rtl.program.memory_map import Control, Register, TeachRegister
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 
 SEED = 1
@@ -122,40 +122,41 @@ def measured(
         net: (kind, blocks[nets.driver[net][0]] if net in nets.driver else OTHERS)
         for net, kind in cost.kind.items()
     }
-    place = {part: number for number, part in enumerate(sorted(set(part_of.values())))}
+    at_macros = [(ACCESSES, blocks[name]) for name in program.macros]
+    place = {part: number for number, part in enumerate(sorted({*part_of.values(), *at_macros}))}
     change, of = np.zeros(program.nets), np.zeros(program.nets, np.uint8)
     for net, part in part_of.items():
         of[net], change[net] = place[part], cost.joule[net] * (part[0] != "clock")
     edges = np.array([cost.joule[net] for net in program.gates] or [0.0])
     joule = np.zeros(2 * len(place))  # what changes from cycle to cycle, and glitches
-    chip.count_into(joule, (change, of, edges, of[[*program.gates, 0]]))
+    accesses = [nets.cells[name].access_j[kind] for name in program.macros for kind in ("read", "write")]
+    of_macros = np.array([place[part] for part in at_macros], np.uint8)
+    chip.count_into(joule, (change, of, edges, of[[*program.gates, 0]], np.array(accesses), of_macros))
     device = Device(chip, config.sensor.sample_bits)
     device.reset([*boot_writes(config, model.arrays), (int(Register.CONTROL), int(Control.ARM))])
     device.settle()
     device.forget()  # what a chain not yet reset may have offered
     device.mark_frames()
     device.frames(chosen.recording(0), 2 * config.sensor.taxels + DRAIN_CYCLES)
-    # a row a frame, to the next one's first taxel: cycles, edges that passed, decisions, reads and writes of
-    # macros, joule by kind
-    rows = np.diff(device.marks(5 + len(joule)), axis=0)
+    # a row a frame, to the next one's first taxel: cycles, edges that passed, decisions, joule by kind
+    rows = np.diff(device.marks(3 + len(joule)), axis=0)
     device.write(int(Register.CONTROL), int(Control.FINISH))
     device.settle()
     decisions = [int(word, 16) for word in device.streams()["decision"].words]
     expected = [pack_decision(config, row) for row in trace.streams["decision"][0]]
     differing = sum(map(ne, decisions, expected)) + abs(len(decisions) - len(expected))
-    onset = int(trace.touches.start_frame[trace.first[0]]) - 1 + config.windows.pretrigger_frames
+    onset = int(trace.touches.onset_frame[trace.first[0]]) - 1
     clock = max(lowest_clock_hz(config), schedule(config).decision_cycles / limits(config)["decision"])
     of_part, extra = (
-        {part: rows[:, low + number] for part, number in place.items()} for low in (5, 5 + len(place))
+        {part: rows[:, low + number] for part, number in place.items()} for low in (3, 3 + len(place))
     )
     extra.setdefault(("clock", TRUNK), np.zeros(len(rows)))
     of_part["clock", TRUNK] = of_part.get(("clock", TRUNK), 0.0) + cost.root_j * rows[:, 1]
-    ring = next((blocks[name] for name, cell in nets.cells.items() if cell.kind == "memory"), OTHERS)
-    of_part["reads and writes", ring] = rows[:, 3:5] @ np.array(cost.access_j)
     energies = summary(config, rows, of_part, onset, cost.root_j, leakage_w, clock)
     beyond = summary(config, rows, extra, onset, 0.0, 0.0, clock)
     glitches = {key: beyond[key] for key in GLITCHES} | {"method": DELAYS[delays]}
     hours = BATTERY_J / (energies["average_w"] + glitches["average_w"]) / 3600
+    energies |= _taught(model, device, joule[: len(place)], cost.root_j, leakage_w / clock)
     energies["glitches"] = glitches | {"battery_hours_with": hours}
     return energies | {
         "bit_exact": not differing and bool(decisions),
@@ -164,6 +165,26 @@ def measured(
     }
 
 
+def _taught(
+    model: IntegerModel, device: Device, joule: np.ndarray, edge_j: float, leakage_j: float
+) -> Record:
+    """What teaching the touch that was played costs: ``teach_j`` (None: it was refused), ``teach_cycles``; nothing
+    where no touch can be taught. ``joule``: where it is added up; edge_j: of the clock's first net; leakage_j: of
+    a cycle."""
+    if not model.config.readout_rule.taught:
+        return {}
+    state, odd = device.state, device.read(int(TeachRegister.TAUGHT)) >> ODD
+    changes, edges, begun = joule.sum(), state.edges, state.cycle
+    device.write(int(TeachRegister.TEACH), 0)
+    device.settle()
+    cycles = state.cycle - begun
+    teach_j = joule.sum() - changes + (state.edges - edges) * edge_j + cycles * leakage_j
+    taught = device.read(int(TeachRegister.TAUGHT)) >> ODD != odd
+    return {"teach_j": float(teach_j) if taught else None, "teach_cycles": cycles}
+
+
+ACCESSES, ODD = "reads and writes", 9
+"""What macros cost; the bit of TAUGHT that changes with every touch taught."""
 GLITCHES = ("step_j", "interval_j", "touch_j", "frame_j", "step_blocks_j", "interval_blocks_j", "average_w")
 """Energies that are told of glitches alone, too."""
 

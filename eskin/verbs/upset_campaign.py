@@ -29,7 +29,7 @@ from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import constant_addends
-from eskin.rtl.top.watchdog import bound
+from eskin.rtl.top.watchdog import bound, longest_wait
 
 SLACK = 256
 """Cycles beyond the watchdog's bound before a wait counts as a hang: what idle takes to be seen."""
@@ -115,8 +115,10 @@ def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
 
 
 def hang_limit(config: AcceleratorConfig) -> int:
-    """Cycles after which a wait is a hang, whether the design has a watchdog or not."""
-    return bound(config.replace(watchdog=True, checksum=True)) + SLACK
+    """Cycles after which a wait is a hang, whether the design has a watchdog or not: what still works behind a
+    block that stands ends its steps first, as a whole chain would; the watchdog counts from the last of them."""
+    watched = config.replace(watchdog=True, checksum=True)
+    return longest_wait(watched) + bound(watched) + SLACK
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,9 @@ def _bug(name: str, old: str, new: str) -> Bug:
     quick=True,
     bugs=(
         _bug("a snapshot goes into the half that counts", "half.eq(half ^ counts)", "half.eq(half)"),
-        _bug("a full half is appended to", "taught & (full | ~counts)", "taught & ~counts"),
+        _bug(
+            "a full half is appended to", "taught & (shared.full | ~shared.counts)", "taught & ~shared.counts"
+        ),
         _bug(
             "a record is written in place of the head",
             "m.d.sync += heading.eq(0)",

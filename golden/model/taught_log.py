@@ -80,6 +80,6 @@ def played(model: IntegerModel, log: bytes) -> IntegerModel:
         if bits.all():  # erased flash: no record was written from here on
             break
         touch = _read(config, bits)
-        if touch and not touch[0] & HEAD:
+        if touch and touch[0] < config.classes:
             model = teach(model, touch[1], touch[0])
     return model

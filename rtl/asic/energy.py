@@ -19,12 +19,11 @@ BAND = 2.0
 @dataclass(frozen=True, kw_only=True)
 class Costs:
     """joule, kind: of a change of each net by its number; of a cycle for nets of kind ``clock``, which gates
-    drive. Other kinds are those of the cells that drive them. access_j: of macros, read and write; root_j: a
-    cycle of the clock's first net, which no gate stops."""
+    drive. Other kinds are those of the cells that drive them. root_j: a cycle of the clock's first net, which no
+    gate stops."""
 
     joule: Mapping[int, float]
     kind: Mapping[int, str]
-    access_j: tuple[float, float]
     root_j: float
 
 
@@ -48,6 +47,4 @@ def costs(nets: Nets, voltage: float, wire: WireLoad) -> Costs:
         if kind[bit] == "gate":
             kind[bit] = "clock"
         joule[bit] = edge(bit) * (1 + (kind[bit] == "clock"))
-    macro = next((cell for cell in nets.cells.values() if cell.kind == "memory"), None)
-    access = (macro.access_j["read"], macro.access_j["write"]) if macro else (0.0, 0.0)
-    return Costs(joule=joule, kind=kind, access_j=access, root_j=2 * edge(nets.clock))
+    return Costs(joule=joule, kind=kind, root_j=2 * edge(nets.clock))

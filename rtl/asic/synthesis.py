@@ -25,6 +25,10 @@ RESETS = Path(__file__).with_name("reset_map.v")
 WORDS_OF_A_LATCH_MEMORY = 4
 """From so many words on latches take less than flip-flops: their word that waits is shared."""
 
+ONE_PORT, BITS_OF_MACROS = ("pretrigger_ring", "readout.places"), 2048
+"""Memories that are never read and written in one cycle, so that macros of one port hold them where they have more bits
+than these."""
+
 BITS_OF_A_GATE = 3
 """Flip-flops from which on a clock gate of their own saves energy: its own pin costs about as much as one of
 theirs."""
@@ -263,11 +267,12 @@ def _memories(folder: Path, process: Process, top: str, latches: bool) -> list[R
         kind = "logic" if not writes else "flip-flops"
         single = writes == 1 and len({str(bit) for bit in cell["connections"]["WR_EN"]}) == 1
         macro = min(
-            (m for m in process.macros if m.words >= words and m.bits >= width),
-            key=lambda m: m.area,
+            (m for m in process.macros if m.bits >= width),
+            key=lambda m: macros_for(m, words, width) * m.area,
             default=None,
         )
-        if writes and "pretrigger_ring" in name and macro is not None and words * width > 2048:
+        one_port = writes and any(part in name for part in ONE_PORT) and words * width > BITS_OF_MACROS
+        if one_port and macro is not None:
             kind = macro.name
         elif writes and latches and process.latch is not None and single and words >= WORDS_OF_A_LATCH_MEMORY:
             kind = "latches"
@@ -283,6 +288,12 @@ def _memories(folder: Path, process: Process, top: str, latches: bool) -> list[R
             }
         )
     return rows
+
+
+def macros_for(macro: Cell, words: int, width: int) -> int:
+    """How many macros hold a memory, words beside each other in one of theirs where they are narrow."""
+    beside = 1 << (macro.bits // width).bit_length() - 1
+    return -(-words // (macro.words * beside))
 
 
 def cells_map(process: Process) -> str:
@@ -344,6 +355,6 @@ def macro_verilog(macro: Cell, random: bool = False) -> str:
 
 
 def macro_map(macro: Cell) -> str:
-    """Techmap of a memory that is never read and written in one cycle to a one-port macro."""
+    """Techmap of a memory that is never read and written in one cycle to macros of one port."""
     parameters = re.findall(r"    parameter MEMID.*?(?=    input)", MEMORIES.read_text(), re.DOTALL)[0]
     return _of_macro("macro_map.v", macro, parameters=parameters)

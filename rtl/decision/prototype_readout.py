@@ -46,6 +46,14 @@ def _by_value(number: Value, of: Callable[[int], int]) -> Value:
     )
 
 
+def _odd_of_next(counter: Value) -> Value:
+    """Whether an odd number of bits changes as ``counter`` goes on."""
+    odd: Value = Const(0, 1)
+    for bit in reversed(counter):
+        odd = ~(bit & odd)
+    return odd
+
+
 class PrototypeReadout(wiring.Component):
     """Distances of the touch under way from all prototypes, a code a cycle and no multiplier; writes what it
     sees into the place of a taught touch.
@@ -334,7 +342,11 @@ class PrototypeReadout(wiring.Component):
                 m.d.sync += register.eq(value)
         if checks:
             odd = comparing & (read.data.xor() ^ codes[:stored].xor())
-            guards += [parity_wrong(m, register, changes, value) for register, changes, value in registers]
+            counted = (address.xor() ^ _odd_of_next(address)) & ~back  # its own sum would take a second adder
+            guards += [
+                parity_wrong(m, register, changes, counted if register is address else value)
+                for register, changes, value in registers
+            ]
             m.d.comb += [upset_seen.eq(Cat(guards).any()), self.wrong.eq((odd & used) | upset_seen)]
             with m.If(comparing):
                 m.d.sync += damaged.eq(Mux(begin_of, was_damaged, damaged) | odd)

@@ -227,8 +227,6 @@ class Accelerator(HostedChain):
             self.probe.sum.value.eq(~front_end.averager.o.p.complement),
             *self.probed(engine, "feature", "state", "logit", "step"),
         ]
-        if readout is not None:
-            m.d.comb += readout.clear.eq(control.clear | begin_anew)
         return m, self.needed(m, control)
 
     def _nearest(
@@ -243,6 +241,8 @@ class Accelerator(HostedChain):
             readout.logit_valid.eq(engine.logit.valid),
             readout.step_done.eq(engine.step_done),
             readout.ended.eq(classifier.ended),
+            # not with engine and classifier: the touch that ended may be taught
+            readout.clear.eq(control.clear),
             *following(readout.load, control.load, *LOAD),
         ]
         if config.readout_rule.unknown_above:

@@ -19,6 +19,8 @@ from tests.rtl.asic.test_liberty import CELLS, GATE, file
 CLK, D, EN, GCLK, A, B, X, L = range(2, 10)
 """Nets: d -> flip-flop a; behind the gate that en opens: flip-flop b of a ^ b, latch l of a."""
 
+NO_MACROS = np.zeros(0), np.zeros(0)
+
 
 def module():
     cells = {
@@ -44,7 +46,7 @@ def test_states_gates_and_what_changes_cost(tmp_path):
     change = np.zeros(chip.program.nets)
     change[[D, EN, A, B, X, L]] = 1, 1, 10, 100, 1000, 10000
     kinds = np.zeros(chip.program.nets, np.uint8), np.ones(1, np.uint8)
-    count = chip.count_into(joule, (change, kinds[0], np.array([5.0]), kinds[1]))
+    count = chip.count_into(joule, (change, kinds[0], np.array([5.0]), kinds[1], *NO_MACROS))
     rng, a, b = random.Random(4), chip.get("a"), chip.get("b")
     seen, opened = None, 0
     for cycle in range(200):
@@ -130,7 +132,9 @@ def test_a_pulse_counts_apart_unless_it_is_shorter_than_the_cell_is_slow(
     joule = np.zeros(2)
     change = np.zeros(chip.program.nets)
     change[X], change[A] = 1.0, 10.0
-    count = chip.count_into(joule, (change, np.zeros(chip.program.nets), np.zeros(1), np.zeros(1)))
+    count = chip.count_into(
+        joule, (change, np.zeros(chip.program.nets), np.zeros(1), np.zeros(1), *NO_MACROS)
+    )
     rng, last, seen = random.Random(2), None, 0
     for cycle in range(100):
         d = rng.getrandbits(1)

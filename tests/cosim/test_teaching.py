@@ -2,22 +2,25 @@
 the golden stream does."""
 
 import random
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from eskin.cosim.device import Design, Device
+from eskin.cosim.device import Design, Device, Model
+from eskin.cosim.gates import FLIP
 from eskin.cosim.link import Link
 from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.pin_port import PinPort
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS, InputError, SimulationError
 from eskin.golden.data import Recordings, load_archive
 from eskin.golden.model import IntegerModel, Stream, random_integer_model
 from eskin.golden.model.prototypes import forget, load_taught, taught_in_use
 from eskin.live.feed import Differs
 from eskin.live.feed import Hardware as HardwareEvent
 from eskin.live.sources import BoardSource
+from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.common.layouts import decision_layout
 from eskin.rtl.fpga.export import export, export_board
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
@@ -25,11 +28,13 @@ from eskin.rtl.fpga.synthesis import synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister, taught_arrays
 from eskin.rtl.top.image_accelerator import make_accelerator
+from eskin.verbs import asic_job
 from eskin.verbs.replay_job import play_all
 from tests.golden.model.test_prototypes import taught_model
 from tests.support.link_flow import TIMEOUT_BYTES
 from tests.support.replayed import Recorded
 from tests.support.table import each_row
+from tests.support.tiny_cells import liberty_files
 from tests.support.touch_cuts import beginnings
 from tests.support.touch_scenes import scene
 
@@ -43,10 +48,10 @@ CLOCKS_PER_BIT = 4
 class Taught:
     """A device and the golden stream beside it; every command goes to both."""
 
-    def __init__(self, model: IntegerModel, builds: Path, seed: int) -> None:
+    def __init__(self, model: IntegerModel, behind: Model, seed: int) -> None:
         self.config, self.rng = model.config, random.Random(seed)
         self.stream = Stream(model)
-        self.device = Recorded(Design(export(model.config, model.arrays), builds, PURPOSE), 16)
+        self.device = Recorded(behind, self.config.sensor.sample_bits)
         self.device.reset(boot_writes(model.config, model.arrays))
         self.decisions = self.refused = self.taught = 0
 
@@ -132,7 +137,9 @@ class Taught:
         self.device.write(Register.CONTROL, Control.ARM)  # no touch is open then
         self.device.settle()
         held = self.stream.model.arrays | self.read_back()
+        following = self.stream._following  # a touch that was named stays so
         self.stream = Stream(self.stream.model)
+        self.stream._following = following
         for address, word in boot_writes(self.config, held):
             self.device.write(address, word)
         assert not self.device.read(Register.FAULTS) & Fault.WRITE_REFUSED
@@ -142,7 +149,7 @@ class Taught:
 
 def taught_at_random(model: IntegerModel, recordings: Recordings, builds: Path, seed: int) -> Taught:
     """Every recording, with commands in and between them, and some reloads."""
-    both = Taught(model, builds, seed)
+    both = Taught(model, Design(export(model.config, model.arrays), builds, PURPOSE), seed)
     for index in range(len(recordings)):
         both.play(recordings.recording(index))
         for _ in range(both.rng.randrange(3)):
@@ -205,6 +212,99 @@ def test_teaching_on_recordings_as_rtl_netlist_and_in_icarus(name, shared_data, 
         print(hardware.level, count, few.device.replay(hardware, bits, tmp_path / hardware.level))
 
 
+class Upset(Taught):
+    """Of a chip's netlist: in every recording of `hit` one flip-flop or latch is inverted, at any cycle of it or of
+    the pass that teaches it."""
+
+    def hit(self, samples: np.ndarray, state: int, after: int) -> str:
+        """What came of it; the host loads all anew where it was told to, or the touch itself was not the same."""
+        device, stream, label, came = self.device, self.stream, self.rng.randrange(self.config.classes), ""
+        device.write(Register.CONTROL, Control.ARM)
+        device.settle()
+        device.forget()
+        device.poke(device.state.cycle + after, **{f"{FLIP}{state}": 1})
+        stream.arm()
+        told = [*stream.push(samples), *stream.finish()]
+        stream.teach(label)
+        try:
+            device.frames(samples, 0.0, LIMIT)
+            device.write(Register.CONTROL, Control.FINISH)
+            device.settle(LIMIT)
+            device.write(TeachRegister.TEACH, label)
+            device.settle(LIMIT)
+        except SimulationError:
+            came = "hung"
+        seen = [int(word, 16) for word in device.streams()["decision"].words]
+        expected = [pack_decision(self.config, decision.row()) for decision in told]
+        if device.read(Register.FAULTS) & (Fault.CHECKSUM | Fault.WATCHDOG):
+            came = came or "flagged"
+        elif seen != expected:
+            same = [word & 31 for word in seen[-1:]] == [word & 31 for word in expected[-1:]]
+            came = came or ("another margin" if same else "another class")
+        device.poke(-1)
+        try:
+            came or self.read_back()
+        except AssertionError:
+            came = "another trajectory taught"
+        if came:
+            self.anew()
+        return came or "nothing"
+
+    def anew(self) -> None:
+        """A reset, and all that the host knows, loaded again."""
+        self.device.reset(boot_writes(self.config, self.stream.model.arrays))
+        self.stream = Stream(self.stream.model)
+
+    def command(self) -> None:
+        """Faults are looked at before they are cleared."""
+        self.flags |= self.device.read(Register.FAULTS)
+        super().command()
+
+    def later(self, samples: np.ndarray) -> str:
+        """What comes of the next recording, with commands, and of what can be read back."""
+        self.flags = 0
+        try:
+            self.play(samples)
+            self.command()
+        except (AssertionError, SimulationError):
+            self.flags |= self.device.read(Register.FAULTS)
+            return "later flagged" if self.flags & (Fault.CHECKSUM | Fault.WATCHDOG) else "later not equal"
+        return "equal"
+
+
+LIMIT = 20_000
+"""Cycles that nothing waits for in a small design."""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("upsets", [500])
+def test_a_netlist_is_taught_as_the_stream_after_upsets(upsets, tmp_path):
+    """What is flagged is loaded anew; what is not must go on as if nothing had been."""
+    plain = forget(taught_model("gru"))
+    config = asic_job.chip_config(plain.config.replace(checksum=True, watchdog=True), 1, rom=False)
+    model = IntegerModel(config, plain.arrays, plain.source)
+    process = process_of("ihp-sg13g2", asic_job.libraries_of(liberty_files("tiny", tmp_path))["typ"])
+    netlist = asic_job.netlist_of(config, model.arrays, process)
+    chip = asic_job.compiled(netlist, process)(1)
+    recordings = scene(40, seed=8)
+    whole = [n for n in range(2, 40) if recordings.recording(n).shape[0] and n % 4]
+    both, counts = Upset(model, chip, 3), Counter()
+    names = {bit: name for name, net in netlist.module["netnames"].items() for bit in net["bits"]}
+    for _ in range(upsets):
+        state, after = both.rng.randrange(chip.program.states), both.rng.randrange(2000)
+        came = both.hit(recordings.recording(both.rng.choice(whole)), state, after)
+        counts[came] += 1
+        samples = recordings.recording(both.rng.choice(whole))
+        if (then := both.later(samples)) != "equal":
+            counts[then] += 1
+            print(names.get(chip.program.state_nets[state][0]), after, came, then)
+            both.anew()
+            assert came == "nothing" and both.later(samples) == "equal"
+    print(upsets, dict(counts))
+    assert not counts["later not equal"] and not counts["hung"] and counts["flagged"] > upsets / 10
+
+
 def board_of(model: IntegerModel) -> PinPort:
     """The pins of a simulated board that was just switched on."""
     config, clock_hz = model.config, model.config.hardware.clock_hz
@@ -218,7 +318,7 @@ def board_of(model: IntegerModel) -> PinPort:
 @pytest.mark.timeout(900)
 def test_a_damaged_place_is_flagged_and_what_is_taught_stays_equal_with_a_checksum():
     plain = forget(taught_model("gru"))
-    model = IntegerModel(plain.config.replace(checksum=True), plain.arrays, plain.source)
+    model = IntegerModel(plain.config.replace(checksum=True, watchdog=True), plain.arrays, plain.source)
     recordings = scene(12, seed=8)
     both = taught_at_random(model, recordings, BUILDS, seed=3)
     assert both.decisions > 50 and both.taught > 1

@@ -28,7 +28,7 @@ SMALL = TINY.replace(hop=12, window=24, touch_frames=60, rearm_frames=30)
 
 def test_a_step_costs_what_frames_around_its_decision_cost_more():
     frames, plain, quiet, step = 400, 3e-9, 1e-9, 2e-8
-    rows = np.zeros((frames, 5))
+    rows = np.zeros((frames, 3))
     rows[:, 0], rows[:, 1] = 80, 50
     joule = np.where(np.arange(frames) < 100, quiet, plain)
     for number, row in enumerate((150, 200, 250, 300)):

@@ -79,3 +79,46 @@ def test_latches_behind_gates_and_registers_with_reset_and_enable(tmp_path, cell
         count = 9 if reset else None if count is None else (count + now["counts"]) % 16
         assert seen is None or chip.get("word") == seen
         assert count is None or chip.get("count") == count
+
+
+class Narrow(wiring.Component):
+    """A memory of one port of 600 words of 5 bits, read or written in a cycle; named as the one of prototypes."""
+
+    def __init__(self):
+        super().__init__({"at": In(10), "data": In(5), "write": In(1), "look": In(1), "word": Out(5)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.readout = readout = Module()
+        readout.submodules.places = memory = Memory(shape=5, depth=600, init=[])
+        write, look = memory.write_port(), memory.read_port()
+        m.d.comb += [write.addr.eq(self.at), write.data.eq(self.data), write.en.eq(self.write)]
+        m.d.comb += [look.addr.eq(self.at), look.en.eq(self.look & ~self.write), self.word.eq(look.data)]
+        return m
+
+
+@pytest.mark.timeout(300)
+@each_row(("cells", "macros"), [("tiny", 2), ("real", 1)])
+def test_narrow_words_beside_each_other_in_macros(tmp_path, cells, macros):
+    process = process_of(
+        "ihp-sg13g2", corners([read(path) for path in liberty_files(cells, tmp_path)])["typ"]
+    )
+    netlist = synthesise(Narrow(), process, tmp_path / "narrow", top="narrow")
+    kinds = [cell.kind for cell, number in netlist.counted(process) for _ in range(number)]
+    assert kinds.count("memory") == macros and "latch" not in kinds
+    chip, rng = Chip(netlist.module, process.cells, expression, seed=5), random.Random(6)
+    words: dict[int, int] = {}
+    seen = None
+    for cycle in range(4000):
+        now = {"at": rng.randrange(600) if cycle % 3 else 600 - 1 - cycle % 5, "data": rng.getrandbits(5)}
+        now |= {"write": rng.getrandbits(1), "look": rng.getrandbits(1)}
+        for name, value in now.items():
+            chip.put(name, value)
+        chip.settle()
+        chip.edge()
+        if now["write"]:
+            words[now["at"]] = now["data"]
+        elif now["look"]:
+            seen = words.get(now["at"])
+        assert seen is None or chip.get("word") == seen
+    assert len(words) > 500
