@@ -44,7 +44,7 @@ class Thinner:
         sent: list[list[Any]] = []
         at = 0
         while at < len(samples):
-            # the size may have become less than what is held
+            # the size may have shrunk below the frames in the bucket: one more frame closes it then
             part = samples[at : at + max(1, self.size - self._count)]
             low, high = part.min(axis=0), part.max(axis=0)
             if self._count:
@@ -135,7 +135,7 @@ class Hub:
         return max(1, round(self._rate * speed / self._display_hz)) if self._thins else 1
 
     def pace(self, frames_per_s: float) -> None:
-        """Thin out for a source that gives so many frames a second."""
+        """Thin out for a source of so many frames a second."""
         self._thinner.size = self.bucket(frames_per_s / self._rate)
 
     def attach(self, wake: Callable[[], None] = lambda: None) -> Viewer:
@@ -146,7 +146,7 @@ class Hub:
             viewer.put(0, self._hello)
             for text in filter(None, (self._state, self._tally, self._taught)):
                 viewer.put(0, text)
-            # all of it: what he came too late for is not what he is too slow for
+            # the whole history, whatever the limits of a queue: they are for viewers who are too slow
             for text in (*self._results, *self._history):
                 viewer.put(0, text)
             self._viewers.append(viewer)

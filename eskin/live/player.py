@@ -100,7 +100,7 @@ class Controls:
 
 
 class Player:
-    """Plays in the thread that calls ``run``.
+    """Plays recordings, or listens to a board, in the thread that calls ``run``.
 
     Parameters
     ----------
@@ -218,7 +218,7 @@ class Player:
                 due += len(part) / (rate * speed)
                 late = time.monotonic() - due
                 self.tally.behind_s = max(0.0, late)
-                if late > BEHIND_S:
+                if late > BEHIND_S:  # too far behind to catch up: go on from now
                     due = time.monotonic()
             else:
                 due = time.monotonic()
@@ -241,8 +241,8 @@ class Player:
             controls.skip = False
 
     def _until(self, due: float, speed: float, label: int) -> tuple[float, float]:
-        """Wait until ``due``, which moves with the pace; not for a recording that is left. Both as they are
-        then."""
+        """Wait until ``due``, or until the recording is left. Gives ``due`` and the speed, which viewers may
+        have changed meanwhile."""
         controls = self.controls
         while True:
             self._state()
@@ -257,7 +257,7 @@ class Player:
             moment = time.monotonic()
             if paused:
                 due += moment - begun
-            elif speed != controls.speed:
+            elif speed != controls.speed:  # what is left of the wait shrinks or grows with the pace
                 due = moment + (due - moment) * speed / controls.speed
             speed = controls.speed
 
@@ -320,7 +320,7 @@ class Player:
         self._hub.state(paused=controls.paused, speed=speed, label=controls.label, ended=self._ended)
 
     def _tell(self, *, now: bool = False) -> None:
-        """The tally to the viewers, now and then; and how much is to be thinned out."""
+        """Send the tally to the viewers, every TALLY_S at most, and set how much is thinned out."""
         passed = time.monotonic() - self._since
         if not now and passed < TALLY_S:
             return

@@ -32,9 +32,9 @@ CELLS = {
     "kinds beyond the mean": 274.9,
     "few taxels": 325.5,
 }
-"""Logic cells of what a design has."""
+"""Logic cells of each part of a design, fitted to synthesised ones."""
 FEW_TAXELS = 4
-"""So few words of state are kept in flip-flops."""
+"""Taxels up to which synthesis keeps their state in flip-flops, not in a memory."""
 LINK_CELLS, LINK_BLOCKS = 471, 1
 """What the host's link adds."""
 
@@ -54,8 +54,7 @@ def cost_of(config: AcceleratorConfig, board: str = BOARD) -> Cost:
 
 
 def on_board(config: AcceleratorConfig, target: Target) -> AcceleratorConfig:
-    """On lanes that suit the board, at most as many as it has multipliers for: one more is for element-wise
-    operations."""
+    """``config`` on lanes that suit the board. One of its multipliers stays for element-wise operations."""
     fitted, room = suited(config, target), target.room
     if room is None or not room.multipliers or fitted.hardware.lanes < room.multipliers:
         return fitted

@@ -413,8 +413,8 @@ class _Steps:
             first, chosen = training["cross_validation"][0], training.get("candidates") is not None
             network: Record = {"cell": self.config.network.cell, "hidden": self.config.network.hidden}
             behind = doubts.below_baselines(first, baselines, chosen=chosen, **network)
-            # the best of all baselines speaks for the split; a sentence of the training is of one that is no
-            # better
+            # The best of all baselines speaks for the split. The training knew fewer of them: its own
+            # sentence names a weaker one and goes.
             weaker = (
                 doubts.below_baselines(first, training.get("baselines", []), chosen=chosen, **network)
                 if behind
@@ -467,9 +467,9 @@ class _Steps:
         """The recordings of a run at the sensor's pace, about DECLARED_CYCLES worth of ``numbers``: numbers,
         recordings.
 
-        They end a hop after their first touch: waiting for frames is what such a run spends its time on.
-        Those that end soonest are taken. Where even one of them is too long, it ends sooner, and after
-        FEWEST_WINDOWS windows at the soonest.
+        They end a hop after their first touch, because such a run spends its time waiting for frames. Those
+        that end soonest are taken. If even the first is too long, it is cut, but not before FEWEST_WINDOWS
+        windows.
         """
         candidates = numbers[
             self.recordings.subset(numbers).evenly(PER_CLASS * len(self.recordings.class_names))
@@ -487,7 +487,8 @@ class _Steps:
                     ends[index],
                     before + self.config.window_spans[:FEWEST_WINDOWS][-1][1] + self.config.windows.hop,
                 )
-        order = np.lexsort((ends, first < 0))  # without a touch there is no step to time
+        # recordings with a touch first (without one there is no step to time), of these the shortest
+        order = np.lexsort((ends, first < 0))
         chosen = np.sort(order[: max(1, int((np.cumsum(ends[order]) <= affordable).sum()))])
         if len(chosen) == 1:
             ends = np.minimum(ends, np.maximum(affordable, few_windows))
@@ -539,7 +540,8 @@ class _Steps:
 
 
 def _lowest_clock(*where: Path, **options: Any) -> Record | None:
-    """flow.lowest_clock; None when it found none, which is a result that fails its check and no error."""
+    """The result of `flow.lowest_clock`. None when there is no such clock: the check fails then, and the job
+    goes on."""
     try:
         return flow.lowest_clock(*where, **options)[1]
     except flow.NoClock:
@@ -663,6 +665,7 @@ class _Work:
             fresh.mkdir()
             begin = time.perf_counter()
             make(fresh)
+            # written last, and the rename is atomic: a folder of this name with this file is whole
             (fresh / "wall_s").write_text(f"{time.perf_counter() - begin:.3f}")
             os.rename(fresh, folder)
         return folder, float((folder / "wall_s").read_text()), cached

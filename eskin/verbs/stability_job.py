@@ -156,8 +156,8 @@ def run(
 def _defences(
     bench: Bench, keep: _Records, hardware: _Hardware | None, seeds: int
 ) -> tuple[list[Record], AcceleratorConfig]:
-    """What each set of defences is worth, cross-validated over ``seeds`` (0: not), and costs; the
-    configuration with those recommended."""
+    """Accuracy (cross-validated over ``seeds``; 0: not) and cost of each set of defences, and the
+    configuration with the recommended ones."""
     recordings, base = bench.recordings, undefended(bench.config)
     splits = default_splits(recordings, bench.config)
     rows = defences.variants(recordings, base) if seeds else []
@@ -168,7 +168,7 @@ def _defences(
     if not compared:
         return compared, chosen
     chosen = chosen.replace(margin_threshold=compared[-1]["margin"][0]["threshold"])
-    # the class is offered all the same: the threshold changes no accuracy
+    # an unsure decision offers its class all the same, so the threshold changes no accuracy
     checks = "watchdog, checksum" if chosen.hardware.checksum else "watchdog"
     name = f"the same, {checks}, unsure below a margin of {chosen.network.margin_threshold}"
     compared.append({**compared[-1], "name": name})
@@ -183,8 +183,8 @@ def watched(config: AcceleratorConfig) -> AcceleratorConfig:
 
 
 def undefended(config: AcceleratorConfig) -> AcceleratorConfig:
-    """``config`` without its defences: what the comparison starts from. Where a defended one has a preset's
-    name, its onset threshold and its hidden units are the preset's again."""
+    """``config`` without its defences, from which the comparison starts. A defended configuration with a
+    preset's name gets back the preset's onset threshold and hidden units."""
     off = dict.fromkeys(("fault_frames", "fault_activity", "margin_threshold"), 0)
     plain = config.replace(**off, onset_hits=1, onset_span=1, checksum=False, watchdog=False)
     preset = PRESETS.get(config.name)
