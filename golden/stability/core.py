@@ -5,8 +5,8 @@ An experiment is a function of a ``Bench`` (a model, recordings, and the parts o
 test): one of the shapes that most modes have (``eskin.golden.stability.shapes``) around a disturbance, or a
 function of its own. ``eskin.golden.stability.table`` has a row for each. A broken variant changes the bench:
 the same experiment must then report a failure. The tests see to it for every mode
-(tests/support/broken_variants.py). What no weight and no recording can change, a width or a table's entry, is
-no mode but a test.
+(tests/support/broken_variants.py). A property that no weight and no recording can change, a width or a
+table's entry, is no mode but a test.
 """
 
 from __future__ import annotations

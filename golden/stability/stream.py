@@ -194,10 +194,10 @@ def two_touches(bench: Bench) -> Outcome:
     streams, starts = [], []
     for i in range(count):
         before, after = clean.recording(i), clean.recording((i + shift) % count)
-        # the second one's hops fall as they did alone
+        # whole hops before it, so that the second touch meets the hops as it did alone
         before = before[: len(before) // config.windows.hop * config.windows.hop]
         settle = max(config.rest_level.rest_frames, 1)
-        # the second starts from the first one's rest level, as it would on one array
+        # shifted to the first one's rest level, as on one and the same array
         after = after + np.rint(before[:settle].mean(axis=0) - after[:settle].mean(axis=0)).astype(
             after.dtype
         )

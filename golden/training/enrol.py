@@ -1,14 +1,14 @@
 """Enrolment: a trained model learns a new mounting, person or object position from a few labelled touches,
 its formats unchanged.
 
-A new mounting shifts what every taxel sees, and no training on other mountings can know how. One to five
-touches of each class say it: the network is trained on from where it stands, and keeps the configuration it
-has, formats and all, so that the host loads the new weights into the bitstream of the old model.
+A new mounting shifts the signal of every taxel in a way that no other mounting tells. One to five touches of
+each class do. The network is trained further and keeps its configuration, formats included, so that the host
+loads the new weights into the bitstream of the old model.
 
 Weights are trained as the hardware holds them: rounded to their formats in every forward pass, gradients
-straight through, the masters held within the formats' ranges. What the new touches are mixed with keeps the
-network good at what it knew: the recordings of the first training where they are at hand (new touches are a
-quarter of the draws), and always a penalty on the distance to the old weights.
+straight through, the masters held within the formats' ranges. Two things keep what the network knew: the
+recordings of the first training, where they are at hand (new touches are a quarter of the draws then), and a
+penalty on the distance to the old weights.
 """
 
 import dataclasses
@@ -332,7 +332,7 @@ def enrol(
     everything = joined(few, old)
     data = find_dataset(everything, config, recipe)
     is_new = np.arange(len(everything)) < len(few)
-    new, former = (touch_rows(data, np.flatnonzero(which)) for which in (is_new, ~is_new))
+    new, former = (touch_rows(data, np.flatnonzero(part)) for part in (is_new, ~is_new))
     labels = everything.labels[data.touches.recording]
     _check_touches(few, new, labels, config)
     if old is not None and not len(former):
@@ -347,8 +347,8 @@ def enrol(
         raise AssertionError("enrolment changed the configuration")
     saturated = _saturated(enrolled, data, new, former, few.source)
 
-    def right(of: Pair, which: np.ndarray) -> float | None:
-        return accuracy(of.integer, data, np.flatnonzero(which)) if which.any() else None
+    def right(of: Pair, part: np.ndarray) -> float | None:
+        return accuracy(of.integer, data, np.flatnonzero(part)) if part.any() else None
 
     result: Record = {
         "layers": setting.layers,
@@ -617,19 +617,20 @@ def judge(
 
 
 FALSE_ALARMS = 0.05
-"""Share of known touches, of groups left out, that may be called unknown where new classes are judged."""
+"""Share of known touches, of left out groups, that may be called unknown where new classes are judged."""
 
 
 def judge_classes(
     recordings: Recordings, question: Question, progress: Progress = lambda done, total: None
 ) -> list[Record]:
-    """For each class that no network nor prototype was trained on, taught k touches, each of another value of the
-    groups: as `judge`, value being the class.
+    """As `judge`, ``value`` being a class that neither network nor prototypes were trained on. It is taught k
+    touches, each of another value of the groups.
 
-    before and after are of its recordings that are not taught, others of the other classes' recordings that were
-    set aside. Before it is taught: unknown, the share of its whole touches that are unsure by the threshold of
-    FALSE_ALARMS of groups left out, and false_alarms, the same of the others' that were set aside; unknown_here and
-    false_alarms_here by a threshold that holds where the prototypes were recorded: recordings were left out for it.
+    before and after are of the class's recordings that are not taught, others of the other classes'
+    recordings that were set aside. Two more figures are taken before it is taught. unknown: share of its
+    whole touches that are unsure, by a threshold that FALSE_ALARMS of the touches of left out groups exceed.
+    false_alarms: the same share of the others. unknown_here and false_alarms_here: by a threshold from left
+    out recordings, not groups, which holds where the prototypes were recorded.
     """
     values = group_values(recordings, question.groups, (0,))
     aside, config = set_aside(recordings, values), question.configs[0]
@@ -643,7 +644,8 @@ def judge_classes(
     rows = []
     for label, (name, model, part) in enumerate(zip(names, models, parts, strict=True)):
         network = _with_last(post_training(model, data, part, {}), label)
-        place = np.argsort([*(set(range(len(names))) - {label}), label])  # the class's is the last one
+        # the new class becomes the last one, which is the spare one
+        place = np.argsort([*(set(range(len(names))) - {label}), label])
         shown = part[whole[part]]
         seen = where[shown]
 
