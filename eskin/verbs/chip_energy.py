@@ -31,12 +31,12 @@ from eskin.rtl.program.memory_map import Control, Register, TeachRegister
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 
 SEED = 1
-"""Of what registers and memories begin with."""
+"""Seed of the random contents that registers and memories begin with."""
 NEAR = 3
-"""Frames around a decision, beyond those that its step lasts, which may cost more for it; fewer where windows
-follow closely."""
+"""Frames on either side of a step whose energy may belong to its decision; fewer where windows follow
+closely."""
 DRAIN_CYCLES = 48
-"""Cycles of a slow frame beyond two a taxel: more than the clock runs on."""
+"""Cycles of a slow frame beyond two a taxel: enough for the clock to stop within it."""
 METHOD = (
     "changes of nets from cycle to cycle at gate level, Liberty energy and capacitance, wire load; glitches "
     "apart; no clock tree, no layout"
@@ -46,7 +46,7 @@ DELAYS = {
     "swallowed, a glitch costs a full swing",
     "unit": "all cells take the same time, shorter pulses are swallowed, a glitch costs a full swing",
 }
-"""What glitches are counted with, by the word for `eskin.cosim.gates.Chip`."""
+"""How glitches are counted, by the word for `eskin.cosim.gates.Chip`."""
 
 
 def with_touches(

@@ -32,10 +32,9 @@ from eskin.rtl.program.signature import constant_addends
 from eskin.rtl.top.watchdog import bound, longest_wait
 
 SLACK = 256
-"""Cycles beyond the watchdog's bound before a wait counts as a hang: what idle takes to be seen."""
+"""Cycles beyond the watchdog's bound before a wait counts as a hang: the bench sees idle late."""
 AROUND = (-9, 3)
-"""Cycles from a decision between which leaving puts `arm`, and what it clears, before, in and behind the
-cycle in which it is offered."""
+"""Cycles around a decision's offer at which a recording is left: `arm` falls before, into and behind it."""
 FLAGS = Fault.CHECKSUM | Fault.WATCHDOG
 
 PROGRAM, TABLES, MEANS, ZEROS = "program", "activation tables", "means", "words that stand for 0"
@@ -325,8 +324,8 @@ def _records(
     *,
     stop: bool = False,
 ) -> list[Record]:
-    """The record of each upset with what ``judge`` (record, result) adds, ``CHUNK`` of them kept at a time,
-    so that an interrupted campaign goes on where it stopped."""
+    """The record of each upset, completed by ``judge`` (record, result). CHUNK of them are kept at a time, so
+    that an interrupted campaign goes on where it stopped."""
     records: list[Record] = []
     for start in range(0, len(chosen), CHUNK):
         piece = chosen[start : start + CHUNK]

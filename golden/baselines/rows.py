@@ -1,4 +1,4 @@
-"""What follows from the runs of baselines: rows, who in hardware is near the best, which of the thesis's
+"""Results of the baselines' runs: rows, methods near the best that fit hardware, and which of the thesis's
 orders hold."""
 
 import itertools

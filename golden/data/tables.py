@@ -564,6 +564,7 @@ def load_long_table(
         column: np.unique(table.frame[column].astype(str), return_inverse=True)[1]
         for column in (recording, label)
     }
+    # a recording begins where its name or its class changes from one row to the next
     changes = {column: np.flatnonzero(np.diff(key)) + 1 for column, key in keys.items()}
     starts = np.unique(np.concatenate([[0], *changes.values()]))
     table = replace(table, starts=starts)
@@ -592,6 +593,7 @@ def load_long_table(
             name = _shown(table.frame[recording].iloc[inside[0]])
             why = f"{table.called(column)} is a group and changes inside recording {name}"
             table.refuse(f"{why}; name the groups with --group, or the taxels with --columns", int(inside[0]))
+    # the same recording, class and groups twice, with others between: rows that are not sorted
     first_rows: dict[tuple[int, ...], int] = {}
     for start in starts.tolist():
         before = first_rows.setdefault(tuple(int(key[start]) for key in keys.values()), start)

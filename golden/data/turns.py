@@ -7,11 +7,11 @@ a taxel lies along and beside its path, x from -1.2 to 1.2 at constant speed, N 
 the first and falls over the last 15 % of it.
 
 **Why networks differ on it.** What a class means depends on what came first: seen from the skin, ``left``
-after an eastward stroke ends as ``right`` after a westward one does. A linear classifier adds up what it sees
-of both strokes, so it cannot turn its verdict on the second by the first, however wide it is: it can serve
-the eastward touches and loses the others. Nor does it know when the second stroke begins, which varies with
-persons and touches. A recurrent network holds the first heading until the second comes; the more units, the
-more of headings, speeds and pressures it tells apart.
+after an eastward stroke ends as ``right`` after a westward one does. A linear classifier adds up evidence of
+both strokes, so the first cannot change how it reads the second, however wide it is: it serves the eastward
+touches and loses the others. Nor does it know when the second stroke begins, which varies with persons and
+touches. A recurrent network holds the first heading until the second comes; with more units it tells more
+headings, speeds and pressures apart.
 
 **What tells nothing.** A class has no say in a touch's length, in its strokes' shares of it, the pause
 between, pressure, place, lead-in or heading of the first stroke; recordings are equally long and rest levels
@@ -35,7 +35,7 @@ PERSONS, TRIALS = 16, 8
 MIRRORED = 0.12
 """Share of touches that begin westward."""
 UNEVEN = 0.3
-"""Spread of the logarithm of what a stroke takes of a touch's time, and of its pressure."""
+"""Spread of the logarithms of a stroke's share in a touch's time and of its pressure."""
 VOLT = 0.1
 """Signal of a typical pressure before the high-pass, volt."""
 

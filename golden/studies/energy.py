@@ -60,7 +60,7 @@ class Part:
 
 
 _RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
-"""UP5K, the source's table: PLL supply and three I/O banks while the oscillator runs."""
+"""Of the UP5K, by the source's table: supply of the PLL and three I/O banks while the oscillator runs."""
 _OSCILLATOR_A = {6e6: 388.4e-6, 12e6: 645e-6, 24e6: 1162e-6, 48e6: 2184e-6}
 
 _SMALL_PART = (
@@ -224,9 +224,9 @@ CHOICE = ("name", "clock_hz", "idle_w", "average_w", "hours", "touch_j", "touche
 """Keys of a choice of `estimate`."""
 COMPUTE_BLOCKS = ("cell", "classifier")
 STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 52.0, 12.0, 38.0, 4.0
-"""For an uncounted design: register bits that change in a cycle of a step, in one of a frame, in one of a
-frame that an onset detector sees, beyond that, and in one without work. All but the last are fitted to
-counted netlists (``python -m scripts.cost_model``)."""
+"""Register bits that change in a cycle, for a design that was not counted: of a step, of a frame, of a frame
+more with an onset detector, and of an idle cycle. All but the last are fitted to counted netlists
+(``python -m scripts.cost_model``)."""
 
 
 def counted_activity(
@@ -255,7 +255,7 @@ def counted_activity(
         Most cycles of a step; cycles of a frame of a touch, and of another one.
     """
     idle = IDLE_TOGGLES
-    if slow:
+    if slow:  # the two runs differ in idle cycles alone, so does what changed in them
         idle = max(
             0.0,
             (sum(slow["toggles"].values()) - sum(full["toggles"].values()))

@@ -526,10 +526,10 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
     """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how
     much it misses.
 
-    A bound binds when without it a smaller record would do. Without a floor the records within one standard
-    error of the most accurate one are taken as equal and the smallest is named. Where none meets the bounds
-    the nearest is that with the smallest sum of misses, each as a share of its bound; again the smallest of
-    those within one standard error of it.
+    A bound binds when without it a smaller record would do. Without a floor all records within one standard
+    error of the most accurate one count as equal, and the smallest of them is named. Where no record meets
+    the bounds, the nearest has the smallest sum of misses, each as a share of its bound; again the smallest
+    within one standard error is named.
 
     Returns
     -------

@@ -99,12 +99,13 @@ ALIGNED_ON = 64
 def equalised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> FloatModel:
     """The same function with other scales inside, so that one format a layer, a power of two, loses less.
 
-    A channel of a hidden layer may be multiplied by any s > 0 when what reads it is divided by s: ReLU and
-    pools keep positive factors. First, each channel: with w the range of its weights, m that of its map, v
-    that of the weights that read it, s = (v / (w m))^(1/3), which brings w s, m s and v / s of a layer's
-    channels closest together (least squares of their logarithms; after Nagel et al., Data-free quantization
-    through weight equalization, 2019, who have w and v). Then, each layer as a whole, from the first: of
-    ALIGNMENTS the one with the least error of the integer logits (weights of ``weight_bits``, mean square).
+    A channel of a hidden layer may be multiplied by any s > 0 when the weights that read it are divided by s:
+    ReLU and pools keep positive factors. First each channel gets s = (v / (w m))^(1/3), with w the range of
+    its weights, m of its map and v of the weights that read it. That brings w s, m s and v / s of a layer's
+    channels closest together, by least squares of their logarithms (after Nagel et al., Data-free
+    quantization through weight equalization, 2019, who have w and v). Then each layer as a whole, from the
+    first one on, gets the one of ALIGNMENTS with the least mean square error of the integer logits (weights
+    of ``weight_bits``).
     """
     stages = model.config.weighted_stages
     arrays = {name: array.copy() for name, array in model.arrays.items()}
@@ -121,6 +122,7 @@ def equalised(model: FloatModel, images: np.ndarray, weight_bits: int = 8) -> Fl
             np.maximum(candidate, max(LEAST_SHARE * candidate.max(), 2.0**-24)) for candidate in ranges
         )
         factor = np.cbrt(reading / (weights * mapped))
+        # relative to their geometric mean: the layer as a whole is scaled later
         _scale(arrays, stage, reader, factor / np.exp(np.log(factor).mean()))
     sample = images[:: max(len(images) // ALIGNED_ON, 1)]
     ideal = float_images(model, sample, maps=False).logits

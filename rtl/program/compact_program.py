@@ -9,10 +9,10 @@ bias_shift. At a narrowing's own shift the accumulator holds its floor, and the 
 from the start: it is what the accumulator is reset to. No shifter is needed, no product has more bits than
 its operand, and narrowing takes no time of its own.
 
-A carried sum goes on from step to step at full precision. What leaves the accumulator at the bottom is final,
-bit by bit, and is caught: it is the low one of the two words in which the sum is kept, what is left in the
-accumulator then the high one. The next step begins at 0 and adds the low word at time 0 and the high one
-where it belongs; the rounding half came in with the bias.
+A carried sum goes on from step to step at full precision, in two words. The bits that leave the accumulator
+at the bottom are final; they are caught and make the low word. The accumulator's last content is the high
+word. The next step begins at 0 and adds the low word at time 0 and the high word where it belongs; the
+rounding half came in with the bias.
 """
 
 from collections.abc import Mapping
@@ -359,7 +359,8 @@ class CompactProgram:
     def order(self) -> tuple[RowBlock | ElementOp, ...]:
         """Blocks of rows in the program's order, with the element-wise operations between them.
 
-        Each of these comes as soon as its operands are there and nothing needs the value that it replaces.
+        An element-wise operation comes as soon as its operands are there and nothing needs its old result any
+        more.
         """
         blocks, pending = list(self.program.after), list(self.program.elements)
         produced: set[str] = set()
@@ -709,7 +710,7 @@ class CompactSchedule:
 
     @property
     def step_cycles(self) -> int:
-        """Cycles of one step: nothing of it comes before the features."""
+        """Cycles of one step. All of them come behind the features."""
         return self.decision_cycles
 
     @property

@@ -94,7 +94,7 @@ class Pass:
 
     @property
     def span(self) -> int:
-        """Columns of what a sum's taps cover: the kernel's, and of a pair one more."""
+        """Columns that a sum's taps cover: the kernel's, of a pair one more."""
         return self.kernel + self.pairs
 
     @property
@@ -164,8 +164,11 @@ class Pass:
         return min(column, self.radius) + 1 + min(self.columns - 1 - column, self.radius + self.pairs)
 
     def slots(self, lanes: int) -> Iterator[Slot]:
-        """The slots in order, cycles counted from the fetch of the pass's words: one without taps, which
-        brings in the first biases, one a sum, one without taps in which the last sums leave."""
+        """The slots in order, cycles counted from the fetch of the pass's words.
+
+        The first slot has no taps and brings in the first biases. Then there is one a sum. In the last, again
+        without taps, the last sums leave.
+        """
         begin = FETCH_CYCLES
         sums = list(self.sums())
         yield Slot(begin, None, 0)

@@ -11,11 +11,11 @@ ELEMENT_OPERAND_BITS = 16
 
 
 FRAME_WAY_CYCLES = 3
-"""Of a frame, beyond those of its taxels: the way to the windows."""
+"""Cycles of a frame beyond those of its taxels: the way to the windows."""
 STATE_BEATS = 3
 """A word of the memory that a beat changes may be read again this many beats later."""
 FRAME_EXTRA_CYCLES = FRAME_WAY_CYCLES + 4
-"""That, the verdict on an onset 3, the read of the mean 1."""
+"""The way to the windows, 3 for the verdict on an onset, 1 for the read of the mean."""
 
 
 def logit_to_decision(config: AcceleratorConfig) -> int:
