@@ -59,10 +59,11 @@ coverage: $(INSTALLED)
 	$(BIN)/python -m tests.test_bench_coverage
 
 fuzz: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_fuzz.py -k 'ends_well or lasting_harm or from_python'
+	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_fuzz.py tests/rtl/host/test_taught_log.py \
+		-k 'ends_well or lasting_harm or from_python or any_log'
 
 designs: $(INSTALLED)
-	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_random_designs.py -k drawn
+	$(BIN)/python -m pytest -n 2 --hypothesis-profile=long tests/test_random_designs.py -k drawn -m "slow or not slow"
 
 where: $(INSTALLED)
 	@$(BIN)/python -m scripts.where $(NAME)

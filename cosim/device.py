@@ -1,4 +1,4 @@
-"""A device in this process: bus accesses, frames, waiting, every stage taken down. The cycles themselves run
+"""A device in this process: bus accesses, frames, waiting, a record of every stage. The cycles themselves run
 in C++.
 
 Behind it stands a Verilated design (`Design`) or a chip's netlist in tables (`eskin.cosim.gates.Chip`). What
@@ -25,14 +25,14 @@ ROLES = (
     *("i__payload", "i__valid", "i__ready", "o__valid", "o__payload", "busy", "hung"),
 )
 """Ports that the C++ program knows, in its order; a design may lack some."""
-FOREVER = 1 << 62
+FOREVER = 1 << 62  # no cycle reaches it, and it fits the C program's int64
 STUCK = 100_000
-"""Cycles in which a chain that works has long done what it is waited for."""
+"""Cycles after which a chain that is waited for has certainly failed."""
 QUIET = 4
 """Cycles a bus command may need before busy shows it."""
 FRAME_END, HUNG = -1, -2
-"""Of `Device.seen` in place of a stage: a frame's last taxel is taken; the watchdog acts (``value`` frames
-and ``also`` taxels taken)."""
+"""Events of `Device.seen` that are no stage's: a frame's last taxel is taken; the watchdog acts (``value``
+frames and ``also`` taxels taken)."""
 State, Seen = (structure(KERNEL, name) for name in ("State", "Seen"))
 SEEN = np.dtype(Seen)
 Write = tuple[int, int]
@@ -45,7 +45,7 @@ class Model(Protocol):
     library: ctypes.CDLL
 
     def begin(self, seed: int) -> None:
-        """As after power-on: what may be anything is what ``seed`` makes it."""
+        """As after power-on. ``seed`` chooses the contents that may then be anything."""
 
     def open(self) -> int:
         """A device of the C++ program."""
@@ -74,7 +74,7 @@ class Design:
         self.library = library(build_library(verilog, top, KERNEL, builds, purpose), KERNEL)
 
     def begin(self, seed: int) -> None:
-        """Its registers begin as the Verilog says, and a reset makes them so again."""
+        """Nothing depends on ``seed``: registers begin as the Verilog says, and a reset restores that."""
 
     def open(self) -> int:
         """As after power-on."""
@@ -102,6 +102,7 @@ class Device:
 
     def __init__(self, model: Model, sample_bits: int = 0, stages: Iterable[str] = ()) -> None:
         self._model, self._library, self._bits = model, model.library, sample_bits
+        # the cached function below holds the handle and not self, which would never be closed otherwise
         handle = model.open()
         self._device: int | None = handle
         self.port = functools.cache(lambda name: model.port(handle, name))
@@ -122,6 +123,7 @@ class Device:
 
     def close(self) -> None:
         """Give its memory back."""
+        # getattr: __del__ also runs when __init__ failed before there was a device
         device, self._device = getattr(self, "_device", None), None
         if device:
             self._library.close_device(device)
@@ -191,23 +193,25 @@ class Device:
         self._rested()
 
     def line(self, levels: np.ndarray) -> bytes:
-        """What the sending serial line says, a byte (0, 1) a cycle, while the other one has these levels;
-        where they have bit 1 too, a decision is offered from there on until it is taken."""
+        """Levels of the sending serial line, a byte (0, 1) a cycle, while the receiving line has ``levels``.
+
+        Bit 1 of a level offers a decision from that cycle on until it is taken.
+        """
         driven, sent = np.ascontiguousarray(levels, np.uint8), np.zeros(len(levels), np.uint8)
         ports = map(self.port, ("rx", "tx", "decision__valid", "decision__ready"))
         self._library.play_line(self._device, *ports, driven.ctypes.data, len(driven), sent.ctypes.data)
         return sent.tobytes()
 
     def poke(self, cycle: int, **values: int) -> None:
-        """Inputs by name that have these values in one cycle, and 0 in all others."""
+        """Give inputs, by name, these values in one cycle and 0 in all others."""
         self._library.unpoke(self._device)
         for name, value in values.items():
             self._library.poke(self._device, self.port(name), value)
         self.state.poke_at = cycle
 
     def seen(self) -> np.ndarray:
-        """What was taken down since the last `forget`: rows of ``SEEN``; stage: its place in `stages`; also:
-        what the bus reads."""
+        """Events since the last `forget`: rows of ``SEEN``. stage: its place in `stages`; also: the word on
+        the bus."""
         count, size = self._library.event_count(self._device), SEEN.itemsize
         return (
             np.frombuffer(ctypes.string_at(self._library.events_of(self._device), count * size), SEEN)
@@ -225,7 +229,7 @@ class Device:
         }
 
     def forget(self) -> None:
-        """What was taken down so far."""
+        """Drop the events so far."""
         self._library.forget(self._device)
 
     def mark_frames(self) -> None:

@@ -48,7 +48,7 @@ SLOWEST_CYCLES_PER_S = {
     ("bitstream", "verilator"): 5e3,
     ("bitstream", "icarus"): 20.0,
 }
-"""Cycles a second that even a busy machine reaches; only the wall-clock limit is made of them."""
+"""Cycles a second that even a busy machine reaches. They only set the wall-clock limit."""
 WAVES_BEFORE, WAVES_AFTER = 2000, 500
 """Cycles kept around a mismatch."""
 
@@ -138,6 +138,7 @@ def cosim(
         raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
     settings = {
         "declared": int(pace == "declared"),
+        # in thousandths: plusargs are integers, and rates such as 35.6 Hz are not
         "rate": round(config.sensor.sample_rate_hz * 1000),
         "clock": round(clock_hz * 1000),
         "stalls": int(stalls),
@@ -202,8 +203,8 @@ def result_of(
     wall_s: float,
     registers: Mapping[str, int],
 ) -> Record:
-    """The CONTRACT's result of a run, as `cosim` describes it; ``passed`` without what only a bench in a
-    simulator tries.
+    """The result of a run as `cosim` describes it. ``passed`` leaves out what only a bench in a simulator
+    tries.
 
     Parameters
     ----------

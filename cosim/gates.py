@@ -95,15 +95,15 @@ class Program:
         self._expression, self._wrong = expression, wrong
         self._ticks = (lambda cell, pin: 1) if unit_delay else _ticks
         root = module["ports"]["clk"]["bits"][0]
-        used = [
+        nets = [
             bit
             for cell in module["cells"].values()
             for bits in cell["connections"].values()
             for bit in bits
             if isinstance(bit, int)
         ]
-        used += [bit for port in module["ports"].values() for bit in port["bits"] if isinstance(bit, int)]
-        self.nets = 1 + max(used)
+        nets += [bit for port in module["ports"].values() for bit in port["bits"] if isinstance(bit, int)]
+        self.nets = 1 + max(nets)
         by_kind: dict[str, list[tuple[str, Any, dict]]] = {}
         for name, cell in module["cells"].items():
             by_kind.setdefault(cells[cell["type"]].kind, []).append(
@@ -133,7 +133,7 @@ class Program:
         self.gates = [role["output"] for role in roles]
         self._gate_of = {root: -1} | {net: number for number, net in enumerate(self.gates)}
         entered = [number for number, role in enumerate(roles) if role["clock"] == root]
-        self.top = entered[0] if len(entered) == used.count(root) - 1 == 1 else None
+        self.top = entered[0] if len(entered) == nets.count(root) - 1 == 1 else None
         self.enable = self.net(roles[self.top]["enable"]) if self.top is not None else 0
         functions = [self._follower(*row) for row in self._logic(by_kind.get("logic", []))]
         """Of outputs of logic, and behind them of flip-flops that take more than a pin: net, nets of its
@@ -270,9 +270,11 @@ def _library(builds: Path) -> ctypes.CDLL:
 
     def make(folder: Path) -> None:
         command = [*COMPILE, "-o", str(folder / "gates.so"), str(device.KERNEL)]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False)
-        if done.returncode:
-            raise SimulationError(f"compiling {KERNEL.name} failed:\n{done.stderr[-800:]}")
+        finished = subprocess.run(
+            command, capture_output=True, text=True, timeout=COMPILE_LIMIT_S, check=False
+        )
+        if finished.returncode:
+            raise SimulationError(f"compiling {KERNEL.name} failed:\n{finished.stderr[-800:]}")
 
     sources = [hashlib.sha256(path.read_bytes()).hexdigest() for path in (KERNEL, device.KERNEL)]
     folder = kept(builds, "gates", [*sources, *COMPILE], make)

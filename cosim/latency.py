@@ -60,11 +60,11 @@ def step_limit_frames(config: AcceleratorConfig) -> int:
 
 def limits(config: AcceleratorConfig) -> dict[str, float]:
     """Limit in seconds of each budget that a cycle count of the run decides."""
-    period, asked = 1.0 / config.sensor.sample_rate_hz, config.hardware.decide_within_s
+    period, budget = 1.0 / config.sensor.sample_rate_hz, config.hardware.decide_within_s
     if config.is_image:  # the next image takes as long to come
         image = config.image.height * period
-        return {"frame": period, "step": image, "decision": asked or image}
-    return {"frame": period, "step": step_limit_frames(config) * period, "decision": asked or period}
+        return {"frame": period, "step": image, "decision": budget or image}
+    return {"frame": period, "step": step_limit_frames(config) * period, "decision": budget or period}
 
 
 COUNT_OF = {"frame": "frame_max", "step": "step_max", "decision": "decision_latency_max"}

@@ -366,14 +366,14 @@ class Link:
         raise LinkError("the device stays busy and does not come to an end: reset it")
 
     def _send(self, packets: Sequence[Packet], progress: Callable[[int], None] = lambda taken: None) -> None:
-        done = idle = 0
-        while done < len(packets):
-            batch = packets[done : done + self._burst]
+        sent = idle = 0
+        while sent < len(packets):
+            batch = packets[sent : sent + self._burst]
             self._transport.write(
                 b"".join(ordered_packet(self._next + k, *packet) for k, packet in enumerate(batch))
             )
             taken = self._taken(len(batch))
-            done, self._next = done + taken, self._next + taken & 0xFF
+            sent, self._next = sent + taken, self._next + taken & 0xFF
             self.repeated += len(batch) - taken
             idle = 0 if taken else idle + 1
             if idle >= self._tries:
@@ -390,7 +390,7 @@ class Link:
             self._burst = (
                 max(1, self._burst // 2) if taken < len(batch) else min(2 * self._burst, self._burst_max)
             )
-            progress(done)
+            progress(sent)
 
     def _let_pass(self) -> None:
         """Wait until the line is silent.
@@ -406,9 +406,9 @@ class Link:
     def _taken(self, sent: int) -> int:
         """How many of the ``sent`` packets from ``_next`` on the device has taken."""
         for _ in range(self._tries):
-            taken = self._ask("STATUS").expected - self._next & 0xFF
-            if taken <= sent:
-                return taken
+            accepted = self._ask("STATUS").expected - self._next & 0xFF
+            if accepted <= sent:
+                return accepted
             # An answer to an earlier question, late, names fewer than were taken already; the next one is not
             # late.
         raise LinkError(

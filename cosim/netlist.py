@@ -117,31 +117,31 @@ def recovered_hardware(asc: Path, placed: Path, target: str) -> Hardware:
         if cell["type"] == "SB_IO":
             ((x, y, pad),) = re.findall(r"^X(\d+)/Y(\d+)/io(\d)$", cell["attributes"]["NEXTPNR_BEL"])
             pads[name.removesuffix("$sb_io")] = f"io_{x}_{y}_{pad}"
-    done = subprocess.run(
+    finished = subprocess.run(
         ["icebox_vlog", "-s", asc.name],
         cwd=asc.parent,
         capture_output=True,
         text=True,
         timeout=RECOVER_LIMIT_S,
     )
-    if done.returncode:
-        raise RuntimeError(f"icebox_vlog could not read {asc.name}: {done.stderr.strip()[-500:]}")
+    if finished.returncode:
+        raise RuntimeError(f"icebox_vlog could not read {asc.name}: {finished.stderr.strip()[-500:]}")
     ports: dict[str, dict[int, str]] = {}
     for name, pad in pads.items():
         port, _, index = name.rstrip("]").partition("[")
         ports.setdefault(port, {})[int(index or 0)] = pad
-    used = {name: way for way, name in re.findall(r"\b(input|output) (io_\d+_\d+_\d)", done.stdout)}
+    directions = {name: way for way, name in re.findall(r"\b(input|output) (io_\d+_\d+_\d)", finished.stdout)}
     heads, joins = [], []
     for name, bits in sorted(ports.items()):
-        way = next((used[pad] for pad in bits.values() if pad in used), "input")
+        way = next((directions[pad] for pad in bits.values() if pad in directions), "input")
         heads.append(f"{way} [{max(bits)}:0] {name}")
-        joins += [f".{pad}({name}[{bit}])" for bit, pad in bits.items() if pad in used]
+        joins += [f".{pad}({name}[{bit}])" for bit, pad in bits.items() if pad in directions]
     wrapper = f"module accelerator({', '.join(heads)});\nchip chip ({', '.join(joins)});\nendmodule\n"
     # Its ports are declared once more in the body, which is Verilog only where the head names them alone.
     body = re.sub(
         r"(module chip \()(.*?)\);",
         lambda head: _plain_ports(head[1], head[2]),
-        done.stdout,
+        finished.stdout,
         count=1,
         flags=re.DOTALL,
     )

@@ -33,7 +33,7 @@ DECISION_FIELDS = {
 """Lowest bit and width of each field of the decision payload, in the order of the expectation's columns."""
 
 WIDE_DECISION_FIELDS = DECISION_FIELDS | {"step": (7, 8), "class": (0, 7), "margin": (15, 14)}
-"""The same of more than 32 classes; margins are in units of `MARGIN_UNIT` logit LSBs there, or in votes."""
+"""The same for more than 32 classes. Margins are in units of `MARGIN_UNIT` logit LSBs there, or in votes."""
 MARGIN_UNIT = 4
 
 
@@ -45,7 +45,7 @@ def unpack_decision(config: AcceleratorConfig, payload: int) -> dict[str, int]:
 
 
 def offered_row(config: AcceleratorConfig, row: Sequence[int]) -> list[int]:
-    """An expected decision as the payload can say it: of more than 32 classes its margin in whole units."""
+    """An expected decision as the payload holds it: with more than 32 classes its margin in whole units."""
     values = dict(zip(DECISION_FIELDS, row, strict=True))
     values["margin"] -= values["margin"] % _margin_unit(config, values["is_global"])
     return list(values.values())
@@ -116,6 +116,7 @@ class Verdict:
     def stages(self) -> dict[str, dict[str, int]]:
         """Stage -> {compared_values, mismatches}, every stage of the chain whether or not anything was
         compared there."""
+        # a unary plus drops the counts of 0; dict.fromkeys keeps each name once, in order
         names = dict.fromkeys([*self.chain, *(+self.compared), *self.differing])
         return {
             name: {"compared_values": self.compared[name], "mismatches": self.differing[name]}
@@ -130,7 +131,7 @@ class Verdict:
 
     @property
     def bit_exact(self) -> bool:
-        """True when values were compared and none differs."""
+        """True when values were compared and none differs: no value at all proves nothing."""
         return self.mismatches == 0 and self.compared_values > 0
 
 
@@ -160,8 +161,8 @@ class Stream:
 
 @dataclass(frozen=True)
 class Recording:
-    """What the golden model expects of one recording: arrays of eskin.golden.model.vectors.write_vectors by
-    their names, ``recording["state"]``."""
+    """What the golden model expects of one recording: ``recording["state"]`` is its part of that array of
+    `eskin.golden.model.vectors.write_vectors`."""
 
     arrays: Arrays
     position: int
@@ -172,7 +173,7 @@ class Recording:
         return int(self.arrays["numbers"][self.position])
 
     def span(self, name: str) -> slice:
-        """Its part of the array ``name``, of which a row belongs to a frame where it has no offsets."""
+        """Its part of the array ``name``. An array without offsets of its own has a row a frame."""
         stage = name.removesuffix("_frame")
         offsets = self.arrays.get(f"{stage}_offsets", self.arrays["offsets"])
         return slice(*offsets[self.position : self.position + 2].tolist())
@@ -341,7 +342,7 @@ def _steps(recording: Recording) -> list[tuple[int, int, int]]:
     """(touch, step, completing frame) of each step of a recording, from its expected decisions."""
     rows, frames = recording["decision"], recording["decision_frame"]
     local = rows[:, 0] == 0
-    touches = np.cumsum(rows[local, 1] == 0) - 1
+    touches = np.cumsum(rows[local, 1] == 0) - 1  # every touch begins with its step 0
     return list(zip(touches.tolist(), rows[local, 1].tolist(), frames[local].tolist(), strict=True))
 
 
@@ -359,6 +360,7 @@ def _compare_flat(
     stream: Stream,
     steps: list[tuple[int, int, int]],
 ) -> None:
+    # probes are sign-extended to 32 bits, so int32 gives the codes their signs back
     actual, count = stream.codes.astype(np.int32), len(stream.words)
     shared = min(len(expected), count)
     verdict.compared[stage] += shared
@@ -424,12 +426,10 @@ def _compare_status(
         "TOUCHES": (touches, counted),
     }
     if flags is not None:
-        got, bit = (
-            sum(int(word, 16) << 16 * k for k, word in enumerate(words[4:])),
-            int(bool(faults & TAXEL_FAULT)),
-        )
+        got = sum(int(word, 16) << 16 * k for k, word in enumerate(words[4:]))
+        bit = int(bool(faults & TAXEL_FAULT))
         values["TAXEL_FAULTS"] = (sum(1 << int(taxel) for taxel in np.flatnonzero(flags[-1])), got)
-        # sticky: it may be there since an earlier recording, but not without one
+        # sticky: an earlier recording may have set the bit, but only one with a flag
         values["TAXEL of FAULTS"] = (int(flags[-1].any() or (bit and flags.any())), bit)
     verdict.compared[STATUS_STAGE] += len(values)
     for index, (place, (want, got)) in enumerate(values.items()):

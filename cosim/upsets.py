@@ -15,10 +15,10 @@ from eskin.golden.core import Record, SimulationError
 PURPOSE = "an upset campaign"
 PORTS = ("upset_register", "upset_memory", "upset_word", "upset_bit")
 NONE = (0, 0, 0, 0, 0, -1)
-"""The list's entry of a run without an upset."""
+"""The entry of a run without an upset."""
 RESET, ARM_AGAIN, NO_ARM = 65535, 65534, 65533
-"""In place of a register: the recording is left at that cycle by a reset, by the next one's arm, without
-either (which must go wrong)."""
+"""In place of a register: how the recording is broken off at that cycle, by a reset, by the next one's arm,
+or without either (which must go wrong)."""
 GLOBAL = 29
 """The payload's bit of a global decision."""
 JOBS = 2
@@ -74,9 +74,11 @@ class Played:
             device.forget()
             if not (number and register == NO_ARM):
                 device.write(addresses["CONTROL"], commands["ARM"])
-            device.cycle()  # the command clears the chain at the end of the cycle after it was written;
+            # ARM clears the chain at the end of the cycle after it was written. Decisions offered up to then
+            # belong to the recording before (docs/specification.md, section 7).
+            device.cycle()
             if not (number and register == NO_ARM):
-                device.forget()  # what is offered up to then is the last recording's (docs/specification.md, section 7)
+                device.forget()
             begun = device.state.cycle
             if number == hit_recording and hit >= 0:
                 pokes = (
@@ -90,7 +92,7 @@ class Played:
             hang = self._hang(partial(device.frames, stream, limit=self.limit))
             if device.state.cycle < device.state.stop_at:
                 device.write(addresses["CONTROL"], commands["FINISH"])
-            if hang:
+            if hang:  # nothing to wait for: an input hangs already
                 device.cycle(QUIET)
             else:
                 hang = 2 * self._hang(lambda: device.settle(self.limit))

@@ -154,23 +154,23 @@ class Model(Estimator):
         self._training: Record = {}
 
     def _configure(self) -> None:
-        given = self._parameters
-        config, groups = given["config"], given["groups"]
+        values = self._parameters
+        config, groups = values["config"], values["groups"]
         words = [groups] if isinstance(groups, str) else groups if isinstance(groups, (list, tuple)) else []
-        for name, right, wanted in (
+        for name, right, needed in (
             ("config", config is None or isinstance(config, str | Path | AcceleratorConfig), "a preset, file or Config"),
             ("groups", groups is None or (words and all(isinstance(word, str) for word in words)), "names of group arrays"),
-            *((name, isinstance(given[name], int | np.integer) and given[name] >= 0, "a number from 0 on") for name in ("folds", "seed")),
+            *((name, isinstance(values[name], int | np.integer) and values[name] >= 0, "a number from 0 on") for name in ("folds", "seed")),
         ):  # fmt: skip
             if not right:
-                raise InputError(f"model, {name}: is {given[name]!r:.60}; give {wanted}")
+                raise InputError(f"model, {name}: is {values[name]!r:.60}; give {needed}")
         self._asked = (
             config
             if config is None or isinstance(config, AcceleratorConfig)
             else AcceleratorConfig.load(config)
         )
         self._options: Record = {"group": words or None} | {
-            name: given[name] for name in ("cell", "hidden", "folds", "seed")
+            name: values[name] for name in ("cell", "hidden", "folds", "seed")
         }
 
     def __sklearn_is_fitted__(self) -> bool:

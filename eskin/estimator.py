@@ -63,9 +63,9 @@ class Estimator:
 def probabilities(scores: np.ndarray, *, votes: bool) -> np.ndarray:
     """Shares of ``scores`` (n, C) that add up to 1: of votes their shares, else exp(score) over the sum of
     all; rows that are not a number give equal shares."""
-    known = np.where(np.isnan(scores), 0.0, scores)
+    finite = np.where(np.isnan(scores), 0.0, scores)
     if votes:
-        shares = known + (known.sum(axis=1, keepdims=True) == 0)
+        shares = finite + (finite.sum(axis=1, keepdims=True) == 0)
     else:
-        shares = np.exp(known - known.max(axis=1, keepdims=True))
+        shares = np.exp(finite - finite.max(axis=1, keepdims=True))
     return shares / shares.sum(axis=1, keepdims=True)

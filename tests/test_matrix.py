@@ -105,6 +105,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ()),
     "build --synthesis-only": ("build {model} --synthesis-only gatemate --out {out}/netlist", ()),
+    "build --standalone --flash": (
+        "build {model} --target icebreaker --converter ads7953 --standalone --flash --out {out}/board",
+        ("image",),
+    ),
     "build icestick": ("build {model} --target icestick --out {out}/board", ("image",)),
     "replay": ("replay {model} --data {data} --port {port} --baud 2000000", ("early", "image")),
     "watch": ("watch {model} --data {data} --terminal --speed max --once", ("rom", "image")),

@@ -190,8 +190,8 @@ def progress_bars() -> Iterator[Progress]:
     from rich.progress import Progress, TaskID
 
     if not messages.is_terminal:
-        with Milestones(lambda line: print(line, file=sys.stderr, flush=True)).alive("at work") as told:
-            yield told
+        with Milestones(lambda line: print(line, file=sys.stderr, flush=True)).alive("at work") as milestones:
+            yield milestones
         return
     with Progress(console=messages, transient=True) as bars:
         tasks: dict[str, TaskID] = {}

@@ -323,8 +323,8 @@ def build(
     from eskin.verbs import build_job as job
 
     if synthesis_only is not None:
-        given = (target, class_pins, converter, baud, clock)
-        if table or stimulator or standalone or flash or not link or seed != 1 or seeds != 1 or any(given):
+        options = (target, class_pins, converter, baud, clock)
+        if table or stimulator or standalone or flash or not link or seed != 1 or seeds != 1 or any(options):
             raise InputError(
                 "--synthesis-only: places nothing; it goes with --lanes, --lane-type and --out alone"
             )

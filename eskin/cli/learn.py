@@ -331,10 +331,8 @@ def enrol(
             "eskin enrol, option --data: is missing; name a few touches of each class, or --teach FEW for a "
             "model that is taught"
         )
-    few, old = (
-        load_recordings(data, config=config_of_model),
-        None if with_ is None else recordings_for(with_, config_of_model),
-    )
+    few = load_recordings(data, config=config_of_model)
+    old = None if with_ is None else recordings_for(with_, config_of_model)
     with progress_bars() as report:
         result = train_on(
             model,
@@ -428,9 +426,9 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
         raise InputError("--config: is missing; a file of weights does not say which array it is for")
     from eskin.golden.training.import_onnx import configuration_of
 
-    kept = configuration_of(file)
-    if kept is not None:
-        return kept, None
+    configuration = configuration_of(file)
+    if configuration is not None:
+        return configuration, None
     if data is None:
         raise InputError(
             f"network '{file}': does not say which array it is for; give --config, or --data to derive one from"

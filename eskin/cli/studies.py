@@ -116,12 +116,12 @@ def sweep(
     if size and size != "{}x{}".format(*(recordings.image_shape or ())):
         source, first = "SMALL.npz", f"eskin convert {data} --size {size} --out SMALL.npz, then "
     options = "".join(f" --{name.replace('_', '-')} {bits}" for name, bits in point["widths"].items())
-    how = (
+    where = (
         f" --quantisation-aware{options}"
         if point["config"]["quantisation_aware"]
         else f", then eskin quantise MODEL{options}"
     )
-    command = f"{first}eskin train --data {source} --config {out / sweep_job.CONFIG} --out MODEL{how}"
+    command = f"{first}eskin train --data {source} --config {out / sweep_job.CONFIG} --out MODEL{where}"
     things = "images" if recordings.image_shape else "recordings"
     names = [
         f"unseen {split_name(split['groups']) if split['groups'] else things} (%)"

@@ -41,7 +41,7 @@ class Thinner:
 
     def add(self, first: int, samples: np.ndarray) -> list[list[Any]]:
         """The display frames that ``samples`` (n, taxels), frames ``first`` and following, complete."""
-        done: list[list[Any]] = []
+        sent: list[list[Any]] = []
         at = 0
         while at < len(samples):
             # the size may have become less than what is held
@@ -54,8 +54,8 @@ class Thinner:
             self._low, self._high, self._last, self._count = low, high, part[-1], self._count + len(part)
             at += len(part)
             if self._count >= self.size:
-                done += self.rest()
-        return done
+                sent += self.rest()
+        return sent
 
     def rest(self) -> list[list[Any]]:
         """The bucket that is not full yet, if there is anything in it."""

@@ -254,18 +254,18 @@ class Player:
                 self._hub.flush()
                 self._tell()
             controls.wait(1.0 if paused else due - begun)
-            now = time.monotonic()
+            moment = time.monotonic()
             if paused:
-                due += now - begun
+                due += moment - begun
             elif speed != controls.speed:
-                due = now + (due - now) * speed / controls.speed
+                due = moment + (due - moment) * speed / controls.speed
             speed = controls.speed
 
     def _learn(self) -> None:
         """Teach and forget what viewers asked for."""
         assert not isinstance(self._source, Listener)
-        for what, label in self.controls.lessons():
-            self._events((self._source.teach if what == "teach" else self._source.forget)(label))
+        for command, label in self.controls.lessons():
+            self._events((self._source.teach if command == "teach" else self._source.forget)(label))
 
     def _count(self, number: int, label: int, decision: int) -> None:
         tally = self.tally

@@ -121,22 +121,20 @@ class PageServer:
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
         """The page, or None: the request is for the websocket."""
         try:
-            path, asked, origin = (
-                urlsplit(request.path).path,
-                request.headers["Host"],
-                request.headers.get("Origin"),
-            )
-            named, port = urlsplit(f"//{asked}").hostname or "", urlsplit(f"//{asked}").port or 80
+            path = urlsplit(request.path).path
+            query = request.headers["Host"]
+            origin = request.headers.get("Origin")
+            named, port = urlsplit(f"//{query}").hostname or "", urlsplit(f"//{query}").port or 80
             site = None if origin is None else urlsplit(origin).netloc
         except (ValueError, LookupError):
             return connection.respond(
                 http.HTTPStatus.BAD_REQUEST, "Host or Origin is missing, there twice, or damaged\n"
             )
-        if "@" in asked or not port or not self._is_ours(named):
-            sentence = f"this page is not at {asked!r:.80}; open it by an address of this machine\n"
+        if "@" in query or not port or not self._is_ours(named):
+            sentence = f"this page is not at {query!r:.80}; open it by an address of this machine\n"
             return connection.respond(http.HTTPStatus.FORBIDDEN, sentence)
         if path == SOCKET:
-            if site not in (None, asked):
+            if site not in (None, query):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, "another site's page may not watch\n")
             return None
         if path == "/":
@@ -186,8 +184,8 @@ class PageServer:
                 await waiting.wait()
                 waiting.clear()
                 if texts := viewer.take():
-                    mine = f'{{"k":"mine","dropped":{viewer.dropped},"lost":{viewer.lost}}}'
-                    await connection.send(f"[{','.join([*texts, mine])}]")
+                    note = f'{{"k":"mine","dropped":{viewer.dropped},"lost":{viewer.lost}}}'
+                    await connection.send(f"[{','.join([*texts, note])}]")
                 await asyncio.sleep(BATCH_S)
 
     async def _listen(self, connection: ServerConnection) -> None:

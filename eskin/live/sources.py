@@ -92,7 +92,7 @@ class ModelSource:
     def where(self, samples: np.ndarray) -> list[Event]:
         """Positions of the next frames: of the last of them, and of those that end a touch."""
         positions = self._positions.push(samples) if self._positions else []
-        return [_where(made) for made in positions if made.ended or made is positions[-1]]
+        return [_where(position) for position in positions if position.ended or position is positions[-1]]
 
     def finish(self) -> list[Event]:
         return self.events(self.stream.finish())
@@ -146,15 +146,16 @@ class ModelSource:
     def events(self, decisions: Sequence[Decision]) -> list[Event]:
         """What the stream's decisions mean, with the beginnings of their touches before them."""
         events: list[Event] = []
-        for made in decisions:
-            self._begun(events, made.touch, made.onset_frame, made.start_frame)
-            place, verdict = (made.touch, made.step, made.frame), (made.label, int(made.margin))
-            if made.is_global:
-                since = round((made.frame - made.onset_frame) / self.config.sensor.sample_rate_hz, 6)
-                events.append(Decided(*place, *verdict, made.partial, made.unsure, since))
+        for decision in decisions:
+            self._begun(events, decision.touch, decision.onset_frame, decision.start_frame)
+            place = decision.touch, decision.step, decision.frame
+            verdict = decision.label, int(decision.margin)
+            if decision.is_global:
+                since = round((decision.frame - decision.onset_frame) / self.config.sensor.sample_rate_hz, 6)
+                events.append(Decided(*place, *verdict, decision.partial, decision.unsure, since))
             else:
                 feature, state, logit = (
-                    np.asarray(made.stages.get(name, NOTHING)) for name in ("feature", "state", "logit")
+                    np.asarray(decision.stages.get(name, NOTHING)) for name in ("feature", "state", "logit")
                 )
                 events.append(Step(*place, feature, state, logit, *verdict))
         if self.stream.onset_frame is not None:
@@ -204,8 +205,8 @@ class SimulationSource(ModelSource):
         brought = self._simulator.take(samples)
         self.cycles_max = max([self.cycles_max, *(frame.cycles for frame in brought)])
         by_frame: dict[int, list[Decision]] = {}
-        for made in decisions:
-            by_frame.setdefault(made.frame, []).append(made)
+        for decision in decisions:
+            by_frame.setdefault(decision.frame, []).append(decision)
         compared: list[Event] = []
         for frame, came in enumerate(brought, first):
             compared += self._compare(by_frame.get(frame, []), came.stages, f"frame {frame}")
@@ -226,19 +227,21 @@ class SimulationSource(ModelSource):
 
     def _compare(self, decisions: Sequence[Decision], came: dict[str, list[int]], where: str) -> list[Event]:
         """One frame's values, decision by decision; what is left over is a difference too."""
-        left = {stage: deque(values) for stage, values in came.items() if stage != "step_cycles"}
+        queues = {stage: deque(values) for stage, values in came.items() if stage != "step_cycles"}
         compared: list[Event] = []
-        for made in decisions:
+        for decision in decisions:
             stages = {
-                stage: _stage(made.stages[stage], left.get(stage)) for stage in STAGES if stage in made.stages
+                stage: _stage(decision.stages[stage], queues.get(stage))
+                for stage in STAGES
+                if stage in decision.stages
             }
-            compared.append(_hardware(self.config, made, left.get("decision"), stages))
+            compared.append(_hardware(self.config, decision, queues.get("decision"), stages))
         return compared + [
             Differs(
                 f"at {where} the hardware gave {len(values)} values of stage {stage} that the model "
                 "does not have"
             )
-            for stage, values in left.items()
+            for stage, values in queues.items()
             if values
         ]
 
@@ -326,7 +329,7 @@ class BoardSource(ModelSource):
         if self._link.lost:
             sentence = "decisions of this recording got lost on the line, so it was not compared to its end"
             return [*events, Differs(sentence, mismatch=False)]
-        missing = (_hardware(self.config, made, None) for made in self._waiting)
+        missing = (_hardware(self.config, decision, None) for decision in self._waiting)
         return [*events, *missing, *self._registers("the board's register", played.touches, played.faults)]
 
     def _compare(self) -> list[Event]:
@@ -336,8 +339,8 @@ class BoardSource(ModelSource):
             if self._waiting:
                 compared.append(_hardware(self.config, self._waiting.popleft(), deque([payload])))
             else:  # the board is never ahead of the model: it got the same frames
-                said = unpack_decision(self.config, payload)
-                sentence = f"the board gave a decision that the model does not have: {said}"
+                fields = unpack_decision(self.config, payload)
+                sentence = f"the board gave a decision that the model does not have: {fields}"
                 compared.append(Differs(sentence))
             self._heard += 1
         return compared

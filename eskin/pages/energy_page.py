@@ -19,12 +19,12 @@ def draw_touch(rows: list[Record], least: str | None, thing: str = "touch") -> F
     figure = Figure(figsize=(10.4, 1.3 + 0.42 * len(rows)), layout="constrained")
     axes = figure.subplots()
     names = [row["name"] + ("  (least)" if row["name"] == least else "") for row in rows]
-    left = [0.0] * len(rows)
+    starts = [0.0] * len(rows)
     for part, colour in PART_COLOURS.items():
         widths = [1e6 * row["per_touch_parts_j"][part] for row in rows]
-        axes.barh(names, widths, left=left, color=colour, label=PART_WORDS[part], height=0.6)
-        left = [start + width for start, width in zip(left, widths, strict=True)]
-    for place, (row, total) in enumerate(zip(rows, left, strict=True)):
+        axes.barh(names, widths, left=starts, color=colour, label=PART_WORDS[part], height=0.6)
+        starts = [start + width for start, width in zip(starts, widths, strict=True)]
+    for place, (row, total) in enumerate(zip(rows, starts, strict=True)):
         axes.plot(
             [total / row["band"], total * row["band"]],
             [place, place],

@@ -201,7 +201,7 @@ def in_rows(recordings: Recordings, figures: Record, data: str) -> Record:
             for index in sorted({*order})
         ],
         "odd": {
-            state: [taxel for taxel, its in enumerate(states) if its == state]
+            state: [taxel for taxel, own in enumerate(states) if own == state]
             for state in ("constant", "saturated")
         },
         "lost": lost,

@@ -395,23 +395,23 @@ def draw_trace(trace: dict[str, np.ndarray], config: AcceleratorConfig, unit: st
     for index, name in enumerate(names):
         style = _class_style(index)
         logit_axes.plot(steps + 1, logits[:, index], marker="o", markersize=3, label=name, **style)
-        mine = decided == index
+        of_class = decided == index
         hatch = "//" if index >= len(CLASS_COLOURS) else ""
-        bars = decision_axes.bar(steps[mine] + 1, margins[mine], color=style["color"], hatch=hatch)
-        shown = [name[:LABEL_LETTERS]] * int(mine.sum())
+        bars = decision_axes.bar(steps[of_class] + 1, margins[of_class], color=style["color"], hatch=hatch)
+        shown = [name[:LABEL_LETTERS]] * int(of_class.sum())
         decision_axes.bar_label(bars, shown, padding=2, rotation=rotation, fontsize=7.5)
     logit_axes.set(title="logits", ylabel="value")
     place = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.1}
     logit_axes.legend(ncols=min(config.classes, 7), handlelength=1.6, columnspacing=1.2, **place)
     decision, lead = int(trace["global_decision"]), int(trace["global_margin"])
     outcome = "no decision" if decision < 0 else names[decision]
-    how = f"margin {formats.logit_format.to_real(lead):.2f}"
+    lead_text = f"margin {formats.logit_format.to_real(lead):.2f}"
     if config.network.decision == "vote":
-        how = f"{lead} votes ahead"
+        lead_text = f"{lead} votes ahead"
     ended = ", recording ended early" if trace["partial"] else ""
     truth = names[int(trace["label"])]
     title = "local decision of each step and its margin; "
-    title += f"global decision: {outcome} ({how}{ended}), true class: {truth}"
+    title += f"global decision: {outcome} ({lead_text}{ended}), true class: {truth}"
     letters = min(LABEL_LETTERS, max(map(len, names)))
     # room for the names above the bars
     top = max(float(margins.max(initial=0.0)), 1e-9) / (0.93 - 0.055 * letters)
@@ -535,17 +535,17 @@ def draw_candidates(rows: Sequence[Record]) -> Figure:
     axes.yaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
     figure.draw_without_rendering()  # from here on it is known where everything lies
     for axes, names, points in labelled:
-        taken = []
+        places = []
         for cost, row in points:
             around = row["accuracy"] + np.array([-1, 1]) * row["standard_error"]
             low, high = axes.transData.transform([(cost, share) for share in np.clip(around, 0, 1)])
-            taken.append(Bbox([low - POINT, high + POINT]))
+            places.append(Bbox([low - POINT, high + POINT]))
         at = [axes.transData.transform(name.xy) for name in names]
         for name, point in zip(names, at, strict=True):
             if 0 < np.hypot(*(point - at[0])) < POINT:  # behind the taken one: a name would seem another's
                 name.remove()
             else:
-                taken.append(_placed(name, axes.get_window_extent(), taken))
+                places.append(_placed(name, axes.get_window_extent(), places))
     return figure
 
 

@@ -143,11 +143,9 @@ def accuracy_chart(result: Record) -> Figure:
     points, images, baselines = result["points"], of_images(result), result["baselines"]
     splits = len(points[0]["splits"])
     clock = f"{points[0]['clock_hz'] / 1e6:g} MHz"
-    title, note, label = (
-        "accuracy on unseen groups against cost",
-        NOTE,
-        "accuracy (%), mean and deviation over seeds",
-    )
+    title = "accuracy on unseen groups against cost"
+    note = NOTE
+    label = "accuracy (%), mean and deviation over seeds"
     costs = {
         "latency_s": (f"latency of a decision, from its last features (µs, {clock})", 1e6),
         "multiplies_decision": ("multiplies of a decision (all steps of a touch)", 1.0),

@@ -223,8 +223,8 @@ def tables(text: str) -> Iterator[Rows]:
 
 def terminal_table(title: str, columns: Iterable[str], cells: Iterable[Sequence[Any]]) -> Table:
     """A table for the terminal; its cells are text, whatever they hold."""
-    first, *others = columns
-    table = Table(Column(first, no_wrap=True), *others, title=escape(title), title_justify="left")
+    first, *further = columns
+    table = Table(Column(first, no_wrap=True), *further, title=escape(title), title_justify="left")
     for row in cells:
         table.add_row(*(escape(str(cell)) for cell in row))
     return table

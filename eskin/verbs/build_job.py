@@ -128,12 +128,12 @@ def suited(
     InputError
         Lanes that there are not, or not for images.
     """
-    made = config.with_lanes(
+    suited_config = config.with_lanes(
         lanes or (None if target.family.dsp else 1), lane_type or suited_lane_type(config, target)
     )
-    if made.is_image:
-        refuse_hardware(made)
-    return made
+    if suited_config.is_image:
+        refuse_hardware(suited_config)
+    return suited_config
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,9 +226,9 @@ class BuildRequest:
             config = config.replace(loadable=self.flash)
             refuse_standalone(config)
         if self.flash and not self.target.flash:
-            others = ", ".join(name for name in TARGETS if board(name).flash)
+            with_flash = ", ".join(name for name in TARGETS if board(name).flash)
             fault = f"the flash of {self.target.name} is not on four free pins of its part"
-            raise InputError(f"--flash: {fault}; leave it out, or use one of {others}")
+            raise InputError(f"--flash: {fault}; leave it out, or use one of {with_flash}")
         return Wiring(
             config=config,
             target=self.target,
@@ -401,10 +401,10 @@ def only_build() -> Path:
     """
     builds = sorted(path.parent for path in BOARDS.glob(f"*/{MARK}"))
     if len(builds) != 1:
-        these = f"{BOARDS} has {', '.join(path.name for path in builds) or 'none'}"
+        existing = f"{BOARDS} has {', '.join(path.name for path in builds) or 'none'}"
         raise InputError(
             "--build: is missing; name the folder of 'eskin build' whose bitstream the board runs "
-            f"({these}), or give --baud"
+            f"({existing}), or give --baud"
         )
     return builds[0]
 
@@ -504,8 +504,8 @@ def _result(
         "harness_cells": 0 if link else best.blocks[blocks.TOP]["cells"],
         "blocks": best.blocks,
         "utilisation": {
-            resource: {"used": used, "available": available}
-            for resource, (used, available) in best.utilisation.items()
+            resource: {"used": count, "available": available}
+            for resource, (count, available) in best.utilisation.items()
         },
         "fmax_hz": best.fmax_hz,
         "clock_hz": wanted_hz,
@@ -577,8 +577,8 @@ def misfit_sentence(
 
 def _lacks(short: Mapping[str, tuple[int, int]]) -> str:
     return ", ".join(
-        f"{needed} {what} of {available} ({needed - available} too many)"
-        for what, (needed, available) in short.items()
+        f"{needed} {resource} of {available} ({needed - available} too many)"
+        for resource, (needed, available) in short.items()
     )
 
 
@@ -591,16 +591,16 @@ def weights_sentence(config: AcceleratorConfig) -> str:
         assert target.room
         available = target.room.blocks
         try:
-            made = suited(config, target)
+            fitted = suited(config, target)
         except InputError:  # formats that its multipliers do not take
-            made = config.with_lanes(lane_type="plain")
+            fitted = config.with_lanes(lane_type="plain")
         if config.recurrent and lanes_in_large_memories(
-            spared := made.replace(spare_blocks=True), target.family.name, 1
+            spared := fitted.replace(spare_blocks=True), target.family.name, 1
         ):
-            made = spared
-        needed = _weight_blocks(made, target)
+            fitted = spared
+        needed = _weight_blocks(fitted, target)
         if not config.recurrent and not short:
-            helps = _fewer_weights(made, target, needed, available)
+            helps = _fewer_weights(fitted, target, needed, available)
         of = f"{needed} of {available} block memories of the {name}"
         if needed <= available:
             instead = f", and {short[0]}, which is too many ({'; '.join(helps)})" if short else ""
@@ -614,20 +614,20 @@ def weights_sentence(config: AcceleratorConfig) -> str:
 def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, available: int) -> list[str]:
     """What of a linear cell's weights fits a part whose block memories do not hold them, the rest of the
     design as it is."""
-    others = needed - _weight_blocks(config, target)
+    remaining = needed - _weight_blocks(config, target)
     shorter = {
         steps: config.replace(steps=steps, feature_shift=()) for steps in range(1, config.windows.steps)
     }
-    fits = [steps for steps, less in shorter.items() if others + _weight_blocks(less, target) <= available]
+    fits = [steps for steps, less in shorter.items() if remaining + _weight_blocks(less, target) <= available]
     one_set = _weight_blocks(config.replace(weight_sets="one"), target)
-    if needed == others:
+    if needed == remaining:
         return []  # they take no block memory
-    says = [f"the weights of {config.sets} windows alone take {needed - others}"]
+    says = [f"the weights of {config.sets} windows alone take {needed - remaining}"]
     if _weight_blocks(config.replace(lanes=min(LARGE_MEMORIES, config.hardware.lanes)), target) == 0:
         says.append(f"on {LARGE_MEMORIES} lanes (--lanes {LARGE_MEMORIES}) they take none")
     if config.sets > 1 and fits:
         says.append(f"those of {max(fits)} (--steps {max(fits)}) would fit")
-    if config.sets > 1 and others + one_set <= available:
+    if config.sets > 1 and remaining + one_set <= available:
         says.append(f"one set for all windows (weight_sets one in the configuration) takes {one_set}")
     return says
 

@@ -119,20 +119,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--placed", action="store_true", help="with --play: also netlists without probes, as placed"
     )
-    asked = parser.parse_args(arguments)
-    model, recordings = IntegerModel.load(asked.model), load_recordings(asked.data)
-    if asked.play:
-        numbers, recordings = with_touches(model, recordings, asked.play, asked.windows)
-    memo, version, rows = Memo(asked.out), code_version("golden", "rtl", "cosim"), []
-    for (pdk, *files), lanes, constants in product(asked.process, asked.lanes, asked.constants):
+    options = parser.parse_args(arguments)
+    model, recordings = IntegerModel.load(options.model), load_recordings(options.data)
+    if options.play:
+        numbers, recordings = with_touches(model, recordings, options.play, options.windows)
+    memo, version, rows = Memo(options.out), code_version("golden", "rtl", "cosim"), []
+    for (pdk, *files), lanes, constants in product(options.process, options.lanes, options.constants):
         chip = ChipRequest(pdk, tuple(map(Path, files)), lanes, constants == "rom")
 
         def made(chip: ChipRequest = chip) -> Record:
-            if asked.play:
-                return played(chip, model, recordings, numbers, placed=asked.placed)
-            return figures_of(chip, model, recordings, more=asked.more)
+            if options.play:
+                return played(chip, model, recordings, numbers, placed=options.placed)
+            return figures_of(chip, model, recordings, more=options.more)
 
-        also = (asked.play, asked.placed, asked.more)
+        also = (options.play, options.placed, options.more)
         rows.append(
             memo.remembered(
                 content_key(version, model, recordings, *chip.liberty, pdk, lanes, constants, also), made
@@ -141,10 +141,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(
             f"{pdk}, {lanes} lanes, {constants}: {'held' if held(rows[-1]) else 'has mismatches'}", flush=True
         )
-    if asked.play:
+    if options.play:
         (table,) = tables(words("chips_played", rows=rows))
     else:
-        chips = [next(tables(words("asic", **row, more=asked.more))).cells for row in rows]
+        chips = [next(tables(words("asic", **row, more=options.more))).cells for row in rows]
         lines = [(cells[0][0], *(text for _, text in cells)) for cells in zip(*chips, strict=True)]
         table = Rows("chips, before layout", ("", *map(str, range(1, 1 + len(rows)))), lines)
     Console(width=160).print(table.drawn())

@@ -24,13 +24,13 @@ CODE = ("rtl", "verbs/cost.py")
 BOARD = "icebreaker"
 """The board that candidates are priced on unless another is named."""
 CELLS = {
-    "always": 570.3,
-    "taxels": 0.9,
-    "address bits": 8.7,
-    "lanes": 42.5,
-    "onset": 208.6,
-    "kinds beyond the mean": 271.1,
-    "few taxels": 346.9,
+    "always": 547.3,
+    "taxels": 1.0,
+    "address bits": 11.8,
+    "lanes": 35.4,
+    "onset": 204.8,
+    "kinds beyond the mean": 274.9,
+    "few taxels": 325.5,
 }
 """Logic cells of what a design has."""
 FEW_TAXELS = 4
@@ -56,10 +56,10 @@ def cost_of(config: AcceleratorConfig, board: str = BOARD) -> Cost:
 def on_board(config: AcceleratorConfig, target: Target) -> AcceleratorConfig:
     """On lanes that suit the board, at most as many as it has multipliers for: one more is for element-wise
     operations."""
-    made, room = suited(config, target), target.room
-    if room is None or not room.multipliers or made.hardware.lanes < room.multipliers:
-        return made
-    return made.with_lanes(room.multipliers - 1)
+    fitted, room = suited(config, target), target.room
+    if room is None or not room.multipliers or fitted.hardware.lanes < room.multipliers:
+        return fitted
+    return fitted.with_lanes(room.multipliers - 1)
 
 
 def estimated(config: AcceleratorConfig, part: str) -> Record:
@@ -109,9 +109,9 @@ def fits(config: AcceleratorConfig, board: str = BOARD) -> bool:
     if cells + LINK_CELLS > room.cells:
         return False
     return any(
-        blocks_of(made, board) + LINK_BLOCKS <= room.blocks
-        for made in (config, config.replace(spare_blocks=True))
-        if made.recurrent or made is config
+        blocks_of(variant, board) + LINK_BLOCKS <= room.blocks
+        for variant in (config, config.replace(spare_blocks=True))
+        if variant.recurrent or variant is config
     )
 
 
@@ -124,9 +124,9 @@ def market(prefer: Prefer = "energy", board: str | None = None) -> Market:
         No such board or preference.
     """
     boards = [name for name in TARGETS if find_target(name).room]
-    for option, value, known in (("prefer", prefer, PREFERENCES), ("fits", board or BOARD, boards)):
-        if value not in known:
-            raise InputError(f"--{option} {value}: is not known; use one of {', '.join(known)}")
+    for option, value, choices in (("prefer", prefer, PREFERENCES), ("fits", board or BOARD, boards)):
+        if value not in choices:
+            raise InputError(f"--{option} {value}: is not known; use one of {', '.join(choices)}")
     name = board or BOARD
     return Market(
         cost_of=partial(cost_of, board=name),

@@ -81,7 +81,8 @@ def measure(
         Folder for design, vectors and captures.
     """
     config = model.config.with_lanes(lanes, lane_type)
-    asked, config = config, config.replace(converter="none")  # frames as recorded: the chain alone is counted
+    # frames as recorded: the chain alone is counted
+    requested, config = config, config.replace(converter="none")
     design = generate(config, model.arrays, work / "design")
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers)
     first = expected_of(model, recordings.subset([0]), work / "one.npz", numbers[:1])
@@ -128,7 +129,7 @@ def measure(
     described |= {"lane_type": lane_type, "cells": cells, "bit_exact": exact, "blocks": counts[0]["toggles"]}
     part = find_target(target).device
     described["waiting"] = waiting(config, part, activity, lowest["cycles"])
-    return described | energy.estimate(asked, part, activity, clock)
+    return described | energy.estimate(requested, part, activity, clock)
 
 
 def waiting(
@@ -141,9 +142,9 @@ def waiting(
     longest = config.image.height if config.is_image else config.windows.hop
     rows = []
     for frames in sorted({*(count for count in BUDGET_FRAMES if count < longest), longest}):
-        asked = config.replace(decide_within_s=frames * frame_s)
-        clock = needed_clock(asked, cycles)
-        idle = energy.estimate(asked, part, activity, clock)["idle_w"]
+        budgeted = config.replace(decide_within_s=frames * frame_s)
+        clock = needed_clock(budgeted, cycles)
+        idle = energy.estimate(budgeted, part, activity, clock)["idle_w"]
         rows.append({"decide_within_s": frames * frame_s, "clock_hz": clock, "idle_w": idle})
     return rows
 
@@ -167,8 +168,8 @@ def in_software(model: IntegerModel, recordings: Recordings, work: Path) -> list
     """The same model as plain C, a row a microcontroller: name, core, instructions and cycles of
     `eskin.golden.export.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images
     and prototypes, which C does not have, and where compiler (ziglang) or emulator (unicorn) is not installed."""
-    there = compiled.there() and importlib.util.find_spec("unicorn")
-    if model.config.is_image or model.config.has_prototypes or not there:
+    available = compiled.there() and importlib.util.find_spec("unicorn")
+    if model.config.is_image or model.config.has_prototypes or not available:
         return []
     export_c(model, work, recordings=recordings.subset([0]))
     part = energy.MICROCONTROLLER
@@ -217,9 +218,9 @@ def job(
         lanes,
         kind,
     ) in chosen_boards:  # a configuration that cannot be is refused before any long work
-        made = config.with_lanes(lanes, kind)
+        on_lanes = config.with_lanes(lanes, kind)
         if config.is_image:
-            refuse_hardware(made)
+            refuse_hardware(on_lanes)
         if find_target(target).device not in energy.PARTS:
             raise InputError(
                 f"--configuration {target}: nothing is known of the energy of its part; take another board"
@@ -228,8 +229,8 @@ def job(
         _images(recordings, count) if config.is_image else with_touches(model, recordings, count)
     )
     rows = []
-    for done, (target, lanes, kind) in enumerate(chosen_boards):
-        notify("configurations", done, len(chosen_boards))
+    for number, (target, lanes, kind) in enumerate(chosen_boards):
+        notify("configurations", number, len(chosen_boards))
         rows.append(
             measure(model, numbers, chosen, target, lanes, kind, work=work / f"{target}{lanes}{kind}")
         )

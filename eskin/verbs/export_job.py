@@ -80,8 +80,8 @@ def export_onnx(
 
     check_folder(out, ONNX_FILE)
     config = model.config
-    known = not (config.is_image or config.has_prototypes)  # else refused when it is written
-    if recordings is None or not known:
+    exportable = not (config.is_image or config.has_prototypes)  # else refused when it is written
+    if recordings is None or not exportable:
         features = np.random.default_rng(seed).normal(size=(100, config.windows.steps, config.inputs))
     else:
         features = float_features(model, find_touches(config, recordings))
@@ -121,9 +121,9 @@ def _vectors(model: IntegerModel, recordings: Recordings | None, seed: int) -> t
             [1] * len(images),
             plain_c.expected_of_images(run_images(model, images)),
         )
-    rest, whole = config.rest_level.rest_frames, config.last_frame
+    lead, whole = config.rest_level.rest_frames, config.last_frame
     # a touch that ends, and one that the recording cuts short
-    lengths = [rest + whole + 4 * config.windows.hop, rest + whole // 2 + config.windows.pretrigger_frames]
+    lengths = [lead + whole + 4 * config.windows.hop, lead + whole // 2 + config.windows.pretrigger_frames]
     for attempt in range(seed, seed + 50):
         played = recordings if recordings is not None else random_recordings(config, lengths, attempt)
         trace = run(model, played)

@@ -192,8 +192,8 @@ def board_sentence(config: AcceleratorConfig, board: str) -> str:
     size = f"{cost.cells_of(config)} logic cells and {cost.blocks_of(config, board)} block memories"
     where = f"fits the {board}"
     if board not in boards:
-        other = f"the {boards[0]} would hold it" if boards else "no board here would hold it"
-        where = f"does not fit the {board} with its link; {other}"
+        alternative = f"the {boards[0]} would hold it" if boards else "no board here would hold it"
+        where = f"does not fit the {board} with its link; {alternative}"
     return f"the whole design, by estimate {size} without its link, {where}"
 
 
@@ -219,10 +219,10 @@ def check_alike(held: Recordings, recordings: Recordings) -> None:
         Naming what differs.
     """
     for name in ("taxels", "image_shape", "sample_rate_hz"):
-        here, there = getattr(held, name), getattr(recordings, name)
-        if here != there:
+        test, data = getattr(held, name), getattr(recordings, name)
+        if test != data:
             raise InputError(
-                f"--test {held.source}, field {name}: is {here}, and {there} in --data; give recordings of "
+                f"--test {held.source}, field {name}: is {test}, and {data} in --data; give recordings of "
                 "the same sensor and task"
             )
 
@@ -265,10 +265,8 @@ class _Steps:
         quantised = self.stage(
             "quantisation", GOLDEN, None, lambda folder, _: self._quantise(trained, folder)
         )
-        model, training = (
-            IntegerModel.load(quantised / "model", images=True),
-            load_training(quantised / "model"),
-        )
+        model = IntegerModel.load(quantised / "model", images=True)
+        training = load_training(quantised / "model")
         config = self.config = model.config
         numbers = self.recordings.evenly(count or default_count(self.recordings, config))
         evaluated = self.stage(
@@ -596,11 +594,9 @@ def _checks(evaluated: Record, outcomes: dict[str, Record | None]) -> list[Recor
             continue
         outcome = outcomes[name]
         assert outcome is not None  # the lowest clock alone may be missing
-        exact, said = (
-            outcome["bit_exact"] and outcome["decisions"] > 0,
-            f"{verdict(outcome)}: {compared(outcome)}",
-        )
-        check(f"hardware equals model at {title}", exact, said)
+        exact = outcome["bit_exact"] and outcome["decisions"] > 0
+        sentence = f"{verdict(outcome)}: {compared(outcome)}"
+        check(f"hardware equals model at {title}", exact, sentence)
         rows = [row for row in outcome["budgets"] if not row["reference"]]
         missed = ", ".join(row["name"] for row in rows if not row["met"])
         detail = f"{', '.join(row['name'] for row in rows) or 'no step to judge'}; missed: {missed or 'none'}"
@@ -686,9 +682,9 @@ def _bars(console: Console) -> Iterator[Callable[[str], Any]]:
 
     @contextmanager
     def lines(name: str) -> Iterator[Progress]:
-        begin, milestones = (
-            time.perf_counter(),
-            Milestones(lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True)),
+        begin = time.perf_counter()
+        milestones = Milestones(
+            lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True)
         )
         with milestones.alive(name):
             yield lambda task, done, total: milestones(f"{name}, {task}", done, total)

@@ -147,14 +147,14 @@ def _held(link: Link, model: IntegerModel, kept: Path | None) -> Record:
     """What the board was taught, read out, against ``model``; written to ``kept``."""
     arrays = taught_arrays(model.config, link.places)
     held = IntegerModel(model.config, {**model.arrays, **arrays}, "the board")
-    used, names = taught_in_use(held), model.config.network.class_names
+    in_use, names = taught_in_use(held), model.config.network.class_names
     equal = (arrays["taught_count"] == model.arrays["taught_count"]).all() and all(
         (places[:count] == aim[:count]).all()
-        for places, aim, count in zip(arrays["taught"], model.arrays["taught"], used, strict=True)
+        for places, aim, count in zip(arrays["taught"], model.arrays["taught"], in_use, strict=True)
     )
     if kept:
         save_taught(held, kept)
-    return {"in_use": dict(zip(names, used.tolist(), strict=True)), "taught_equal": bool(equal)}
+    return {"in_use": dict(zip(names, in_use.tolist(), strict=True)), "taught_equal": bool(equal)}
 
 
 Decided = Iterator[tuple[np.ndarray, np.ndarray, int]]
@@ -165,9 +165,9 @@ def _streamed(stream: Stream, recordings: Recordings) -> Decided:
     """Of what the stream has been taught when a recording's turn comes."""
     for index in range(len(recordings)):
         stream.arm()
-        made = [*stream.push(recordings.recording(index)), *stream.finish()]
-        rows = np.array([decision.row() for decision in made]).reshape(-1, len(DECISION_FIELDS))
-        yield rows, np.array([decision.frame for decision in made]), stream.touches
+        decisions = [*stream.push(recordings.recording(index)), *stream.finish()]
+        rows = np.array([decision.row() for decision in decisions]).reshape(-1, len(DECISION_FIELDS))
+        yield rows, np.array([decision.frame for decision in decisions]), stream.touches
 
 
 def _decided(model: IntegerModel, recordings: Recordings) -> Decided:

@@ -254,8 +254,8 @@ def play_case(bench: Bench | ImageBench, case: Case, work: Path, simulator: str,
     result = flow.cosimulate(
         case.model or bench.model, case.recordings, work=work, simulator=simulator, **options
     )
-    kept = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list probe"
-    return {key: result[key] for key in kept.split()}
+    keys = "bit_exact recordings compared_values mismatches frames simulated_cycles mismatch_list probe"
+    return {key: result[key] for key in keys.split()}
 
 
 # ---------------------------------------------------------------------- the hardware
@@ -365,6 +365,6 @@ class _Hardware:
         case = Case(clean.subset(clean.evenly(STREAMED)))
         rtl = play_case(self.bench, case, self.work, self.simulator, **{key: True}, **options)
         probe = rtl["probe"]
-        taken = 0 if probe is None else int(not (probe["after"] & 1 == 1 and probe["cleared"] & 1 == 0))
+        accepted = 0 if probe is None else int(not (probe["after"] & 1 == 1 and probe["cleared"] & 1 == 0))
         words = f"{rtl['compared_values']} values of {rtl['recordings']} recordings compared"
-        return Outcome(rtl["mismatches"] + taken, words, rtl=rtl)
+        return Outcome(rtl["mismatches"] + accepted, words, rtl=rtl)

@@ -29,7 +29,7 @@ from eskin.rtl.program.memory_map import Fault
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import constant_addends
-from eskin.rtl.top.watchdog import bound
+from eskin.rtl.top.watchdog import bound, longest_wait
 
 SLACK = 256
 """Cycles beyond the watchdog's bound before a wait counts as a hang: what idle takes to be seen."""
@@ -63,10 +63,10 @@ def payloads(model: IntegerModel, recordings: Recordings) -> list[tuple[tuple[in
     packed = [pack_decision(model.config, row) for row in rows]
     by_recording = []
     for number in range(len(recordings)):
-        mine = packed[offsets[number] : offsets[number + 1]]
+        own = packed[offsets[number] : offsets[number + 1]]
         sizes = trace.offered()[trace.touches.recording == number].sum(axis=1)
         ends = np.cumsum([0, *sizes])
-        by_recording.append(tuple(tuple(mine[low:high]) for low, high in pairwise(ends)))
+        by_recording.append(tuple(tuple(own[low:high]) for low, high in pairwise(ends)))
     return by_recording
 
 
@@ -81,12 +81,12 @@ def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
     """
     config = model.config
     touches = find_touches(config, recordings)
-    lead, tail = (
+    lead = (
         config.rest_level.rest_frames
         + config.windows.pretrigger_frames
-        + 4 * config.onset_rule.onset_mean_frames,
-        2 * config.onset_rule.rearm_frames + config.windows.hop,
+        + 4 * config.onset_rule.onset_mean_frames
     )
+    tail = 2 * config.onset_rule.rearm_frames + config.windows.hop
     whole = [
         row for row in touches.first_touch() if row >= 0 and touches.completed[row] == config.windows.steps
     ]
@@ -115,8 +115,10 @@ def scenario(model: IntegerModel, recordings: Recordings) -> Scenario:
 
 
 def hang_limit(config: AcceleratorConfig) -> int:
-    """Cycles after which a wait is a hang, whether the design has a watchdog or not."""
-    return bound(config.replace(watchdog=True, checksum=True)) + SLACK
+    """Cycles after which a wait is a hang, whether the design has a watchdog or not: what still works behind a
+    block that stands ends its steps first, as a whole chain would; the watchdog counts from the last of them."""
+    watched = config.replace(watchdog=True, checksum=True)
+    return longest_wait(watched) + bound(watched) + SLACK
 
 
 @dataclass(frozen=True)
@@ -189,16 +191,16 @@ class Campaign:
         touches = self.scenario.expected[0]
         got = tuple(event[0] for event in first["decisions"])
         flagged = [event for event in first["decisions"] if event[1] & FLAGS]
-        here, following = touches[0], [value for touch in touches[1:] for value in touch]
+        hit, following = touches[0], [value for touch in touches[1:] for value in touch]
         recovered = got[len(got) - len(following) :] == tuple(following) if following else True
         restarted = None
         if not recovered and first["cleared"]:
             restarted = self._as_new(first)
         globals_ = [event for event in first["decisions"] if event[0] >> 29 & 1]
-        silent = bool(globals_) and not globals_[0][1] & FLAGS and (globals_[0][0] & 31) != (here[-1] & 31)
+        silent = bool(globals_) and not globals_[0][1] & FLAGS and (globals_[0][0] & 31) != (hit[-1] & 31)
         return {
             "hang": max(first["hang"], then["hang"]),
-            "exact": got[: len(here)] == here,
+            "exact": got[: len(hit)] == hit,
             "wrong_unflagged": silent,
             "flagged": bool(flagged) or bool((first["faults"] | then["faults"]) & FLAGS),
             "cleared": bool(first["cleared"]),
@@ -209,8 +211,8 @@ class Campaign:
 
     def next_recording_exact(self, result: Record) -> bool:
         """Are the decisions of the second recording those of the golden model?"""
-        then = result["recordings"][1]
-        return not then["hang"] and [event[0] for event in then["decisions"]] == [
+        following = result["recordings"][1]
+        return not following["hang"] and [event[0] for event in following["decisions"]] == [
             v for touch in self.scenario.expected[1] for v in touch
         ]
 

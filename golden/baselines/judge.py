@@ -57,7 +57,7 @@ def _runs(scene: Scene, method: Method, piece: Judging) -> list[Record]:
     tests = split_folds(recordings, piece.groups, piece.folds, None)
     for seed, (fold, test) in itertools.product(piece.seeds, enumerate(tests)):
         part, judged = (scene.where[rows] for rows in (np.setdiff1d(np.arange(len(recordings)), test), test))
-        part, seen, judged = part[part >= 0], test[judged >= 0], judged[judged >= 0]
+        part, train, judged = part[part >= 0], test[judged >= 0], judged[judged >= 0]
         if not len(part):
             raise InputError(
                 f"{recordings.source}: no touch was found in a training part; check the onset rule with "
@@ -70,7 +70,7 @@ def _runs(scene: Scene, method: Method, piece: Judging) -> list[Record]:
             else _constant(scene, part)
         )
         seconds = time.process_time() - begin
-        right = int((fitted.decide(judged) == recordings.labels[seen]).sum()) if len(judged) else 0
+        right = int((fitted.decide(judged) == recordings.labels[train]).sum()) if len(judged) else 0
         alone = fitted.alone or partial(_decided, fitted.decide)
         runs.append(
             {

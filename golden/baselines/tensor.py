@@ -155,11 +155,13 @@ def _best(
     scores: dict[tuple[float, float], int] = dict.fromkeys(
         ((w * median, p) for w, p in itertools.product(WIDTHS, PENALTIES)), 0
     )
-    for rest, fold in inner.split(distance, labels):
+    for train, fold in inner.split(distance, labels):
         for width in WIDTHS:
             whole = kernel(distance, width * median)
             for penalty in PENALTIES:
-                decided = decide(whole[np.ix_(rest, rest)], labels[rest], whole[np.ix_(fold, rest)], penalty)
+                decided = decide(
+                    whole[np.ix_(train, train)], labels[train], whole[np.ix_(fold, train)], penalty
+                )
                 scores[width * median, penalty] += int((decided == labels[fold]).sum())
     return max(scores, key=lambda pair: scores[pair])
 

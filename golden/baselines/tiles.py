@@ -127,10 +127,10 @@ def _fit(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         network = make(x.shape[2], x.shape[3], scene.classes)
-        seen = torch.tensor(part)
+        train = torch.tensor(part)
 
         def loss_of() -> torch.Tensor:
-            rows = seen[torch.randint(len(seen), (BATCH,))]
+            rows = train[torch.randint(len(train), (BATCH,))]
             return torch.nn.functional.cross_entropy(network(x[rows]), y[rows])
 
         descend(network.parameters(), loss_of, RATE, UPDATES)

@@ -25,6 +25,7 @@ def sigmoid_table(config: AcceleratorConfig) -> np.ndarray:
         else np.clip(0.2 * x + 0.5, 0.0, 1.0)
     )
     upper = config.gate_format.quantise(real)
+    # one entry more than half: index -T/2 has no partner in the table, and its own is made of +T/2
     lower = config.gate_one - upper[1:]
     return np.concatenate([lower[::-1], upper[:half]])
 

@@ -105,7 +105,7 @@ class AcceleratorConfig:
             raise InputError(f"configuration '{name}', field {field}: {why}")
 
     def _refusals(self) -> Iterator[Refusal]:
-        """What does not fit together; of the first the user is told."""
+        """What does not fit together. The user is told of the first."""
         yield from self._front_end_refusals()
         if self.is_image:
             yield from self._image_refusals()
@@ -113,6 +113,7 @@ class AcceleratorConfig:
             yield from self._feature_refusals()
             yield from self._format_refusals()
             yield from self._readout_refusals()
+        # the front end takes an input every second cycle
         clock, least = self.hardware.clock_hz, 2 * self.inputs * self.sensor.sample_rate_hz
         if clock < least:
             kinds = f" with {self.kinds} kinds of feature" if self.kinds > 1 else ""
@@ -186,10 +187,12 @@ class AcceleratorConfig:
                 f"{', '.join(map(str, lengths))} frames; blocks must fill both: use {works}",
             )
         of_bits = (("integral", "integral_knee", self.integral_bits), ("log", "compand_knee", bits))
-        for there, field, width in of_bits:
+        for companded, field, width in of_bits:
             knee = getattr(features, field)
-            if there in (*kinds, features.compand) and knee > width - 2:
-                values = "integrals" if there == "integral" else "sums"
+            # 2**knee is added to a magnitude before its logarithm; half of the largest one is the most at
+            # which that sum still fits the word
+            if companded in (*kinds, features.compand) and knee > width - 2:
+                values = "integrals" if companded == "integral" else "sums"
                 yield field, f"is {knee} for {values} of {width} bits; give at most {width - 2}"
         if (
             features.compand == "log"
@@ -219,7 +222,7 @@ class AcceleratorConfig:
             )
         if self.dense_bias_shift < 0:
             yield "dense_bias_format", f"{formats.dense_bias_format} is finer than the dense products"
-        bits = self.accumulator_bits  # of shifts that are sound
+        bits = self.accumulator_bits  # behind the shifts: its bound is made of them
         if bits > WIDEST_ACCUMULATOR:
             yield (
                 "weight_format" if self.recurrent else "dense_format",
@@ -242,11 +245,9 @@ class AcceleratorConfig:
 
     def _recurrent_refusals(self) -> Iterator[Refusal]:
         cell, reset = self.network.cell, self.network.reset
-        feature, state, bias = (
-            self.formats.feature_format,
-            self.formats.state_format,
-            self.formats.bias_format,
-        )
+        feature = self.formats.feature_format
+        state = self.formats.state_format
+        bias = self.formats.bias_format
         if self.feature_align < 0:
             yield (
                 "feature_format",
@@ -318,6 +319,7 @@ class AcceleratorConfig:
                 "is false, and the memory of prototypes is one that the host fills; set it true, or quantise without "
                 "--readout",
             )
+        # one more: the touch under way has a place of its own, so that it can be taught when it has ended
         places = self.classes * (rule.prototypes + rule.taught) + 1
         if self.windows.steps * places * self.trajectory_width + self.classes > 1 << 16:
             yield (
@@ -463,6 +465,7 @@ class AcceleratorConfig:
         Free: ``hop (k-1) + 1 .. hop (k-1) + 2 hop``. Touch: the same with ``window`` frames, clipped at
         touch_frames.
         """
+        # 1 << 62: never, and still an int64
         limit = self.windows.touch_frames if self.windows.window_mode == "touch" else 1 << 62
         return tuple(
             (self.windows.hop * k + 1, min(self.windows.hop * k + self.windows.window, limit))
@@ -543,31 +546,35 @@ class AcceleratorConfig:
 
     @property
     def integral_limit(self) -> int:
-        """What no companded integral exceeds: log2 of twice its bound over the knee, rounded up."""
+        """A bound on companded integrals: log2 of twice the integral's bound over the knee, rounded up."""
+        # 1 + |d| / 2**knee is at most twice the larger of 1 and |d| / 2**knee
         return max(self.integral_bits - self.features.integral_knee, 1) << self.features.integral_frac
 
     @cached_property
     def beat_bits(self) -> int:
-        """Bits of what each frame gives a window for one input: a deviation, a block's activity, a companded
+        """Bits of a frame's share in a window, for one input: a deviation, a block's activity, a companded
         integral."""
         bounds = {"mean": self.deviation_bound, "activity": self.block_bound, "integral": self.integral_limit}
         return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
 
     @cached_property
     def sum_bits(self) -> int:
-        """Bits of what a window gives for one input: of the mean window times deviation_bound, of activity
-        its blocks times block_bound."""
+        """Bits of a window's value for one input: a mean is at most window times deviation_bound, an activity
+        blocks times block_bound."""
         bounds = {
             "mean": self.windows.window * self.deviation_bound,
+            # rounded up: blocks that do not fill the window are refused later, with this width in use
             "activity": -(-self.windows.window // self.features.activity_block) * self.block_bound,
             "integral": self.integral_limit,
         }
         return signed_bits(max(bounds[kind] for kind in self.features.feature_kinds))
 
     def feature_unit(self, length: int, kind: str) -> float:
-        """What a window's value is divided by to give what the network learns from: the frames of a window of
-        ``length`` (a mean, codes), its blocks (mean activity of a block, codes), or companded two to the
-        power of the fraction bits."""
+        """The divisor between a window's value and what the network learns from.
+
+        Of a mean the frames of a window of ``length``, of an activity its blocks, of companded values two to
+        the power of their fraction bits.
+        """
         if kind == "integral":
             return 2.0**self.features.integral_frac
         if self.features.compand == "log":
@@ -591,7 +598,7 @@ class AcceleratorConfig:
 
     @property
     def most_mean_frac(self) -> int:
-        """Fraction bits that means may have: they are loaded in two words at most."""
+        """Fraction bits that means may have. A mean is loaded in two words at most, with its parity bit."""
         return max(0, min(MOST_MEAN_FRAC, 32 - self.hardware.checksum - self.sum_bits))
 
     @property
@@ -635,8 +642,8 @@ class AcceleratorConfig:
 
     @property
     def layer_shifts(self) -> tuple[int, ...]:
-        """The right shift of each of ``weighted_stages``: fraction bits of weight and value before, less
-        those of what it gives. 0 until the model is quantised."""
+        """The right shift of each of ``weighted_stages``: fraction bits of its weights and inputs, less those
+        of its outputs. 0 until the model is quantised."""
         if not self.image.weight_formats:
             return (0,) * len(self.weighted_stages)
         formats = (images.PIXEL_FORMAT, *self.image.map_formats, self.formats.logit_format)
@@ -784,7 +791,7 @@ class AcceleratorConfig:
 
     @property
     def trajectory_width(self) -> int:
-        """Values a step of what prototypes are compared with: hidden states; of a linear cell logits."""
+        """Values a step that prototypes are compared with: hidden states, of a linear cell logits."""
         return self.network.hidden if self.recurrent else self.classes
 
     @property
@@ -806,8 +813,7 @@ class AcceleratorConfig:
 
     @property
     def score_format(self) -> QFormat:
-        """Format of what is largest for the class that a step decides for: a logit, or a distance less
-        than 0."""
+        """Format of a class's score, of which a step takes the largest: a logit, or a negative distance."""
         return (
             QFormat(signed_bits(self.distance_bound), 0) if self.has_prototypes else self.formats.logit_format
         )
@@ -843,10 +849,8 @@ class AcceleratorConfig:
         formats."""
         if not self.recurrent:
             return self.dense_bound
-        state, feature = (
-            self.formats.state_format.magnitude,
-            self.formats.feature_format.magnitude << self.feature_align,
-        )
+        state = self.formats.state_format.magnitude
+        feature = self.formats.feature_format.magnitude << self.feature_align
         gate_row = (
             self.inputs * self.formats.weight_format.magnitude * feature
             + self.network.hidden * self.formats.recurrent_format.magnitude * state
@@ -896,8 +900,9 @@ class AcceleratorConfig:
 
     @cached_property
     def elementwise_bits(self) -> int:
-        """Bits of the element-wise accumulator: two products of 16-bit operands and gates or scales, and a
-        rounding half; of a linear cell, which only normalises, one."""
+        """Bits of the element-wise accumulator: two products of 16-bit operands with gates or scales, and a
+        rounding half. A linear cell only normalises and has one product."""
+        # gate_one for the rounding half, which is gate_one / 2: a simple bound, and no bit wider
         if not self.recurrent:
             return signed_bits(self.centred_format.magnitude * self.scale_format.magnitude + self.gate_one)
         operand = max(self.formats.state_format.magnitude, self.centred_format.magnitude)
@@ -939,7 +944,7 @@ class AcceleratorConfig:
         return cls(**own, image=image, **groups)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
-        """A copy on other lanes; None keeps what is there, but that a serial lane is one."""
+        """A copy on other lanes. None keeps what is there, except that ``serial`` means one lane."""
         lanes = 1 if lanes is None and lane_type == "serial" else lanes
         fields = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
         return self.replace(**{field: value for field, value in fields.items() if value is not None})
@@ -953,7 +958,7 @@ class AcceleratorConfig:
         own, of_group = _by_group(changes)
         try:
             groups = {group: getattr(self, group).replace(**fields) for group, fields in of_group.items()}
-        except InputError as error:  # a group does not know the configuration's name
+        except InputError as error:  # a group does not know the configuration's name: put it in
             name = own.get("name", self.name)
             raise InputError(str(error).replace("configuration,", f"configuration '{name}',", 1)) from None
         return dataclasses.replace(self, **own, **groups)
@@ -1050,6 +1055,7 @@ def _of_every_image(image: Image) -> dict[str, Any]:
     """Fields outside of group ``image`` that have one value only in a network for images of this size."""
     height = image.height
     sensor: dict[str, Any] = dict(taxels=image.width, sample_bits=8, sample_signed=False, masked_taxels=())
+    # a window of two hops is what every configuration has; touch_frames cuts it to the one image
     gate: dict[str, Any] = dict(
         onset="immediate", window_mode="touch", pretrigger_frames=0, touch_frames=height
     )

@@ -196,6 +196,7 @@ class SpiPlan(Plan):
 def sample_clock(clock_hz: float, rate_hz: float) -> tuple[int, int]:
     """(p, q) with p / q = rate / clock in lowest terms: p frames in q cycles. p = 1: every frame takes q
     cycles exactly; otherwise the start of a scan is up to one cycle late."""
+    # by way of its text 35.6 is 178/5; the float itself is a fraction over 2**47, far too long to count
     ratio = Fraction(str(rate_hz)) / Fraction(str(clock_hz))
     return ratio.numerator, ratio.denominator
 
@@ -240,8 +241,9 @@ def spi_plan(config: AcceleratorConfig, clock_hz: float | None = None) -> SpiPla
     words = [chip.command | channel << chip.channel_bit for channel in range(channels)] + [0] * chip.delay
     sclk = min(chip.sclk_hz, config.interface.converter_hz or USUAL_HZ)
     half = half_period(clock, sclk)
-    period = clock / chip.conversions_hz
+    period = clock / chip.conversions_hz  # 0 where the chip's rate has no limit (infinity)
     lead = max(half, math.ceil(chip.lead_s * clock))
+    # 1e-9: a quotient that should be whole may come out a hair above, and ceil would take a cycle more
     high = max(math.ceil(chip.high_s * clock), math.ceil(period - 1e-9) - lead - 2 * half * chip.bits, 1)
     return SpiPlan(
         chip=dataclasses.replace(chip, channels=channels),
@@ -306,15 +308,15 @@ def _wrong_frame(config: AcceleratorConfig) -> Iterator[Refusal]:
 
 def _too_slow(config: AcceleratorConfig) -> Iterator[Refusal]:
     """Whether a scan leaves a reserve of the frame; with the nearest that does."""
-    clock, rate, left = config.hardware.clock_hz, config.sensor.sample_rate_hz, frame_s(config)
+    clock, rate, available = config.hardware.clock_hz, config.sensor.sample_rate_hz, frame_s(config)
     plan, chip, count = spi_plan(config), spi_chip(config), chips(config)
     took = plan.scan_cycles / clock
-    if took <= left:
+    if took <= available:
         return
 
     def fits(words: str, **fields: Any) -> list[str]:
         took = spi_plan(_with(config, **fields)).scan_cycles / clock
-        return [f"{words} takes {1e6 * took:.0f} us"] if took <= left else []
+        return [f"{words} takes {1e6 * took:.0f} us"] if took <= available else []
 
     divisors = (lines for lines in range(plan.lines + 1, count + 1) if count % lines == 0)
     parallel = (fits(f"data_lines {lines} (chips side by side)", data_lines=lines) for lines in divisors)
@@ -329,7 +331,7 @@ def _too_slow(config: AcceleratorConfig) -> Iterator[Refusal]:
         "converter",
         f"is '{config.interface.converter}', which cannot keep up: {len(plan.transfers)} transfers{series} "
         f"at {clock / plan.half / 2 / 1e6:.3g} MHz take {1e6 * took:.0f} us, and of {1e6 / rate:.0f} us a "
-        f"frame at {rate:g} Hz {1e6 * left:.0f} may be used; {', or '.join(helps)}",
+        f"frame at {rate:g} Hz {1e6 * available:.0f} may be used; {', or '.join(helps)}",
     )
 
 

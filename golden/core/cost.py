@@ -1,4 +1,4 @@
-"""What a whole design costs, front end included, as the choice of front end and network asks for it.
+"""What a whole design costs, front end included: the figures by which front end and network are chosen.
 
 Energy, cells and latency follow from a configuration by a formula; block memories take the elaborated design,
 so they are counted only where they decide. Golden knows no hardware: the figures come from
@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar, get_args
 from eskin.golden.core.config import AcceleratorConfig
 
 Prefer = Literal["energy", "cells", "latency"]
-"""What the cheapest of several level candidates is cheapest in."""
+"""What is to be least among candidates that are level in accuracy."""
 PREFERENCES: tuple[Prefer, ...] = get_args(Prefer)
 
 T = TypeVar("T")
@@ -32,11 +32,11 @@ class Cost:
 
 @dataclass(frozen=True, kw_only=True)
 class Market:
-    """What candidates cost, and what is wished of the one that is taken.
+    """What candidates cost, and what the user wants of the one that is taken.
 
     cost_of, blocks_of, fits: of a configuration its `Cost`, its block memories, and whether ``board`` holds
-    it. prefer: what is to be least. named: only what fits ``board`` is a candidate; otherwise the board has
-    the say where anything level fits it.
+    it. prefer: what is to be least. named: the user named the board, so only what fits it is a candidate;
+    otherwise the board only decides between level candidates.
     """
 
     cost_of: Callable[[AcceleratorConfig], Cost]

@@ -161,8 +161,8 @@ def refusals(config: AcceleratorConfig, changed: Callable[..., AcceleratorConfig
     ]
     helps = []
     for way in ways:
-        other = ddc_plan(changed(**way))
-        if other.dvalid <= other.deadline:
+        slower = ddc_plan(changed(**way))
+        if slower.dvalid <= slower.deadline:
             fields = (f"{k} {v:.0f}" if isinstance(v, float) else f"{k} {v}" for k, v in way.items())
             helps.append(" and ".join(fields))
     most = math.floor(clock / (plan.dvalid + plan.read_cycles + plan.quiet + 1))

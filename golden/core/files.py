@@ -1,4 +1,4 @@
-"""Files written whole or not at all, and archives of arrays read with every distrust."""
+"""Files that are written whole or not at all, and archives of arrays, read without trusting them."""
 
 import contextlib
 import fcntl
@@ -55,7 +55,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     check_target(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
-    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))  # tempfile's 0600 would stay
+    # not by tempfile: its mode 0600 would stay when the file takes its final name
+    os.close(os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     try:
         yield temporary
         os.replace(temporary, path)
@@ -96,8 +97,8 @@ def exchange(fresh: Path, folder: Path, old: Path) -> None:
     OSError
         It cannot; ``folder`` is as it was.
     """
-    # a folder with content cannot be renamed over: the old one steps aside for the moment between two
-    # renames, one process at a time
+    # No rename replaces a folder that has content. The old one steps aside for the moment between two
+    # renames; the lock on the parent keeps other processes out of that moment.
     parent = os.open(folder.absolute().parent, os.O_RDONLY)
     try:
         fcntl.flock(parent, fcntl.LOCK_EX)

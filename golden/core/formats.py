@@ -122,6 +122,7 @@ def clamp(code, fmt: QFormat, overflow: Overflow = "SAT"):
         if isinstance(code, int):
             return min(max(code, fmt.min_code), fmt.max_code)
         return np.clip(code, fmt.min_code, fmt.max_code)
+    # no branch, so that ints and arrays take one path: a comparison counts as 0 or 1
     low = code & ((1 << fmt.width) - 1)
     return low - ((low > fmt.max_code) * (1 << fmt.width)) if fmt.signed else low
 
@@ -133,4 +134,5 @@ def narrow(code, shift: int, fmt: QFormat, rounding: Rounding = "RND", overflow:
 
 def signed_bits(bound: int) -> int:
     """Bits of the smallest two's-complement word that holds every integer from ``-bound`` to ``bound``."""
+    # int(): numpy's integers have no bit_length
     return int(bound).bit_length() + 1

@@ -51,6 +51,7 @@ Decision = Literal["vote", "last", "early"]
 Readout = Literal["dense", "prototypes"]
 LaneType = Literal["plain", "dsp", "serial"]
 Stimulator = Literal["none", "decisions", "positions"]
+# a type checker cannot read a Literal that is made of a table; pydantic needs one
 if TYPE_CHECKING:
     Converter = str
 else:
@@ -102,10 +103,12 @@ class Group:
             raise InputError(f"configuration, field {field}: {why}")
 
     def _misfits(self) -> list[Refusal]:
-        """The first field that its annotation does not allow; the others are as pydantic reads them."""
+        """The first field that its annotation does not allow. Fields that pass get the value that pydantic
+        read."""
         for name, adapter in _adapters(type(self)).items():  # type: ignore[arg-type]  # a class is hashable whatever its instances are
             value = getattr(self, name)
             try:
+                # the dataclass is frozen; pydantic may have read a format's text, or a list as a tuple
                 object.__setattr__(self, name, adapter.validate_python(value))
             except ValidationError as error:
                 shown = str(value) if isinstance(value, QFormat) else repr(value)
@@ -138,9 +141,10 @@ _WORDS = {
 
 
 def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
-    """What to give instead, of the first thing that is wrong."""
+    """What to give instead of the first mistake."""
     first = error.errors(include_url=False)[0]
     kind, context = first["type"], first.get("ctx", {})
+    # pydantic's own words where they are plain; a location inside the field means that it is a list
     if kind in ("int_type", "int_from_float"):
         return "give whole numbers" if first["loc"] else "give a whole number"
     if kind == "literal_error":
@@ -246,6 +250,7 @@ class Onset(Group):
                     "onset_mean_frames",
                     f"is {self.onset_mean_frames}; it must be 1, 2, 4 or 8 times onset_check_frames",
                 )
+            # x & (x - 1) is 0 for powers of two (and for 0, which the check above has refused)
             if self.onset_check_frames & (self.onset_check_frames - 1):
                 yield "onset_check_frames", f"is {self.onset_check_frames}; it must be a power of two"
 
@@ -451,11 +456,11 @@ class Image(Group):
         except ValueError as error:
             yield "layers", str(error)
         for field, needed in (("weight_formats", weighted), ("map_formats", weighted - 1)):
-            given = len(getattr(self, field))
-            if given != (needed if self.weight_formats else 0):
+            count = len(getattr(self, field))
+            if count != (needed if self.weight_formats else 0):
                 yield (
                     field,
-                    f"has {given} formats for {needed} layers that have one; quantise the model again",
+                    f"has {count} formats for {needed} layers that have one; quantise the model again",
                 )
 
     def stages(self) -> tuple[Stage, ...]:
@@ -638,4 +643,4 @@ GROUP_OF: dict[str, str] = {
     for group, kind in GROUPS.items()
     for field in dataclasses.fields(kind)  # type: ignore[arg-type]
 }
-"""The group of each field; a field's name is its own in all groups."""
+"""The group of each field. No two groups have a field of the same name."""

@@ -1,9 +1,8 @@
 """Image networks: layers, the maps between them, their sizes and integer formats (docs/specification.md,
 section 15).
 
-Shared by the golden model and the hardware; the algorithms are not. A network is a list of short texts, as in
-a configuration's group
-``image``:
+The golden model and the hardware share this file, not their algorithms. A network is a list of short texts,
+as in a configuration's group ``image``:
 
 | text | layer |
 | --- | --- |

@@ -62,12 +62,10 @@ class Jobs:
         progress: Progress | None = None,
         version: Callable[[], str] | None = None,
     ) -> None:
-        self._workers, self._dask, self._progress, self._version = (
-            workers or os.cpu_count() or 1,
-            dask,
-            progress,
-            version,
-        )
+        self._workers = workers or os.cpu_count() or 1
+        self._dask = dask
+        self._progress = progress
+        self._version = version
 
     def results(
         self,
@@ -104,12 +102,12 @@ class Jobs:
         if self._progress:
             self._progress(what, 0, len(waiting))
         with contextlib.closing(self._arriving(function, waiting, shared)) as arriving:
-            for done, (key, result) in enumerate(arriving, 1):
+            for finished, (key, result) in enumerate(arriving, 1):
                 if keep:
                     keep.write(key, result)
                 results[key] = result
                 if self._progress:
-                    self._progress(what, done, len(waiting))
+                    self._progress(what, finished, len(waiting))
         return results
 
     def _arriving(
@@ -145,8 +143,8 @@ class Jobs:
 
 
 Place = tuple[Executor, Callable[[Function, Any], tuple[Any, ...]], Callable[[], None], Callable[[], None]]
-"""An executor, what is submitted to it for a function and a piece, how its work is given up, what is to be
-done when it has shut down."""
+"""(executor, call, stop, end). ``call`` gives what is submitted for a function and a piece, ``stop`` gives
+the work up, ``end`` runs when the executor has shut down."""
 
 
 # ---------------------------------------------------------------------- processes of this machine
@@ -154,14 +152,18 @@ _shared: Any = None
 
 
 def _begin_worker(shared: bytes) -> None:
-    """A worker is a process group of its own, so that Ctrl-C at a terminal reaches the parent alone, which
-    ends the workers with all that they have started; and it ends when the parent has died."""
+    """Make this process a worker: a process group of its own that ends with its parent.
+
+    Ctrl-C at a terminal then reaches the parent alone. The parent ends its workers, each with all that it has
+    started.
+    """
     global _shared
     with contextlib.suppress(PermissionError):  # it leads its session already
         os.setpgid(0, 0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    # pickled once by the parent: the pool would pickle it again for every worker
     _shared = pickle.loads(shared)
 
 
@@ -178,8 +180,9 @@ def _in_worker(function: Function, piece: Any) -> Any:
 
 @contextlib.contextmanager
 def _quiet_children() -> Iterator[None]:
-    """Processes that are started in the block compute in one thread and do not see an interrupt until they
-    say so."""
+    """Processes started in the block compute in one thread and do not see an interrupt until they unblock
+    it."""
+    # numpy reads these variables when it is imported, so they must stand before a worker starts
     before = {name: os.environ.get(name) for name in ONE_THREAD}
     masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     os.environ.update(ONE_THREAD)
@@ -191,21 +194,21 @@ def _quiet_children() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-        signal.pthread_sigmask(signal.SIG_SETMASK, masked)  # an interrupt that came meanwhile is raised here
+        signal.pthread_sigmask(signal.SIG_SETMASK, masked)  # an interrupt held back is raised here
 
 
 def _processes(workers: int, shared: Any) -> Place:
-    others = set(multiprocessing.active_children())
-    # a fork would inherit torch's threads in whatever state they are
+    not_ours = set(multiprocessing.active_children())
+    # a fork would copy torch's locks in whatever state its threads hold them
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(workers, context, _begin_worker, (pickle.dumps(shared),))
 
     def stop() -> None:
-        for process in set(multiprocessing.active_children()) - others:
-            with contextlib.suppress(ProcessLookupError):  # it has not become a group yet, or is gone
+        for process in set(multiprocessing.active_children()) - not_ours:
+            with contextlib.suppress(ProcessLookupError):  # not a group yet, or gone already
                 os.killpg(process.pid or 0, signal.SIGTERM)
             process.terminate()
-        # it waits for the pool's thread, which else might close its pipe while Python's end wakes it
+        # Wait for the pool's thread: it closes a pipe that Python writes to on its way out.
         pool.shutdown(cancel_futures=True)
 
     return pool, lambda function, piece: (_in_worker, function, piece), stop, lambda: None
@@ -251,9 +254,9 @@ def _check_workers(client: Any, address: str, version: Callable[[], str] | None)
         raise InputError(
             f"--dask {address}: scheduler or workers lack this project ({error}); install it there"
         ) from None
-    other = sorted(where for where, its in versions.items() if its != version())
-    if other:
+    foreign = sorted(where for where, code in versions.items() if code != version())
+    if foreign:
         raise InputError(
-            f"--dask {address}: {other[-1]} has other code or libraries than this machine; install the same "
+            f"--dask {address}: {foreign[-1]} has other code or libraries than this machine; install the same "
             "there"
         )

@@ -2,8 +2,8 @@
 made once.
 
 A key is a hash of data, configuration, options and code. A result is a JSON file or a folder; it appears
-whole or not at all, and two processes that want the same one make it once. Whoever deletes the folder of a
-memo loses time, no result.
+whole or not at all, and two processes that want the same one make it once. Deleting a memo's folder costs
+time, never a result.
 """
 
 import contextlib
@@ -49,6 +49,7 @@ def content_key(*parts: Any) -> str:
         elif isinstance(part, np.ndarray):
             part = f"{part.dtype.str} {part.shape} ".encode() + np.ascontiguousarray(part).tobytes()
         data = part if isinstance(part, bytes) else json.dumps(part).encode()
+        # the length goes first: else ("ab", "c") and ("a", "bc") had one key
         digest.update(f"{len(data)} ".encode() + data)
     return digest.hexdigest()[:32]
 
@@ -71,7 +72,7 @@ def code_version(*folders: str) -> str:
                 content = path.read_bytes()
                 digest.update(f"{way.as_posix()} {len(content)}\n".encode() + content)
     for tool in TOOLS:
-        # a system Verilator: the simulator's own folder is named by its version
+        # a Verilator of the system is no package; the simulator's own folder is named by its version
         with contextlib.suppress(PackageNotFoundError):
             digest.update(f"{tool} {version(tool)}\n".encode())
     return digest.hexdigest()
@@ -93,7 +94,7 @@ class Memo:
         self._folder = folder
 
     def read(self, key: str) -> Any:
-        """A JSON result; None where there is none, or where it is damaged and has to be made again."""
+        """The JSON result, or None: there is none, or its file is damaged and it has to be made again."""
         try:
             return json.loads(self._path(key).read_text())
         except (OSError, ValueError):
@@ -104,7 +105,7 @@ class Memo:
         write_json(self._path(key), result)
 
     def remembered(self, key: str, make: Callable[[], Any]) -> Any:
-        """The JSON result that is kept, or ``make()``, which then is."""
+        """The JSON result under ``key``; ``make()``, which is kept from then on, where there is none."""
         result = self.read(key)
         if result is None:
             result = make()
@@ -116,7 +117,7 @@ class Memo:
         folder = self._folder / key
         with locked(folder.with_name(f"{key}.lock")):
             if not (folder / "finished").exists():
-                shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+                shutil.rmtree(folder, ignore_errors=True)  # left by a process that was killed
                 folder.mkdir()
                 make(folder)
                 (folder / "finished").touch()

@@ -126,10 +126,8 @@ def cells_of(electrodes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
     array = config.interface
     across, down = line_counts(config)
     direct = array.mpr_chips == 2
-    columns, rows = (
-        between(electrodes[:, :across], array.columns, direct),
-        between(electrodes[:, across : across + down], array.rows, direct),
-    )
+    columns = between(electrodes[:, :across], array.columns, direct)
+    rows = between(electrodes[:, across : across + down], array.rows, direct)
     return (FULL - np.maximum(rows[:, :, None], columns[:, None, :])).reshape(len(electrodes), -1)
 
 

@@ -9,8 +9,8 @@ from eskin.golden.data.recordings import Recordings, recordings_of
 
 
 def load_archive(path: Path, scale: float | None = None) -> Recordings:
-    """The recordings of an npz archive; ``scale``: what one code is worth where its samples are real and it
-    does not say so.
+    """The recordings of an npz archive. ``scale``: what one code is worth where samples are real and the
+    archive does not say it.
 
     Raises
     ------
@@ -32,30 +32,22 @@ def load_archive(path: Path, scale: float | None = None) -> Recordings:
 def save_archive(recordings: Recordings, path: str | Path) -> None:
     """Write an npz archive, whole or not at all: codes in the type that says their format, groups, and what a
     code is worth."""
+    classes = {"labels": recordings.labels, "class_names": np.array(recordings.class_names, dtype=np.str_)}
     if recordings.image_shape is not None:
         arrays = {
             "images": recordings.samples.reshape(-1, *recordings.image_shape).astype(np.uint8),
-            "labels": recordings.labels,
-            "class_names": np.array(recordings.class_names, dtype=np.str_),
-            **recordings.groups,
+            **classes,
         }
-        with replacing(path) as temporary, temporary.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-        return
-    signed = "i" if recordings.sample_signed else "u"
-    arrays = {
-        "samples": recordings.samples.astype(f"{signed}{1 if recordings.sample_bits <= 8 else 2}"),
-        "offsets": recordings.offsets,
-        "labels": recordings.labels,
-        "class_names": np.array(recordings.class_names, dtype=np.str_),
-        "sample_rate_hz": np.array(recordings.sample_rate_hz),
-        **({"lsb_volt": np.array(recordings.volt_per_code)} if recordings.volt_per_code else {}),
-        **(
-            {"unit": np.array(recordings.unit)}
-            if recordings.unit != ("V" if recordings.volt_per_code else "")
-            else {}
-        ),
-        **recordings.groups,
-    }
+    else:
+        signed, volt = "i" if recordings.sample_signed else "u", recordings.volt_per_code
+        arrays = {
+            "samples": recordings.samples.astype(f"{signed}{1 if recordings.sample_bits <= 8 else 2}"),
+            "offsets": recordings.offsets,
+            **classes,
+            "sample_rate_hz": np.array(recordings.sample_rate_hz),
+            **({"lsb_volt": np.array(volt)} if volt else {}),
+            # volt is what a reader takes for granted beside lsb_volt
+            **({"unit": np.array(recordings.unit)} if recordings.unit != ("V" if volt else "") else {}),
+        }
     with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, allow_pickle=False, **arrays)
+        np.savez_compressed(file, allow_pickle=False, **arrays, **recordings.groups)

@@ -43,6 +43,7 @@ def grouped_folds(
     if groups:
         for name in groups:
             _, codes = np.unique(recordings.groups[name], return_inverse=True)
+            # made dense after each array, so that the product never grows beyond an integer
             _, keys = np.unique(keys * (codes.max() + 1) + codes, return_inverse=True)
     else:
         keys = np.arange(len(recordings))
@@ -65,6 +66,7 @@ def grouped_folds(
     table = np.zeros((count, len(recordings.class_names)), dtype=np.int64)
     np.add.at(table, (keys, recordings.labels), 1)
     order = np.arange(count) if seed is None else np.random.default_rng(seed).permutation(count)
+    # the largest groups first, while folds have room to even them out; a stable sort keeps the seed's order
     order = order[np.argsort(-table[order].max(axis=1), kind="stable")]
     even = np.maximum(recordings.class_counts, 1) / folds
     filled = np.zeros((folds, table.shape[1]))
@@ -73,6 +75,7 @@ def grouped_folds(
         # The fold that this group leaves closest to an even share of every class; ties go to the emptiest,
         # then the first.
         unevenness = (((filled + table[group]) / even) ** 2).sum(axis=1) - ((filled / even) ** 2).sum(axis=1)
+        # rounded: equal folds would else differ in the last bits and not be ties
         fold = np.lexsort((filled.sum(axis=1), np.round(unevenness, 9)))[0]
         fold_of[group] = fold
         filled[fold] += table[group]

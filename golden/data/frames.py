@@ -1,5 +1,5 @@
-"""The file of frames that a record of `eskin watch` is until its archive is written: a line of JSON, then a
-row a frame."""
+"""Frames as `eskin watch` records them, until it writes the archive: a file with a line of JSON, then a row a
+frame."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ SUFFIX = ".frames"
 
 
 def row_type(head: Record) -> np.dtype:
-    """A row: the codes of a frame, the number of its recording, the class of that."""
+    """A row: the codes of a frame, the number of its recording, and the recording's class."""
     return np.dtype([("samples", head["code"], (head["taxels"],)), ("recording", "<u4"), ("label", "<i2")])
 
 
@@ -31,11 +31,10 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
     try:
         head = json.loads(line)
         row = row_type(head)
-        names, rate, volt = (
-            np.array(head["class_names"], dtype=np.str_),
-            float(head["sample_rate_hz"]),
-            float(head["lsb_volt"]),
-        )
+        names = np.array(head["class_names"], dtype=np.str_)
+        rate = float(head["sample_rate_hz"])
+        volt = float(head["lsb_volt"])
+        # // leaves out a last row that was not written whole
         rows = np.memmap(
             path, row, "r", offset=len(line), shape=(path.stat().st_size - len(line)) // row.itemsize
         )
@@ -43,6 +42,7 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
         raise InputError(
             f"recordings '{path}': holds no frames that eskin watch left; give another file"
         ) from None
+    # ~ makes the value before the first row another one, so that the first row begins a recording too
     begins = np.flatnonzero(np.diff(rows["recording"], prepend=~rows["recording"][:1]))
     arrays = {
         "samples": rows["samples"],

@@ -32,16 +32,18 @@ def load_hdf5(path: Path, reading: Reading, config: AcceleratorConfig | None) ->
     damaged = "is damaged or no HDF5 file; write it again"
     try:
         with h5py.File(path) as file:
-            found: Record = {}
+            arrays_by_name: Record = {}
             file.visititems(
-                lambda name, item: found.update({name: item} if isinstance(item, h5py.Dataset) else {})
+                lambda name, item: arrays_by_name.update(
+                    {name: item} if isinstance(item, h5py.Dataset) else {}
+                )
             )
-            unpacked = sum(item.size * item.dtype.itemsize for item in found.values() if item.size)
+            unpacked = sum(item.size * item.dtype.itemsize for item in arrays_by_name.values() if item.size)
             check_unpacked(path, unpacked, "write it again without the fill values", refuse)
             if not comes_back(TRIAL, path):
                 refuse(damaged)
-            arrays = {name: _plain(item) for name, item in found.items()}
-            notes = {name: _attributes(item) for name, item in (*found.items(), ("", file))}
+            arrays = {name: _plain(item) for name, item in arrays_by_name.items()}
+            notes = {name: _attributes(item) for name, item in (*arrays_by_name.items(), ("", file))}
     except InputError:
         raise
     except Exception as error:  # a damaged file can fail anywhere inside the library
@@ -59,14 +61,16 @@ def load_hdf5(path: Path, reading: Reading, config: AcceleratorConfig | None) ->
         described = {
             name: value for name, value in notes[named].items() if name in chain(*NAMES.values())
         } | described
-        for what, name in (("rate", "sample_rate_hz"), ("unit", "unit")):
-            said = [described.pop(word) for word in NAMES[what] if word in described]
-            described |= dict.fromkeys([name], said[0]) if said else {}
-        given = described | ({} if reading.rate_hz is None else {"sample_rate_hz": np.array(reading.rate_hz)})
+        for word_of, name in (("rate", "sample_rate_hz"), ("unit", "unit")):
+            spoken = [described.pop(word) for word in NAMES[word_of] if word in described]
+            described |= dict.fromkeys([name], spoken[0]) if spoken else {}
+        archive = described | (
+            {} if reading.rate_hz is None else {"sample_rate_hz": np.array(reading.rate_hz)}
+        )
         if reading == Reading(rate_hz=reading.rate_hz, scale=reading.scale) and all(
-            name in given for name in ARCHIVE_ARRAYS if name != "class_names"
+            name in archive for name in ARCHIVE_ARRAYS if name != "class_names"
         ):
-            return recordings_of(given, str(path), scale=reading.scale)
+            return recordings_of(archive, str(path), scale=reading.scale)
     else:
         described |= _by_dataset(arrays, notes, reading, refuse)
     return recordings_of_arrays(described, path, reading, config, refuse, counts_from_one=False)
@@ -87,21 +91,21 @@ def _by_dataset(arrays: Record, notes: Record, reading: Reading, refuse) -> Reco
         refuse("holds no dataset of samples: neither samples nor one table (frames, taxels) a recording")
     cells = np.empty(len(names), dtype=object)
     cells[:] = [arrays[name] for name in names]
-    said = {key: [notes[name].get(key) for name in names] for key in notes[names[0]]}
-    everywhere = {key: np.array([value[()] for value in values]) for key, values in said.items()
+    attributes = {key: [notes[name].get(key) for name in names] for key in notes[names[0]]}
+    everywhere = {key: np.array([value[()] for value in values]) for key, values in attributes.items()
                   if all(value is not None and value.ndim == 0 for value in values)}  # fmt: skip
     above = [name.rpartition("/")[0].rpartition("/")[2] for name in names]
-    made: Record = {"samples": cells, "source_dataset": np.array(names)}
+    collected: Record = {"samples": cells, "source_dataset": np.array(names)}
     for key, values in everywhere.items():
         one_of_all = any(key in NAMES[what] for what in ("rate", "unit"))
         if one_of_all and len(set(values.tolist())) > 1:
             odd = next(name for name, value in zip(names, values, strict=True) if value != values[0])
             refuse(f"attribute {key} is {notes[odd][key]} and {values[0]} in {names[0]}; all must agree", odd)
-        made[key] = values[0] if one_of_all else values
-    asked = reading.label or next((word for word in NAMES["labels"] if word in made), None)
-    if asked is None and all(above):
-        made["labels"] = np.array(above)
-    return made
+        collected[key] = values[0] if one_of_all else values
+    class_key = reading.label or next((word for word in NAMES["labels"] if word in collected), None)
+    if class_key is None and all(above):
+        collected["labels"] = np.array(above)
+    return collected
 
 
 def _plain(item: Any) -> np.ndarray | None:

@@ -57,7 +57,7 @@ def load_recordings(
         The data break a rule; the sentence names file, array or line, and the fix.
     """
     reading = reading or Reading()
-    if type(data).__name__ == "DataFrame":  # its class would have to be imported
+    if type(data).__name__ == "DataFrame":  # by name: pandas need not be installed
         return load_long_table(data, reading, config)
     if not isinstance(data, str | Path):
         raise InputError(

@@ -227,8 +227,8 @@ def _bag(path: Path, refuse: Refuse) -> _Log:
 
     def read(topic: str) -> Iterator[tuple[int, Any]]:
         with opened() as reader:
-            wanted = [connection for connection in reader.connections if connection.topic == topic]
-            for connection, when, raw in reader.messages(wanted):
+            of_topic = [connection for connection in reader.connections if connection.topic == topic]
+            for connection, when, raw in reader.messages(of_topic):
                 yield when, reader.deserialize(raw, connection.msgtype)
 
     with opened() as reader:

@@ -90,10 +90,10 @@ def recordings_of_arrays(
     parts, notes = _parts(arrays[samples], arrays[offsets] if offsets else None, samples, refuse)
     rate = reading.rate_hz
     if rate is None and rate_name:
-        given: Any = arrays[rate_name].reshape(-1)[0] if arrays[rate_name].size == 1 else None
-        if arrays[rate_name].dtype.kind not in "fiu" or given is None or not np.isfinite(given) or given <= 0:
+        value: Any = arrays[rate_name].reshape(-1)[0] if arrays[rate_name].size == 1 else None
+        if arrays[rate_name].dtype.kind not in "fiu" or value is None or not np.isfinite(value) or value <= 0:
             refuse("must be one number above 0, in hertz", rate_name)
-        rate = float(given)
+        rate = float(value)
     elif rate is None:
         if config is None:
             refuse(
@@ -105,9 +105,9 @@ def recordings_of_arrays(
     codes, class_names = _classes(
         arrays[labels], arrays.get(names), len(parts), labels, names, notes, refuse, counts_from_one
     )
-    used = (samples, labels, offsets, rate_name, names, unit)
-    others = [name for name in arrays if name not in used and name in (reading.groups or arrays)]
-    columns = {name: _column(arrays[name]) for name in others}
+    assigned = (samples, labels, offsets, rate_name, names, unit)
+    group_names = [name for name in arrays if name not in assigned and name in (reading.groups or arrays)]
+    columns = {name: _column(arrays[name]) for name in group_names}
     groups = {
         name: values
         for name, values in columns.items()
@@ -125,9 +125,9 @@ def recordings_of_arrays(
         notes.append(f"groups: {', '.join(groups)}")
     ends = np.cumsum([0, *map(len, parts)])
     values = np.concatenate(parts)
-    said = arrays[unit].ravel() if unit else np.array([])
+    text = arrays[unit].ravel() if unit else np.array([])
     return assemble(values, ends, codes, class_names, rate, groups, str(path), reading.scale, config, notes,
-                    str(said[0]) if said.dtype.kind == "U" and said.size == 1 else "")  # fmt: skip
+                    str(text[0]) if text.dtype.kind == "U" and text.size == 1 else "")  # fmt: skip
 
 
 def _read(path: Path, refuse) -> dict[str, np.ndarray]:

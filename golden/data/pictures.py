@@ -48,10 +48,8 @@ def load_picture_folder(path: Path) -> Recordings:
         for file in files:
             try:
                 with Image.open(file) as picture:
-                    mode, pixels = (
-                        picture.mode,
-                        np.asarray(picture.convert("L") if picture.mode in ("1", "P", "L") else picture),
-                    )
+                    mode = picture.mode
+                    pixels = np.asarray(picture.convert("L") if picture.mode in ("1", "P", "L") else picture)
             except (
                 OSError,
                 UnidentifiedImageError,
@@ -107,10 +105,10 @@ def resized(recordings: Recordings, height: int, width: int) -> Recordings:
         )
     old = recordings.image_shape
     images = recordings.samples.reshape(-1, *old)
-    made = np.floor(_areas(old[0], height) @ images @ _areas(old[1], width).T + 0.5).astype(np.int32)
+    scaled = np.floor(_areas(old[0], height) @ images @ _areas(old[1], width).T + 0.5).astype(np.int32)
     offsets = np.arange(len(recordings) + 1, dtype=np.int64) * height
     return dataclasses.replace(
-        recordings, samples=made.reshape(-1, width), offsets=offsets, image_shape=(height, width)
+        recordings, samples=scaled.reshape(-1, width), offsets=offsets, image_shape=(height, width)
     )
 
 

@@ -31,8 +31,8 @@ def wrong_rate(recordings: Recordings) -> list[str]:
     middle = float(np.median(lengths)) / rate
     if SHORTEST_S <= middle <= LONGEST_S:
         return []
-    how = f"only {1000 * middle:.3g} ms" if middle < SHORTEST_S else f"{middle / 60:.3g} minutes"
+    span = f"only {1000 * middle:.3g} ms" if middle < SHORTEST_S else f"{middle / 60:.3g} minutes"
     return [
-        f"at the declared {rate:.4g} frames a second a recording lasts {how}: check sample_rate_hz, since "
+        f"at the declared {rate:.4g} frames a second a recording lasts {span}: check sample_rate_hz, since "
         f"{follow}"
     ]

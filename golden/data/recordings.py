@@ -92,11 +92,11 @@ class Recordings:
         classes when it is written."""
         groups = {str(name): np.asarray(values) for name, values in self.groups.items()}
         for name in [name for name in groups if name in RESERVED]:
-            other = f"group_{name}"
-            while other in groups:
-                other += "_"
-            groups[other] = groups.pop(name)
-            note = f"group {name} is called {other}, since an archive means something else by {name}"
+            array_name = f"group_{name}"
+            while array_name in groups:
+                array_name += "_"
+            groups[array_name] = groups.pop(name)
+            note = f"group {name} is called {array_name}, since an archive means something else by {name}"
             object.__setattr__(self, "notes", (*self.notes, note))
         object.__setattr__(self, "groups", groups)
 
@@ -337,6 +337,41 @@ def recordings_of(
         if name not in arrays:
             refuse(name, f"is missing; an archive holds {', '.join(ARCHIVE_ARRAYS)}")
 
+    samples, volt, scaling = _samples(arrays, source, scale, refuse)
+    low, high = int(samples.min()), int(samples.max())
+    if low < -32768 or high > (32767 if low < 0 else 65535):
+        refuse("samples", f"runs from {low} to {high}, beyond 16 bits; give -32768..32767 or 0..65535")
+    # a narrow integer type says the codes' format; a wide one, as of most readers, says nothing
+    narrow_type = samples.dtype.itemsize <= 2
+    bits = 8 * samples.dtype.itemsize if narrow_type else 16
+    signed = samples.dtype.kind == "i" if narrow_type else low < 0
+    _check_offsets(arrays["offsets"], len(samples), refuse)
+    recordings = len(arrays["offsets"]) - 1
+
+    class_names, labels = _classes(arrays, recordings, refuse)
+    rate = _positive_number(arrays["sample_rate_hz"])
+    if rate is None:
+        refuse("sample_rate_hz", f"is {_shown(arrays['sample_rate_hz'])}; give one number above 0, in hertz")
+    return Recordings(
+        samples=samples.astype(np.int32),
+        offsets=arrays["offsets"].astype(np.int64),
+        labels=labels,
+        class_names=class_names,
+        sample_rate_hz=rate,
+        groups=_groups(arrays, recordings) if groups is None else dict(groups),
+        source=source,
+        volt_per_code=volt,
+        unit=_unit(arrays),
+        sample_bits=bits,
+        sample_signed=signed,
+        notes=(*notes, *scaling),
+    )
+
+
+def _samples(
+    arrays: Arrays, source: str, scale: float | None, refuse: Refuse
+) -> tuple[np.ndarray, float, list[str]]:
+    """The codes, what one is worth in volt (0: not said), and sentences about a scale that was chosen."""
     samples = arrays["samples"]
     if samples.dtype.kind not in "iuf":
         refuse(
@@ -367,16 +402,12 @@ def recordings_of(
             )
         with np.errstate(over="ignore"):  # long doubles beyond the range of float64 are refused as infinite
             samples = samples.astype(np.float64)
-        samples, volt, scaling = to_codes(samples, f"recordings '{source}', array samples", volt or scale)
-        notes = (*notes, *scaling)
-    low, high = int(samples.min()), int(samples.max())
-    if low < -32768 or high > (32767 if low < 0 else 65535):
-        refuse("samples", f"runs from {low} to {high}, beyond 16 bits; give -32768..32767 or 0..65535")
-    narrow_type = samples.dtype.itemsize <= 2
-    bits = 8 * samples.dtype.itemsize if narrow_type else 16
-    signed = samples.dtype.kind == "i" if narrow_type else low < 0
+        return to_codes(samples, f"recordings '{source}', array samples", volt or scale)
+    return samples, volt, []
 
-    offsets = arrays["offsets"]
+
+def _check_offsets(offsets: np.ndarray, frames: int, refuse: Refuse) -> None:
+    """Refuse offsets that do not cut so many frames into recordings."""
     if offsets.dtype.kind not in "iu" or offsets.ndim != 1:
         refuse(
             "offsets",
@@ -386,11 +417,11 @@ def recordings_of(
         refuse("offsets", f"has {len(offsets)} value(s), so no recording; it needs recordings + 1 values")
     if offsets[0] != 0:
         refuse("offsets", f"starts at {offsets[0]}; it must start at 0")
-    if offsets[-1] != len(samples):
+    if offsets[-1] != frames:
         refuse(
             "offsets",
-            f"ends at {offsets[-1]} but samples has {len(samples)} frames; the last value must be the "
-            "number of frames",
+            f"ends at {offsets[-1]} but samples has {frames} frames; the last value must be the number of "
+            "frames",
         )
     if (offsets[1:] < offsets[:-1]).any():
         refuse(
@@ -402,26 +433,6 @@ def recordings_of(
             f"makes recording {int(np.argmax(offsets[1:] == offsets[:-1]))} empty (0 frames); leave that "
             "recording out",
         )
-    recordings = len(offsets) - 1
-
-    class_names, labels = _classes(arrays, recordings, refuse)
-    rate = _positive_number(arrays["sample_rate_hz"])
-    if rate is None:
-        refuse("sample_rate_hz", f"is {_shown(arrays['sample_rate_hz'])}; give one number above 0, in hertz")
-    return Recordings(
-        samples=samples.astype(np.int32),
-        offsets=offsets.astype(np.int64),
-        labels=labels,
-        class_names=class_names,
-        sample_rate_hz=rate,
-        groups=_groups(arrays, recordings) if groups is None else dict(groups),
-        source=source,
-        volt_per_code=volt,
-        unit=_unit(arrays),
-        sample_bits=bits,
-        sample_signed=signed,
-        notes=tuple(notes),
-    )
 
 
 def _unit(arrays: Arrays) -> str:
@@ -548,9 +559,9 @@ def _images(
             "sample_rate_hz",
             f"is {_shown(arrays['sample_rate_hz'])}; give rows a second, above 0, or leave the array out",
         )
-    made = image_recordings(images, labels, class_names, rate_hz=rate, source=source)
+    recordings = image_recordings(images, labels, class_names, rate_hz=rate, source=source)
     return dataclasses.replace(
-        made, groups=_groups(arrays, count) if groups is None else dict(groups), notes=tuple(notes)
+        recordings, groups=_groups(arrays, count) if groups is None else dict(groups), notes=tuple(notes)
     )
 
 

@@ -113,13 +113,13 @@ def scene_of(
             f"configuration '{config.name}', field taxels: is {config.sensor.taxels}; the synthetic scene "
             f"has {SIDES[0]} to {SIDES[1]} rows and as many columns, so use 4, 9, 16, 25, 36, 49, 64 or another product of two of them"
         )
-    names, asked = tuple(kind.name for kind in kinds(config.classes)), config.network.class_names
-    turning = asked == turns.CLASSES and not easy
-    if not turning and asked != names:
-        other = "" if easy else f", and the synthetic scene {', '.join(turns.CLASSES)}"
+    names, named = tuple(kind.name for kind in kinds(config.classes)), config.network.class_names
+    turning = named == turns.CLASSES and not easy
+    if not turning and named != names:
+        hint = "" if easy else f", and the synthetic scene {', '.join(turns.CLASSES)}"
         raise InputError(
-            f"configuration '{config.name}', field class_names: is {', '.join(asked)}; the synthetic-easy "
-            f"scene of {config.classes} classes has {', '.join(names)}{other}"
+            f"configuration '{config.name}', field class_names: is {', '.join(named)}; the synthetic-easy "
+            f"scene of {config.classes} classes has {', '.join(names)}{hint}"
         )
     persons, most = (turns.PERSONS, turns.TRIALS) if turning else (PERSONS, TRIALS)
     make = turns.turn_recordings if turning else partial(synthetic_recordings, classes=config.classes)
@@ -249,6 +249,7 @@ def _contact(
         shape = bump((slid - reach - along) / (0.28 * width))
     else:
         u = single(slid - reach - along)
+        # tufts at a regular pitch, and bristles that catch at random, each for 20 ms
         tufts = (1 + np.cos(single(2 * np.pi / habit["pitch"]) * u + single(rng.uniform(0, 2 * np.pi)))) / 2
         hold = max(1, round(0.02 / (time[1] - time[0])))
         bristles = rng.exponential(1.0, (len(u) // hold + 1, len(grid))).repeat(hold, axis=0)[: len(u)]

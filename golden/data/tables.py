@@ -457,14 +457,14 @@ def load_folder(
 
 def _check_alike(first: Table, table: Table, first_name: str, lvm: bool) -> None:
     """Refuse a file whose columns are not those of the first; how they call time may differ."""
-    bare, others = ([_TIME.sub("time", name) for name in each.names] for each in (table, first))
-    count, other = (
+    columns, first_columns = ([_TIME.sub("time", name) for name in each.names] for each in (table, first))
+    count, first_count = (
         each.frame.shape[1] - (1 if lvm else sum(map(bool, map(_TIME.match, each.names))))
         for each in (table, first)
     )
-    if count != other:
-        table.refuse(f"has {count} taxels where '{first_name}' has {other}; all files must agree")
-    if bare != others:
+    if count != first_count:
+        table.refuse(f"has {count} taxels where '{first_name}' has {first_count}; all files must agree")
+    if columns != first_columns:
         table.refuse(f"its columns are not called as those of '{first_name}'; give all files one header")
 
 
@@ -658,13 +658,15 @@ def _of_frame(frame: pd.DataFrame, source: str) -> Table:
     or of each column by its name."""
     if not len(frame) or not frame.shape[1]:
         raise InputError(f"recordings '{source}': holds no row or no column; give one row a frame")
-    said = frame.attrs.get("units", "")
+    units_of = frame.attrs.get("units", "")
     frame = frame.reset_index() if any(name is not None for name in frame.index.names) else frame
     names = tuple(str(name) for name in frame.columns)
     frame = frame.set_axis(range(frame.shape[1]), axis=1).reset_index(drop=True)
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iufM")]:
         frame[column] = frame[column].astype(object).where(frame[column].notna(), "").astype(str)
-    units = [str(said.get(name, "")) if isinstance(said, Mapping) else str(said) for name in names]
+    units = [
+        str(units_of.get(name, "")) if isinstance(units_of, Mapping) else str(units_of) for name in names
+    ]
     lines = np.arange(1, len(frame) + 1)
     return Table(frame, names, lines, (source,), np.array([0]), units=tuple(units) if any(units) else ())
 
@@ -673,7 +675,7 @@ def _groups_of_names(stems: list[str]) -> dict[str, np.ndarray]:
     """Groups that file names tell: parts of letters and a number that every name has, unless they number the
     files."""
     tokens = [dict(re.findall(r"(?:^|[_\-. ])([A-Za-z]+)(\d{1,18})(?=$|[_\-. ])", stem)) for stem in stems]
-    everywhere = [word for word in tokens[0] if all(word in others for others in tokens)]
+    everywhere = [word for word in tokens[0] if all(word in tags for tags in tokens)]
     called = {"p": "person", "t": "trial"}
     groups = {
         called.get(word.lower(), word.lower()): np.array([int(words[word]) for words in tokens])

@@ -117,8 +117,8 @@ class Table:
     def unit(self, columns: Sequence[int]) -> str:
         """The one unit of columns: of the row below the header, or behind their names as in ``a (mV)``."""
         behind = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
-        said = self.units or [match[1] if match else "" for match in behind]
-        units = {said[column].strip("()[] ") for column in columns} if said else {""}
+        texts = self.units or [match[1] if match else "" for match in behind]
+        units = {texts[column].strip("()[] ") for column in columns} if texts else {""}
         return units.pop() if len(units) == 1 else ""
 
     def is_missing(self, column: int, missing: Sequence[str]) -> np.ndarray:
@@ -262,10 +262,8 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
             names = tuple(first)
             if not any(cell and not _NUMBER.fullmatch(cell) for cell in first):
                 notes.append(f"line {numbered[0][0]} numbers the columns and is their header")
-            header, below = (
-                numbered[0][0],
-                len(rest) == 2 and _numeric(rest[1]) and _is_second(first, rest[0]),
-            )
+            header = numbered[0][0]
+            below = len(rest) == 2 and _numeric(rest[1]) and _is_second(first, rest[0])
             if below and len(rest[0]) == len(names):
                 names, units = _two_rows(names, tuple(rest[0]))
                 notes += [] if units else [f"lines {header} and {numbered[1][0]} are one header"]
@@ -377,9 +375,9 @@ def _frames_of_lvm(table: Table) -> Table:
             "the time is missing; fill it in or leave the whole column blank", int(np.argmax(missing)), 0
         )
     frame = table.frame.iloc[:rows, :columns]
-    made = Table(frame, (), table.lines[:rows], table.sources, table.starts)
-    made.numbers(range(1 if missing.all() else 0, columns))
-    return made
+    table_of_rows = Table(frame, (), table.lines[:rows], table.sources, table.starts)
+    table_of_rows.numbers(range(1 if missing.all() else 0, columns))
+    return table_of_rows
 
 
 def check_unpacked(path: Path, unpacked: int, fix: str, refuse: Callable[..., NoReturn]) -> None:

@@ -92,18 +92,18 @@ def _touch(turn: int, rng: np.random.Generator, habit: dict[str, float], array: 
     start = rng.uniform(0.15, 0.4)
     duration = np.clip(rng.uniform(1.2, 1.8) * habit["pace"], 1.0, 2.2)
     shares = np.exp(rng.normal(0, UNEVEN, 3)) * [1, 1, rng.uniform(0.1, 0.3)]  # two strokes, and a pause
-    stroke, other, pause = duration * shares / shares.sum()
+    stroke, second, pause = duration * shares / shares.sum()
     width = 0.5 * habit["width"] * np.exp(rng.normal(0, 0.08))
     coupling = VOLT * habit["force"] * np.exp(rng.normal(0, UNEVEN) + rng.normal(0, 0.15, len(array.grid)))
     force = np.zeros((len(array.time), len(array.grid)), dtype=np.float32)
-    for quarter, begin, length in ((first, start, stroke), (first + turn, start + stroke + pause, other)):
+    for quarter, begin, length in ((first, start, stroke), (first + turn, start + stroke + pause, second)):
         heading = np.pi / 2 * quarter + habit["skew"] + rng.normal(0, np.radians(6))
         along = array.grid @ [np.cos(heading), np.sin(heading)]
         beside = array.grid @ [-np.sin(heading), np.cos(heading)] - rng.normal(0, 0.15)
         touching = (array.time > begin) & (array.time < begin + length)
-        done = (array.time[touching, None] - begin) / length
-        ramp = np.clip(np.minimum(done, 1 - done) / 0.15, 0, 1)
+        share = (array.time[touching, None] - begin) / length
+        ramp = np.clip(np.minimum(share, 1 - share) / 0.15, 0, 1)
         pressure = np.exp(rng.normal(0, UNEVEN)) * ramp**2 * (3 - 2 * ramp)
-        place = 1.2 * (2 * done - 1)
+        place = 1.2 * (2 * share - 1)
         force[touching] += single(pressure * coupling) * bump((place - along) / width) * bump(beside / 2)
     return force

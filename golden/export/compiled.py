@@ -46,9 +46,9 @@ def compile_for(core: str, source: Path, out: Path, *options: str) -> None:
         "-o",
         str(out),
     ]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=source.parent)
-    if done.returncode:
-        raise SimulationError(f"{source.name}: does not compile for {core}: {done.stderr[:400]}")
+    finished = subprocess.run(command, capture_output=True, text=True, cwd=source.parent)
+    if finished.returncode:
+        raise SimulationError(f"{source.name}: does not compile for {core}: {finished.stderr[:400]}")
 
 
 def sections(elf: bytes) -> dict[str, int]:
@@ -64,11 +64,11 @@ def symbols(elf: bytes) -> dict[str, int]:
     table, entry, count = *struct.unpack_from("<I", elf, 32), *struct.unpack_from("<HH", elf, 46)
     heads = [struct.unpack_from("<10I", elf, table + entry * number) for number in range(count)]
     head = next(head for head in heads if head[1] == 2)
-    text, found = heads[head[6]][4], {}
+    text, sizes = heads[head[6]][4], {}
     for at in range(head[4], head[4] + head[5], 16):
         name, address = struct.unpack_from("<II", elf, at)
-        found[elf[text + name : elf.index(b"\0", text + name)].decode()] = address
-    return found
+        sizes[elf[text + name : elf.index(b"\0", text + name)].decode()] = address
+    return sizes
 
 
 def sizes(folder: Path, core: str, image: bool) -> dict[str, int]:

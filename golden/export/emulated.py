@@ -139,15 +139,15 @@ def play(model: IntegerModel, recordings: Recordings, core: str, folder: Path) -
         for frame, codes in enumerate(recordings.recording(number), 1):
             before = np.array([cpu.instructions, cpu.cycles])
             cpu.write("the_codes", codes)
-            said = cpu.call("frame")
-            answer = (said, *cpu.read("the_decision", 4)) if said else None
-            kind = "step" if said else "frame" if inside[number][frame] else "quiet"
+            flags = cpu.call("frame")
+            answer = (flags, *cpu.read("the_decision", 4)) if flags else None
+            kind = "step" if flags else "frame" if inside[number][frame] else "quiet"
             counts[kind].append((cpu.instructions - before[0], cpu.cycles - before[1]))
-            decisions += bool(said)
+            decisions += bool(flags)
             different += answer != due.get(frame)
-        said = cpu.call("finish")
-        decisions += bool(said)
-        different += ((said, *cpu.read("the_decision", 4)) if said else None) != due.get(0)
+        flags = cpu.call("finish")
+        decisions += bool(flags)
+        different += ((flags, *cpu.read("the_decision", 4)) if flags else None) != due.get(0)
     mean = {
         kind: np.mean(values, axis=0) if values else np.full(2, np.nan) for kind, values in counts.items()
     }

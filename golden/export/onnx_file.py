@@ -57,18 +57,18 @@ def onnx_model(model: FloatModel) -> onnx.ModelProto:
     tensors = [numpy_helper.from_array(values.astype(np.float32), name) for name, values in constants.items()]
     if config.recurrent:
         tensors.append(numpy_helper.from_array(np.array([1], dtype=np.int64), "direction"))
-    taken = helper.make_tensor_value_info(
+    features_info = helper.make_tensor_value_info(
         "features", TensorProto.FLOAT, ["batch", config.windows.steps, config.inputs]
     )
-    given = helper.make_tensor_value_info("logits", TensorProto.FLOAT, shape)
-    graph = helper.make_graph(nodes, "eskin", [taken], [given], tensors)
-    made = helper.make_model(
+    logits_info = helper.make_tensor_value_info("logits", TensorProto.FLOAT, shape)
+    graph = helper.make_graph(nodes, "eskin", [features_info], [logits_info], tensors)
+    proto = helper.make_model(
         graph, opset_imports=[helper.make_opsetid("", OPSET)], producer_name="eskin", ir_version=IR
     )
     scale = {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
-    helper.set_model_props(made, {METADATA: json.dumps({"config": config.to_dict()} | scale)})
-    onnx.checker.check_model(made, full_check=True)
-    return made
+    helper.set_model_props(proto, {METADATA: json.dumps({"config": config.to_dict()} | scale)})
+    onnx.checker.check_model(proto, full_check=True)
+    return proto
 
 
 def _columns(model: FloatModel) -> np.ndarray:
@@ -106,9 +106,9 @@ def _recurrent(model: FloatModel) -> tuple[list[onnx.NodeProto], dict[str, np.nd
 
 def write_onnx(model: FloatModel, path: Path) -> Path:
     """Write the file whole or not at all."""
-    made = onnx_model(model)
+    proto = onnx_model(model)
     with replacing(path) as temporary:
-        temporary.write_bytes(made.SerializeToString())
+        temporary.write_bytes(proto.SerializeToString())
     return path
 
 

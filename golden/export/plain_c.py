@@ -231,7 +231,7 @@ def _state(config: AcceleratorConfig, values: Record) -> list[tuple[str, str, tu
         (True, "uint8_t", "phase", ()),
         (True, "uint8_t", "cls", ()),
     ]
-    fields = [(kind, name, size) for there, kind, name, size in wished if there]
+    fields = [(kind, name, size) for needed, kind, name, size in wished if needed]
     return sorted(fields, key=lambda field: -BYTES[field[0]])
 
 
@@ -369,10 +369,10 @@ def expected(trace: Trace, recordings: Recordings) -> list[list[tuple[int, ...]]
         for (is_global, step, label, margin, *_), frame in zip(
             rows[first:last], frames[first:last], strict=True
         ):
-            said, *before = of_recording.get(int(frame), (0, 0, 0, 0, 0))
+            flags, *before = of_recording.get(int(frame), (0, 0, 0, 0, 0))
             latest = latest if is_global else int(label)
-            kept = before[:3] if said & 2 else (int(label), int(margin), int(step))
-            of_recording[int(frame)] = (said | 1 + int(is_global), *kept, latest)
+            kept = before[:3] if flags & 2 else (int(label), int(margin), int(step))
+            of_recording[int(frame)] = (flags | 1 + int(is_global), *kept, latest)
         calls.append(
             [
                 (frame, *call)

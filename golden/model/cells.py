@@ -26,6 +26,7 @@ Parameters = Mapping[str, Array]
 
 def _library(array: Array) -> Any:
     """numpy or torch: both name the functions used here alike."""
+    # sys.modules, not import: whoever has a tensor has imported torch, and numpy users need none
     return np if isinstance(array, np.ndarray) else sys.modules["torch"]
 
 
@@ -41,6 +42,7 @@ def _in_rows(array: Array) -> Array:
 
 
 def _sigmoid(acc: Array) -> Array:
+    # by way of tanh, because exp(-acc) overflows
     return (
         0.5 * (1.0 + np.tanh(0.5 * acc)) if isinstance(acc, np.ndarray) else sys.modules["torch"].sigmoid(acc)
     )
@@ -154,6 +156,7 @@ class Fixed:
             scaled = np.floor(scaled + 0.5)
         elif shift:
             smooth = scaled
+            # floor has no gradient; the saturation below keeps its own, 0 outside of the format
             scaled = _with_gradient(
                 _library(value).floor(smooth.detach() + 0.5), lambda: smooth, smooth.requires_grad
             )
@@ -259,8 +262,8 @@ def run_cell(
     reset_after = network.cell == "gru" and network.reset == "after"
 
     def bias(gate: str) -> Array:
-        # the second bias row of a float reset-after gate is one with the first; only bh_n stands inside the
-        # reset product
+        # of the two bias rows of a float reset-after GRU only bh_n stands inside the reset product; those of
+        # the other gates are added up
         return p[f"b_{gate}"] + p[f"bh_{gate}"] if gate != "n" and f"bh_{gate}" in p else p[f"b_{gate}"]
 
     w = xp.concatenate([p[f"W_{gate}"] for gate in (*through_sigmoid, through_tanh)], -2)
@@ -270,6 +273,7 @@ def run_cell(
         through_tanh: p[f"U_{through_tanh}"],
     }
     touches, steps = features.shape[-3:-1]
+    # W x of all steps in one product; only U h has to wait for the step before
     rows = apply_rows(w, _in_rows(a.operand(features))) + a.bias(b)[..., None, :]
     rows = rows.reshape(*rows.shape[:-2], touches, steps, rows.shape[-1])
     widths = (len(through_sigmoid) * network.hidden, network.hidden)

@@ -12,6 +12,7 @@ def decision_word(config: AcceleratorConfig, row: Iterable[int]) -> int:
     """The word of a row of the stream ``decision``: is_global, step, class, margin, partial, unsure."""
     is_global, step, label, margin, partial, unsure = (int(value) for value in row)
     in_votes = is_global and config.network.decision == "vote"
+    # a logit margin has up to 16 bits and the field 14: without its two lowest, held at the end
     units = min(margin if in_votes else margin // 4, 2**14 - 1)
     word = 0
     for value, width in ((unsure, 1), (partial, 1), (is_global, 1), (units, 14), (step, 8), (label, 7)):

@@ -12,12 +12,10 @@ from eskin.golden.core import AcceleratorConfig, Arrays, Conv, InputError, Pool,
 from eskin.golden.core.images import PIXEL_FORMAT, Stage
 from eskin.golden.data import Recordings
 from eskin.golden.model.model import FloatModel, IntegerModel
+from eskin.golden.model.pipeline import Stream, first_maximum
 
 BATCH = 64
 """Images at a time: a batch's products stay within some 50 MB."""
-
-Stream = tuple[np.ndarray, np.ndarray]
-"""(values, offsets): what stage s offered for image i is ``values[offsets[i]:offsets[i+1]]``."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ def image_seconds(config: AcceleratorConfig) -> float:
 
 
 def layer_formats(config: AcceleratorConfig) -> list[tuple[Stage, QFormat, QFormat, QFormat]]:
-    """(layer with weights, format of its weights, of what it reads, of what it gives), in their order."""
+    """(layer with weights, format of its weights, of its inputs, of its outputs), in their order."""
     outputs = (*config.image.map_formats, config.formats.logit_format)
     return list(
         zip(
@@ -195,9 +193,8 @@ def _run(
                 )
     last = config.stages[-1].number
     logits = np.concatenate(maps_of.pop(last)).reshape(len(pixels), config.classes).astype(kind)
-    ordered = np.sort(logits, axis=1)
     maps = {number: np.concatenate(parts) for number, parts in maps_of.items() if parts}
-    return ImageTrace(config, np.argmax(logits, axis=1), ordered[:, -1] - ordered[:, -2], logits, maps)
+    return ImageTrace(config, *first_maximum(logits), logits, maps)
 
 
 # ---------------------------------------------------------------------- made-up images

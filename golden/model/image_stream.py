@@ -85,22 +85,17 @@ class ImageStream:
         stages = {"map": np.concatenate([np.zeros(0, dtype=np.int64), *maps]), "logit": streams["logit"][0]}
         self.decision = int(trace.decision[0])
         local, whole = streams["decision"][0].tolist()
-        decisions = []
-        for is_global, step, label, margin, partial, unsure in (local, whole):
-            shown = {} if is_global else {"stages": stages}
-            decisions.append(
-                Decision(
-                    self.config.image.height,
-                    0,
-                    step,
-                    bool(is_global),
-                    label,
-                    margin,
-                    bool(partial),
-                    bool(unsure),
-                    0,
-                    1,
-                    **shown,
-                )
+        return [
+            Decision(
+                self.config.image.height,
+                0,
+                step,
+                bool(is_global),
+                label,
+                margin,
+                bool(partial),
+                bool(unsure),
+                stages={} if is_global else stages,
             )
-        return decisions
+            for is_global, step, label, margin, partial, unsure in (local, whole)
+        ]

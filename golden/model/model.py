@@ -31,15 +31,14 @@ from eskin.golden.core.images import BIAS_BITS
 from eskin.golden.model.cells import Fixed, Float, run_cell
 from eskin.golden.model.preprocess import companded
 
-CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE = (
-    "config.json",
-    "float.npz",
-    "weights.npz",
-    "training.json",
-)
+CONFIG_FILE = "config.json"
+FLOAT_FILE = "float.npz"
+INTEGER_FILE = "weights.npz"
+TRAINING_FILE = "training.json"
 SCALE_ROOM = 2
-"""Bits that a full-scale centred feature has to spare: a shift may be so much smaller, and scales four times
-as large."""
+"""Bits by which a shift may be smaller than the loudest taxel asks for. A centred feature still fits, and the
+quietest taxel may have a scale four times as small.
+"""
 MODEL_FILES = (CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE)
 
 
@@ -226,7 +225,7 @@ class IntegerModel:
                     f"{self.source}, array {name}: holds {array.dtype}, not integers; quantise the model "
                     "again"
                 )
-            lowest = 1 if name == "scale" else formats[name].min_code
+            lowest = 1 if name == "scale" else formats[name].min_code  # a scale of 0 would lose the input
             highest = formats[name].max_code
             if name == "taught_count":
                 highest = 2 * config.readout_rule.taught - 1
@@ -481,11 +480,13 @@ def normaliser_constants(
     kind_of = np.arange(many) % config.kinds  # a constant a kind, or a constant an input
     units = np.array(config.feature_units).reshape(lengths, config.kinds)
     unit_code = 2.0**config.formats.feature_format.frac_bits
+    # 2: a full-scale centred feature has up to two bits more than the feature
     spare = max(config.formats.feature_format.width + 2 - config.centred_format.width, 0)
     for row in units:
         ratio = unit_code / (row[kind_of] * sigma)
         for kind in range(config.kinds):
             of_kind = unit_code / (units * sigma[0]).ravel() if aligned else ratio[kind_of == kind]
+            # the least shift at which ratio 2**shift of the loudest input is 1/4 or more
             shift = min(max(0, int(np.ceil(np.log2(0.25 / of_kind.min()))) + spare), config.sum_bits)
             room = SCALE_ROOM if config.features.feature_scale == "taxel" else 0
             lowest = max(shift - room, -config.most_mean_frac) if shift else -config.most_mean_frac
@@ -551,6 +552,7 @@ def random_integer_model(config: AcceleratorConfig, seed: int) -> IntegerModel:
             deviation = 0.5 if name.startswith("b") else 1.5 * shape[-1] ** -0.5
             arrays[name] = fmt.quantise(rng.normal(0.0, deviation, shape))
         if name.startswith("b"):
+            # a bias of 0 would hide a bias that the hardware forgets
             arrays[name] = np.where(arrays[name] == 0, 1, arrays[name])
     for name, shape in readout_shapes(config).items():
         ends = (
@@ -619,8 +621,8 @@ def with_network(
                     f"configuration '{config.name}', field {field}: is {value} and a linear cell has none; "
                     "leave it out"
                 )
-    asked = {"cell": cell, "reset": reset, "hidden": hidden}
-    changes: Record = {field: value for field, value in asked.items() if value is not None}
+    fields = {"cell": cell, "reset": reset, "hidden": hidden}
+    changes: Record = {field: value for field, value in fields.items() if value is not None}
     if steps is not None and steps != config.windows.steps:
         changes |= {"steps": steps, "feature_shift": ()}
         if config.windows.window_mode == "touch" and steps > 0:
@@ -631,6 +633,7 @@ def with_network(
     changed = config.replace(**changes)
     if not changed.recurrent:
         return changed
+    # an LSTM's cell state and a reset-after row are not held within +-1 as h is
     wide = changed.network.cell == "lstm" or changed.network.reset == "after"
     integer_bits = 4 if wide else 2
     if (cell or reset) and changed.formats.state_format.int_bits != integer_bits:

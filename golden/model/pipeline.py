@@ -85,6 +85,7 @@ class Trace:
         """(n, K + 1) columns of ``offered`` in the order of time: the global decision follows the local one
         of global_step."""
         steps = np.broadcast_to(np.arange(self.local.shape[1]), self.local.shape)
+        # + 0.5: behind the local decision of its step, before that of the next
         return np.argsort(
             np.concatenate([steps, self.global_step[:, None] + 0.5], axis=1), axis=1, kind="stable"
         )
@@ -145,12 +146,14 @@ def decide(config: AcceleratorConfig, logits: np.ndarray, completed: np.ndarray)
     """
     steps, classes = logits.shape[-2:]
     local, margin = first_maximum(logits)
-    done = np.arange(steps) < completed[:, None]
-    local, margin = np.where(done, local, -1), np.where(done, margin, 0)
+    complete = np.arange(steps) < completed[:, None]
+    local, margin = np.where(complete, local, -1), np.where(complete, margin, 0)
     if config.network.decision == "vote":
+        # -1 of a step that was not completed is no class, so it has no vote
         votes = (local[..., None] == np.arange(classes)).sum(axis=1)
         decision, lead = first_maximum(votes)
     else:
+        # a touch without a step looks up step 0 and is overwritten below
         last = np.maximum(global_steps(config, local, margin, completed), 0)
         rows = np.arange(len(logits))
         decision, lead = local[rows, last], margin[rows, last]
@@ -258,7 +261,7 @@ def decide_touches(
     rule: Callable[..., tuple] = decide,
     readout: IntegerModel | None = None,
 ) -> Decided:
-    """Touches through a network, masks and all: the one way from windowed sums to decisions.
+    """Touches through a network, masks included: the one way from windowed sums to decisions.
 
     Parameters
     ----------
@@ -357,11 +360,11 @@ def run(
 def _flat_stream(touches: Touches, values: np.ndarray) -> Stream:
     """The completed steps of (n, K, width) values, flat, with offsets by recording."""
     steps, width = values.shape[1:]
-    done = np.arange(steps) < touches.completed[:, None]
+    complete = np.arange(steps) < touches.completed[:, None]
     counts = np.bincount(
         touches.recording, weights=touches.completed * width, minlength=touches.recordings
     ).astype(np.int64)
-    return values[done].reshape(-1).astype(np.int64), np.concatenate([[0], np.cumsum(counts)])
+    return values[complete].reshape(-1).astype(np.int64), np.concatenate([[0], np.cumsum(counts)])
 
 
 def _fault_stream(config: AcceleratorConfig, touches: Touches) -> Stream:
@@ -378,6 +381,7 @@ def _decision_stream(trace: Trace) -> Stream:
     """Rows of DECISION_FIELDS: the local rows of each touch, its global row after that of global_step."""
     touches, (n, steps) = trace.touches, trace.local.shape
     rows = np.zeros((n, steps + 1, len(DECISION_FIELDS)), dtype=np.int64)
+    # columns are DECISION_FIELDS; until they are ordered a touch's local rows come first, its global one last
     rows[:, :steps, 1] = np.arange(steps)
     rows[:, :steps, 2] = trace.local
     rows[:, :steps, 3] = trace.margin

@@ -49,6 +49,7 @@ class PositionStream:
             -1, interface.rows, interface.columns
         )
         positions: list[Position] = []
+        # cell by cell in integers: floats would not round a half as the hardware does
         for cells in height:
             total, first, last = int(cells.sum()), self._first, self._last
             if total:
@@ -73,7 +74,7 @@ def positions(samples: np.ndarray, config: AcceleratorConfig) -> list[Position]:
 
 
 def _rounded(moment: int, total: int) -> int:
-    """RND(2**FRACTION * moment / total)."""
+    """RND(2**FRACTION * moment / total): twice the quotient plus 1, halved, so that no half is lost."""
     return (2 * (moment << FRACTION) + total) // (2 * total)
 
 

@@ -172,8 +172,9 @@ def companded(values: np.ndarray, knee: int, frac: int) -> np.ndarray:
     Odd and monotone.
     """
     biased = np.abs(values.astype(np.int64)) + (1 << knee)
-    # exact: values have far fewer than 53 bits
+    # frexp is exact: values have far fewer than 53 bits. Its mantissa lies in 1/2..1, hence the - 1.
     exponent = np.frexp(biased.astype(np.float64))[1].astype(np.int64) - 1
+    # the floor is taken of the magnitude, and the sign put back: so the function is odd
     return np.sign(values) * (((exponent - knee - 1) << frac) + ((biased << frac) >> exponent))
 
 
@@ -197,7 +198,7 @@ def amplified(config: AcceleratorConfig, sums: np.ndarray, gain: float) -> np.nd
     features = config.features
     if "integral" not in features.feature_kinds:
         return scaled
-    # back through the straight lines between powers of two, and forth again
+    # A gain acts on the integral, not on its logarithm: undo the companding, amplify, compand again.
     unit = 1 << features.integral_frac
     whole, part = np.divmod(np.abs(sums), unit)
     before = np.sign(sums) * (
@@ -277,9 +278,10 @@ def normalise(
             f"configuration '{config.name}', field steps: is {config.windows.steps}, below the {steps} "
             "windows to normalise"
         )
-    which = list(config.length_index[:steps])
-    mean, scale = (by_input(config, values)[which] for values in (mean, scale))
-    shift, frac = shifts_by_input(config)[which], config.mean_frac
+    lengths_of_steps = list(config.length_index[:steps])
+    mean, scale = (by_input(config, values)[lengths_of_steps] for values in (mean, scale))
+    shift, frac = shifts_by_input(config)[lengths_of_steps], config.mean_frac
+    # a floor, not a rounding: the half is in the mean already (normaliser_constants)
     centred = clamp(((compand(config, sums) << frac) - mean) >> shift + frac, config.centred_format)
     centred[..., list(config.input_mask)] = 0
     if faults is not None:
@@ -295,6 +297,7 @@ def _batches(lengths: np.ndarray, taxels: int, most: int | None = None) -> list[
     most = BATCH_SAMPLES if most is None else most
     ranges, first = [], 0
     while first < len(lengths):
+        # all recordings of a batch are padded to its longest
         longest = np.maximum.accumulate(lengths[first:])
         fits = longest * np.arange(1, len(longest) + 1) * taxels <= most
         last = first + max(1, int(np.count_nonzero(fits)))
@@ -345,18 +348,18 @@ def window_values(
     completed = sum(last <= len(touch) for _, last in spans)
     ended = spans[completed - 1][1] if completed else 0
     touch, deviations = touch[:ended], deviations[: start - 1 + ended]
-    done = np.array(spans[:completed], dtype=np.int64).reshape(-1, 2)
+    ends = np.array(spans[:completed], dtype=np.int64).reshape(-1, 2)  # reshape: there may be none
     values = np.zeros((len(spans), deviations.shape[1], config.kinds), dtype=np.int64)
     total = _running(touch)
     for number, kind in enumerate(config.features.feature_kinds):
         if kind == "mean":
-            sums = total[done[:, 1]] - total[done[:, 0] - 1]
+            sums = total[ends[:, 1]] - total[ends[:, 0] - 1]
         elif kind == "integral":
-            sums = companded(total[done[:, 1]], config.features.integral_knee, config.features.integral_frac)
+            sums = companded(total[ends[:, 1]], config.features.integral_knee, config.features.integral_frac)
         else:
             block = config.features.activity_block
             amounts = _running(_block_activity(config, deviations, start))
-            sums = amounts[done[:, 1] // block] - amounts[(done[:, 0] - 1) // block]
+            sums = amounts[ends[:, 1] // block] - amounts[(ends[:, 0] - 1) // block]
         values[:completed, :, number] = sums
     return values.reshape(len(spans), values.shape[1] * config.kinds), completed
 
@@ -382,6 +385,7 @@ def _block_activity(config: AcceleratorConfig, deviations: np.ndarray, start: in
     if config.features.activity_rule == "sum" or not len(of_touch):
         return np.abs(of_touch)
     reads_back = config.windows.window_mode == "free" and lead > 0
+    # without a block before, the first is its own predecessor: it changes by 0
     before = blocks(deviations[lead - block : lead]) if reads_back else of_touch[:1]
     return np.abs(np.diff(np.concatenate([before, of_touch]), axis=0))
 
@@ -390,9 +394,9 @@ def _start_frame(config: AcceleratorConfig, onset: int, previous_end: int) -> in
     """First frame of window 1 of a touch whose onset is frame ``onset`` (0: the gate opens at once)."""
     if config.windows.window_mode == "touch":
         return max(1, onset - config.windows.pretrigger_frames, previous_end + 1)
-    return (
-        max(onset // config.windows.hop, 1) - 1
-    ) * config.windows.hop + 1  # gate frame g = onset + 1, window 1 begins with hop j0 - 1
+    # The gate opens with frame g = onset + 1, so hop j0 = floor((g - 1) / hop) is under way. Window 1 begins
+    # with the hop before it; hop 0 has none, so j0 is at least 1.
+    return (max(onset // config.windows.hop, 1) - 1) * config.windows.hop + 1
 
 
 def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
@@ -400,6 +404,7 @@ def activity(config: AcceleratorConfig, block: np.ndarray) -> np.ndarray:
     axes."""
     span = 1 << config.fault_bits
     low = block.astype(np.int64) % span
+    # only the low bits are looked at, so differences wrap: the shorter way round counts
     change = np.abs((np.diff(low, axis=0) + span // 2) % span - span // 2)
     return np.where((low[1:] == 0) | (low[1:] == span - 1), 0, change).sum(axis=0)
 
@@ -432,7 +437,7 @@ class TouchFinder:
         self._quiet = np.zeros(recordings, dtype=np.int64)
         self._baseline = np.zeros(shape, dtype=np.int32)
         self._settling = np.zeros(shape, dtype=np.int64)
-        # of the last judged frames, in a ring
+        # a ring: whether each of the last judged frames fulfilled the rule
         self._hits = np.zeros((config.onset_rule.onset_span, recordings), dtype=bool)
         self._banded = config.onset_rule.onset == "band"
         self._period = 1 if self._banded else config.onset_rule.onset_check_frames
@@ -471,10 +476,10 @@ class TouchFinder:
         if first < settle:
             self._settle(samples[: settle - first], min(settle, last))
         held = len(self._recent)
-        # what the onset rule still looks at, and these
+        # deviations that the onset rule still looks at, then those of these frames
         history = np.zeros((held + len(samples), *samples.shape[1:]), dtype=np.int32)
         history[:held] = self._recent
-        deviations = history[held:]
+        deviations = history[held:]  # a view: what is written here is seen by the rule
         if not tracked and last > settle:
             begin = max(settle - first, 0)
             deviations[begin:] = self._deviation(samples[begin:], self._baseline)
@@ -487,7 +492,7 @@ class TouchFinder:
         touches: list[tuple[int, int, int]] = []
         before = first
         while before < last:
-            # the detector's state can only change after a judged frame
+            # Between two judged frames the detector keeps its state, so all of them are tracked in one go.
             judged = min((before // self._period + 1) * self._period, last)
             if tracked:
                 self._track(samples, deviations, first, before, judged)
@@ -495,7 +500,7 @@ class TouchFinder:
                 over = self._over(samples, history, judged, first)
                 touches += self._judge(judged, over, lengths, None if forced is None else forced == judged)
             before = judged
-            # no recording can have another touch
+            # No recording can have another touch. Deviations are still wanted to the end.
             if whole and not self.armed.any() and (self.end >= lengths).all():
                 if tracked:
                     self._track(samples, deviations, first, before, last)
@@ -508,11 +513,12 @@ class TouchFinder:
         settle = self.config.rest_level.rest_frames
         self._settling += samples.sum(axis=0, dtype=np.int64)
         if last == settle:
+            # the mean in sixteenths of a code, rounded half up in integers
             self._baseline = ((2 * 16 * self._settling + settle) // (2 * settle)).astype(np.int32)
 
     def _deviation(self, samples: np.ndarray, levels: np.ndarray) -> np.ndarray:
         limit = self.config.rest_level.clip
-        e = samples - ((levels + 8) >> 4)
+        e = samples - ((levels + 8) >> 4)  # levels have four fraction bits
         return np.clip(e, -limit, limit, out=e) if limit else e
 
     def _track(
@@ -545,6 +551,7 @@ class TouchFinder:
         """The detector's step at the end of frame ``judged``: (recording, onset frame, start frame) of
         touches that begin."""
         rule = self.config.onset_rule
+        # flags are found for all frames of a push at once: those of later frames do not count yet
         sound = (self.flagged == 0) | (self.flagged > judged)
         self._hits[judged // self._period % len(self._hits)] = (over & self._live & sound).any(axis=1)
         met = self._hits.sum(axis=0) >= rule.onset_hits if forced is None else forced
@@ -555,6 +562,7 @@ class TouchFinder:
             start = _start_frame(self.config, judged, int(self.end[index]))
             touches.append((int(index), judged, start))
             self.armed[index], self.end[index] = False, start - 1 + self.config.last_frame
+        # last, because the detector is armed from the next frame on
         self.armed |= rearming & (self._quiet >= rule.rearm_frames)
         return touches
 
@@ -609,8 +617,8 @@ def _track(samples: np.ndarray, baseline: np.ndarray, armed: np.ndarray) -> np.n
 
 # ---------------------------------------------------------------------- the same touches under other windows
 GATE_BATCH = 1 << 24
-"""As BATCH_SAMPLES, where one rest level and gate after the other runs over all recordings: fewer batches
-take less time."""
+"""As BATCH_SAMPLES, for the choice of front end, which runs one gate after another over all recordings:
+larger batches take less time."""
 
 
 @dataclass(frozen=True)
@@ -733,11 +741,11 @@ def cut_windows(config: AcceleratorConfig, touches: FirstTouches) -> Touches:
     )
     held = np.minimum(touches.lengths - lead, config.last_frame)
     spans = np.array(config.window_spans, dtype=np.int64).reshape(-1, 2)
-    done = spans[:, 1] <= held[:, None]  # (n, K)
+    complete = spans[:, 1] <= held[:, None]  # (n, K)
     values = np.zeros((len(touches), len(spans), config.sensor.taxels, config.kinds), dtype=np.int64)
     if config.windows.window_mode == "free":
-        touch, window = np.nonzero(done)
-        # frames up to it, from the recording's first
+        touch, window = np.nonzero(complete)
+        # frames before each window and up to its end, counted from the recording's first
         before, last = (lead[touch] + spans[window, 0] - 1, lead[touch] + spans[window, 1])
         at = touches.offsets[touch]
         for number, kind in enumerate(config.features.feature_kinds):
@@ -764,7 +772,7 @@ def cut_windows(config: AcceleratorConfig, touches: FirstTouches) -> Touches:
         touches.recording,
         touches.onset_frame,
         lead + 1,
-        done.sum(axis=1),
+        complete.sum(axis=1),
         held < config.last_frame,
         values.reshape(len(touches), len(spans), config.inputs),
     )

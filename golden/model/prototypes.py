@@ -53,19 +53,20 @@ def class_distances(model: IntegerModel, codes: np.ndarray) -> np.ndarray:
     config, arrays = model.config, model.arrays
     steps = codes.shape[-2]  # may be fewer than a touch has
     nearest = []
-    used = taught_in_use(model)
+    in_use = taught_in_use(model)
     trained, furthest = config.classes - config.readout_rule.spare_classes, -1 - config.score_format.min_code
     for label in range(config.classes):
         stored = own = arrays["prototypes"][label, : None if label < trained else 0]
-        if used[label]:
-            stored = np.concatenate([own, arrays["taught"][label, : used[label]]])
+        if in_use[label]:
+            stored = np.concatenate([own, arrays["taught"][label, : in_use[label]]])
         if not len(stored):
             nearest.append(np.full(codes.shape[:-1], furthest))
             continue
         apart = np.stack([np.abs(codes - place[:steps]).sum(axis=-1) for place in stored])
         if config.network.decision != "vote":
             apart = apart.cumsum(axis=-1)
-        apart = np.rint(apart).astype(np.int64)  # of real values; codes' sums are whole
+        apart = np.rint(apart).astype(np.int64)  # for real trajectories; sums of codes are whole
+        # shifted after the steps were added up: one rounding, not one a step
         apart[len(own) :] >>= config.readout_rule.taught_shift
         nearest.append(apart.min(axis=0))
     return np.stack(nearest, axis=-1)
@@ -117,7 +118,8 @@ def teach(model: IntegerModel, codes: np.ndarray, label: int) -> IntegerModel:
     places = model.config.readout_rule.taught
     taught, counts = model.arrays["taught"].copy(), model.arrays["taught_count"].copy()
     taught[label, counts[label] % places] = codes
-    # the count goes on in places .. 2 places - 1, so that it tells the oldest
+    # A full class counts on in places .. 2 places - 1: the count says both that all places are in use and
+    # which one is the oldest.
     counts[label] = counts[label] + 1 if counts[label] < 2 * places - 1 else places
     return IntegerModel(
         model.config, {**model.arrays, "taught": taught, "taught_count": counts}, model.source
@@ -156,13 +158,13 @@ TAUGHT = ("taught", "taught_count")
 def _untaught(model: IntegerModel) -> str:
     """Names a network and its formats, whatever it was taught and whatever lanes compute it."""
     config = model.config
-    rest = [(name, array) for name, array in sorted(model.arrays.items()) if name not in TAUGHT]
+    network = [(name, array) for name, array in sorted(model.arrays.items()) if name not in TAUGHT]
     rule = [
         config.trajectory_width,
         config.readout_rule.state_code_bits,
         config.readout_rule.state_code_shift,
     ]
-    return content_key(rule, *(part for pair in rest for part in pair))
+    return content_key(rule, *(part for pair in network for part in pair))
 
 
 def save_taught(model: IntegerModel, path: str | Path) -> None:

@@ -186,26 +186,24 @@ def _units(config: AcceleratorConfig) -> dict[str, float]:
 
 
 class _Only:
-    """Real arithmetic but for one stage, which is that of the integer model."""
+    """Real arithmetic in which one stage is that of the integer model."""
 
     def __init__(self, config: AcceleratorConfig, stage: str) -> None:
-        self._float, self._fixed, self._stage, self._units = (
-            Float(config),
-            Fixed(config),
-            stage,
-            _units(config),
-        )
+        self._float = Float(config)
+        self._fixed = Fixed(config)
+        self._stage = stage
+        self._units = _units(config)
 
     def __getattr__(self, name: str) -> Any:
-        stage, taken, given = OPERATIONS.get(name, ("", "", ""))
+        stage, source, result = OPERATIONS.get(name, ("", "", ""))
         if stage != self._stage:
             return getattr(self._float, name)
         units, operation = self._units, getattr(self._fixed, name)
-        return lambda value: operation(value * units[taken]) / units[given]
+        return lambda value: operation(value * units[source]) / units[result]
 
 
 class _Noted:
-    """An arithmetic that notes what its operations take and give, as real values, step by step."""
+    """An arithmetic that notes operands and results of its operations, as real values, step by step."""
 
     def __init__(self, arithmetic: Float | Fixed, config: AcceleratorConfig) -> None:
         self._arithmetic, self._steps = arithmetic, config.windows.steps
@@ -219,16 +217,16 @@ class _Noted:
         operation = getattr(self._arithmetic, name)
         if name not in OPERATIONS:
             return operation
-        stage, taken, given = OPERATIONS[name]
+        stage, source, target = OPERATIONS[name]
 
         def noted(value: np.ndarray) -> np.ndarray:
-            before, result = value / self._units[taken], operation(value)
-            if taken == "dense":  # (touches x steps, classes), of a linear cell (steps, touches, classes)
+            before, result = value / self._units[source], operation(value)
+            if source == "dense":  # (touches x steps, classes), of a linear cell (steps, touches, classes)
                 by_step = before.reshape(-1, self._steps, before.shape[-1])
                 self._rows = before.swapaxes(0, 1) if before.ndim == 3 else by_step
             else:
-                self._calls[stage].append(result / self._units[given])
-            if taken == "product":
+                self._calls[stage].append(result / self._units[target])
+            if source == "product":
                 self._calls["accumulators"].append(before)
             if name in TABLE_ENDS:
                 self._calls["reach"].append(np.abs(before) / TABLE_ENDS[name])
@@ -236,12 +234,12 @@ class _Noted:
 
         return noted
 
-    def of(self, stage: str, done: np.ndarray) -> np.ndarray:
+    def of(self, stage: str, complete: np.ndarray) -> np.ndarray:
         """All values of completed steps, flat."""
         calls = self._calls[stage]
         a_step = len(calls) // self._steps  # the same number of values of a stage in every step
-        parts = [value[done[:, k // a_step]].flatten() for k, value in enumerate(calls)]
-        return np.concatenate(parts + [self._rows[done].flatten()] * (stage == "accumulators"))
+        parts = [value[complete[:, k // a_step]].flatten() for k, value in enumerate(calls)]
+        return np.concatenate(parts + [self._rows[complete].flatten()] * (stage == "accumulators"))
 
 
 class _Runs:
@@ -254,9 +252,9 @@ class _Runs:
     def __init__(self, real: FloatModel, integer: IntegerModel, touches: Touches) -> None:
         self._config = config = integer.config
         self._real, self._integer, formats, steps = real, integer, config.formats, config.windows.steps
-        self._done = done = np.arange(steps) < touches.completed[:, None]
+        self._complete = complete = np.arange(steps) < touches.completed[:, None]
         self.values: dict[str, tuple[QFormat, np.ndarray, np.ndarray]] = {}
-        if not done.any():
+        if not complete.any():
             return
         self._features = float_features(real, touches)[:, :steps]
         codes = feature_codes(integer, touches)[:, :steps]
@@ -268,11 +266,11 @@ class _Runs:
         inner = {"accumulators": QFormat(config.accumulator_bits - frac, frac)}
         if config.recurrent:
             inner |= {"gates": config.gate_format, "hidden state": formats.state_format}
-            self.reach = exact.of("reach", done)
-        self.values["features"] = (formats.feature_format, self._features[done], self._codes[done])
+            self.reach = exact.of("reach", complete)
+        self.values["features"] = (formats.feature_format, self._features[complete], self._codes[complete])
         for stage, fmt in inner.items():
-            self.values[stage] = (fmt, ideal.of(stage, done), exact.of(stage, done))
-        self.values["logits"] = (formats.logit_format, self._logits[done], logits[done])
+            self.values[stage] = (fmt, ideal.of(stage, complete), exact.of(stage, complete))
+        self.values["logits"] = (formats.logit_format, self._logits[complete], logits[complete])
 
     def alone(self, stage: str) -> np.ndarray:
         """Errors of the logits when this stage alone is that of the integer model."""
@@ -282,7 +280,7 @@ class _Runs:
             arrays = {name: fmt.to_real(self._integer.arrays[name]) for name, fmt in formats.items()}
         features = self._codes if stage == "features" else self._features
         logits = self._run(_Only(self._config, stage), arrays, features)
-        return np.abs(logits - self._logits)[self._done]
+        return np.abs(logits - self._logits)[self._complete]
 
     def _run(self, arithmetic: Any, arrays: Arrays, features: np.ndarray) -> np.ndarray:
         parameters = {name: np.asarray(array, dtype=np.float64) for name, array in arrays.items()}

@@ -1,5 +1,4 @@
-"""A model that takes frames one by one and decides as the hardware does, at the frame at which the hardware
-has what it needs.
+"""A model that takes frames one by one and decides at the same frame as the hardware does.
 
 docs/specification.md, sections 2 to 7. Front end, windows, cell and decision rule are those of
 ``eskin.golden.model.pipeline``; no more than a few touches of frames are kept, so that a stream may last for
@@ -58,7 +57,7 @@ class Decision:
 
 @dataclass
 class _Touch:
-    """The touch under way. sums (K, D), faults (K, D): of the windows that were complete."""
+    """The touch under way. sums (K, D), faults (K, D): of its complete windows."""
 
     number: int
     onset_frame: int
@@ -117,7 +116,8 @@ class Stream:
         # deviations of frames base + 1 ...
         self._kept = np.zeros((self._before + 4 * self._piece, config.sensor.taxels), dtype=np.int32)
         self._base = 0
-        if getattr(self, "_touch", None):  # its trajectory is half overwritten
+        # the hardware has written half of the touch under way over the one before: neither can be taught
+        if getattr(self, "_touch", None):
             self._last = None
         self._touch: _Touch | None = None
         self._touches = 0
@@ -246,7 +246,8 @@ class Stream:
             )
         worth = self.config.sensor.volt_per_code
         if samples.dtype.kind == "f" and worth:
-            with np.errstate(over="ignore"):  # float16 cannot hold the codes, float64 not every long double
+            # float16 cannot hold the codes, float64 not every long double: infinities are clipped below
+            with np.errstate(over="ignore"):
                 real = samples.astype(np.float64) / worth
             if np.isnan(real).any():
                 raise InputError("frames: hold values that are not a number; give samples that are finite")
@@ -266,6 +267,7 @@ class Stream:
     def _take(self, samples: np.ndarray) -> list[Decision]:
         deviations, begun = self._front.push(samples[:, None])
         self._keep(deviations[:, 0])
+        # first the touch under way: one that begins in these frames comes after its end
         decisions = self._go_on()
         for _, onset, start in begun:
             shape = (self.config.windows.steps, self.config.inputs)
@@ -323,7 +325,8 @@ class Stream:
         }
         if config.faults.fault_frames:
             stages["fault"] = touch.faults[k] | np.array(config.input_mask)
-        frame = max(last, touch.onset_frame)  # a window of replayed frames alone is complete with the onset
+        # a window that ends before the onset is replayed from the ring: it is complete with the onset
+        frame = max(last, touch.onset_frame)
         begun = touch.onset_frame, touch.start_frame
         decisions = [
             Decision(
@@ -346,7 +349,7 @@ class Stream:
 
     def _decided(self, touch: _Touch) -> Decided:
         """What the model makes of the windows that are complete."""
-        # a linear cell has weights for each step
+        # a linear cell has weights for each step, so it gets them all; open windows are 0 and do not count
         steps = touch.completed if self.config.recurrent else self.config.windows.steps
         alone = Touches(
             recordings=1,

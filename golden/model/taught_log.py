@@ -12,10 +12,10 @@ POLYNOMIAL, HEAD = 0x04C11DB7, 0x80
 
 def remainder(bits: list[int]) -> int:
     """CRC-32/MPEG-2 of bits."""
-    rest = 0xFFFFFFFF
+    crc = 0xFFFFFFFF
     for bit in bits:
-        rest = (rest << 1 & 0xFFFFFFFF) ^ (POLYNOMIAL if rest >> 31 ^ bit else 0)
-    return rest
+        crc = (crc << 1 & 0xFFFFFFFF) ^ (POLYNOMIAL if crc >> 31 ^ bit else 0)
+    return crc
 
 
 def _bits(value: int, count: int) -> list[int]:
@@ -47,6 +47,7 @@ def sizes(config: AcceleratorConfig) -> tuple[int, int]:
     length, stride = _length(config), 1
     while stride < length:
         stride *= 2
+    # the head, every place once after an erasure, and as many touches until the next one
     needed = 1 + 2 * config.classes * config.readout_rule.taught
     return (4096 if needed * stride <= 4096 else 65536), stride
 
@@ -54,7 +55,7 @@ def sizes(config: AcceleratorConfig) -> tuple[int, int]:
 def _read(config: AcceleratorConfig, bits: np.ndarray) -> tuple[int, np.ndarray] | None:
     """(tag, codes) of a record; None where its checksum is wrong."""
     width, parity, first = config.readout_rule.state_code_bits, int(config.hardware.checksum), _lead(config)
-    if remainder(bits.tolist()):
+    if remainder(bits.tolist()):  # over a record with its CRC it is 0
         return None
     words = bits[first + 8 : -32].reshape(-1, parity + width)[:, parity:].astype(np.int64)
     words[:, 0] *= -1  # two's complement
@@ -76,9 +77,9 @@ def played(model: IntegerModel, log: bytes) -> IntegerModel:
         return model
     model = forget(model)
     for bits in halves[second is not None and (first is None or second == (first + 1) % 4)][1:]:
-        if bits.all():
+        if bits.all():  # erased flash: no record was written from here on
             break
         touch = _read(config, bits)
-        if touch and not touch[0] & HEAD:
+        if touch and touch[0] < config.classes:
             model = teach(model, touch[1], touch[0])
     return model

@@ -42,6 +42,7 @@ def write_vectors(
     taxels), bool: fault flags at the recording's end. codes (frames, taxels) uint32, where they were given.
     """
     arrays: dict[str, np.ndarray] = {
+        # the port is 16 bits wide, whatever the samples are: negative ones as two's complement
         "samples": (recordings.samples & 0xFFFF).astype(np.uint16),
         "offsets": np.asarray(recordings.offsets, dtype=np.int64),
         "decision_frame": completing_frames(trace),

@@ -31,6 +31,8 @@ HARMLESS = 0.01
 ONE_TAXEL_MEAN, ONE_TAXEL_WORST = 0.985, 0.94
 """Share of the undisturbed accuracy that must be left when one taxel is gone: mean over the taxels, and the
 worst one."""
+COMMON_OFFSET = 0.25
+"""What a supply step moves all features by, standard deviations of the features."""
 
 
 # ---------------------------------------------------------------------- what an experiment works on

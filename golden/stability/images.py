@@ -151,9 +151,9 @@ def curve_of(
 
     def run(bench: ImageBench) -> Outcome:
         images, labels = bench.sample
-        line = [min(bench.accuracy(one, labels) for one in change(bench, images, level)) for level in levels]
+        line = [min(bench.accuracy(way, labels) for way in change(bench, images, level)) for level in levels]
         ways = change(bench, bench.images, nominal)
-        accuracies = [bench.accuracy(one, bench.recordings.labels) for one in ways]
+        accuracies = [bench.accuracy(way, bench.recordings.labels) for way in ways]
         worst = int(np.argmin(accuracies))
         words = f"{xlabel}: {nominal:g}" + (f", way {worst + 1} of {len(ways)}" if len(ways) > 1 else "")
         return Outcome(
@@ -211,13 +211,16 @@ def nothing(bench: ImageBench) -> Outcome:
     trace, levels = bench.run(bench.model, bench.images), (*NOTHING_NOISE, 4.0, 8.0)
     empty = [int(bench.run(bench.model, empty_images(bench, noise)).margin.max()) for noise in levels]
     threshold = max(empty[: len(NOTHING_NOISE)]) + 1
-    kept = [float(np.mean(trace.margin > margin)) for margin in empty]
+    surviving = [float(np.mean(trace.margin > margin)) for margin in empty]
     sure = trace.margin >= threshold
     right, value = (trace.decision == bench.recordings.labels)[sure], float(np.mean(sure))
     share = 100 * float(np.mean(right)) if len(right) else 0.0
     words = f"margin_threshold {threshold}: {100 * value:.1f} % of the images stay confident, {share:.1f} % of these are right"
     curve = Curve(
-        "noise of the empty array (codes)", "images still confident", levels, {"images still confident": kept}
+        "noise of the empty array (codes)",
+        "images still confident",
+        levels,
+        {"images still confident": surviving},
     )
     return Outcome(value, words, curve, bench.case(empty_images(bench, NOTHING_NOISE[-1])))
 
@@ -309,10 +312,8 @@ def weight_flips(bench: ImageBench) -> Outcome:
         upset_arrays = {**arrays, name: upset(arrays[name], place, bit, formats[name])}
         return IntegerModel(bench.config, upset_arrays, bench.model.source)
 
-    sizes, bits = (
-        {name: arrays[name].size for name in formats},
-        {name: fmt.width for name, fmt in formats.items()},
-    )
+    sizes = {name: arrays[name].size for name in formats}
+    bits = {name: fmt.width for name, fmt in formats.items()}
     sites, changed, harmless = _flips(
         bench, 6, bench.flips, sizes, bits, lambda *site: bench.run(hit(*site), images).decision, images
     )

@@ -154,8 +154,8 @@ def _missed(bench: Bench, level: str, within: int) -> float:
             return 1.0
         alive = recordings.lengths >= begin + within
         its_own = (flagged[:, taxel] > 0) & (flagged[:, taxel] <= begin + within)
-        others = np.delete(flagged, taxel, axis=1).any(axis=1)
-        shares.append(1 - float(np.mean((its_own & ~others)[alive])) if alive.any() else 1.0)
+        other_flags = np.delete(flagged, taxel, axis=1).any(axis=1)
+        shares.append(1 - float(np.mean((its_own & ~other_flags)[alive])) if alive.any() else 1.0)
     return max(shares)
 
 

@@ -61,17 +61,17 @@ class Whole:
     log: bool = False
 
     def __call__(self, bench: Bench) -> Outcome:
-        made, few = changed_recordings(bench, self.change(bench, self.nominal)), bench.sample
-        decisions, levels = bench.decisions(made), bench.thin(self.levels)
-        what = self.what if isinstance(self.what, str) else self.what(bench, decisions)
+        changed, few = changed_recordings(bench, self.change(bench, self.nominal)), bench.sample
+        decisions, levels = bench.decisions(changed), bench.thin(self.levels)
+        words = self.what if isinstance(self.what, str) else self.what(bench, decisions)
         line = [few.accuracy(changed_recordings(few, self.change(few, level))) for level in levels]
         curve = Curve(self.xlabel, "accuracy", levels, {"accuracy": line}, self.log)
-        accuracy = float(np.mean(decisions == made.labels))
+        accuracy = float(np.mean(decisions == changed.labels))
         return Outcome(
             accuracy,
-            f"{what}; clean {bench.clean_accuracy:.4f}",
+            f"{words}; clean {bench.clean_accuracy:.4f}",
             curve,
-            worst_recordings(bench, made, decisions),
+            worst_recordings(bench, changed, decisions),
         )
 
 
@@ -118,8 +118,8 @@ class EachTaxel:
         curve = Curve(
             self.xlabel, "accuracy", bench.thin(self.levels), {name: lines[name] for name in order}, self.log
         )
-        what = f"taxel {worst}: {shares[worst][0]:.4f}; mean {average:.4f}, clean {bench.clean_accuracy:.4f}"
-        return Outcome(average if self.mean else shares[worst][0], what, curve, shares[worst][1])
+        words = f"taxel {worst}: {shares[worst][0]:.4f}; mean {average:.4f}, clean {bench.clean_accuracy:.4f}"
+        return Outcome(average if self.mean else shares[worst][0], words, curve, shares[worst][1])
 
     def _found(self, bench: Bench) -> tuple[dict[str, tuple[float, Case]], dict[str, list[float]]]:
         all_of = _shares(bench, {str(taxel): self.change(bench, taxel, self.nominal) for taxel in bench.live})
@@ -179,9 +179,9 @@ class TaxelPairs:
                 )
             )
         average = float(np.mean([share for share, _ in shares.values()]))
-        what = f"taxels {worst}: {shares[worst][0]:.4f}; mean of {len(pairs)} pairs {average:.4f}"
+        words = f"taxels {worst}: {shares[worst][0]:.4f}; mean of {len(pairs)} pairs {average:.4f}"
         return Outcome(
-            average, what, Curve(self.xlabel, "accuracy", counts, {"mean": line}), shares[worst][1]
+            average, words, Curve(self.xlabel, "accuracy", counts, {"mean": line}), shares[worst][1]
         )
 
 
@@ -195,10 +195,8 @@ def lead_ins(bench: Bench) -> tuple[list[np.ndarray], list[int]]:
             streams.append(bench.clean.recording(i)[:end])
             origins.append(i)
     if not streams:  # recordings that begin in contact: the rest level with its noise, as far as there is any
-        streams, origins = (
-            [np.repeat(bench.clean.recording(0)[:1], config.rest_level.rest_frames + 512, axis=0)],
-            [0],
-        )
+        streams = [np.repeat(bench.clean.recording(0)[:1], config.rest_level.rest_frames + 512, axis=0)]
+        origins = [0]
     return streams, origins
 
 
@@ -225,13 +223,13 @@ class QuietStretches:
     sampled: bool = True
 
     def __call__(self, bench: Bench) -> Outcome:
-        streams, which = lead_ins(bench)
+        streams, rows = lead_ins(bench)
         if self.sampled:
-            streams, which = streams[: bench.few], which[: bench.few]
+            streams, rows = streams[: bench.few], rows[: bench.few]
 
         def found(level: float) -> tuple[float, Recordings]:
             recordings = rebuilt(
-                bench.clean, [self.change(bench, stream, i, level) for i, stream in enumerate(streams)], which
+                bench.clean, [self.change(bench, stream, i, level) for i, stream in enumerate(streams)], rows
             )
             touches = bench.parts.find_touches(bench.config, recordings, steps=0)
             return len(np.unique(touches.recording)) / len(streams), recordings

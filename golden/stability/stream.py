@@ -100,10 +100,10 @@ def overlapped(bench: Bench, share: float) -> Recordings:
     for i, stream in enumerate(clean.recording(i).astype(np.float32) for i in range(len(clean))):
         partner = next((int(j) for j in np.roll(np.arange(len(clean)), -i) if labels[j] != labels[i]), i)
         begin = int(onsets[i]) + round(share * bench.config.last_frame)
-        other = clean.recording(partner).astype(np.float32)
-        other = other[max(int(onsets[partner]) - bench.config.onset_rule.onset_mean_frames, 1) - 1 :]
-        length = min(max(len(stream) - begin, 0), len(other))
-        stream[begin : begin + length] += other[:length] - other[0]
+        neighbour = clean.recording(partner).astype(np.float32)
+        neighbour = neighbour[max(int(onsets[partner]) - bench.config.onset_rule.onset_mean_frames, 1) - 1 :]
+        length = min(max(len(stream) - begin, 0), len(neighbour))
+        stream[begin : begin + length] += neighbour[:length] - neighbour[0]
         streams.append(stream)
     return rebuilt(clean, streams)
 
@@ -208,22 +208,22 @@ def two_touches(bench: Bench) -> Outcome:
         between = np.resize(quiet, (frames, config.sensor.taxels)) if len(quiet) >= frames else quiet[:frames]
         streams.append(np.concatenate([before, between, after]))
         starts.append(len(before) + len(between))
-    others = (np.arange(count) + shift) % count
-    both = rebuilt(clean, streams, others)
+    partners = (np.arange(count) + shift) % count
+    pair = rebuilt(clean, streams, partners)
     alone, alone_local, _ = bench.decide_all(clean)
-    touches, local, _ = bench.decide_all(both)
+    touches, local, _ = bench.decide_all(pair)
     compared, differing = 0, []
-    for i, other in enumerate(others):
-        mine = local[(touches.recording == i) & (touches.onset_frame > starts[i])]
-        for theirs in alone_local[alone.recording == other][:1]:
+    for i, partner in enumerate(partners):
+        in_stream = local[(touches.recording == i) & (touches.onset_frame > starts[i])]
+        for alone_row in alone_local[alone.recording == partner][:1]:
             compared += 1
-            if not len(mine) or np.mean(mine[0] == theirs) < 0.9:
+            if not len(in_stream) or np.mean(in_stream[0] == alone_row) < 0.9:
                 differing.append(i)
     failed = range(len(differing) + 1)
     curve = Curve("recording", "touches that differ", [k + 1 for k in failed], {"sum": failed})
     words = f"{len(differing)} of {compared} second touches differ in a tenth of their steps"
     return Outcome(
-        (compared - len(differing)) / max(compared, 1), words, curve, Case(both.subset(differing[:2] or [0]))
+        (compared - len(differing)) / max(compared, 1), words, curve, Case(pair.subset(differing[:2] or [0]))
     )
 
 
@@ -242,6 +242,6 @@ def wrong_rate(bench: Bench) -> Outcome:
     outcomes = {name: way(bench) for name, way in ways.items()}
     worse = outcomes[min(outcomes, key=lambda name: outcomes[name].value)]
     lines = {name: outcome.curve.lines["accuracy"] for name, outcome in outcomes.items() if outcome.curve}
-    both = {"the worse": np.min(list(lines.values()), axis=0).tolist(), **lines}
-    curve = Curve("error of the rate", "accuracy", bench.thin(RATE_ERRORS), both)
+    curves = {"the worse": np.min(list(lines.values()), axis=0).tolist(), **lines}
+    curve = Curve("error of the rate", "accuracy", bench.thin(RATE_ERRORS), curves)
     return Outcome(worse.value, worse.worst_case, curve, worse.case)

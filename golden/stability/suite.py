@@ -125,15 +125,15 @@ def run_modes(
     ready = [mode for mode in requested if not reasons[mode.name]]
     golden = [mode.name for mode in ready if not isinstance(mode.run, str)]
     records = list(judged(golden) if judged else [judge(modes[name], bench)[0] for name in golden])
-    left = len(ready) - len(golden)
+    waiting = len(ready) - len(golden)
     if progress:
-        progress("failure modes", len(requested) - left, len(requested))
+        progress("failure modes", len(requested) - waiting, len(requested))
     for mode in ready:
         if isinstance(mode.run, str) and simulated:
             records.append(simulated(mode))
-            left -= 1
+            waiting -= 1
             if progress:
-                progress("failure modes", len(requested) - left, len(requested))
+                progress("failure modes", len(requested) - waiting, len(requested))
     not_run = [
         {"name": mode.name, "group": mode.group, "why": why}
         for mode in requested

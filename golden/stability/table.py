@@ -1,7 +1,7 @@
 """The failure modes, a row each: what is disturbed and how far, the bound and its reason."""
 
 from eskin.golden.stability import memory, numeric, sensor, stream
-from eskin.golden.stability.core import ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Mode, harmless
+from eskin.golden.stability.core import COMMON_OFFSET, ONE_TAXEL_MEAN, ONE_TAXEL_WORST, Mode, harmless
 from eskin.golden.stability.shapes import AGREED, AsInFloat, EachTaxel, QuietStretches, TaxelPairs, Whole
 
 TWO_TAXELS_MEAN = 0.90
@@ -197,7 +197,8 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "Each taxel in turn shifted down by one standard deviation of the features at the onset: the "
         "worst one.", at_least=ONE_TAXEL_WORST),
     Mode("sensor", "offset of all taxels at the onset",
-        Whole(sensor.offset_of_all, 0.25, (0.125, 0.25, 0.5, 1.0, 2.0), OFFSET, "a quarter", log=True),
+        Whole(sensor.offset_of_all, COMMON_OFFSET, (0.125, 0.25, 0.5, 1.0, 2.0), OFFSET, "a quarter",
+            log=True),
         ACCURACY, "a supply step of a quarter of the features' deviation is seen by every taxel alike",
         "All taxels shifted together by a quarter of the features' standard deviation at the onset.",
         at_least=harmless),
@@ -234,9 +235,9 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
     Mode("memory", "table bit flips", memory.table_flips, CHANGED, "one entry of many is seldom read",
         at_most=MEAN_CHANGED, needs=("state",)),
     Mode("memory", "normaliser constant bit flips", memory.constant_flips,
-        "share of decisions changed by the worst of the 12 lower bits",
-        "mean and scale stand in every feature: the lower bits must not matter much, the upper ones are "
-        "the checksum's", at_most=0.5),
+        "share of decisions changed by the worst small flip",
+        "what moves the features no more than a supply step must seldom change a decision; larger flips are "
+        "the checksum's", at_most=MEAN_CHANGED),
     Mode("memory", "configuration register bit flips", memory.register_flips,
         "share of decisions changed, mean",
         "registers are under the checksum; until it is read most flips must leave most decisions alone",

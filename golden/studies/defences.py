@@ -286,13 +286,13 @@ def margin_record(groups: list[str], labels: np.ndarray, outcome, coverage: floa
     """
     thresholds, confident, right_confident, right, count = [], 0, 0, 0, 0
     margins_of, correct_of = [], []
-    for _, test, decisions, found, training in outcome:
+    for _, test, decisions, touches, training in outcome:
         threshold = choose_margin(training, coverage)
         thresholds.append(threshold)
-        good, sure = decisions == labels[test], (decisions >= 0) & (found >= threshold)
+        good, sure = decisions == labels[test], (decisions >= 0) & (touches >= threshold)
         confident, right_confident = confident + int(sure.sum()), right_confident + int((good & sure).sum())
         right, count = right + int(good.sum()), count + len(test)
-        margins_of.append(np.where(decisions >= 0, found, -1))
+        margins_of.append(np.where(decisions >= 0, touches, -1))
         correct_of.append(good)
     margins, correct = np.concatenate(margins_of), np.concatenate(correct_of)
     levels = np.unique(np.quantile(margins, np.linspace(0, 0.95, 20)).astype(np.int64))

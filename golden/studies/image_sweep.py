@@ -103,8 +103,8 @@ class ImagePoint:
     @property
     def name(self) -> str:
         """The point in a few words."""
-        how = ", trained on" if self.aware else ""
-        return f"{self.network} {self.size}, {self.config.weight_bits} bit{how}, {lanes_name(self.to_dict())}"
+        end = ", trained on" if self.aware else ""
+        return f"{self.network} {self.size}, {self.config.weight_bits} bit{end}, {lanes_name(self.to_dict())}"
 
     def to_dict(self) -> Record:
         """The point in the words of sweep.json."""

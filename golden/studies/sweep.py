@@ -560,7 +560,7 @@ def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None)
     if chosen is not None:
         binding = []
         for name in bounds:
-            others = [other for other in bounds if other != name]
+            others = [axis for axis in bounds if axis != name]
             free = [record for record in records if not miss(record, others)]
             if (
                 name != "accuracy floor"

@@ -11,12 +11,12 @@ from eskin.golden.training.datasets import Dataset, scaling
 from eskin.golden.training.recipe import Recipe
 
 FAULTY_WINDOWS = 3
-"""Windows that a taxel which sticks at its limit spoils before the fault detector masks it: two blocks reach
-into so many at most."""
+"""Windows that a stuck taxel spoils before the fault detector masks it: two blocks reach into three windows
+at most."""
 
 UNCLIPPED_LIMIT = 10.0
-"""Where deviations are not clipped, a stuck taxel reads so many standard deviations of the features in
-training."""
+"""What a stuck taxel reads in training where deviations are not clipped, in standard deviations of the
+features."""
 
 
 class Batches:
@@ -37,10 +37,10 @@ class Batches:
         pool: TouchPool | None = None,
     ) -> None:
         self._config, self._recipe, self._generator = config, recipe, generator
-        taken = [data.touches.take(rows) for rows in parts]
+        touches_of = [data.touches.take(rows) for rows in parts]
         self.scales = scales or [
             scaling(config, data.means[rows, : config.windows.steps], members.completed, members.faults)
-            for rows, members in zip(parts, taken, strict=True)
+            for rows, members in zip(parts, touches_of, strict=True)
         ]
         self._mu, self._sigma = (
             torch.tensor(
@@ -71,11 +71,10 @@ class Batches:
 
     def _augmented(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         recipe, generator = self._recipe, self._generator
-        speed, amplitude = (
-            _log_uniform(recipe.warp, rows.shape, generator),
-            _log_uniform(recipe.gain, rows.shape, generator),
-        )
+        speed = _log_uniform(recipe.warp, rows.shape, generator)
+        amplitude = _log_uniform(recipe.gain, rows.shape, generator)
         amplitude = amplitude * speed**recipe.speed_gain
+        # a touch at another speed: window k of it lies at k * speed of the recorded one, between two windows
         position = torch.arange(self._config.windows.steps) * speed[..., None]
         last = (self._ends[rows] - 1)[..., None]
         counts = position <= last
@@ -104,6 +103,7 @@ class Batches:
             ).repeat_interleave(kinds, -1)
         if recipe.taxel_failure:
             features = self._failing(features, of_taxel)
+        # last, as in hardware: whatever a masked taxel reads, its features are 0
         if self._faults is not None:
             masked = self._faults[rows[..., None], lower] | (
                 self._faults[rows[..., None], upper] & (part > 0)
@@ -116,6 +116,7 @@ class Batches:
         of the amplified sum."""
         if not self._integral.any():
             return means * gain
+        # clamp: 2**60 is far beyond any integral, and 2**128 would be infinite in float32
         logarithms = torch.sign(means) * torch.log2(1 + gain * (torch.exp2(means.abs().clamp(max=60.0)) - 1))
         return torch.where(self._integral, logarithms, means * gain)
 

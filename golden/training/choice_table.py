@@ -11,7 +11,7 @@ ROWS = 12
 
 def front_end_words(row: Record) -> str:
     """A row of the record in words."""
-    rest = {"none": "no rest level", "initial": "initial rest level", "tracked": "tracked rest level"}[
+    levels = {"none": "no rest level", "initial": "initial rest level", "tracked": "tracked rest level"}[
         row["rest"]
     ]
     gate = {"immediate": "open at once", "band": "onset by band"}.get(
@@ -23,7 +23,7 @@ def front_end_words(row: Record) -> str:
     preset = f"preset {row['name']}: " if row["name"] in PRESETS else ""
     scale = "one scale" if row["feature_scale"] == "array" else "a scale a taxel"
     windows = f"{row['steps']} windows of {row['window']} every {row['hop']}"
-    return f"{preset}{rest}, {gate}, {windows}, {'+'.join(row['feature_kinds'])}{activity}, {scale}"
+    return f"{preset}{levels}, {gate}, {windows}, {'+'.join(row['feature_kinds'])}{activity}, {scale}"
 
 
 def front_end_brief(row: Record) -> str:

@@ -79,8 +79,8 @@ MEASURED_ON = 64
 """Recordings from which noise, signal and clip are measured."""
 
 LEVEL_TELLS = 0.6
-"""Share of the way from chance to 1 from which the level of the first frames alone is said to tell the
-classes."""
+"""Share of the way from chance to 1. When the level of the first frames alone gets that far, a warning says
+so."""
 
 RIVALS, HOPELESS = 2, 0.25
 """Rivals that a recurrent network is tried on, and how far they may be behind the chosen one."""
@@ -101,7 +101,7 @@ class Plan:
     reasons: in words. record: of the choice (None: asked for). rivals: of other gates, that a recurrent
     network may do better on (``rivals_of``). shortlist: those that networks are tried on, the cheapest
     first, ``config`` among them (``shortlist_of``). split, split_from: of ``choose_split``. field: candidates
-    to choose from inside folds, where that was asked for. market: what candidates cost.
+    to choose from inside folds; None unless asked for. market: what candidates cost.
     """
 
     config: AcceleratorConfig
@@ -194,7 +194,8 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
 
 # ---------------------------------------------------------------------- judging
 def gram_of(x: np.ndarray) -> np.ndarray:
-    """(n, n): products of the rows of ``x`` (n, features), with a constant of 3 that is hardly penalised."""
+    """(n, n): products of the rows of ``x`` (n, features) with a constant 3 appended, the bias."""
+    # 3 and not 1: its weight is smaller for that, so the penalty hardly touches the bias
     return x @ x.T + 9.0
 
 
@@ -227,14 +228,15 @@ def ridge_decisions(
     unit = float(np.trace(gram)) / n
     decided = np.zeros((len(PENALTIES), count, n), dtype=np.int64)
     for fold in folds:
-        rest = np.setdiff1d(np.arange(n), fold)
-        train_gram, test_gram = gram[np.ix_(rest, rest)], gram[np.ix_(fold, rest)]
-        for row, penalty in enumerate(PENALTIES if len(rest) else ()):
-            values = test_gram @ ridge_weights(train_gram, penalty * unit, targets[rest])
+        train = np.setdiff1d(np.arange(n), fold)
+        train_gram, test_gram = gram[np.ix_(train, train)], gram[np.ix_(fold, train)]
+        for row, penalty in enumerate(PENALTIES if len(train) else ()):
+            values = test_gram @ ridge_weights(train_gram, penalty * unit, targets[train])
             decided[row][:, fold] = values.reshape(len(fold), count, classes).argmax(axis=-1).T
     right = decided == labels
     chosen = np.empty_like(labels)
     for fold in folds:
+        # the penalty of a fold by the other folds alone: its own rows must not choose it
         best = (right.sum(axis=-1) - right[..., fold].sum(axis=-1)).argmax(axis=0)
         chosen[:, fold] = decided[best, np.arange(count)][:, fold]
     return chosen
@@ -360,8 +362,8 @@ def cheapest(
     the first that is level with its most accurate."""
     best = most_accurate(judged)
     level = [candidate for candidate in judged if is_level(best, candidate)]
-    taken = market.cheapest(level, lambda candidate: priced(candidate.config))
-    alike = [candidate for candidate in level if candidate.config == taken.config]
+    cheap = market.cheapest(level, lambda candidate: priced(candidate.config))
+    alike = [candidate for candidate in level if candidate.config == cheap.config]
     return next(candidate for candidate in alike if is_level(most_accurate(alike), candidate))
 
 
@@ -799,7 +801,7 @@ def _search(judge: Judge, market: Market, of_gate: list[list[AcceleratorConfig]]
 
 
 def _candidates(judge: Judge, market: Market) -> list[Judged]:
-    """What was judged, best first, down to where a named board has its best: those before do not fit it.
+    """The judged front ends, best first, from the best one on that fits a named board.
 
     Raises
     ------
@@ -819,7 +821,7 @@ def _candidates(judge: Judge, market: Market) -> list[Judged]:
 def _descend(judge: Judge, market: Market) -> None:
     """From the cheapest that is level to its cheaper neighbours, as long as one of them is level: fewer
     kinds, two thirds of the windows, windows of two thirds the length."""
-    left = DESCENT
+    budget = DESCENT
     while True:
         at = cheapest(_candidates(judge, market), market).config
         windows, kinds = at.windows, at.features.feature_kinds
@@ -835,8 +837,8 @@ def _descend(judge: Judge, market: Market) -> None:
             config
             for config in tried
             if config and config not in judge.judged and price_of(config, market) < price_of(at, market)
-        ][:left]
-        left -= len(new)
+        ][:budget]
+        budget -= len(new)
         judge.all(new)
         if not new or cheapest(_candidates(judge, market), market).config == at:
             return
@@ -858,10 +860,12 @@ def _gate_of(config: AcceleratorConfig) -> tuple:
 
 
 def rivals_of(judged: Sequence[Judged], chosen: Judged) -> tuple[AcceleratorConfig, ...]:
-    """Front ends that a recurrent network is to be tried on beside the chosen one: the best preset and the
-    best of every other pair of rest level and gate, best first, RIVALS at most, none more than HOPELESS
-    behind. A linear classifier sees all windows at once and can undo a level that a recurrent network
-    stumbles over, so its ranking of gates is not theirs."""
+    """Front ends that a recurrent network is tried on beside the chosen one.
+
+    They are the best preset and the best of every other pair of rest level and gate, best first, RIVALS at
+    most, none more than HOPELESS behind. A linear classifier sees all windows at once and can undo a level
+    that a recurrent network stumbles over, so the two rank gates differently.
+    """
     rivals: dict[Any, Judged] = {}
     for candidate in sorted(judged, key=lambda candidate: -candidate.accuracy):
         preset = candidate.config.name in PRESETS
@@ -941,9 +945,9 @@ def _in_words(record: Record) -> str:
     chosen, rivals = record["chosen"], record["rivals"]
     best = max([chosen, *rivals], key=lambda row: row["accuracy"])
     rival = f"; the best, {front_end_words(best)}, has {best['accuracy']:.1%} and is level"
-    left = left_out(record["split"])
+    unseen = left_out(record["split"])
     return (
-        f"front end chosen among {len(rivals) + 1} by a linear classifier, leaving out {left} "
+        f"front end chosen among {len(rivals) + 1} by a linear classifier, leaving out {unseen} "
         f"({record['split_from']}), on "
         f"{record['recordings_looked_at']} recordings: {front_end_words(chosen)}, "
         f"{chosen['accuracy']:.1%}{'' if best is chosen else rival}"

@@ -4,10 +4,10 @@ and ``run`` do without --cell and --config.
 Candidates are the linear cell on each front end of the plan's shortlist and GRUs of 4, 8 and 12 units on one,
 and of 16 where 12 is not level: where it lies more than a standard error below the best, or is still that
 much better than 8. Each is cross-validated, all folds at once, in the integers that it would be quantised to,
-with one seed, and with two more where it can still be taken. Taken is the cheapest, by the plan's `Market`,
-of those that are level with the best: behind by at most one standard error of the paired difference over
-recordings, each recording's being the mean over seeds. That says how far the difference would move with other
-recordings like these, not how far it would with other groups.
+with one seed, and with two more where it can still be taken. The cheapest, by the plan's `Market`, of those
+that are level with the best is taken. Level means behind by at most one standard error of the paired
+difference over recordings, seeds averaged. That error says how far the difference would move with other
+recordings like these, not with other groups.
 
 The shortlist was made by a linear classifier, which sees all windows at once; a recurrent network may do with
 fewer kinds of feature, or better with another gate. A GRU 12 is cross-validated on the shortlist and on the
@@ -18,9 +18,9 @@ A linear cell is fitted as a logistic regression and by least squares (``eskin.g
 which one does better depends on how many touches there are for its weights. Where the recipe augments
 touches, which helps or harms by what tells the classes apart, both are fitted to touches as they were
 recorded too; and a logistic regression of these with a weaker penalty. All cost the same, so all are tried on
-the cheapest front end and the best of them on the others. Of equal cost the first in this order that is
-level with the most accurate is taken, so logistic regressions, whose margins are logarithms of odds, come
-before least squares.
+the cheapest front end and the best of them on the others. Of those that are level with the most accurate the
+first in this order is taken. So logistic regressions, whose margins are logarithms of odds, come before least
+squares.
 """
 
 import dataclasses
@@ -137,9 +137,11 @@ class Candidate:
 
 
 def least_error(count: int) -> float:
-    """Standard error of an accuracy of 100 % over ``count`` recordings: that of (count + 1) / (count + 2),
-    what Laplace's rule of succession makes of it. Recordings without a single error do not show that the next
-    one will have none."""
+    """Standard error of an accuracy of 100 % over ``count`` recordings.
+
+    It is that of (count + 1) / (count + 2), Laplace's rule of succession: recordings without an error do not
+    show that the next one will have none.
+    """
     return float(np.sqrt((count + 1) / (count + 2) ** 2 / count))
 
 
@@ -195,15 +197,15 @@ def cross_validate_network(
     first = candidate(alone, runs)
     if len(terms.seeds) < 2 or not goes_on(first):
         return first
-    others = folds_of(terms.seeds[1:])
-    return candidate(folds_of(terms.seeds), runs + others.decided(*trained(others)))
+    further = folds_of(terms.seeds[1:])
+    return candidate(folds_of(terms.seeds), runs + further.decided(*trained(further)))
 
 
 def recurrent_front_end(
     terms: Terms, front_ends: Sequence[AcceleratorConfig], market: Market
 ) -> tuple[AcceleratorConfig, list[Record]]:
-    """The front end for a recurrent network: of these the cheapest that is level with the one on which it
-    does best, and a row for each that was tried.
+    """The front end for a recurrent network, and a row for each that was tried: of ``front_ends`` the
+    cheapest that is level with the best.
 
     Each trains the configuration's network, a GRU 12 as it is derived, the first seed, half the recipe's
     updates; the cheapest first, and none behind one that is so near 100 % that no other can be better by a
@@ -218,7 +220,7 @@ def recurrent_front_end(
         if settled(tried[-1]):
             break
     judged = [Judged(candidate.config, candidate.correct, 0) for candidate in tried]
-    taken = cheapest(judged, market, lambda config: config)
+    cheap = cheapest(judged, market, lambda config: config)
     rows = [
         {
             "front_end": front_end_words(row_of(candidate.config)),
@@ -226,11 +228,11 @@ def recurrent_front_end(
             "hidden": candidate.config.network.hidden,
             "accuracy": candidate.accuracy,
             "standard_error": candidate.standard_error,
-            "chosen": candidate is taken,
+            "chosen": candidate is cheap,
         }
         for candidate in judged
     ]
-    return taken.config, rows
+    return cheap.config, rows
 
 
 def _linear_recipes(augments: bool) -> list[Record]:
@@ -351,6 +353,15 @@ class Wish:
         """``config`` with the steps that were asked for."""
         return config if self.steps is None else with_network(config, steps=self.steps)
 
+    def with_weight_sets(self, plan: Plan) -> Plan:
+        """The plan with ``weight_sets`` on every front end, where they were asked for."""
+        if self.weight_sets is None:
+            return plan
+        config, *listed = (
+            config.replace(weight_sets=self.weight_sets) for config in (plan.config, *plan.shortlist)
+        )
+        return dataclasses.replace(plan, config=config, shortlist=tuple(listed))
+
     def on(self, config: AcceleratorConfig) -> AcceleratorConfig:
         """The network asked for on a front end."""
         config = self.front_end(config)
@@ -399,6 +410,18 @@ class _Choice:
                     "the network stands on another front end than the linear classifier's: "
                     f"{front_end_words(row_of(self.plan.config))}"
                 )
+
+    def splits(self, group: Sequence[str] | None, configured: bool) -> list[list[str]] | None:
+        """The splits to report; None: those of the protocol. ``configured``: the configuration was asked
+        for."""
+        recordings, config = self.terms.recordings, self.config
+        if group is not None:
+            return [list(group)]
+        if self.terms.protocol == "thesis":
+            return None
+        if configured and not self.chooses:
+            return default_splits(recordings, config)
+        return splits_to_report(recordings, config, self.terms.groups)
 
     def _recurrent_front_end(self) -> tuple[AcceleratorConfig, list[Record]]:
         plan, wish = self.plan, self.wish
@@ -566,10 +589,6 @@ def train_chosen(
             "--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or "
             "linear"
         )
-    if wish.weight_sets is not None:
-        weights = {"weight_sets": wish.weight_sets}
-        listed = tuple(config.replace(**weights) for config in plan.shortlist)
-        plan = dataclasses.replace(plan, config=plan.config.replace(**weights), shortlist=listed)
     terms = Terms(
         recordings=recordings,
         groups=plan.split,
@@ -580,16 +599,10 @@ def train_chosen(
         widths=dict(widths or {}),
         progress=progress,
     )
-    choice = _Choice(terms, plan, wish, wish.cell == AUTO or (asked is None and wish.is_open))
+    chooses = wish.cell == AUTO or (asked is None and wish.is_open)
+    choice = _Choice(terms, wish.with_weight_sets(plan), wish, chooses)
     choice.take_network()
-    if group is not None:
-        splits: list[list[str]] | None = [list(group)]
-    elif protocol == "thesis":
-        splits = None
-    elif asked is not None and not choice.chooses:
-        splits = default_splits(recordings, choice.config)
-    else:
-        splits = splits_to_report(recordings, choice.config, plan.split)
+    splits = choice.splits(group, asked is not None)
     nested = choice.nested()
     return train(
         recordings,

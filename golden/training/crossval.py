@@ -291,14 +291,14 @@ def _judge(model: FloatModel, integer: IntegerModel, data: Dataset, test: np.nda
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
     real = decide_touches(model, touches, config=integer.config)
     exact = decide_touches(integer, touches)
-    done = np.arange(exact.logits.shape[1]) < touches.completed[:, None]
+    complete = np.arange(exact.logits.shape[1]) < touches.completed[:, None]
     return FoldDecisions(
         by_recording(real.decision, placed),
         by_recording(real.local, placed),
         by_recording(exact.decision, placed),
         by_recording(exact.local, placed),
         by_recording(exact.step, placed),
-        np.abs(integer.config.formats.logit_format.to_real(exact.logits) - real.logits)[done].ravel(),
+        np.abs(integer.config.formats.logit_format.to_real(exact.logits) - real.logits)[complete].ravel(),
     )
 
 

@@ -86,9 +86,9 @@ def scaling(
     InputError
         When the fault detector masks all of it.
     """
-    done = np.arange(config.windows.steps) < completed[:, None]
+    complete = np.arange(config.windows.steps) < completed[:, None]
     live = ~np.array(config.input_mask)
-    values, sound = means[done][:, live], None if faults is None else ~faults[done][:, live]
+    values, sound = means[complete][:, live], None if faults is None else ~faults[complete][:, live]
     if sound is not None and not sound.any():
         raise InputError(
             f"configuration '{config.name}', field fault_activity: is {config.faults.fault_activity}, with "

@@ -138,13 +138,13 @@ def lost_classes(split: Mapping[str, Any], class_names: Sequence[str]) -> list[s
     if not lost:
         return []
     worst = list(class_names).index(lost[0])
-    taken = (*class_names, "nothing")[
+    decided_as = (*class_names, "nothing")[
         int(np.argmax(np.where(np.arange(table.shape[1]) == worst, -1, table[worst])))
     ]
     return [
         f"leaving out {left_out(split['groups'])}, {', '.join(lost)} {'is' if len(lost) == 1 else 'are'} "
         "found no more often than by "
-        f"guessing ({lost[0]} is mostly taken for {taken}): record more of "
+        f"guessing ({lost[0]} is mostly taken for {decided_as}): record more of "
         f"{'it' if len(lost) == 1 else 'them'}, or join the classes"
     ]
 

@@ -332,20 +332,20 @@ def enrol(
     everything = joined(few, old)
     data = find_dataset(everything, config, recipe)
     is_new = np.arange(len(everything)) < len(few)
-    new, rest = (touch_rows(data, np.flatnonzero(which)) for which in (is_new, ~is_new))
+    new, former = (touch_rows(data, np.flatnonzero(which)) for which in (is_new, ~is_new))
     labels = everything.labels[data.touches.recording]
     _check_touches(few, new, labels, config)
-    if old is not None and not len(rest):
+    if old is not None and not len(former):
         raise InputError(
             f"recordings '{old.source}': show no touch; leave --with out, or look at their onsets with "
             "'eskin inspect'"
         )
     setting = SETTINGS[_layers(config, layers), old is not None]
-    (enrolled,) = fit([pair], data, recipe, [new], None if old is None else [rest], setting, seed, progress)
+    (enrolled,) = fit([pair], data, recipe, [new], None if old is None else [former], setting, seed, progress)
     if enrolled.integer.config != config:
         # the bitstream in use would be another design's
         raise AssertionError("enrolment changed the configuration")
-    saturated = _saturated(enrolled, data, new, rest, few.source)
+    saturated = _saturated(enrolled, data, new, former, few.source)
 
     def right(of: Pair, which: np.ndarray) -> float | None:
         return accuracy(of.integer, data, np.flatnonzero(which)) if which.any() else None
@@ -365,8 +365,8 @@ def enrol(
         "saturated": saturated,
         "wall_s": time.perf_counter() - begin,
     }
-    kept = old is None or result["old_after"] >= result["old_before"] - MAX_LOSS
-    result["passed"] = bool(kept and result["after"] >= result["before"])
+    harmless = old is None or result["old_after"] >= result["old_before"] - MAX_LOSS
+    result["passed"] = bool(harmless and result["after"] >= result["before"])
     record["enrolments"] = [*record.get("enrolments", []), result]
     ranges = profile(enrolled.real, data.touches)
     for entry in record.get("ranges", []):  # of the old recordings, which may not be at hand
@@ -419,10 +419,10 @@ def _saturated(pair: Pair, data: Dataset, new: np.ndarray, rest: np.ndarray, sou
         ("logit", np.concatenate([new, rest]), config.formats.logit_format),
     ):
         touches = data.touches.take(rows)
-        made = decide_touches(pair.integer, touches)
-        codes = {"feature": made.features, "logit": made.logits}[signal]
-        done = np.arange(codes.shape[1]) < touches.completed[:, None]
-        shares[signal] = float(np.mean((codes[done] == fmt.min_code) | (codes[done] == fmt.max_code)))
+        decided = decide_touches(pair.integer, touches)
+        codes = {"feature": decided.features, "logit": decided.logits}[signal]
+        complete = np.arange(codes.shape[1]) < touches.completed[:, None]
+        shares[signal] = float(np.mean((codes[complete] == fmt.min_code) | (codes[complete] == fmt.max_code)))
         if shares[signal] > MOST_SATURATED:
             raise InputError(
                 f"recordings '{source}': {shares[signal]:.0%} of their {signal}s stand at the limits of "
@@ -437,17 +437,17 @@ def accuracy(model: IntegerModel, data: Dataset, recordings: np.ndarray) -> floa
     """Share of ``recordings`` (indices) decided as labelled; no decision counts as wrong."""
     rows = data.index[recordings]
     placed = np.where(rows >= 0, np.cumsum(rows >= 0) - 1, -1)
-    made = decide_touches(model, data.touches.take(rows[rows >= 0]))
-    return float(np.mean(by_recording(made.decision, placed) == data.labels[recordings]))
+    decided = decide_touches(model, data.touches.take(rows[rows >= 0]))
+    return float(np.mean(by_recording(decided.decision, placed) == data.labels[recordings]))
 
 
 def _right(network: IntegerModel, data: Dataset) -> Callable[[IntegerModel], np.ndarray]:
     """Of ``network``, or of it with prototypes, (R) bool: what `accuracy` is the mean of. Its states are computed
     once."""
-    made = decide_touches(dense(network), data.touches)
+    dense_run = decide_touches(dense(network), data.touches)
 
     def right(model: IntegerModel) -> np.ndarray:
-        decided = decide_touches(model, data.touches, forward=lambda *_: (made.hidden, made.logits))
+        decided = decide_touches(model, data.touches, forward=lambda *_: (dense_run.hidden, dense_run.logits))
         return by_recording(decided.decision, data.index) == data.labels
 
     return right
@@ -576,8 +576,8 @@ def group_values(recordings: Recordings, groups: Sequence[str], ks: Sequence[int
 
 def lacking(recordings: Recordings, members: np.ndarray) -> list[str]:
     """Classes without a recording among ``members``: nobody can enrol them, and they are not judged."""
-    there = np.unique(recordings.labels[members])
-    return [name for label, name in enumerate(recordings.class_names) if label not in there]
+    present = np.unique(recordings.labels[members])
+    return [name for label, name in enumerate(recordings.class_names) if label not in present]
 
 
 def set_aside(recordings: Recordings, values: Arrays) -> np.ndarray:
@@ -647,7 +647,7 @@ def judge_classes(
         shown = part[whole[part]]
         seen = where[shown]
 
-        ready, here = (
+        ready, present = (
             with_prototypes(
                 network,
                 data.touches.take(shown),
@@ -660,16 +660,16 @@ def judge_classes(
             )
             for left_out in (groups, np.arange(len(labels)) % PARTS)
         )
-        known = dataclasses.replace(data, labels=place[labels])
-        right, generator = _right(network, known), np.random.default_rng([question.seed, *name.encode()])
-        own, others = np.flatnonzero(labels == label), np.flatnonzero(aside & (labels != label))
-        row = {"value": name, "recordings": len(own), "others": len(others), "lacking": []}
-        row |= {"before": 0.0, "others_before": float(right(dense(network))[others].mean())}
-        for kind, untaught in (("", ready), ("_here", here)):
-            for figure, which in (("unknown", own), ("false_alarms", others)):
-                touched = touch_rows(data, which)
-                made = decide_touches(untaught, data.touches.take(touched[whole[touched]]))
-                row[figure + kind] = float(made.unsure.mean())
+        relabelled = dataclasses.replace(data, labels=place[labels])
+        right, generator = _right(network, relabelled), np.random.default_rng([question.seed, *name.encode()])
+        own, foreign = np.flatnonzero(labels == label), np.flatnonzero(aside & (labels != label))
+        row = {"value": name, "recordings": len(own), "others": len(foreign), "lacking": []}
+        row |= {"before": 0.0, "others_before": float(right(dense(network))[foreign].mean())}
+        for kind, untaught in (("", ready), ("_here", present)):
+            for figure, judged in (("unknown", own), ("false_alarms", foreign)):
+                touched = touch_rows(data, judged)
+                decided = decide_touches(untaught, data.touches.take(touched[whole[touched]]))
+                row[figure + kind] = float(decided.unsure.mean())
         figures: dict[int, list[tuple[float, float]]] = {k: [] for k in sorted({0, *question.ks})}
         for _ in range(DRAWS):
             one_each: list[int] = []  # a recording of each value, in any order
@@ -688,7 +688,7 @@ def judge_classes(
                 taught = right(
                     teach_touches(ready, data.touches.take(touched), place[labels[where[touched]]])
                 )
-                of_draws.append((taught[np.setdiff1d(own, drawn)].mean(), taught[others].mean()))
+                of_draws.append((taught[np.setdiff1d(own, drawn)].mean(), taught[foreign].mean()))
         for k, of_draws in figures.items():
             after, others_after = np.mean(of_draws, axis=0).tolist()
             rows.append(row | {"k": k, "after": after, "others_after": others_after})
@@ -720,7 +720,7 @@ def _judge_values(
     data = find_dataset(recordings, config, recipe)
     everything, most = np.arange(len(recordings)), max(question.ks)
     remembered = [np.setdiff1d(everything[~aside], members) for members in values.values()]
-    others = [np.setdiff1d(everything[aside], members) for members in values.values()]
+    bystanders = [np.setdiff1d(everything[aside], members) for members in values.values()]
     parts = [touch_rows(data, members) for members in remembered]
     models = fit_networks(data, config, recipe, parts, question.seed, progress)
     before = [
@@ -755,7 +755,7 @@ def _judge_values(
         figures.setdefault((number, k), []).append(
             [
                 float(of[where].mean()) if len(where) else np.nan
-                for where in (which, others[number])
+                for where in (which, bystanders[number])
                 for of in (at_first[number], later)
             ]
         )
@@ -765,8 +765,8 @@ def _judge_values(
         own, own_after, *of_others = np.mean(of_draws, axis=0).tolist()
         row = {"value": value, "k": k, "before": own, "after": own_after}
         for name, share in zip(("others_before", "others_after"), of_others, strict=True):
-            row[name] = share if len(others[number]) else None
-        row |= {"recordings": of_value[number], "others": len(others[number])}
+            row[name] = share if len(bystanders[number]) else None
+        row |= {"recordings": of_value[number], "others": len(bystanders[number])}
         rows.append(row | {"lacking": lacking(recordings, values[value])})
     return rows
 

@@ -102,10 +102,8 @@ def compare(ideal: Any, trace: Any, labels: np.ndarray) -> Record:
     else:
         times = step_times(config, trace.touches)
         steps = list(zip(times, ideal.step_accuracy(labels), trace.step_accuracy(labels), strict=True))
-        not_touched, partial = (
-            int(trace.not_touched.sum()),
-            int(trace.partial[trace.first[trace.first >= 0]].sum()),
-        )
+        not_touched = int(trace.not_touched.sum())
+        partial = int(trace.partial[trace.first[trace.first >= 0]].sum())
         if (trace.decision >= 0).any():
             decision_time_s = float(np.nanmean(trace.decision_time_s()))
     return {

@@ -32,8 +32,11 @@ TOGETHER = 256
 
 @contextlib.contextmanager
 def one_thread() -> Iterator[None]:
-    """Torch and the linear algebra of numpy and scipy in one thread: the operations are small, a second
-    thread gains a third on an idle machine and loses a factor of ten on a busy one."""
+    """Torch and the linear algebra of numpy and scipy in one thread.
+
+    The operations are small: a second thread gains a third on an idle machine and loses a factor of ten on a
+    busy one.
+    """
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -56,7 +59,7 @@ def fit_networks(
     """One network for each part (rows of the touches to train on), all trained at once; deterministic by
     ``seed``.
 
-    curves: gets their losses on the way; a linear cell, which is solved and not trained, leaves them empty.
+    curves: gets the losses on the way. A linear cell is solved, not trained, and has none.
     """
     for rows in parts:
         if not len(rows):
@@ -69,6 +72,7 @@ def fit_networks(
     models: list[FloatModel] = []
     shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
     for number, share in enumerate(shares):
+        # number=number: a lambda would else look at the loop's variable when it is called
         report = lambda done, total, number=number: progress(number * total + done, len(shares) * total)
         if curves:
             curves.begin(share)
@@ -88,6 +92,7 @@ def _fit_together(
     """A recurrent network for each part, all in one batch of networks."""
     network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)
     batches = Batches(data, config, recipe, parts, generator)
+    # parts of unequal size take equally many updates: as the largest needs for its epochs
     updates = (
         max(1, recipe.epochs * -(-max(len(rows) for rows in parts) // recipe.batch))
         if recipe.epochs
@@ -138,9 +143,10 @@ def _fit_linear(
                 )
             else:
                 features, labels, counts = (batch[0].numpy() for batch in batches.recorded())
-            # the touches are drawn several times, and are no more for that
+            # C weighs the sum of losses over touches. Touches that are drawn several times are no more data,
+            # so it is scaled back.
             penalty = recipe.penalty * len(rows) / len(labels)
-            features = features * counts[..., None]
+            features = features * counts[..., None]  # a step that was not recorded adds nothing
             arrays = (
                 fit_least_squares(config, features, labels)
                 if recipe.squares
@@ -189,9 +195,9 @@ def fine_tune(
             def loss_of(network=network, batches=batches) -> torch.Tensor:
                 features, labels, counts = batches.draw()
                 logits = network(network.feature_codes(features))
-                told = class_loss(recipe, logits, labels, counts)
-                taught = teacher_loss(logits, network.teach(features), counts)
-                return (1 - FINE_TUNING_TEACHER) * told + FINE_TUNING_TEACHER * taught
+                of_labels = class_loss(recipe, logits, labels, counts)
+                of_teacher = teacher_loss(logits, network.teach(features), counts)
+                return (1 - FINE_TUNING_TEACHER) * of_labels + FINE_TUNING_TEACHER * of_teacher
 
             def after(done: int, loss: torch.Tensor, network=network, number=number) -> None:
                 network.hold()

@@ -152,8 +152,8 @@ def train_image_model(
         for of_one in zip(candidates, pieces, results, strict=True):
             records.append(split_of(recordings, of_one[0], groups, *of_one[1:], many, integers))
         rows = _candidate_rows(candidates, records, [record.pop("correct") for record in records], seeds)
-    taken = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
-    config = candidates[taken]
+    chosen = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
+    config = candidates[chosen]
     model, integer = _fit(config, recordings, recipe, seed, bits if quantisation_aware else 0, progress)
     record: Record = {
         "seed": seed,
@@ -166,7 +166,7 @@ def train_image_model(
         "ranges": profile_images(model, images),
         "quantisation_aware": quantisation_aware,
         "widths": {"weight_bits": bits},
-        "cross_validation": [records[taken]] if records else [],
+        "cross_validation": [records[chosen]] if records else [],
         "baselines": [],
         "warnings": [],
         "reasons": list(recordings.notes),
@@ -353,7 +353,7 @@ def _candidate_rows(
     enough = [
         index for index, accuracy in enumerate(accuracies) if accuracy >= accuracies[best] - errors[best]
     ]
-    taken = min(enough, key=lambda index: candidates[index].multiplies)
+    cheapest = min(enough, key=lambda index: candidates[index].multiplies)
     return [
         {
             "cell": config.name,
@@ -367,7 +367,7 @@ def _candidate_rows(
             "multiplies_step": config.multiplies,
             "parameters": config.parameter_count,
             "seeds": seeds,
-            "chosen": index == taken,
+            "chosen": index == cheapest,
         }
         for index, (config, record) in enumerate(zip(candidates, records, strict=True))
     ]

@@ -100,9 +100,9 @@ class Graph:
         self.dims = [dim.dim_value for dim in inputs[0].type.tensor_type.shape.dim]
         self.all: list[Node] = []
         for entry in self.graph.node:
-            taken, given = ([_text(name) for name in names] for names in (entry.input, entry.output))
-            name = _text(entry.name) or (given[0] if given else "")
-            node = Node(entry, _text(entry.op_type), name, _text(entry.domain), taken, given, {})
+            inputs_of, outputs_of = ([_text(name) for name in names] for names in (entry.input, entry.output))
+            name = _text(entry.name) or (outputs_of[0] if outputs_of else "")
+            node = Node(entry, _text(entry.op_type), name, _text(entry.domain), inputs_of, outputs_of, {})
             if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
                 self.refuse(node, f"is none of those that are taken: {TAKEN}")
             self._check_form(node, entry, versions[0])
@@ -140,8 +140,8 @@ class Graph:
                 node, f"has {len(node.input)} inputs and {len(node.output)} outputs; save the network again"
             )
         for entry in made.attribute:
-            known: Any = schema.attributes.get(_text(entry.name))
-            if known is not None and entry.type != int(known.type):
+            attribute: Any = schema.attributes.get(_text(entry.name))
+            if attribute is not None and entry.type != int(attribute.type):
                 self.refuse(
                     node, f"has {_text(entry.name):.40} of another type than ONNX's; save the network again"
                 )
@@ -166,7 +166,7 @@ class Graph:
     def constant(self, node: Node, place: int, role: str) -> np.ndarray:
         """The weights that a node takes as its input number ``place``."""
         name = node.input[place] if place < len(node.input) else ""
-        by_node = {output: other for other in self.nodes("Constant") for output in other.output}
+        by_node = {output: entry for entry in self.nodes("Constant") for output in entry.output}
         if name in by_node:
             return np.asarray(by_node[name].attributes.get("value", 0.0))
         if name not in self.constants:
@@ -175,10 +175,10 @@ class Graph:
 
     def compute(self, values: np.ndarray) -> list[np.ndarray]:
         """The outputs for one input."""
-        known: dict[str, np.ndarray] = dict(self.constants) | {self.input: values, "": np.zeros(0)}
+        named: dict[str, np.ndarray] = dict(self.constants) | {self.input: values, "": np.zeros(0)}
         for node in self.all:
             try:
-                outputs = self._outputs(node, [known[name] for name in node.input])
+                outputs = self._outputs(node, [named[name] for name in node.input])
             except InputError:
                 raise
             except Exception:  # shapes that do not fit fail anywhere inside numpy
@@ -187,9 +187,9 @@ class Graph:
                     f"cannot be computed on an input of shape {values.shape}; save a network that takes one touch at a time",
                 )
             for name, output in zip(node.output, outputs, strict=False):
-                known[name] = np.asarray(output)
+                named[name] = np.asarray(output)
         return [
-            known[name] for name in map(_text, (value.name for value in self.graph.output)) if name in known
+            named[name] for name in map(_text, (value.name for value in self.graph.output)) if name in named
         ]
 
     def _outputs(self, node: Node, inputs: list[np.ndarray]) -> list[np.ndarray]:
@@ -197,12 +197,12 @@ class Graph:
             return _recurrent(self, node, inputs)
         if BOUNDS.get(node.op_type, lambda a, i: 0)(node.attributes, inputs) > MOST_VALUES:
             raise ValueError("beyond any network")
-        made = node.made
-        made.ClearField("domain")  # ai.onnx is the default one's other name
-        given = {name: array for name, array in zip(made.input, inputs, strict=True) if name}
+        proto = node.made
+        proto.ClearField("domain")  # ai.onnx is the default one's other name
+        operands = {name: array for name, array in zip(proto.input, inputs, strict=True) if name}
         opset = onnx.helper.make_opsetid("", self.opset)
-        function = onnx.helper.make_function("eskin", "node", [*given], made.output, [made], [opset])
-        return [*ReferenceEvaluator(function).run(None, given, {})]
+        function = onnx.helper.make_function("eskin", "node", [*operands], proto.output, [proto], [opset])
+        return [*ReferenceEvaluator(function).run(None, operands, {})]
 
 
 # ---------------------------------------------------------------------- operators
@@ -359,15 +359,15 @@ def read_onnx(path: str | Path) -> OnnxNetwork:
             node,
             f"has activations {shown:.60}; the accelerator has Sigmoid (or HardSigmoid of slope 0.2) and Tanh",
         )
-    for place, what in ((4, "sequence_lens"), (7, "peepholes")):
+    for place, extra in ((4, "sequence_lens"), (7, "peepholes")):
         if len(node.input) > place and node.input[place]:
-            graph.refuse(node, f"has {what}, which the accelerator does not; save it without")
+            graph.refuse(node, f"has {extra}, which the accelerator does not; save it without")
     w, r = graph.constant(node, 1, "weights"), graph.constant(node, 2, "recurrent weights")
     hidden = r.shape[-1] if r.ndim == 3 else 0
     rows = len(order) * hidden
     b = graph.constant(node, 3, "bias") if len(node.input) > 3 and node.input[3] else np.zeros((1, 2 * rows))
-    wanted = hidden and w.ndim == 3 and w.shape[:2] == (1, rows) and r.shape == (1, rows, hidden)
-    if not wanted or b.shape != (1, 2 * rows) or not w.shape[2]:
+    shaped = hidden and w.ndim == 3 and w.shape[:2] == (1, rows) and r.shape == (1, rows, hidden)
+    if not shaped or b.shape != (1, 2 * rows) or not w.shape[2]:
         graph.refuse(
             node,
             f"has weights of shapes {w.shape}, {r.shape}, {b.shape}, which do not go together; save one direction, whole",
@@ -417,10 +417,8 @@ def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
         bias = np.zeros(len(weights) if weights.ndim else 0)
         if additions:
             place = 1 if node.output[0] == additions[0].input[0] else 0
-            bias, names = (
-                graph.constant(additions[0], place, "bias"),
-                names | {"dense bias": additions[0].input[place]},
-            )
+            bias = graph.constant(additions[0], place, "bias")
+            names = names | {"dense bias": additions[0].input[place]}
     if weights.ndim != 2 or not weights.size or bias.size != len(weights):
         graph.refuse(
             node, f"has weights of shape {weights.shape} and {bias.size} biases; save one dense layer, whole"
@@ -453,9 +451,9 @@ def convert_onnx(
         It is another network than said, of another array or task, or the graph computes something else.
     """
     where = f"network '{network.graph.path}'"
-    for option, said, held in (("--cell", cell, network.cell), ("--reset", reset, network.reset)):
-        if said is not None and said != held and (option == "--cell" or network.cell == "gru"):
-            raise InputError(f"{option} {said}: {where} is of {held}; leave the option out")
+    for option, value, held in (("--cell", cell, network.cell), ("--reset", reset, network.reset)):
+        if value is not None and value != held and (option == "--cell" or network.cell == "gru"):
+            raise InputError(f"{option} {value}: {where} is of {held}; leave the option out")
     try:
         recurrent = network.cell != "linear"
         config = config.replace(gate_activation=network.gate_activation)
@@ -471,15 +469,15 @@ def convert_onnx(
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
     fits = (config.inputs,) if recurrent else tuple(sets)
-    for have, field_name, wanted in (
+    for have, field_name, sizes in (
         (network.columns, "taxels" if config.kinds == 1 else "feature_kinds", fits),
         (network.classes, "class_names", (config.classes,)),
     ):
-        if have not in wanted:
-            what = "inputs" if field_name != "class_names" else "classes"
+        if have not in sizes:
+            unit = "inputs" if field_name != "class_names" else "classes"
             raise InputError(
-                f"{where}: has {have} {what} and configuration '{config.name}', field {field_name}, asks for "
-                f"{' or '.join(map(str, wanted))}; use the configuration of the array and task it was trained on"
+                f"{where}: has {have} {unit} and configuration '{config.name}', field {field_name}, asks for "
+                f"{' or '.join(map(str, sizes))}; use the configuration of the array and task it was trained on"
             )
     arrays = dict(network.arrays)
     if not recurrent:
@@ -496,8 +494,8 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np
     shapes: list[tuple[int, ...]] = [(1, flat)]
     if config.recurrent or config.sets > 1 or steps == 1:
         # as many steps as the file fixes, so that one of another length is told by what it computes
-        given = [size for size in graph.dims[:-1] if size > 1][:1] if config.recurrent else []
-        steps = given[0] if given else steps
+        fixed = [size for size in graph.dims[:-1] if size > 1][:1] if config.recurrent else []
+        steps = fixed[0] if fixed else steps
         if steps * inputs > MOST_VALUES:
             raise InputError(
                 f"network '{graph.path}': takes {steps} steps; save one that takes {config.windows.steps}"
@@ -519,12 +517,12 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np
         else:
             shown = features.sum(axis=1)
         try:
-            made = [graph.compute(touch.reshape(shape)) for touch in shown]
+            computed = [graph.compute(touch.reshape(shape)) for touch in shown]
         except InputError as error:
             failed = error
             continue
         logits = run_cell(Float(config), config, arrays, features)[1]
-        if all(_same(outputs, own) for outputs, own in zip(made, logits, strict=True)):
+        if all(_same(outputs, own) for outputs, own in zip(computed, logits, strict=True)):
             return
     if failed is not None and len(fitting) == 1:
         raise failed
@@ -542,9 +540,9 @@ def _fits(shape: tuple[int, ...], dims: list[int]) -> bool:
 def _same(outputs: list[np.ndarray], logits: np.ndarray) -> bool:
     """Is an output the logits (K, C) of every step, or of the last one?"""
     for output in outputs:
-        for wanted in (logits[-1], logits):
-            if output.size == wanted.size and np.allclose(
-                output.ravel(), wanted.ravel(), rtol=0, atol=TOLERANCE * (1 + np.abs(wanted).max())
+        for reference in (logits[-1], logits):
+            if output.size == reference.size and np.allclose(
+                output.ravel(), reference.ravel(), rtol=0, atol=TOLERANCE * (1 + np.abs(reference).max())
             ):
                 return True
     return False

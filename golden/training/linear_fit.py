@@ -7,7 +7,7 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig
 
 MOST_ITERATIONS = 300
-"""Of the solver; it stops there where it has not converged, a hair from the best weights."""
+"""Iterations of the solver at most. Where it has not converged by then it is a hair from the best weights."""
 
 QUIETEST = 1 / 32
 """Least spread of an input, as a share of the largest: the largest share that lost nothing on biotac_slide
@@ -41,8 +41,8 @@ def fit_linear(
 
     inputs = _inputs(config, features)
     mean, spread = inputs.mean(axis=0), inputs.std(axis=0)
-    # what hardly moves is noise, and the weight of an input is divided by its spread: unbounded, the quietest
-    # took all bits of the weights
+    # An input that hardly moves is noise. Its weight is divided by its spread: without a bound the quietest
+    # inputs got the largest weights, and with them all bits of the format.
     spread = np.maximum(spread, QUIETEST * max(spread.max(), 1e-9))
     present = np.unique(labels)
     weights, bias = np.zeros((config.classes, inputs.shape[1])), np.zeros(config.classes)
@@ -53,12 +53,12 @@ def fit_linear(
                 (inputs - mean) / spread, labels
             )
         rows, offsets = fitted.coef_, fitted.intercept_
-        if len(present) == 2:  # scikit-learn keeps the difference of the two
+        if len(present) == 2:  # scikit-learn gives one row then, the difference of the two
             rows, offsets = np.concatenate([-rows, rows]) / 2, np.concatenate([-offsets, offsets]) / 2
         weights[present] = rows / spread
         bias[present] = offsets - weights[present] @ mean
     missing = np.setdiff1d(np.arange(config.classes), present)
-    bias[missing] = bias[present].min() - 1
+    bias[missing] = bias[present].min() - 1  # with weights of 0 it never wins
     return _arrays(config, weights, bias)
 
 
@@ -88,6 +88,7 @@ def fit_least_squares(
     """
     from sklearn.linear_model import RidgeCV
 
+    # RidgeCV calls it with the predictions of every touch by the fit that left it out
     def right(_, left_out: np.ndarray, indicators: np.ndarray) -> int:
         return int((left_out.argmax(axis=1) == indicators.argmax(axis=1)).sum())
 

@@ -42,14 +42,14 @@ def descend(
     schedule = (
         torch.optim.lr_scheduler.OneCycleLR(optimiser, rate, total_steps=updates) if one_cycle else None
     )
-    for done in range(1, updates + 1):
+    for update in range(1, updates + 1):
         loss = loss_of()
         optimiser.zero_grad()
-        loss.sum().backward()
+        loss.sum().backward()  # a sum, not a mean: no network's gradient depends on how many are trained
         optimiser.step()
         if schedule:
             schedule.step()
-        after(done, loss.detach())
+        after(update, loss.detach())
 
 
 def class_loss(
@@ -60,7 +60,7 @@ def class_loss(
         logits.movedim(-1, 1), labels[..., None].expand(counts.shape), reduction="none"
     )
     if recipe.loss == "last":
-        last = counts.sum(-1, keepdim=True) - 1
+        last = counts.sum(-1, keepdim=True) - 1  # the steps that count come first
         return losses.gather(-1, last).mean(dim=(1, 2))
     return (losses * counts).sum(dim=(1, 2)) / counts.sum(dim=(1, 2))
 
@@ -116,7 +116,8 @@ class LossCurves:
         self, data: Dataset, config: AcceleratorConfig, recipe: Recipe, tests: list[np.ndarray]
     ) -> None:
         self._data, self._config, self._recipe = data, config, recipe
-        generator = torch.Generator().manual_seed(0)  # its own: training draws what it would without a curve
+        # a generator of its own, so that training draws the same with and without a curve
+        generator = torch.Generator().manual_seed(0)
         self._unseen = torch.tensor([bool(len(rows)) for rows in tests])
         draws = [
             torch.randint(max(len(rows), 1), (CURVE_TOUCHES,), generator=generator).numpy() for rows in tests
@@ -128,7 +129,7 @@ class LossCurves:
         self.updates: list[int] = []
 
     def begin(self, share: slice) -> None:
-        """From now on ``note`` is told of these networks alone."""
+        """From now on ``note`` gets the losses of these networks alone."""
         self._share, self._touches, self._trained, self.updates = share, None, [], []
         self._shares.append([])
 

@@ -94,21 +94,19 @@ class Nested:
         per_fold: [{held_out, recordings, the three shares, front_end, network}], shuffled (None: many
         recordings; ``_shuffled``), wall_s}.
         """
-        begin, recordings, seeds = (
-            time.perf_counter(),
-            self.terms.recordings,
-            list(map(int, self.terms.seeds)),
-        )
+        begin = time.perf_counter()
+        recordings = self.terms.recordings
+        seeds = list(map(int, self.terms.seeds))
         tests = split_folds(recordings, list(split), self.terms.folds, None)
         parts = [np.setdiff1d(np.arange(len(recordings)), test) for test in tests]
-        seen = [np.flatnonzero(~np.isin(self.field.numbers, test)) for test in tests]
+        train_rows = [np.flatnonzero(~np.isin(self.field.numbers, test)) for test in tests]
         shuffled = shuffles(
             recordings.labels,
             [recordings.labels if name == "label" else recordings.groups[name] for name in split],
         )
         labels = shuffled[: None if len(recordings) <= FEW else 1, self.field.numbers]
         with one_thread():
-            judged = [self.field.judged(rows, self.terms.groups, labels) for rows in seen]
+            judged = [self.field.judged(rows, self.terms.groups, labels) for rows in train_rows]
         chosen = self._chosen(parts, [of_part[0] for of_part in judged])
         folds = range(len(tests))
         pieces = [
@@ -133,7 +131,7 @@ class Nested:
             **over_folds(per_fold),
             "standard_error": float(correct.std(ddof=1) / np.sqrt(len(correct))),
             "per_fold": per_fold,
-            "shuffled": self._shuffled(tests, seen, judged, labels) if len(labels) > 1 else None,
+            "shuffled": self._shuffled(tests, train_rows, judged, labels) if len(labels) > 1 else None,
             "wall_s": time.perf_counter() - begin,
         }
 
@@ -178,8 +176,8 @@ class Nested:
             candidates = [
                 Judged(config, outcome, 0) for (config, _), outcome in zip(networks, outcomes, strict=False)
             ]
-            taken = cheapest(candidates, self.market, lambda config: config) if candidates else None
-            chosen.append(networks[candidates.index(taken) if taken else 0])
+            cheap = cheapest(candidates, self.market, lambda config: config) if candidates else None
+            chosen.append(networks[candidates.index(cheap) if cheap else 0])
         return chosen
 
     def _tried(self, judged: list[Judged]) -> list[tuple[AcceleratorConfig, Recipe]]:
@@ -227,13 +225,11 @@ class Nested:
         classes, right = len(self.terms.recordings.class_names), np.zeros(labels.shape, dtype=bool)
         of_config = {config: (rows, gram) for config, rows, gram in self.field.seen}
         for test, rows, of_part in zip(tests, seen, judged, strict=True):
-            asked = np.flatnonzero(np.isin(self.field.numbers, test))
+            test_rows = np.flatnonzero(np.isin(self.field.numbers, test))
             for number, of_labelling in enumerate(of_part):
                 touched, gram = of_config[cheapest(of_labelling, self.market).config]
-                train, unseen = (
-                    np.flatnonzero(np.isin(touched, rows)),
-                    np.flatnonzero(np.isin(touched, asked)),
-                )
+                train = np.flatnonzero(np.isin(touched, rows))
+                unseen = np.flatnonzero(np.isin(touched, test_rows))
                 if not len(train) or not len(unseen):
                     continue
                 targets = np.eye(classes)[labels[number, touched[train]]]
@@ -241,12 +237,12 @@ class Nested:
                 weights = ridge_weights(gram[np.ix_(train, train)], alpha, targets)
                 decided = (gram[np.ix_(unseen, train)] @ weights).argmax(axis=1)
                 right[number, touched[unseen]] = decided == labels[number, touched[unseen]]
-        own, *others = right.mean(axis=1).tolist()
-        as_good = (1 + sum(share >= own for share in others)) / (1 + len(others))
+        own, *shuffled = right.mean(axis=1).tolist()
+        as_good = (1 + sum(share >= own for share in shuffled)) / (1 + len(shuffled))
         return {
-            "count": len(others),
-            "mean": float(np.mean(others)),
-            "largest": max(others),
+            "count": len(shuffled),
+            "mean": float(np.mean(shuffled)),
+            "largest": max(shuffled),
             "right": own,
             "as_good": as_good,
         }
@@ -299,12 +295,12 @@ def shuffles(labels: np.ndarray, columns: Sequence[np.ndarray]) -> np.ndarray:
     groups = np.unique(codes, axis=1, return_inverse=True)[1].ravel()
     members = [np.flatnonzero(groups == group) for group in range(groups.max() + 1)]
     whole = all(len(np.unique(labels[rows])) == 1 for rows in members)
-    made = np.tile(labels, (1 + SHUFFLES, 1))
-    for row in made[1:]:
+    labellings = np.tile(labels, (1 + SHUFFLES, 1))
+    for row in labellings[1:]:
         if whole:
-            for rows, other in zip(members, rng.permutation(len(members)), strict=True):
-                row[rows] = labels[members[other][0]]
+            for rows, source in zip(members, rng.permutation(len(members)), strict=True):
+                row[rows] = labels[members[source][0]]
         else:
             for rows in members:
                 row[rows] = rng.permutation(labels[rows])
-    return made
+    return labellings

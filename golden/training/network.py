@@ -34,6 +34,7 @@ class RecurrentClassifier(torch.nn.Module):
                 for name, shape in network_shapes(config, real=True).items()
             }
         )
+        # written out for the cell that most trainings use; run_cell serves the others
         cell = config.network
         plain = (cell.cell, cell.reset, cell.gate_activation) == ("gru", "before", "sigmoid")
         self._by_hand = plain and len(batch) == 1
@@ -84,9 +85,11 @@ class _Steps(torch.autograd.Function):
         return h[1:]
 
     @staticmethod
-    def backward(ctx: Any, wanted: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    def backward(ctx: Any, gradient: torch.Tensor) -> tuple[torch.Tensor, ...]:
         h, gates, n, u, u_n = ctx.saved_tensors
         before, (z, r) = h[:-1], gates.chunk(2, 2)
+        # of_n, of_z, of_r: what a change of h' is worth to each row, all steps at once; of_state comes back
+        # from the step behind
         of_n, of_z, of_r = (1 - z) * (1 - n * n), (before - n) * z * (1 - z), before * r * (1 - r)
         rows = n.new_empty(*n.shape[:2], 3 * n.shape[2], n.shape[3])
         row, row_n = rows.split([u.shape[1], u_n.shape[1]], 2)
@@ -94,7 +97,7 @@ class _Steps(torch.autograd.Function):
         u, u_n = u.mT.contiguous(), u_n.mT.contiguous()
         of_state = torch.zeros_like(n[0])
         for k in reversed(range(len(n))):
-            of_state += wanted[k]
+            of_state += gradient[k]
             torch.mul(of_state, of_n[k], out=row_n[k])
             gated = u_n @ row_n[k]
             torch.mul(of_state, of_z[k], out=row_z[k])

@@ -42,12 +42,12 @@ def training_groups(
         One that is not there.
     """
     splits = [split["groups"] for split in record.get("cross_validation", [])]
-    known = [split for split in splits if split and recordings.groups.keys() >= set(split)]
-    chosen = [list(groups)] if groups is not None else [*known, list(recordings.groups)[:1]]
+    validated = [split for split in splits if split and recordings.groups.keys() >= set(split)]
+    chosen = [list(groups)] if groups is not None else [*validated, list(recordings.groups)[:1]]
     for name in chosen[0]:
         if name not in recordings.groups:
-            there = ", ".join(recordings.groups) or "none"
-            raise InputError(f"--group: recordings '{recordings.source}' have no {name}; they have {there}")
+            names = ", ".join(recordings.groups) or "none"
+            raise InputError(f"--group: recordings '{recordings.source}' have no {name}; they have {names}")
     return chosen[0]
 
 
@@ -151,13 +151,13 @@ def with_prototypes(
             "or leave it out"
         )
     codes = trajectory_codes(config, values, values)
-    furthest, lost, others = [], 0, 0
+    furthest, lost, counted = [], 0, 0
     for part in np.array_split(np.unique(groups), min(PARTS, len(np.unique(groups)))):
-        left = np.isin(groups, part)
-        if not all((labels[~left] == label).any() for label in range(trained)):
+        held_out = np.isin(groups, part)
+        if not all((labels[~held_out] == label).any() for label in range(trained)):
             continue
-        without = of(~left)
-        furthest.append(class_distances(without, codes[left])[:, -1].min(axis=-1))
+        without = of(~held_out)
+        furthest.append(class_distances(without, codes[held_out])[:, -1].min(axis=-1))
         if taught:
             new = np.flatnonzero(groups == part[0])
             touches_of = [new[labels[new] == label][:taught] for label in range(trained)]
@@ -167,10 +167,10 @@ def with_prototypes(
                 shifted = IntegerModel(
                     config.with_readout(**rule, taught_shift=shift), without.arrays, source
                 )
-                decided = class_distances(shifted, codes[~left])[:, -1].argmin(axis=-1)
-                lost += sign * int((decided != labels[~left]).sum())
-            others += int((~left).sum())
-    rule["taught_shift"] = int(others > 0 and lost <= HALVING_COSTS * others)
+                decided = class_distances(shifted, codes[~held_out])[:, -1].argmin(axis=-1)
+                lost += sign * int((decided != labels[~held_out]).sum())
+            counted += int((~held_out).sum())
+    rule["taught_shift"] = int(counted > 0 and lost <= HALVING_COSTS * counted)
     if unknown is not None:
         if not furthest:
             raise InputError(
@@ -255,7 +255,9 @@ def teach_recordings(model: IntegerModel, few: Recordings) -> tuple[IntegerModel
 
 def teach_touches(model: IntegerModel, touches: Touches, labels: np.ndarray) -> IntegerModel:
     """``model`` taught whole touches, one after the other, each of its class of ``labels``."""
-    made = decide_touches(model, touches)
-    for codes, label in zip(trajectory_codes(model.config, made.hidden, made.logits), labels, strict=True):
+    decided = decide_touches(model, touches)
+    for codes, label in zip(
+        trajectory_codes(model.config, decided.hidden, decided.logits), labels, strict=True
+    ):
         model = teach(model, codes, int(label))
     return model

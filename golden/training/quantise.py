@@ -56,7 +56,8 @@ COVERED_FEATURE = f"feature ({FEATURE_COVERAGE:.1%})"
 """Name of that range."""
 
 LAST_LOGIT, ROUNDING = "last logit", 1 / 512
-"""Logits of touches' last steps; and how much of their span rounded weights of a linear cell may move one."""
+"""Name of the logits of touches' last steps. The share of their span by which the rounded weights of a linear
+cell may move a logit."""
 
 SIGNALS = (
     "feature",
@@ -82,34 +83,35 @@ LOGIT_HEADROOM = 2.0
 
 
 class Profile(Float):
-    """Float arithmetic that notes the range of every signal the hardware narrows."""
+    """Float arithmetic that notes the range of every signal that the hardware narrows."""
 
     def __init__(self, config: AcceleratorConfig) -> None:
         super().__init__(config)
         self.ranges: dict[str, Range] = {}
 
-    def _note(self, signal: str, value: torch.Tensor) -> torch.Tensor:
+    def note(self, signal: str, value: Any) -> Any:
+        """Widen the signal's range to these values, and give them on."""
         low, high = self.ranges.get(signal, (math.inf, -math.inf))
         self.ranges[signal] = (min(low, float(value.min())), max(high, float(value.max())))
         return value
 
     def sigmoid(self, acc):
-        return super().sigmoid(self._note("sigmoid pre-activation", acc))
+        return super().sigmoid(self.note("sigmoid pre-activation", acc))
 
     def tanh(self, acc):
-        return super().tanh(self._note("tanh pre-activation", acc))
+        return super().tanh(self.note("tanh pre-activation", acc))
 
     def tanh_of_state(self, value):
-        return super().tanh_of_state(self._note("tanh pre-activation", value))
+        return super().tanh_of_state(self.note("tanh pre-activation", value))
 
     def value(self, acc):
-        return self._note("state", acc)
+        return self.note("state", acc)
 
     def state(self, products):
-        return self._note("state", products)
+        return self.note("state", products)
 
     def logit(self, acc):
-        return self._note("logit", acc)
+        return self.note("logit", acc)
 
 
 def signals(config: AcceleratorConfig) -> tuple[str, ...]:
@@ -137,8 +139,8 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
             "touches"
         )
     features = float_features(model, touches)[:, : config.windows.steps]
-    done = np.arange(features.shape[1]) < touches.completed[:, None]
-    features[~done] = 0.0
+    complete = np.arange(features.shape[1]) < touches.completed[:, None]
+    features[~complete] = 0.0
     parameters = {name: torch.tensor(array, dtype=torch.float64) for name, array in model.arrays.items()}
     with torch.no_grad():
         logits = run_cell(profiler, config, parameters, torch.from_numpy(features))[1]
@@ -146,15 +148,12 @@ def profile(model: FloatModel, touches: Touches) -> dict[str, Range]:
         begun = touches.completed > 0
         last = logits[begun, np.minimum(touches.completed[begun], features.shape[1]) - 1]
         profiler.ranges[LAST_LOGIT] = (float(last.min()), float(last.max()))
-    ranges = {"feature": (float(features.min()), float(features.max())), **profiler.ranges}
-    covered = float(np.quantile(np.abs(features[done]), FEATURE_COVERAGE))
-    ranges[COVERED_FEATURE] = (-covered, covered)
+    profiler.note("feature", features)
+    covered = float(np.quantile(np.abs(features[complete]), FEATURE_COVERAGE))
     kinds = {"W": "weight", "U": "recurrent", "b": "bias", "bh": "bias"}
     for name, array in merged_parameters(model).items():
-        kind = {"V": "dense", "b_y": "dense bias"}.get(name) or kinds[name.partition("_")[0]]
-        low, high = ranges.get(kind, (math.inf, -math.inf))
-        ranges[kind] = (min(low, float(array.min())), max(high, float(array.max())))
-    return ranges
+        profiler.note({"V": "dense", "b_y": "dense bias"}.get(name) or kinds[name.partition("_")[0]], array)
+    return profiler.ranges | {COVERED_FEATURE: (-covered, covered)}
 
 
 def merged_parameters(model: FloatModel) -> dict[str, np.ndarray]:
@@ -177,6 +176,7 @@ def covering_format(
     """
     low, high = min(values[0], 0.0) * headroom, max(values[1], 0.0) * headroom
     frac = 2 * bits if max_frac is None else min(2 * bits, max_frac)
+    # half an LSB beyond the ends still rounds to them
     while high * 2.0**frac > 2 ** (bits - 1) - 0.5 or low * 2.0**frac < -(2 ** (bits - 1)) - 0.5:
         frac -= 1
     return QFormat(bits - frac, frac)
@@ -225,10 +225,8 @@ class Masters(torch.nn.Module):
         formats = [network_formats(integer.config) for integer in integers]
         self.weights, self._units, self._limits = torch.nn.ParameterDict(), {}, {}
         for name in formats[0]:
-            weight, own = (
-                torch.tensor(np.stack([arrays[name] for arrays in merged])),
-                [fmt[name] for fmt in formats],
-            )
+            weight = torch.tensor(np.stack([arrays[name] for arrays in merged]))
+            own = [fmt[name] for fmt in formats]
             self.weights[name] = torch.nn.Parameter(weight.to(dtype), trained is None or name in trained)
             self._units[name] = _of_each([2.0**fmt.frac_bits for fmt in own], weight).to(dtype)
             self._limits[name] = limits_of(own, weight.to(dtype))
@@ -300,6 +298,7 @@ class IntegerNetwork(Masters):
         units = torch.tensor(config.feature_units).view(-1, config.kinds)[lengths]
         units = units[:, list(config.input_kinds)] if config.kinds > 1 else units
         mu, sigma = self._scaling
+        # back to whole window sums: augmented features lie between those that hardware can see
         sums = torch.round((features.double() * sigma + mu) * units)
         mean, scale = (
             torch.tensor(
@@ -407,25 +406,11 @@ def choose_formats(
         When no format of these widths works.
     """
     check_widths(config, weight_bits, state_bits, feature_bits, gate_bits, table_entries)
-    # features times weights, nothing else; features keep their width, which are what is multiplied
     if not config.recurrent:
         feature = covering_format(ranges[COVERED_FEATURE], feature_bits or FEATURE_BITS)
         feature = QFormat(feature.int_bits, min(feature.frac_bits, feature_frac_limit))
         gate_frac = config.formats.gate_frac if gate_bits is None else gate_bits
-
-        def of_weights(bits: int) -> AcceleratorConfig:
-            dense = covering_format(ranges["dense"], bits)
-            formats = {"feature_format": feature, "dense_format": dense, "gate_frac": gate_frac}
-            return _with_logits(config, ranges, lean, dense.frac_bits + feature.frac_bits, **formats)
-
-        chosen = of_weights(weight_bits or WEIGHT_BITS)
-        low, high = ranges.get(LAST_LOGIT, (-math.inf, math.inf))
-        while not (weight_bits or plain) and _rounding(chosen) > ROUNDING * (high - low):
-            finer = of_weights(chosen.weight_bits + 1)
-            if finer.weight_bits > OPERAND_BITS or finer.accumulator_bits > WIDEST_DSP_ACCUMULATOR:
-                break
-            chosen = finer
-        return chosen
+        return _linear_formats(config.replace(gate_frac=gate_frac), ranges, weight_bits, feature, lean, plain)
     weight_bits = weight_bits or WEIGHT_BITS
     state_int = 4 if config.network.cell == "lstm" or config.network.reset == "after" else 2
     if state_bits is None and weight_bits <= LOW_WEIGHT_BITS:
@@ -435,7 +420,8 @@ def choose_formats(
     )
     weight = covering_format(ranges["weight"], weight_bits)
     feature = covering_format(ranges[COVERED_FEATURE], OPERAND_BITS if lean else feature_bits or FEATURE_BITS)
-    # what an operand leaves to features and states, with recurrent weights as fine as they can be
+    # Integer bits of features and fraction bits of states share what a 16-bit operand leaves when recurrent
+    # weights are as fine as they can be.
     shared = weight.frac_bits + OPERAND_BITS - covering_format(ranges["recurrent"], weight_bits).frac_bits
     least = min(
         state.frac_bits, LEAST_STATE_FRAC if state_int == 2 else max(LEAST_STATE_FRAC, config.tanh_frac + 1)
@@ -444,12 +430,12 @@ def choose_formats(
         least = state.frac_bits
     if feature_bits is None and not lean and not plain:
         whole = covering_format(ranges["feature"], FEATURE_BITS).int_bits
-        # no further: the recurrent weights matter more
+        # no wider than that: the recurrent weights matter more
         whole = max(feature.int_bits, min(whole, shared - least))
         feature = QFormat(whole, min(feature.frac_bits, OPERAND_BITS - whole))
     given_up = state.frac_bits - min(state.frac_bits, max(shared - feature.int_bits, least))
     state = QFormat(state_int, state.frac_bits - given_up)
-    # gates are given up with it: where they have a bit more than states, one table serves both
+    # gates give up as many bits: while they have one more than states, one table serves both
     if gate_bits is None:
         gate_bits = config.formats.gate_frac - given_up
     # W x and U h products share one scale: an aligned feature must fit 16 bits, ...
@@ -480,9 +466,38 @@ def choose_formats(
     )
 
 
+def _linear_formats(
+    config: AcceleratorConfig,
+    ranges: Mapping[str, Range],
+    weight_bits: int | None,
+    feature: QFormat,
+    lean: bool,
+    plain: bool,
+) -> AcceleratorConfig:
+    """As `choose_formats`, of a linear cell, which multiplies features by weights and nothing else."""
+
+    def of_weights(bits: int) -> AcceleratorConfig:
+        dense = covering_format(ranges["dense"], bits)
+        formats = {"feature_format": feature, "dense_format": dense}
+        return _with_logits(config, ranges, lean, dense.frac_bits + feature.frac_bits, **formats)
+
+    chosen = of_weights(weight_bits or WEIGHT_BITS)
+    low, high = ranges.get(LAST_LOGIT, (-math.inf, math.inf))  # without one the span is infinite: no finer
+    while not (weight_bits or plain) and _rounding(chosen) > ROUNDING * (high - low):
+        finer = of_weights(chosen.weight_bits + 1)
+        if finer.weight_bits > OPERAND_BITS or finer.accumulator_bits > WIDEST_DSP_ACCUMULATOR:
+            break
+        chosen = finer
+    return chosen
+
+
 def _rounding(config: AcceleratorConfig) -> float:
-    """By how much rounded weights move the logits of a linear cell, standard deviation: features have that
-    of 1, and where one set of weights serves all windows its errors add up over them."""
+    """Standard deviation by which rounded weights move the logits of a linear cell.
+
+    Features have a standard deviation of 1. Where one set of weights serves all windows, its errors are the
+    same in each and add up.
+    """
+    # 1/12: variance of a rounding error, in LSBs squared
     steps = config.windows.steps
     return (
         math.sqrt(config.inputs * steps * (steps // config.sets) / 12)
@@ -526,11 +541,13 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
     bits = widths.get("weight_bits") or WEIGHT_BITS
     if 2 <= bits < WEIGHT_BITS:  # fewer than 2 are refused by choose_formats
         ranges = dict(ranges) | _closest_ranges(model, bits)
-    # what a preset gives stays what it gave, bit for bit: who names one has figures of it
+    # presets keep their formats bit for bit: published figures were made with them
     plain = model.config.name in PRESETS and widths.get("feature_bits") is None
     limit = _feature_frac_limit(model.config, sigma, widths)
+    # so many bits more than the sums have: means with fraction bits resolve them
     limit += 0 if plain or widths.get("lean") else model.config.most_mean_frac
-    logits_decide = model.config.with_readout()  # prototypes are made of what the network says
+    # prototypes are made of the quantised network's states, so logits decide until then
+    logits_decide = model.config.with_readout()
     config = choose_formats(logits_decide, ranges, feature_frac_limit=limit, plain=plain, **widths)
     config, mean, scale = normaliser_constants(
         config, mu, sigma, aligned=widths.get("lean", False) and config.constants == 1
@@ -542,12 +559,12 @@ def quantise_model(model: FloatModel, ranges: Mapping[str, Range], **widths: Any
 
 def check_given(config: AcceleratorConfig, feature_bits: int | None) -> None:
     """Refuse bits of a feature that no format could use."""
-    given = config.formats.feature_format
-    if feature_bits is not None and given.width != feature_bits:
+    fmt = config.formats.feature_format
+    if feature_bits is not None and fmt.width != feature_bits:
         raise InputError(
-            f"quantisation, field feature_format: {feature_bits} bits were asked for, and {given} is as fine as "
+            f"quantisation, field feature_format: {feature_bits} bits were asked for, and {fmt} is as fine as "
             f"the {'products' if config.recurrent else 'windows'} of this network can use; give at most "
-            f"{given.width} feature bits"
+            f"{fmt.width} feature bits"
         )
 
 

@@ -73,10 +73,8 @@ class ImageTask:
     def __init__(self, real: FloatModel, integer: IntegerModel, recordings: Recordings) -> None:
         images = images_of(recordings)
         self._real, self._integer, self._some = real, integer, images[recordings.evenly(LOOKED_AT)]
-        self.ideal, self.trace = (
-            float_images(real, images, maps=False),
-            run_images(integer, images, maps=False),
-        )
+        self.ideal = float_images(real, images, maps=False)
+        self.trace = run_images(integer, images, maps=False)
         self.done = np.ones(len(images), dtype=bool)
 
     @cached_property
@@ -95,8 +93,8 @@ class ImageTask:
             real, codes = self._maps[index]
             error, alone = np.abs(fmt.to_real(codes) - real), np.abs(self._alone(index) - self._maps[-1][0])
             at_end = (codes >= fmt.max_code) | (fmt.signed & (codes <= fmt.min_code))
-            used = np.abs(codes.astype(np.int64)).max() / fmt.max_code
-            figures = (error.mean(), error.max(), at_end.mean(), used, alone.mean(), alone.max())
+            largest = np.abs(codes.astype(np.int64)).max() / fmt.max_code
+            figures = (error.mean(), error.max(), at_end.mean(), largest, alone.mean(), alone.max())
             errors.append(StageError(f"{stage.number} {stage.layer}", *map(float, figures)))
         return errors
 

@@ -105,11 +105,9 @@ def train(
     begin = time.perf_counter()
     check_model_target(out)
     request = request or TrainingRequest()
-    recipe, seed, widths = (
-        request.recipe or choose_recipe(config, request.protocol),
-        request.seed,
-        dict(request.widths),
-    )
+    recipe = request.recipe or choose_recipe(config, request.protocol)
+    seed = request.seed
+    widths = dict(request.widths)
     check_widths(config, **widths)
     if tuple(recordings.class_names) != config.network.class_names:
         raise InputError(
@@ -125,12 +123,12 @@ def train(
 
     data = datasets.of(config, recipe)
     rows = touch_rows(data, np.arange(len(recordings)))
-    told = Told(callback) if callback else None
+    teller = Told(callback) if callback else None
     report = named(progress, "training on all recordings")
-    (model,) = fit_networks(data, config, recipe, [rows], seed, report, told)
-    if told:
+    (model,) = fit_networks(data, config, recipe, [rows], seed, report, teller)
+    if teller:
         decided = decide_touches(model, data.touches.take(rows)).decision
-        told.tell(accuracy=float(np.mean(decided == data.labels[data.index >= 0][rows])))
+        teller.tell(accuracy=float(np.mean(decided == data.labels[data.index >= 0][rows])))
     integer = None
     if request.quantisation_aware:
         report = named(progress, "quantisation-aware training on all recordings")
@@ -175,13 +173,13 @@ def _cross_validation(
         splits = [[]] if request.protocol == "thesis" else default_splits(recordings, config)
     for groups in splits:
         split_folds(recordings, groups, request.folds, None)  # refuses before the work begins
-    done = {tuple(record["groups"]): record for record in request.known}
-    left = [list(groups) for groups in splits if tuple(groups) not in done]
-    if left:
+    records = {tuple(record["groups"]): record for record in request.known}
+    missing = [list(groups) for groups in splits if tuple(groups) not in records]
+    if missing:
         fresh = cross_validate(
             recordings,
             config,
-            left,
+            missing,
             range(request.seed, request.seed + request.seeds),
             folds=request.folds,
             recipe=recipe,
@@ -190,5 +188,5 @@ def _cross_validation(
             datasets=datasets,
             progress=progress,
         )
-        done |= {tuple(record["groups"]): record for record in fresh}
-    return [done[tuple(groups)] for groups in splits]
+        records |= {tuple(record["groups"]): record for record in fresh}
+    return [records[tuple(groups)] for groups in splits]

@@ -174,10 +174,8 @@ def _optimise(
     progress: Progress | None,
 ) -> None:
     epochs, rate = schedule
-    decayed, plain = (
-        [parameter for parameter in parameters if parameter.ndim > 1],
-        [parameter for parameter in parameters if parameter.ndim <= 1],
-    )
+    decayed = [parameter for parameter in parameters if parameter.ndim > 1]
+    plain = [parameter for parameter in parameters if parameter.ndim <= 1]
     groups = [
         {"params": decayed, "weight_decay": recipe.weight_decay},
         {"params": plain, "weight_decay": 0.0},

@@ -63,9 +63,9 @@ class LeftOut:
 
     def errors(self, integer: IntegerModel) -> np.ndarray:
         """How far the logits of all completed steps left out are from float ones, flat."""
-        done = np.arange(self.ideal.shape[1]) < self.left_out.completed[:, None]
+        complete = np.arange(self.ideal.shape[1]) < self.left_out.completed[:, None]
         logits = integer.config.formats.logit_format.to_real(decide_touches(integer, self.left_out).logits)
-        return np.abs(logits - self.ideal)[done].ravel()
+        return np.abs(logits - self.ideal)[complete].ravel()
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,8 @@ def fold_cases(
 
 
 def _reach(model: FloatModel, touches: Touches) -> float:
-    done = np.arange(model.config.windows.steps) < touches.completed[:, None]
-    return float(np.abs(float_features(model, touches)[:, : model.config.windows.steps][done]).max())
+    complete = np.arange(model.config.windows.steps) < touches.completed[:, None]
+    return float(np.abs(float_features(model, touches)[:, : model.config.windows.steps][complete]).max())
 
 
 def feature_headroom(cases: Sequence[LeftOut]) -> float:

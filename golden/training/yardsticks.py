@@ -99,11 +99,11 @@ class SupportVectors:
     ) -> np.ndarray:
         decided = np.empty(len(x), dtype=np.int64)
         for fold in folds:
-            rest = np.setdiff1d(np.arange(len(x)), fold)
-            if len(np.unique(labels[rest])) < 2:
-                decided[fold] = labels[rest][0] if len(rest) else -1
+            train = np.setdiff1d(np.arange(len(x)), fold)
+            if len(np.unique(labels[train])) < 2:
+                decided[fold] = labels[train][0] if len(train) else -1
                 continue
-            model, multiplies = rbf_svm(x[rest], labels[rest], classes)
+            model, multiplies = rbf_svm(x[train], labels[train], classes)
             decided[fold] = model.predict(x[fold])
             self._multiplies.append(multiplies)
         return decided

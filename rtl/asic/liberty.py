@@ -259,16 +259,16 @@ def _by_name(groups: Iterable[Group], make: Callable[[Group], Any]) -> Record:
     ValueError
         A group has no name, or lacks what it must have.
     """
-    made = {}
+    cells = {}
     for group in groups:
         try:
-            made[group.arguments[0]] = make(group)
+            cells[group.arguments[0]] = make(group)
         except (ValueError, IndexError) as error:
             fault = "a name is missing" if isinstance(error, IndexError) else str(error)[:80]
             raise ValueError(
                 f"{group.kind} ({', '.join(group.arguments)[:40]}) is damaged: {fault}"
             ) from None
-    return made
+    return cells
 
 
 def corners(libraries: Iterable[Library]) -> dict[str, list[Library]]:
@@ -378,10 +378,10 @@ def _cell(group: Group, farad: float, watt: float, joule: float, second: float) 
     words, bits = (int(memory.number(name)) if memory else 0 for name in ("address_width", "word_width"))
     if not (0 <= words <= 32 and 0 <= bits <= 4096):
         raise ValueError("no macro is so large")
-    kept = {}
+    attributes = {}
     if state is not None:
-        kept = dict(state.attributes) | {"state": state.arguments[0], "inverse": state.arguments[1]}
-    if not ROLES.get(kind, set()) <= {*kept, *(pin.gate for pin in pins.values())}:
+        attributes = dict(state.attributes) | {"state": state.arguments[0], "inverse": state.arguments[1]}
+    if not ROLES.get(kind, set()) <= {*attributes, *(pin.gate for pin in pins.values())}:
         kind = "other"  # nobody can say what it does
     return Cell(
         name=group.arguments[0],
@@ -389,7 +389,7 @@ def _cell(group: Group, farad: float, watt: float, joule: float, second: float) 
         area=group.number("area"),
         leakage=group.number("cell_leakage_power") * watt,
         pins=pins,
-        state=kept if kind in ROLES else {},
+        state=attributes if kind in ROLES else {},
         access_j=accesses,
         words=1 << words if memory else 0,
         bits=bits,

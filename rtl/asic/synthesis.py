@@ -344,8 +344,8 @@ def _without(module: str) -> str:
 def _of_macro(name: str, macro: Cell, **values: str | bool) -> str:
     """A template's text of a one-port macro."""
     sizes = {"words": macro.words, "bits": macro.bits, "address": (macro.words - 1).bit_length()}
-    others = [pin for pin in macro.pins if "BIST" in pin]
-    return template(__file__, name).render(name=macro.name, others=others, **sizes, **values)
+    test_pins = [pin for pin in macro.pins if "BIST" in pin]
+    return template(__file__, name).render(name=macro.name, others=test_pins, **sizes, **values)
 
 
 def macro_verilog(macro: Cell, random: bool = False) -> str:

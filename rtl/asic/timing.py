@@ -115,7 +115,7 @@ create_clock -name clk -period {PERIOD_NS} [get_ports clk]
 exit
 """
     (folder / "timing.tcl").write_text(script)
-    done = subprocess.run(
+    finished = subprocess.run(
         ["sta", "-exit", "timing.tcl"],
         cwd=folder,
         capture_output=True,
@@ -123,11 +123,11 @@ exit
         timeout=STA_LIMIT_S,
         check=False,
     )
-    (folder / "timing.log").write_text(done.stdout + done.stderr)
-    slack = re.search(r"([-\d.]+) +slack \((?:MET|VIOLATED)\)", done.stdout)
-    if done.returncode or slack is None:
-        raise ToolError(f"OpenSTA failed: {(done.stdout + done.stderr).strip()[-800:]}")
-    begin, end = (re.findall(rf"{word}: (\S+)", done.stdout)[0] for word in ("Startpoint", "Endpoint"))
+    (folder / "timing.log").write_text(finished.stdout + finished.stderr)
+    slack = re.search(r"([-\d.]+) +slack \((?:MET|VIOLATED)\)", finished.stdout)
+    if finished.returncode or slack is None:
+        raise ToolError(f"OpenSTA failed: {(finished.stdout + finished.stderr).strip()[-800:]}")
+    begin, end = (re.findall(rf"{word}: (\S+)", finished.stdout)[0] for word in ("Startpoint", "Endpoint"))
     return Slowest(1e9 / (PERIOD_NS - float(slack[1])), begin, end, bool(macros))
 
 

@@ -60,7 +60,8 @@ class OnePortMemory(wiring.Component):
         return m
 
     def _block(self, m: Module) -> None:
-        address, mask = Signal(14), Signal(4)
+        address = Signal(14)
+        mask = Signal(4)
         m.d.comb += [
             address.eq(self.address),
             mask.eq(Cat(self.write[0].replicate(2), self.write[1].replicate(2))),

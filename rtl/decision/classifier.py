@@ -36,15 +36,15 @@ class Classifier(wiring.Component):
         Class by class, never held up.
     o : Out(stream of decision_layout)
         Offered `eskin.rtl.program.timing.logit_to_decision` cycles after the step's last logit: 3 with linear
-        cells and from 4 lanes on, else classes + 4; the global decision follows the last local one (vote: classes and as many cycles
-        later).
+        cells and from 4 lanes on, else classes + 4. The global decision follows the last local one; with
+        votes classes and as many cycles later.
     finish : In(1)
         Pulse while idle: the recording has ended; a touch with at least one step gets its global decision,
         marked partial.
     idle : Out(1)
         No logits under way, no decision waiting: logits are taken.
     far : In(1), only with ``unknown_above``
-        The step's class is not like any that is known: its global decision is unsure.
+        The step is far from every prototype: its global decision is unsure.
     ended : Out(1)
         The last decision of a touch is taken in this cycle: its global one, or the last step's if the global
         one came early. Also when the recording ends after an early decision.
@@ -70,14 +70,22 @@ class Classifier(wiring.Component):
         number, best, margin = search.number, search.best, search.margin
         last = number == config.classes - 1
         step = Signal(range(config.windows.steps))  # of the last logits
-        busy, begun, partial, offered, is_global = Signal(), Signal(), Signal(), Signal(), Signal()
-        tallying, voting = Signal(), Signal()  # votes become the scores; the scores are votes
+        busy = Signal()
+        begun = Signal()
+        partial = Signal()
+        offered = Signal()
+        is_global = Signal()
+        tallying = Signal()  # votes become the scores
+        voting = Signal()  # the scores are votes
         votes = Array(
             Signal(range(config.windows.steps + 1), name=f"votes_{k}") for k in range(config.classes)
         )
         finished = Signal()  # one cycle after `finish`, which comes late in its cycle
-        step_done, taken, closes = self.logit.valid & last, offered & self.o.ready, Signal()
-        local_taken, final = taken & ~is_global, Signal()
+        step_done = self.logit.valid & last
+        taken = offered & self.o.ready
+        closes = Signal()
+        local_taken = taken & ~is_global
+        final = Signal()
         ends = finished | (local_taken & final)
         if config.network.decision == "early":
             given = Signal()  # the touch has had its global decision, early
@@ -99,6 +107,7 @@ class Classifier(wiring.Component):
             unsure |= self.far
         m.d.comb += [
             search.score.valid.eq(self.logit.valid),
+            # the sign bit turned over makes offset binary, which the search compares as unsigned
             search.score.value.eq(self.logit.value ^ (1 << len(margin) - 1)),
             self.idle.eq(~busy),
             self.o.valid.eq(offered),
@@ -111,6 +120,7 @@ class Classifier(wiring.Component):
         ]
         m.d.sync += [
             step.eq(step + (step_done & begun)),
+            # a register, a cycle behind `step`: no decision of the step can be taken before
             final.eq(step == config.windows.steps - 1),
             begun.eq(begun | step_done),
             finished.eq(self.finish & begun),

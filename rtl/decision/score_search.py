@@ -54,20 +54,26 @@ class SearchTwice(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        score, number, classes = self.score, Signal.like(self.number), self._classes
-        best, held = Signal.like(self.best, reset_less=True), Signal.like(self.margin, reset_less=True)
+        score = self.score
+        number = Signal.like(self.number)
+        classes = self._classes
+        best = Signal.like(self.best, reset_less=True)
+        held = Signal.like(self.margin, reset_less=True)
         m.submodules.scores = scores = Memory(
             shape=unsigned(len(held)), depth=classes, init=[], attrs=before_an_adder(platform)
         )
         write, read = scores.write_port(), scores.read_port()
-        reading, compared = (
-            Signal.like(number, name=name, reset_less=True) for name in ("reading", "compared")
-        )
+        reading = Signal.like(number, reset_less=True)
+        compared = Signal.like(number, reset_less=True)
         last, compared_last = number == classes - 1, compared == classes - 1
-        # the second time
-        names = ("searching", "reading_others", "others", "subtracting")
-        searching, reading_others, others, subtracting = (Signal(name=name) for name in names)
-        fetched, comparing, taken_unseen = Signal(), Signal(), Signal()
+        # the second pass
+        searching = Signal()
+        reading_others = Signal()
+        others = Signal()
+        subtracting = Signal()
+        fetched = Signal()
+        comparing = Signal()
+        taken_unseen = Signal()
         # `held` is the complement of the largest score so far, and in the end the margin. It takes one cell a
         # bit: the carries compare, and the same cells compute the value to load.
         total = Cat(subtracting, held) + Cat(subtracting, read.data)
@@ -110,8 +116,8 @@ class SearchTwice(wiring.Component):
 class SearchOnce(wiring.Component):
     """In few cycles: the largest so far is held, and by how much.
 
-    ``new`` is a score a cycle after it was given, ``compared`` its class. ``above`` is, a cycle later, by how
-    much less one it is above the largest of those before it. Latency: ``found`` comes 2 cycles after the last
+    ``new`` is the score of the cycle before, ``compared`` its class. ``above`` comes a cycle later: its
+    distance from the largest score before it, less one. Latency: ``found`` comes 2 cycles after the last
     score.
     """
 
@@ -121,13 +127,20 @@ class SearchOnce(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        score, number, last_class = self.score, Signal.like(self.number), self._classes - 1
-        best, margin = Signal.like(self.best, reset_less=True), Signal.like(self.margin, reset_less=True)
-        compared, arriving, ending = Signal.like(number, reset_less=True), Signal(), Signal()
-        new, below, above = (
-            Signal.like(score.value, name=name, reset_less=True) for name in ("new", "below", "above")
-        )
-        larger, unseen, judged = Signal(), Signal(), Signal()
+        score = self.score
+        number = Signal.like(self.number)
+        last_class = self._classes - 1
+        best = Signal.like(self.best, reset_less=True)
+        margin = Signal.like(self.margin, reset_less=True)
+        compared = Signal.like(number, reset_less=True)
+        arriving = Signal()
+        ending = Signal()
+        new = Signal.like(score.value, reset_less=True)
+        below = Signal.like(score.value, reset_less=True)
+        above = Signal.like(score.value, reset_less=True)
+        larger = Signal()
+        unseen = Signal()
+        judged = Signal()
         m.d.sync += [new.eq(score.value), compared.eq(number), arriving.eq(score.valid)]
         with m.If(score.valid):
             m.d.sync += number.eq(Mux(number == last_class, 0, number + 1))
@@ -136,8 +149,8 @@ class SearchOnce(wiring.Component):
         exceeds = difference[-1]  # strictly: ties stay with the lowest class
         with m.If(arriving & (first | exceeds)):
             m.d.sync += [below.eq(~new), best.eq(compared)]
-        # The next cycle: a new largest is that far above the one before, which was no nearer to any other; the
-        # first is as far above as can be.
+        # The next cycle. A new largest score has its margin over the one before, which was at least as near
+        # as any other. The first score has the largest margin there is.
         m.d.sync += [judged.eq(arriving), ending.eq(arriving & (compared == last_class))]
         with m.If(arriving):
             m.d.sync += [above.eq(difference), larger.eq(exceeds & ~first), unseen.eq(first | exceeds)]

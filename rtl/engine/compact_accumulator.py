@@ -58,7 +58,9 @@ class CompactAccumulator(wiring.Component):
         shifts, inverts, fetches, use = (
             Signal(name=name) for name in ("shifts", "inverts", "fetches", "use_now")
         )
-        uses, fetched, plane = Signal(2), Signal(), Signal(4)
+        uses = Signal(2)
+        fetched = Signal()
+        plane = Signal(4)
         m.d.sync += [
             shifts.eq(self.mac & self.shift & self.fresh),
             inverts.eq(self.mac & self.inverted & self.fresh),

@@ -193,7 +193,8 @@ class CompactEngine(wiring.Component):
         ]
         if apart:
             m.submodules.constants = constants = Memory(shape=signed(DATA_BITS), depth=len(init), init=init)
-            constant, constant_read = constants.read_port(), Signal()
+            constant = constants.read_port()
+            constant_read = Signal()
             is_constant = address < first
             m.d.comb += [
                 constant.addr.eq(address),

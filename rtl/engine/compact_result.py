@@ -55,7 +55,9 @@ class CompactResult(wiring.Component):
             if code.carries
             else {Kind.INDEX: config.index_format, Kind.STATE: config.formats.state_format}
         )  # a carried sum's words fit: `AcceleratorConfig.kept_low_bits`
-        answers, sign, exceeds = Signal(), acc[-1], Signal()
+        answers = Signal()
+        sign = acc[-1]
+        exceeds = Signal()
         m.d.comb += answers.eq(self.store & self.table)
         with m.Switch(kind):
             for result_kind, fmt in formats.items():

@@ -125,7 +125,9 @@ class CompactSequencer(wiring.Component):
         m.d.comb += self.word.eq(fetch.data)
         m.d.comb += [signal.eq(primed & (word["op"] == kind)) for kind, signal in operations.items()]
 
-        address, index, column = Signal(range(len(words))), self.index, self.column
+        address = Signal(range(len(words)))
+        index = self.index
+        column = self.column
         step = Signal(range(self._config.windows.steps))
         last_step = step == self._config.windows.steps - 1
         at_last = {limit: index == code.limit(limit) - 1 for limit in Limit if limit != Limit.STEPS} | {
@@ -136,7 +138,8 @@ class CompactSequencer(wiring.Component):
             for limit, last in at_last.items():
                 with m.Case(limit):
                     m.d.comb += ends_loop.eq(last)
-        last_column, advance = Signal(), Signal()
+        last_column = Signal()
+        advance = Signal()
         columns = {limit: column == code.limit(limit) - 1 for limit in (Limit.HIDDEN, Limit.INPUTS)}
         jumps = self.jump & ~ends_loop
         ended = self.jump & (word["limit"] == Limit.STEPS)

@@ -69,6 +69,8 @@ class ElementwiseUnit(wiring.Component):
         # |h - n| <= 2 in the state's scale (both are tanh values or blends of them), so a 16-bit operand
         # holds the difference. Features in the state memory have up to 16 bits and come with T = 0. A window
         # sum comes with a difference of 0, so an exclusive or selects between them in the adder's own cells.
+        # T comes as a complement, and -T = not_t + 1. The + 1 is always there; where nothing is subtracted it
+        # cancels the -1.
         difference = Signal(signed(16))
         m.d.comb += [
             difference.eq(Mux(self.use_t, ~self.not_t, self.s) + Mux(self.minus, self.not_t, -1) + 1),

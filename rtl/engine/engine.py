@@ -303,7 +303,7 @@ class Engine(wiring.Component):
         return queue, slot_read.data
 
     def _steps(self, m: Module, sequencer: Sequencer, queue: WindowQueue, released: Value) -> Signal:
-        """When a step begins and ends, and what others see of it; the step under way is its touch's last."""
+        """Begin and end of a step, with the ports that tell of them. Gives ``final``."""
         config, word, enable = self._config, sequencer.word, sequencer.enable
         final = Signal()  # the step under way is its touch's last
         with m.If(released):
@@ -316,7 +316,7 @@ class Engine(wiring.Component):
             self.slot_done.eq(enable & word.in_step),
             self.step_done.eq(enable & word.ends_step),
         ]
-        # (Registered, as it decides on everything: a step starts a cycle later.)
+        # A register, because everything depends on it: a step starts a cycle later.
         m.d.sync += sequencer.go.eq(sequencer.waiting & queue.waiting & self.decider_idle)
         slots = Signal(16)
         with m.If(self.slot_done):
@@ -332,8 +332,7 @@ class Engine(wiring.Component):
     def _lengths(
         self, m: Module, sequencer: Sequencer, queue: WindowQueue, final: Signal, released: Value, layout
     ) -> Value:
-        """What stands beside a scale's address: the length of the window under way, or the place of its check
-        word."""
+        """Offset to a scale's address: the index of the window's length, or the place of its check word."""
         config, word = self._config, sequencer.word
         lengths = queue.length  # scales of length 0 stand at multiples of a power of two
         if config.hardware.checksum and config.sets > 1:  # a check word for each step of a touch
@@ -341,9 +340,8 @@ class Engine(wiring.Component):
             with m.If(sequencer.ended):
                 m.d.sync += step.eq(Mux(final, 0, step + 1))
             lengths = Mux(word.gate[layout.check_base.bit_length() - 1], step, lengths)
-        elif (
-            config.hardware.checksum and len(config.window_lengths) > 1
-        ):  # so does its check word, which is read when the window has gone
+        elif config.hardware.checksum and len(config.window_lengths) > 1:
+            # a check word for each length; it is read when the window has left its buffer
             released_length = Signal.like(lengths)
             with m.If(released):
                 m.d.sync += released_length.eq(lengths)
@@ -367,10 +365,8 @@ class Engine(wiring.Component):
             m.d.sync += weight_address.eq(0)
         # A large memory has one port, which the host's write takes: it begins the engine anew, so the read
         # that it displaces is not used.
-        large, port_address = (
-            lanes_in_large_memories(config, platform, plan.weight_depth),
-            Signal(range(plan.weight_depth)),
-        )
+        large = lanes_in_large_memories(config, platform, plan.weight_depth)
+        port_address = Signal(range(plan.weight_depth))
         if large:
             m.d.comb += port_address.eq(Mux(loads, self.load.address, weight_address))
         weights = []
@@ -404,8 +400,8 @@ class Engine(wiring.Component):
         gate: Value,
         addend: Value,
     ) -> list[Value]:
-        """The lanes of rows, and that of element-wise products, which is the only one where they share it; a
-        sum each."""
+        """The lanes of rows and the lane of element-wise products, or one lane for both. Gives the sum of
+        each row lane."""
         config, plan, word, enable = self._config, self.plan, sequencer.word, sequencer.enable
         row_sums = []
         for k in range(config.hardware.lanes):
@@ -485,6 +481,7 @@ class _AddendMemory(wiring.Component):
             self._constants_apart(m)
             return m
         data_out = []
+        # a constant 0 in a ROM design, so that only partial sums are written
         loads = (
             self.load.enable
             & self.load.select[load_lines(self._config)[memory_map.Memory.ADDENDS]]
@@ -529,7 +526,8 @@ class _AddendMemory(wiring.Component):
             return
         m.submodules.sums = sums = Memory(shape=shape, depth=plan.partial_rows, init=[], attrs=NO_COLLISION)
         read, write = sums.read_port(), sums.write_port()
-        is_sum, sum_read = Signal(), Signal()
+        is_sum = Signal()
+        sum_read = Signal()
         with m.If(self.read_enable):
             m.d.sync += sum_read.eq(is_sum)
         m.d.comb += [
@@ -553,11 +551,10 @@ class _AddendMemory(wiring.Component):
         if self._config.addend_parts == 2:
             return address[0], address[1:]
         parts = self._config.addend_parts
-        part_now, entry_now = Signal(range(parts)), Signal(range(self._plan.addend_words))
-        part_next, entry_next = (
-            Signal.like(part_now, reset_less=True),
-            Signal.like(entry_now, reset_less=True),
-        )
+        part_now = Signal(range(parts))
+        entry_now = Signal(range(self._plan.addend_words))
+        part_next = Signal.like(part_now, reset_less=True)
+        entry_next = Signal.like(entry_now, reset_less=True)
         with m.If(address != 0):
             m.d.comb += [part_now.eq(part_next), entry_now.eq(entry_next)]
         with m.If(loads):

@@ -70,8 +70,9 @@ class PlainLane(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         # no reset: it would keep the registers out of DSP blocks, and `valid` says what counts
-        a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
-        # the operands do; others are 0, so that nothing has to choose between their product and the sum
+        a = Signal.like(self.a, reset_less=True)
+        b = Signal.like(self.b, reset_less=True)
+        # Operands that do not count are 0: their product is added as it is, and no multiplexer is needed.
         counts = Signal()
         with m.If(self.tick):
             m.d.sync += [

@@ -72,7 +72,9 @@ class MemoryCheck(wiring.Component):
         code, word = self._code, self.word
         plan, layout = code.plan, code.layout
         # What comes in this slot was addressed in the one before.
-        counts, weight_read, constant_read = Signal(), Signal(), Signal()
+        counts = Signal()
+        weight_read = Signal()
+        constant_read = Signal()
         gates = len(plan.program.gate_regions)
         apart = layout.shared and gates  # gates in a memory of their own
         constant = (

@@ -54,7 +54,9 @@ class RowNarrowing(wiring.Component):
         more, low = config.sigmoid_shift - config.tanh_shift, config.index_bits - 1
         fine = Signal(signed(max(config.accumulator_bits - config.tanh_shift, low + more + 1)))
         m.d.comb += fine.eq(total >> config.tanh_shift)
-        negative, over, over_fine = fine[-1], Signal(), Signal()
+        negative = fine[-1]
+        over = Signal()
+        over_fine = Signal()
         m.d.comb += [
             over.eq(not_all_equal(fine[low + more :])),
             over_fine.eq(not_all_equal(fine[low : low + more + 1])),

@@ -34,8 +34,10 @@ class DspLane(wiring.Component):
         return not self.signature.accumulates
 
     def _behaviour(self, m: Module) -> None:
-        a, b = Signal.like(self.a, reset_less=True), Signal.like(self.b, reset_less=True)
-        load, total = Signal.like(self.load, reset_less=True), Signal.like(self.acc, reset_less=True)
+        a = Signal.like(self.a, reset_less=True)
+        b = Signal.like(self.b, reset_less=True)
+        load = Signal.like(self.load, reset_less=True)
+        total = Signal.like(self.acc, reset_less=True)
         m.d.comb += self.acc.eq(total)
         with m.If(self.tick):
             m.d.sync += [a.eq(self.a), b.eq(self.b), load.eq(self.load)]
@@ -54,7 +56,8 @@ class DspLane(wiring.Component):
             m.d.comb += signal.eq(value)
             return signal
 
-        load, out = wide(self.load, 32), Signal(32)
+        load = wide(self.load, 32)
+        out = Signal(32)
         own_load = not self._adds_load
         hold = wide(~(self.valid | self.swap) if own_load else ~self.valid, 1)
         load_now = self.swap if own_load else Const(0)

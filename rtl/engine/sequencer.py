@@ -99,7 +99,9 @@ class Sequencer(wiring.Component):
         pc = Signal(range(len(init)))  # the word to fetch next
         count = Signal(range(1 + max(word["repeat"] for word in words)))
         primed = Signal()  # the first word after a reset takes one cycle to arrive
-        ends, last, fetching = Signal(), Signal(), Signal()
+        ends = Signal()
+        last = Signal()
+        fetching = Signal()
         m.d.sync += primed.eq(1)
         m.d.comb += [
             self.waiting.eq(primed & field("wait")),
@@ -110,9 +112,9 @@ class Sequencer(wiring.Component):
             fetch.en.eq(fetching),
             fetch.addr.eq(pc),
         ]
-        # (A condition becomes the flip-flops' clock enable, one of its own their reset; as an addend it would
-        # run through the carries. Until the first word arrives, the memory's output is still that of before
-        # the reset.)
+        # A condition becomes the flip-flops' clock enable, a condition of its own their reset; as an addend it
+        # would run through the carries. ``primed``: until the first word arrives, the memory's output is
+        # still that of before the reset.
         with m.If(fetching):
             m.d.sync += [pc.eq(pc + 1), turn.eq(primed & fetch.data.turns & ~self.restart)]
             with m.If(turn):  # the step's last word is fetched, and another step follows

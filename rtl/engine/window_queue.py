@@ -53,10 +53,16 @@ class WindowQueue(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        full, writing, reading, taxel, take = Signal(2), self.writing, self.reading, self.taxel, self.take
-        lengths, finals = Signal(data.ArrayLayout(self.length.shape(), 2)), Signal(2)
+        full = Signal(2)
+        writing = self.writing
+        reading = self.reading
+        taxel = self.taxel
+        take = self.take
+        lengths = Signal(data.ArrayLayout(self.length.shape(), 2))
+        finals = Signal(2)
         # Registered, because it stalls everything in front: one cycle late, and low while the buffers change.
-        room, computing = Signal(), self.computing
+        room = Signal()
+        computing = self.computing
         m.d.sync += room.eq(~full.bit_select(writing, 1) & ~(take & self.i.p.last))
         m.d.comb += [
             self.i.ready.eq(room & ~self.hold),

@@ -173,10 +173,10 @@ def cell_blocks(packed: Record, signals: dict[str, str], border: str = "") -> di
             settled = {}
             for name in drives.keys() - owner.keys():
                 votes = Counter(
-                    owner[other]
+                    owner[neighbour]
                     for bit in towards[name]
-                    for other in neighbours.get(bit, ())
-                    if other in owner
+                    for neighbour in neighbours.get(bit, ())
+                    if neighbour in owner
                 )
                 if border:
                     del votes[TOP]
@@ -185,8 +185,8 @@ def cell_blocks(packed: Record, signals: dict[str, str], border: str = "") -> di
             if not settled:
                 break
             owner |= settled
-    others = drives.keys() - owner.keys()  # a pin, a constant, what the border's own ports are made of
-    return owner | {name: WIRING if border and name.startswith(f"{border}.") else TOP for name in others}
+    outside = drives.keys() - owner.keys()  # a pin, a constant, what the border's own ports are made of
+    return owner | {name: WIRING if border and name.startswith(f"{border}.") else TOP for name in outside}
 
 
 def _most(votes: Counter[str]) -> str:

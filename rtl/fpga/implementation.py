@@ -84,7 +84,8 @@ class DoesNotFit(Exception):
         self.shortage = shortage
         super().__init__(
             ", ".join(
-                f"needs {needed} {what} of {available}" for what, (needed, available) in shortage.items()
+                f"needs {needed} {resource} of {available}"
+                for resource, (needed, available) in shortage.items()
             )
         )
 
@@ -193,16 +194,16 @@ def place(
 def _use(log: Path) -> dict[str, tuple[int, int]]:
     """(needed, available) of each resource by nextpnr's log."""
     lines = re.findall(r"(\w+):\s+(\d+)/\s*(\d+)\s+\d+%", log.read_text() if log.exists() else "")
-    return _in_words([(name, int(used), int(room)) for name, used, room in lines])
+    return _in_words([(name, int(count), int(room)) for name, count, room in lines])
 
 
 def _in_words(counts: list[tuple[str, int, int]]) -> dict[str, tuple[int, int]]:
     """{resource in words: (used, available)}; an adder of a Gowin part (ALU) takes the place of a LUT."""
     use: dict[str, tuple[int, int]] = {}
-    for name, used, room in counts:
+    for name, count, room in counts:
         if name in RESOURCES:
             before, most = use.get(RESOURCES[name], (0, 0))
-            use[RESOURCES[name]] = (before + used, max(most, room))
+            use[RESOURCES[name]] = (before + count, max(most, room))
     return use
 
 

@@ -196,7 +196,8 @@ class Harness(wiring.Component):
         m.submodules.chain = chain = self._chain
         ports = [(member.flow, Value.cast(value)) for _, member, value in chain.signature.flatten(chain)]
         inputs, outputs = (Cat(value for flow, value in ports if flow is way) for way in (In, Out))
-        given, taken = Signal(len(inputs)), Signal(len(outputs))
+        given = Signal(len(inputs))
+        taken = Signal(len(outputs))
         m.d.comb += [inputs.eq(given), self.shift_out.eq(taken[0])]
         m.d.sync += [given.eq(Cat(self.shift_in, given)), taken.eq(Mux(self.capture, outputs, taken >> 1))]
         return m
@@ -297,11 +298,11 @@ def synthesise(
     folder.mkdir(parents=True, exist_ok=True)
     text = rtlil.convert(design, name=top, platform=family.name, emit_src=False)
     (folder / f"{top}.il").write_text(without_contents(open_collisions(text)))
-    hide, show, kept = "", "", family.dsp
+    hide, show, hard_cell = "", "", family.dsp
     if family.dsp == "SB_MAC16":
-        kept = "KEPT_MAC16"
-        hide = f"copy {family.dsp} {kept}\nchtype -set {kept} t:{family.dsp}\n"
-        show = f"chtype -set {family.dsp} t:{kept}\ndelete ={kept}\n"
+        hard_cell = "KEPT_MAC16"
+        hide = f"copy {family.dsp} {hard_cell}\nchtype -set {hard_cell} t:{family.dsp}\n"
+        show = f"chtype -set {family.dsp} t:{hard_cell}\ndelete ={hard_cell}\n"
     synth = f"{family.synth} -top {top}"
     mapping = f"{synth}\n"
     if family.name == "ice40":
@@ -335,11 +336,11 @@ write_verilog -noattr {top}.v
 """
     (folder / "synth.ys").write_text(script)
     run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder)
-    asked = _count(folder / "asked.json").get(kept, 0) if kept else 0
+    requested = _count(folder / "asked.json").get(hard_cell, 0) if hard_cell else 0
     result = Netlist.of(folder, family, top)
-    if result.multipliers < asked:
+    if result.multipliers < requested:
         raise ToolError(
-            f"yosys lost multipliers: the design instantiates {asked} {family.dsp}, the netlist has "
+            f"yosys lost multipliers: the design instantiates {requested} {family.dsp}, the netlist has "
             f"{result.multipliers}"
         )
     return result

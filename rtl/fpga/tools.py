@@ -61,11 +61,11 @@ def run_tool(tool: str, arguments: Sequence[str], folder: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
     ) as process:
-        said = []
+        lines = []
         for line in process.stderr or ():
-            said.append(line)
+            lines.append(line)
             if line.startswith("Preparing to run"):
                 first = f"eskin: first use of {tool} on this machine: it compiles itself once, which takes 25 to 75 s"
                 print(first, file=sys.stderr, flush=True)
     if process.returncode:
-        raise ToolError(f"{tool} failed: {''.join(said).strip()[-2000:]}")
+        raise ToolError(f"{tool} failed: {''.join(lines).strip()[-2000:]}")

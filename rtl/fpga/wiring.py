@@ -116,9 +116,9 @@ class Wiring:
             for kind, count in fewer.items()
             if count <= len(self.target.pins)
         ]
-        others = [board(name) for name in TARGETS if name != self.target.name]
+        boards = [board(name) for name in TARGETS if name != self.target.name]
         helps += [
-            f"--target {other.name} has {len(other.pins)}" for other in others if len(other.pins) >= needed
+            f"--target {other.name} has {len(other.pins)}" for other in boards if len(other.pins) >= needed
         ]
         return f" and {classes}; {', '.join([*helps, '--no-link needs none'])}"
 

@@ -41,7 +41,8 @@ class Compander(wiring.Component):
     def elaborate(self, platform):
         config, m = self.config, Module()
         knee, fraction, width = config.features.compand_knee, config.features.compand_frac, config.sum_bits
-        biased, negative = Signal(width), Signal()  # at most 2**(width - 1) + 2**knee, which has width bits
+        biased = Signal(width)  # at most 2**(width - 1) + 2**knee, which has width bits
+        negative = Signal()
         passed = Signal.like(self.o.p)
         is_negative = ~self.i.p.complement[-1]
         m.d.comb += self.i.ready.eq(~self.o.valid | self.o.ready)

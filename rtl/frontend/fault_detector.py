@@ -66,7 +66,8 @@ class FaultDetector(wiring.Component):
             shape=layout, depth=config.sensor.taxels, init=[], attrs=NO_COLLISION
         )
         read, write = state.read_port(), state.write_port()
-        fresh, taxel = Signal(), Signal.like(self.i.taxel)
+        fresh = Signal()
+        taxel = Signal.like(self.i.taxel)
         m.d.sync += fresh.eq(self.i.valid)
         with m.If(self.i.valid):
             m.d.sync += taxel.eq(self.i.taxel)
@@ -75,7 +76,8 @@ class FaultDetector(wiring.Component):
 
         # --- frame_in_block in the block; memory contents of an earlier recording are never looked at
         frame_in_block = Signal(ceil_log2(config.faults.fault_frames), init=-1)
-        judged, known = Signal(), Signal()  # this block is; one was: the flags in memory are this recording's
+        judged = Signal()  # this block is
+        known = Signal()  # a block was: the flags in memory are this recording's
         block_first, block_last = frame_in_block == 0, frame_in_block.all()
         with m.If(self.i.valid & (self.i.taxel == 0)):
             m.d.sync += [frame_in_block.eq(frame_in_block + 1), known.eq(known | (block_last & judged))]

@@ -75,13 +75,14 @@ class FeatureExpander(wiring.Component):
     def elaborate(self, platform):
         config, m = self.config, Module()
         kinds = config.features.feature_kinds
-        taxel, slot = (
-            Signal(range(config.sensor.taxels)),
-            Signal(range(1 + max(1, *(SLOTS[kind] for kind in kinds)))),
-        )
-        advance, step, last_slot = Signal(), Signal(), Signal()
+        taxel = Signal(range(config.sensor.taxels))
+        slot = Signal(range(1 + max(1, *(SLOTS[kind] for kind in kinds))))
+        advance = Signal()
+        step = Signal()
+        last_slot = Signal()
         at_last = reaches(taxel, config.sensor.taxels - 1)
-        taken, frame_taken = Signal(), Signal()
+        taken = Signal()
+        frame_taken = Signal()
         small = config.sensor.taxels < STATE_BEATS
         gap = frame_gap(m, config.sensor.taxels, frame_taken) if small else None
         free = advance if gap is None else advance & ~gap
@@ -143,7 +144,8 @@ class FeatureExpander(wiring.Component):
             total = keep("total", config.integral_bits)
             begins_from = total
             if config.windows.window_mode == "free" and not config.opens_at_once:
-                hop_first, falls = Signal(init=1), Signal(init=1)
+                hop_first = Signal(init=1)
+                falls = Signal(init=1)
                 with m.If(frame_taken):
                     m.d.sync += [
                         hop_first.eq(self.i.p.hop_last),
@@ -167,7 +169,8 @@ class FeatureExpander(wiring.Component):
                 attrs=NO_COLLISION,
             )
             read, write = state.read_port(), state.write_port()
-            written, taxel_next = Signal(), wrapping_increment(taxel, config.sensor.taxels)
+            written = Signal()
+            taxel_next = wrapping_increment(taxel, config.sensor.taxels)
             m.d.sync += written.eq(step & (slot == 0))
             m.d.comb += [
                 read.addr.eq(taxel_next if gap is None else Mux(gap, taxel, taxel_next)),
@@ -188,7 +191,8 @@ class FeatureExpander(wiring.Component):
             # ~|a| = ~a, or a - 1 where it is negative
             complement["activity"] = Mux(compares, Mux(negative, amount, ~amount) - negative, -1)
         if "integral" in kinds:
-            biased, below = Signal(config.integral_bits, reset_less=True), Signal()
+            biased = Signal(config.integral_bits, reset_less=True)
+            below = Signal()
             with m.If(step & (slot == 1)):
                 m.d.sync += [
                     biased.eq(

@@ -65,10 +65,15 @@ class MovingSums(wiring.Component):
         )
         total_read, total_write = totals.read_port(), totals.write_port()
         past_read, past_write = history.read_port(), history.write_port()
-        slot, wrapped = Signal(range(blocks)), Signal()
+        slot = Signal(range(blocks))
+        wrapped = Signal()
 
-        fresh, added, moved_valid, decided = Signal(), Signal(), Signal(), self.decided
-        total, moved = Signal(signed(bits)), Signal(signed(bits))
+        fresh = Signal()
+        added = Signal()
+        moved_valid = Signal()
+        decided = self.decided
+        total = Signal(signed(bits))
+        moved = Signal(signed(bits))
         held = {
             key: Signal.like(getattr(self, key), name=f"held_{key}")
             for key in ("index", "last", "block_end", "masked")

@@ -131,7 +131,8 @@ class Normaliser(wiring.Component):
         m.d.comb += read.addr.eq(
             mean_address(config, self.i.p.length, kind, self.i.p.taxel) if several else self.i.p.length
         )
-        mean_read, added = Signal(), Signal()
+        mean_read = Signal()
+        added = Signal()
         if config.hardware.checksum:
             m.d.comb += self.wrong.eq(added & read.data.xor())
         taken = self.i.valid & self.i.ready
@@ -144,7 +145,9 @@ class Normaliser(wiring.Component):
         m.submodules.adder = adder = RegisteredAdder(config, max(sum_bits - low, width) + 1, before=1)
         difference = adder.total
         # of the two cycles after a reset, in which no sum can come, the second says 0
-        begun, blanked, masked = Signal(), Signal(), Signal()
+        begun = Signal()
+        blanked = Signal()
+        masked = Signal()
         m.d.sync += [begun.eq(1), blanked.eq(begun)]
         m.d.comb += [
             self.blank.eq(begun & ~blanked),
@@ -165,9 +168,13 @@ class Normaliser(wiring.Component):
 
         # Narrowing takes one LUT a bit: its select inputs give one of two shifts or, when forced, the level
         # itself.
-        above, shifted = Signal(signed(len(difference) + 1 - width)), Signal(width - 1)
+        above = Signal(signed(len(difference) + 1 - width))
+        shifted = Signal(width - 1)
         choice = Cat(kind, self.i.p.length) if config.kinds > 1 else self.i.p.length
-        forced, level, negative, picked = Signal(), Signal(), Signal(), Signal.like(choice)
+        forced = Signal()
+        level = Signal()
+        negative = Signal()
+        picked = Signal.like(choice)
         for pick, target, start in ((choice, above, width - 1), (picked, shifted, 0)):
             with m.Switch(pick):
                 for number, shift in enumerate(config.features.feature_shift):

@@ -80,7 +80,8 @@ class OnsetDetector(wiring.Component):
 
     def elaborate(self, platform):
         config, m = self.config, Module()
-        has_rest, advance = config.rest_level.rest != "none", Signal()
+        has_rest = config.rest_level.rest != "none"
+        advance = Signal()
         held: list[Signal] = []  # valid of each stage
 
         def stage(name: str, **fields) -> SimpleNamespace:
@@ -124,7 +125,8 @@ class OnsetDetector(wiring.Component):
         )
         sample = self.i.p.sample + Const(0, signed(config.sensor.sample_bits + 1))
         # of the sample held
-        complement, hit = (Signal(signed(config.sensor.sample_bits + 1), reset_less=True), Const(0, 1))
+        complement = Signal(signed(config.sensor.sample_bits + 1), reset_less=True)
+        hit = Const(0, 1)
         with m.If(advance & good):
             m.d.sync += complement.eq(~sample)
         if config.faults.fault_frames:
@@ -229,7 +231,9 @@ class OnsetDetector(wiring.Component):
         """(the rule is met by the frame that ends, it is judged, its last beat waits for the verdict)."""
         config, leave = self.config, self.o.valid & self.o.ready
         frame_left = leave & now.last
-        any_hit, judged, waiting = Signal(), Const(1, 1), Const(0, 1)
+        any_hit = Signal()
+        judged = Const(1, 1)
+        waiting = Const(0, 1)
         if config.onset_rule.onset == "baseline":
             m.submodules.sums = sums = MovingSums(config, complement.shape())
             over, decided = sums.over, sums.decided

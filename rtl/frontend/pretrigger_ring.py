@@ -88,15 +88,23 @@ class PreTriggerRing(wiring.Component):
         write, read = ring.write_port(), ring.read_port()
         # beats in the ring, one fetched in the cycle before included; the beat at the output is not counted
         held = Signal(address_bits)
-        push, fetch, drop, fetched, counted = Signal(), Signal(), Signal(), Signal(), Signal()
+        push = Signal()
+        fetch = Signal()
+        drop = Signal()
+        fetched = Signal()
+        counted = Signal()
 
         # The flags made of `held` are registered, because its sum comes late.
         # surplus: a frame has begun beyond those that a touch begins with. The oldest one goes in any case.
         # full: only one more beat fits, or frames must be dropped before a touch begins and more beats would
         # upset the count. some: there is something to fetch.
-        surplus, dropped, full, some = Signal(), Signal(), Signal(), Signal()
+        surplus = Signal()
+        dropped = Signal()
+        full = Signal()
+        some = Signal()
         # frame f has come in, frame s - 1 may have to go; from then to frame e
-        starting, touch = (Signal(), Signal())
+        starting = Signal()
+        touch = Signal()
         m.d.sync += [
             surplus.eq(exceeds(held, (config.windows.pretrigger_frames + 1) * frame + (frame // 2 or 1) - 1)),
             dropped.eq(drop),
@@ -111,7 +119,8 @@ class PreTriggerRing(wiring.Component):
         if config.hardware.one_port:
             # The touch has caught up: what the reader takes at once is never written. Such a beat is offered
             # only where it is taken, so what waits is always the memory's output.
-            passing, passes = Signal(), Signal()
+            passing = Signal()
+            passes = Signal()
             m.d.comb += passes.eq(passing & self.i.valid & self.o.ready)
             word_out, shown = Mux(passing, word_in, read.data), fetched | passing
             offered, written = fetched | passes, written & ~passes

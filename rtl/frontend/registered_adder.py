@@ -63,7 +63,9 @@ class RegisteredAdder(wiring.Component):
         return m
 
     def _block(self, m: Module) -> None:
-        word, addend, out = (Signal(signed(BLOCK_BITS), name=name) for name in ("word", "addend", "out"))
+        word = Signal(signed(BLOCK_BITS))
+        addend = Signal(signed(BLOCK_BITS))
+        out = Signal(signed(BLOCK_BITS))
         m.d.comb += [word.eq(self.word), addend.eq(self.addend), self.total.eq(out)]
         m.submodules.mac = Instance(
             "SB_MAC16",

@@ -87,11 +87,9 @@ class RestLevel(wiring.Component):
             write.data.eq(self.w_level),
             write.en.eq(self.w_enable),
         ]
-        held, sample, at_level = (
-            Signal(self.level_bits, reset_less=True),
-            Signal(bits, reset_less=True),
-            Signal(reset_less=True),
-        )
+        held = Signal(self.level_bits, reset_less=True)
+        sample = Signal(bits, reset_less=True)
+        at_level = Signal(reset_less=True)
         # what the settling sum starts from: the half that makes its final shift round half up
         half = 0 if self.reciprocal or self.level_frac == 4 else 1 << self.level_frac - 5
         with m.If(self.advance):

@@ -40,7 +40,8 @@ class TouchState(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config, frame_left, met = self._config, self.frame_left, self.met
-        armed, touch = Signal(init=not config.opens_at_once), Signal(init=config.opens_at_once)
+        armed = Signal(init=not config.opens_at_once)
+        touch = Signal(init=config.opens_at_once)
         onset, end = self.onset, self.end
         m.d.comb += [
             self.armed.eq(armed),
@@ -72,7 +73,8 @@ class TouchState(wiring.Component):
                 m.d.sync += count.eq(0)
             recording_first = count == 0
         else:
-            step, quiet = Signal(range(config.windows.steps)), Signal(range(needed))
+            step = Signal(range(config.windows.steps))
+            quiet = Signal(range(needed))
             m.d.comb += [
                 self.emit.eq(touch & self.boundary),
                 end.eq(self.emit & reaches(step, config.windows.steps - 1)),

@@ -83,14 +83,19 @@ class WindowAverager(wiring.Component):
     def elaborate(self, platform):
         config, m = self.config, Module()
         kinds, windows = config.features.feature_kinds, config.windows
-        index, index_next = Signal(range(config.sensor.taxels)), Signal(range(config.sensor.taxels))
-        operation, operation_next = (Signal(Operation, name=name) for name in ("operation", "operation_next"))
-        advance, step, beat_done = Signal(), Signal(), Signal()
+        index = Signal(range(config.sensor.taxels))
+        index_next = Signal(range(config.sensor.taxels))
+        operation = Signal(Operation)
+        operation_next = Signal(Operation)
+        advance = Signal()
+        step = Signal()
+        beat_done = Signal()
 
         # --- windows that end with the touch's last frame: the frame itself is the first one's pass
         last_hop = (config.last_frame - 1) // windows.hop
         together = [k for k, (_, end) in enumerate(config.window_spans) if end == config.last_frame]
-        passes, hops = Signal(range(len(together))), Signal(2)  # hops: how many are added to this one
+        passes = Signal(range(len(together)))
+        hops = Signal(2)  # how many are added to this one
         draining, last_pass = passes != 0, passes == len(together) - 1
         at_end, emits = self.i.p.end | draining, self.i.p.emit | draining
         length = Signal(range(max(2, len(config.window_lengths))))
@@ -103,7 +108,9 @@ class WindowAverager(wiring.Component):
         # --- beats: the kinds that come, taxel by taxel
         several, kind, kind_next, last_kind = len(kinds) > 1, Const(0, 0), Const(0, 0), Const(1, 1)
         if several:
-            kind, kind_next, last_kind = Signal(range(len(kinds))), Signal(range(len(kinds))), Signal()
+            kind = Signal(range(len(kinds)))
+            kind_next = Signal(range(len(kinds)))
+            last_kind = Signal()
             more = [~draining & ~comes(name, self.i.p) for name in kinds[1:]]
             m.d.comb += [
                 last_kind.eq(Cat(*more, Const(1, 1)).bit_select(kind, 1)),
@@ -127,7 +134,9 @@ class WindowAverager(wiring.Component):
             m.d.comb += operation_next.eq(Mux(more_hops, Operation.OLDER, Operation.PREVIOUS))
 
         # --- the hop: its bank, and whether its first beat of a kind is still to come
-        turns, parity, passes_next = Signal(), Signal(), Signal.like(passes)
+        turns = Signal()
+        parity = Signal()
+        passes_next = Signal.like(passes)
         begins, begins_next = (
             {name: Signal(init=1, name=f"begins_{name}") for name in kinds} for _ in range(2)
         )
@@ -141,7 +150,8 @@ class WindowAverager(wiring.Component):
             with m.If(step):
                 m.d.sync += begins[name].eq(begins_next[name])
         # the next operation takes nothing from the memory: a hop's first, or an integral, which no hop adds to
-        alone, alone_next = Signal(init=1), Const(0, 1)
+        alone = Signal(init=1)
+        alone_next = Const(0, 1)
         for number, name in enumerate(kinds):
             newest_next = (operation_next == Operation.NEWEST) & (passes_next == 0) & begins_next[name]
             joined_next = (operation_next != Operation.NEWEST) & (name == "integral")
@@ -158,7 +168,9 @@ class WindowAverager(wiring.Component):
         )
         read, write = sums.read_port(), sums.write_port()
         m.submodules.adder = adder = RegisteredAdder(config, bits, carry=1)
-        total, bank, fresh = adder.total, Signal(name="bank"), Signal()
+        total = adder.total
+        bank = Signal(name="bank")
+        fresh = Signal()
         word_next = Cat(kind_next, index_next, parity ^ turns ^ (operation_next == Operation.PREVIOUS))
         m.d.comb += [
             read.addr.eq(word_next if gap is None else Mux(gap, Cat(kind, index, parity), word_next)),

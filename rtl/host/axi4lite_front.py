@@ -45,7 +45,10 @@ class Axi4LiteFront(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         request = self.request
-        busy, chosen, write, ends = Signal(), Signal(), Signal(), Signal()
+        busy = Signal()
+        chosen = Signal()
+        write = Signal()
+        ends = Signal()
         # a request that is being taken, or whose response waits, must not act again
         writable = self.s_axi_awvalid & self.s_axi_wvalid & ~self.s_axi_awready & ~self.s_axi_bvalid
         readable = self.s_axi_arvalid & ~self.s_axi_arready & ~self.s_axi_rvalid

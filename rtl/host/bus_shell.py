@@ -69,7 +69,9 @@ class BusShell(wiring.Component):
         request, bus = self.request, self.bus
         m.submodules.queue = queue = self.queue
         wiring.connect(m, wiring.flipped(self.decision), queue.i)
-        acts, done, arming = Signal(), Signal(), Signal()
+        acts = Signal()
+        done = Signal()
+        arming = Signal()
         inner, inner_bits = ~request.address[6], 6  # a register of the accelerator
         if self._config.readout_rule.taught:
             inner |= request.address[3:] == min(TeachRegister) >> 3
@@ -94,13 +96,11 @@ class BusShell(wiring.Component):
 
         if self._samples:
             frame, last = self.frame, self._config.sensor.taxels - 1
-            taxel, second, refusing, stuck, taken = (
-                Signal(range(last + 1)),
-                Signal(),
-                Signal(),
-                Signal(),
-                Signal(),
-            )
+            taxel = Signal(range(last + 1))
+            second = Signal()
+            refusing = Signal()
+            stuck = Signal()
+            taken = Signal()
             pair = request.address[0]
             feeds = writes & own & (place[1:] == 0)
             more = pair & ~second & (taxel != last)
@@ -127,7 +127,8 @@ class BusShell(wiring.Component):
             space = frame.ready & ~refusing
             local[ShellRegister.NEXT_TAXEL] = taxel | refusing << REFUSED
 
-        enable, global_only = Signal(len(Event)), Signal()
+        enable = Signal(len(Event))
+        global_only = Signal()
         with m.If(acts & writes & own & (place == ShellRegister.ENABLE - FIRST)):
             m.d.sync += [enable.eq(request.w_data), global_only.eq(request.w_data[GLOBAL_ONLY])]
         events = Cat(queue.waits, queue.global_waits, space, self.any_fault)

@@ -156,9 +156,12 @@ class HostControl(wiring.Component):
         m.submodules.cycles = cycles = CycleCounter()
         wiring.connect(m, loader.load, wiring.flipped(self.load))
         # (Registered, as both reach every block.)
-        arm, measured, forgotten = Signal(), Signal(), Signal()
+        arm = Signal()
+        measured = Signal()
+        forgotten = Signal()
         m.d.sync += [self.clear.eq(arm | self.hung), self.restart.eq(arm | self.hung | self.load.enable)]
-        touch, measure = state.touch, Signal(2)
+        touch = state.touch
+        measure = Signal(2)
         # The clock must not stop before the effects of a command or of a decision's end have reached every
         # block.
         begun = bus.w_stb | self.clear | self.restart | ~self.decider_idle
@@ -222,7 +225,8 @@ class HostControl(wiring.Component):
             events[Fault.TAXEL] = self.raised
         if self._fed_by == "cpu":
             del events[Fault.INPUT_STALLED]
-        sticky, faults = Signal(len(events)), Signal(len(Fault))
+        sticky = Signal(len(events))
+        faults = Signal(len(Fault))
         bits = dict(zip(events, sticky, strict=True))
         m.d.sync += sticky.eq(sticky | Cat(*events.values()))
         m.d.comb += faults.eq(Cat(bits.get(fault, Const(0, 1)) for fault in Fault))
@@ -255,7 +259,10 @@ class HostControl(wiring.Component):
         if config.faults.fault_frames:
             readable |= {Register.TAXEL_FAULTS + k: self.flags[16 * k :][:16] for k in range(len(masks))}
         if config.readout_rule.taught:
-            refused, odd, fresh, given = Signal(), Signal(name="taught_odd"), Signal(), Signal()
+            refused = Signal()
+            odd = Signal(name="taught_odd")
+            fresh = Signal()
+            given = Signal()
             at_places = bus.addr == TeachRegister.PLACES
             asked = bus.r_stb & at_places
             m.d.sync += [

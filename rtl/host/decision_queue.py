@@ -90,10 +90,12 @@ class DecisionQueue(wiring.Component):
         whole, places = decision_word(self._config, self.i.p), _places(self._config)
         word = Cat(whole[place] for place in places)
         dropped = self.global_only & ~self.i.p.is_global
-        offered, room = self.i.valid & ~dropped, Signal()
+        offered = self.i.valid & ~dropped
+        room = Signal()
         m.d.comb += self.i.ready.eq(dropped | room)
         # registers, so that of two entries one table of four inputs gives a bit: with `shows` low, `index` is it
-        shows, index = Signal(), Signal(range(max(self._depth, 2)))
+        shows = Signal()
+        index = Signal(range(max(self._depth, 2)))
         if not self._depth:
             shown = Signal()
             m.d.sync += shown.eq(self.asked)
@@ -109,7 +111,8 @@ class DecisionQueue(wiring.Component):
             # A ring, as its entries take what comes without a choice in front of them.
             entries = [Signal(len(places), name=f"entry_{k}") for k in range(self._depth)]
             full = [Signal(name=f"full_{k}") for k in range(self._depth)]
-            newest, oldest = Signal(range(self._depth)), Signal(range(self._depth))
+            newest = Signal(range(self._depth))
+            oldest = Signal(range(self._depth))
             put, takes = offered & room, self.take & shows
             m.d.comb += [self.waits.eq(Array(full)[oldest]), room.eq(~Array(full)[newest])]
             m.d.sync += [

@@ -110,16 +110,21 @@ class FlashLoader(wiring.Component):
         line = Signal(init=1)
         m.submodules.synchroniser = FFSynchronizer(pins.miso, line, init=1)
         phase = Signal(2)  # of a bit: the clock is low, low, high, high
-        out, unit = Signal(HEAD), Signal(UNIT)
-        left, writes, timer = (
-            Signal(range(HEAD)),
-            Signal(range(self._writes + 1)),
-            Signal(range(self._wake_cycles + 1)),
-        )
+        out = Signal(HEAD)
+        unit = Signal(UNIT)
+        left = Signal(range(HEAD))
+        writes = Signal(range(self._writes + 1))
+        timer = Signal(range(self._wake_cycles + 1))
         check = Signal(CHECK, init=(1 << CHECK) - 1)
-        tick, last, checked, writing, waits = Signal(), Signal(), Signal(), Signal(), Signal()
-        unit_now, check_now = Signal(UNIT), Signal(CHECK)
-        strobe, arm = Signal(), Signal()
+        tick = Signal()
+        last = Signal()
+        checked = Signal()
+        writing = Signal()
+        waits = Signal()
+        unit_now = Signal(UNIT)
+        check_now = Signal(CHECK)
+        strobe = Signal()
+        arm = Signal()
         m.d.comb += [
             pins.sclk.eq(phase[1]),
             pins.mosi.eq(out[-1]),

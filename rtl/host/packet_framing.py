@@ -83,7 +83,8 @@ class FrameCheck(wiring.Component):
         fcs = Signal(16, init=FCS_START)
         # Eight steps of the shift register in closed form. The taps are placed so that a byte feeds back into
         # itself only once.
-        mixed, fed = Signal(8), Signal(8)
+        mixed = Signal(8)
+        fed = Signal(8)
         m.d.comb += [
             mixed.eq(fcs[:8] ^ self.byte),
             fed.eq(mixed ^ (mixed << 4)),

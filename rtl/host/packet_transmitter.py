@@ -55,9 +55,11 @@ class PacketTransmitter(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         decisions = Signal(7)  # sent since reset
-        is_decision, is_answer = Signal(), Signal()
+        is_decision = Signal()
+        is_answer = Signal()
         # Place: 15 opening flag, 0 to 4 body, 5 and 6 check sequence, 7 closing flag.
-        byte, bit = Signal(4, init=15), Signal(4)
+        byte = Signal(4, init=15)
+        bit = Signal(4)
         is_flag = byte[:3].all()
         in_check = byte[2] & (byte[0] ^ byte[1])
         answer = Cat(self.r_data, self.expected, self.address, Const(0, 2))
@@ -75,13 +77,15 @@ class PacketTransmitter(wiring.Component):
         # The check sequence leaves its register bit by bit, so that its lower byte is always the one to send
         # next.
         special = ~is_flag & Mux(in_check, _is_special(~fcs[:8]), _is_special(body))
-        escape, escaped = Signal(), Signal()  # this byte is the escape; the byte before was
+        escape = Signal()  # this byte is the escape
+        escaped = Signal()  # the byte before was
         shift = Signal()
         with m.If(shift):
             back = ~in_check & (raw ^ fcs[0])
             m.d.sync += fcs.eq(Cat(fcs[1:], back) ^ Mux(back, FCS_TAPS & 0x7FFF, 0))
 
-        timer, tick = Signal(range(self._divisor)), Signal()
+        timer = Signal(range(self._divisor))
+        tick = Signal()
         m.d.comb += tick.eq(timer == 0)
         m.d.sync += timer.eq(Mux(tick, self._divisor - 1, timer - 1))
         done = Signal()

@@ -62,13 +62,16 @@ class RecordingState(wiring.Component):
         # More than one touch is undecided where decisions are not taken: the next begins while the last one's
         # decision waits. At most 4: at
         # the classifier, in the engine's two buffers, on the way into them.
-        undecided, finishing, finished = Signal(3), Signal(), Signal()
+        undecided = Signal(3)
+        finishing = Signal()
+        finished = Signal()
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means
         # nothing is under way. With a clock gate `moving` sees the detector's pipeline too, and 3 are enough.
         gated = self._config.hardware.clock_gate
         quiet = Signal(QUIET_BITS[gated], init=0 if gated else (1 << QUIET_BITS[gated]) - 1)
         # (Registered, like the events below: they come at the end of long ways through the blocks.)
-        moving, idle = Signal(), Signal()
+        moving = Signal()
+        idle = Signal()
         m.d.sync += [moving.eq(self.moving | self.engine_busy), quiet.eq(quiet + ~quiet.all())]
         with m.If(moving):
             m.d.sync += quiet.eq(0)

@@ -66,11 +66,13 @@ class UartReceiver(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        line, before = Signal(init=1), Signal(init=1)
+        line = Signal(init=1)
+        before = Signal(init=1)
         m.submodules.synchroniser = FFSynchronizer(self.rx, line, init=1)
         # The start bit goes ahead of the data bits through the register; where it comes out, the next sample
         # is the stop bit.
-        shift, active = Signal(9), Signal()
+        shift = Signal(9)
+        active = Signal()
         to_first = (
             3 * self._divisor - 3
         ) // 2  # to the middle of data bit 0, half a clock of doubt about the edge taken off

@@ -88,12 +88,15 @@ class UartLink(wiring.Component):
         # word and high: words and odd byte so far; while a packet acts, the next word. No packet has a
         # length of all ones. The buffer is written only while nothing acts and read only while something
         # does.
-        word, high = Signal((taxels + HEADER_WORDS + 1).bit_length()), Signal()
+        word = Signal((taxels + HEADER_WORDS + 1).bit_length())
+        high = Signal()
         m.submodules.buffer = buffer = Memory(
             shape=data.ArrayLayout(unsigned(8), 2), depth=1 << len(word), init=[]
         )
         write, read = buffer.write_port(granularity=1), buffer.read_port()
-        acting, spoiled, in_order = Signal(), Signal(), Signal()
+        acting = Signal()
+        spoiled = Signal()
+        in_order = Signal()
         command = Signal(data.StructLayout({"address": 6, "is_frame": 1, "is_read": 1}))
         taken = unstuffer.byte_valid & ~acting
         length = Mux(command.is_frame, taxels + HEADER_WORDS, 1 + HEADER_WORDS)
@@ -108,7 +111,8 @@ class UartLink(wiring.Component):
             m.d.sync += spoiled.eq(0)
         with m.Elif(unstuffer.byte_valid & (acting | word.all())):
             m.d.sync += spoiled.eq(1)
-        forward, restart = Signal(), Signal()
+        forward = Signal()
+        restart = Signal()
         with m.If(taken):
             m.d.sync += high.eq(~high)
             with m.If(word == 0):

@@ -41,7 +41,8 @@ class BiasMemory(wiring.Component):
         m = Module()
         # A group of a dense layer may be narrower than the chain, which then takes words behind it too.
         depth = self._plan.addend_words + self._plan.lanes
-        address, parts = Signal(range(depth)), []
+        address = Signal(range(depth))
+        parts = []
         m.d.sync += address.eq(address + 1)
         with m.If(self.restart):
             m.d.sync += address.eq(self.first)

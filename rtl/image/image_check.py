@@ -47,7 +47,8 @@ class ImageCheck(wiring.Component):
         taken = folded(self.weights[:common])
         if common < len(self.weights):  # (only beyond 32 bits)
             taken ^= Mux(self.dense, 0, folded(self.weights[common:]))
-        signature, judged = Signal(WIDTH, init=START), Signal()
+        signature = Signal(WIDTH, init=START)
+        judged = Signal()
         advanced = Cat(0, signature[:-1]) ^ Mux(signature[-1], TAPS, 0)
         with m.If(self.begins):
             m.d.sync += signature.eq(START)

@@ -83,7 +83,8 @@ class ImageEngine(wiring.Component):
 
         # ---------------------------------------------------------------- pass after pass
         # source: memory of maps that is read; while idle the other one
-        source, written = (Signal(init=1), Signal(plan.address_bits))
+        source = Signal(init=1)
+        written = Signal(plan.address_bits)
         m.d.comb += [
             fetch.fetch.eq(self.start | (sequencer.done & ~now.last)),
             fetch.rewind.eq(self.start),
@@ -118,7 +119,10 @@ class ImageEngine(wiring.Component):
         # ---------------------------------------------------------------- lanes
         # A tap's operands come a cycle after its addresses. `valid` comes with them for the plain lane, and a
         # cycle later for the DSP block.
-        fetched, begun, swap, multiplied = Signal(), Signal(), Signal(), Signal()
+        fetched = Signal()
+        begun = Signal()
+        swap = Signal()
+        multiplied = Signal()
         released = [Signal(sum_layout(plan), name=f"released_{k}") for k in range(2)]
         m.d.sync += [fetched.eq(tap.valid), multiplied.eq(fetched), begun.eq(sequencer.begin), swap.eq(begun)]
         m.d.sync += [released[0].eq(sequencer.released), released[1].eq(released[0])]

@@ -50,7 +50,8 @@ class ImageReceiver(wiring.Component):
         m.submodules.aligner = aligner = FrameAligner(self._config)
         wiring.connect(m, wiring.flipped(self.i), aligner.i)
         pixels = image.height * image.width
-        address, before = Signal(range(pixels)), Signal(8)  # before: the pixel before this one
+        address = Signal(range(pixels))
+        before = Signal(8)  # the pixel before this one
         last = address == pixels - 1
         m.d.comb += [
             aligner.advance.eq(1),

@@ -36,7 +36,8 @@ class MapMemory(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        high, source = Signal(), Signal()  # byte and memory that were read
+        high = Signal()  # byte that was read
+        source = Signal()  # memory that was read
         m.d.sync += [high.eq(self.read_address[0]), source.eq(self.source)]
         words = []
         for number, values in enumerate(self._plan.map_values):

@@ -64,8 +64,11 @@ class PassFetch(wiring.Component):
         if loadable:
             write = program.write_port()
             m.d.comb += [write.addr.eq(self.address), write.data.eq(self.word), write.en.eq(self.write)]
-        address, reading = Signal(range(self._words + 1)), Signal()
-        number, arrived, arriving = Signal(range(PASS_WORDS + 2)), Signal(range(PASS_WORDS + 2)), Signal()
+        address = Signal(range(self._words + 1))
+        reading = Signal()
+        number = Signal(range(PASS_WORDS + 2))
+        arrived = Signal(range(PASS_WORDS + 2))
+        arriving = Signal()
         last = PASS_WORDS - 1 if not self._checksum else PASS_WORDS + self.now.last
         m.d.comb += [
             read.addr.eq(address),

@@ -59,7 +59,8 @@ class SumDrain(wiring.Component):
         plan = self._plan
         sums = Signal(sum_layout(plan))
         lane = Signal(range(max(2, plan.lanes)))
-        moving, counts = Signal(), Signal()  # counts: this lane had a channel
+        moving = Signal()
+        counts = Signal()  # this lane had a channel
         m.d.comb += self.move.eq(moving)
         with m.If(self.swap):
             m.d.sync += [sums.eq(self.sums), lane.eq(0), moving.eq(1), counts.eq(self.sums.valid)]
@@ -69,8 +70,11 @@ class SumDrain(wiring.Component):
                 m.d.sync += [moving.eq(0), counts.eq(0)]
             with m.Elif(lane == sums.lanes):
                 m.d.sync += counts.eq(0)
-        shifted, moved = Signal(signed(plan.accumulator_bits), reset_less=True), Signal()
-        opens, closes, counted = Signal(), Signal(), Signal()
+        shifted = Signal(signed(plan.accumulator_bits), reset_less=True)
+        moved = Signal()
+        opens = Signal()
+        closes = Signal()
+        counted = Signal()
         m.d.sync += [
             shifted.eq(self.total >> self.shift),
             moved.eq(moving),
@@ -80,11 +84,14 @@ class SumDrain(wiring.Component):
         ]
         # of the lane that comes, and those after it
         held = [Signal(8, name=f"held_{k}", reset_less=True) for k in range(plan.lanes)]
-        own, largest = Signal(8), Signal(8)
+        own = Signal(8)
+        largest = Signal(8)
         oldest, fresh = held[0], Const(1, 1)
         if plan.pairs:
             # The left neighbour came P / 2 lanes earlier. A right place outside the map is 0 and never wins.
-            half, right, beyond = plan.lanes // 2, Signal(), Signal()
+            half = plan.lanes // 2
+            right = Signal()
+            beyond = Signal()
             m.d.comb += right.eq(self.pairs & lane[-1])
             m.d.sync += [opens.eq(sums.opens & ~right), beyond.eq(right & sums.alone)]
             m.d.sync += closes.eq(counts & sums.closes & ~self.last & (right | ~self.pairs))

@@ -134,11 +134,14 @@ class TapSequencer(wiring.Component):
             """Kernel places outside a map that has ``places`` on this side."""
             return Mux(places >= now.radius, 0, now.radius - places)[:2]
 
-        starts, walking, prepared = Signal(), Signal(), Signal()
+        starts = Signal()
+        walking = Signal()
+        prepared = Signal()
         activation, weight, width = register("activation"), register("weight"), register("width")
         height = register("height", 3)
-        down, across = Signal(), Signal()  # steps still to take: within the window
-        # of the kernel
+        down = Signal()  # steps still to take within the window
+        across = Signal()
+        # steps still to take of the kernel
         skips = {name: Signal(2, name=f"skip_{name}") for name in ("above", "left", "below", "right")}
         row_step, column_step = down | (skips["above"] != 0), across | (skips["left"] != 0)
         narrower = Signal()
@@ -188,15 +191,15 @@ class TapSequencer(wiring.Component):
             m.d.sync += prepared.eq(0)
 
         # ---------------------------------------------------------------- the slot under way
-        running, first = Signal(), Signal()  # first: its slot only brings the biases in
-        active, across_left, down_left, row_width = (
-            Signal(),
-            register("across_left"),
-            register("down_left", 3),
-            register("row_width"),
-        )
+        running = Signal()
+        first = Signal()  # its slot only brings the biases in
+        active = Signal()
+        across_left = register("across_left")
+        down_left = register("down_left", 3)
+        row_width = register("row_width")
         row_activation, row_weight = register("row_activation"), register("row_weight")
-        next_row, next_weights = Signal(plan.address_bits), Signal(plan.address_bits)
+        next_row = Signal(plan.address_bits)
+        next_weights = Signal(plan.address_bits)
         since = Signal(range(lanes + DRAIN_CYCLES + 1))  # cycles since the slot's second
         tap, ends_row = self.tap, across_left == 1
         m.d.comb += [

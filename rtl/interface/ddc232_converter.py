@@ -70,7 +70,9 @@ class Ddc232Converter(wiring.Component):
         m = Module()
         plan, pins = self._plan, self.pins
         bits, words = plan.bits, len(plan.places)
-        dout, dvalid_n, dvalid_was = Signal(init=1), Signal(init=1), Signal(init=1)
+        dout = Signal(init=1)
+        dvalid_n = Signal(init=1)
+        dvalid_was = Signal(init=1)
         m.submodules.data = FFSynchronizer(pins.dout, dout, init=1)
         m.submodules.valid = FFSynchronizer(pins.dvalid_n, dvalid_n, init=1)
         m.d.sync += dvalid_was.eq(dvalid_n)
@@ -89,9 +91,12 @@ class Ddc232Converter(wiring.Component):
         over = timer == 0
         warm = Signal(range(WARM_UP + 1), init=WARM_UP)
         shift = Signal(max(bits, CONFIGURATION_BITS))
-        left, word = Signal(range(bits)), Signal(range(words))
-        low, high = Signal(init=1), Signal(init=1)  # all bits of the frame so far
-        wrong, code_due = Signal(), Signal()
+        left = Signal(range(bits))
+        word = Signal(range(words))
+        low = Signal(init=1)  # all bits of the frame so far are low
+        high = Signal(init=1)
+        wrong = Signal()
+        code_due = Signal()
         m.d.sync += timer.eq(timer - ~over)
         halves_over = (place == 0) & over
         falling = over & (place != 0) & ~place[0]  # the data clock's high half ends

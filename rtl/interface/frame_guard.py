@@ -61,7 +61,9 @@ class FrameGuard(wiring.Component):
             shape=shape_of(self._config.sample_format), depth=taxels, init=[]
         )
         write, read = memory.write_port(), memory.read_port()
-        place, spoilt, read_yet = Signal(range(taxels)), Signal(), Signal()
+        place = Signal(range(taxels))
+        spoilt = Signal()
+        read_yet = Signal()
         m.d.comb += [
             write.addr.eq(self.put.place),
             write.data.eq(self.put.sample),

@@ -59,7 +59,9 @@ class InterfaceRegisters(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         bus, inner, number_of = self.bus, self.inner, InterfaceRegister
-        mine, was_mine, r_data = Signal(), Signal(), Signal(16)
+        mine = Signal()
+        was_mine = Signal()
+        r_data = Signal(16)
         with m.Switch(bus.addr), m.Case(*map(int, self._registers)):
             m.d.comb += mine.eq(1)
         m.d.comb += [
@@ -75,7 +77,8 @@ class InterfaceRegisters(wiring.Component):
         m.d.sync += self.armed.eq(self.armed | arm)
         readable: dict[InterfaceRegister, Value] = {}
         if number_of.POSITION in self._registers:
-            last, count = Signal(position_layout), Signal(COUNT_BITS)
+            last = Signal(position_layout)
+            count = Signal(COUNT_BITS)
             with m.If(self.position.valid):
                 m.d.sync += [last.eq(self.position.payload), count.eq(count + 1)]
             with m.If(arm):

@@ -51,7 +51,9 @@ class MatrixConverter(wiring.Component):
         settled = settle == 0
         converting = Signal()  # the transfer of this cell is under way
         cell = Signal.like(self.put.place)
-        wrong, low, high = Signal(), Signal(init=1), Signal(init=1)
+        wrong = Signal()
+        low = Signal(init=1)
+        high = Signal(init=1)
 
         word = master.words[0]
         code = word[chip.code_bit : chip.code_bit + chip.code_bits]

@@ -105,13 +105,20 @@ class Mpr121Converter(wiring.Component):
 
         total = sum(plan.electrodes)
         electrodes = Array([Signal(bits, name=f"electrode{k}") for k in range(total)])
-        lower, index = Signal(8), Signal(range(total))
+        lower = Signal(8)
+        index = Signal(range(total))
         timer = Signal(range(max(plan.reset, plan.first) + 1))
-        running, issued, expanding = Signal(init=1), Signal(), Signal()
+        running = Signal(init=1)
+        issued = Signal()
+        expanding = Signal()
         fresh = Signal(init=1)  # in the start-up
         # low: this chip's electrodes; dead: those of a chip
-        wrong, low, dead, high = (Signal(), Signal(), Signal(), Signal())
-        row, column = Signal(range(max(2, plan.rows))), Signal(range(max(2, plan.columns)))
+        wrong = Signal()
+        low = Signal()
+        dead = Signal()
+        high = Signal()
+        row = Signal(range(max(2, plan.rows)))
+        column = Signal(range(max(2, plan.columns)))
         cell = Signal.like(self.put.place)
         m.d.comb += [
             self.busy.eq(running | expanding),

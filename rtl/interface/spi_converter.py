@@ -39,7 +39,8 @@ class SpiConverter(wiring.Component):
         wiring.connect(m, master.pins, wiring.flipped(self.pins))
 
         count, per_select = len(plan.transfers), plan.per_select
-        transfer, line = Signal(range(count)), Signal(range(max(2, plan.lines)))
+        transfer = Signal(range(count))
+        line = Signal(range(max(2, plan.lines)))
         step = Signal(range(per_select))  # of the transfers of one select
         group = Signal(range(max(2, plan.selects)))
         handing = Signal()  # the codes of the transfer that has ended are handed on, a line a cycle
@@ -61,7 +62,9 @@ class SpiConverter(wiring.Component):
 
         # ---------------------------------------------------------------- what is wrong with it
         judged = plan.lines if chip.channels > 1 else 1
-        wrong, low, high = Signal(), Signal(judged, init=-1), Signal(judged, init=-1)
+        wrong = Signal()
+        low = Signal(judged, init=-1)
+        high = Signal(judged, init=-1)
         stuck_before = Signal()  # of the chips of a select that is done
         is_wrong = word & chip.zeros != 0
         if chip.tag_bits:

@@ -69,11 +69,15 @@ class StimulatorFrames(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         held = Signal(settings_layout)  # what the burst under way has
-        channel, electrode = Signal(range(31)), Signal(range(24))
-        frame, place, sending = Signal(range(OFF + 1)), Signal(range(69)), Signal()
+        channel = Signal(range(31))
+        electrode = Signal(range(24))
+        frame = Signal(range(OFF + 1))
+        place = Signal(range(69))
+        sending = Signal()
         burst = Signal(range(ON + 2))  # frames of the burst that have begun; 0: none is under way
         offs = Signal(range(OFFS_AT_RESET + 1), init=OFFS_AT_RESET)  # still to send
-        halted, locked = Signal(), Signal()
+        halted = Signal()
+        locked = Signal()
         age = Signal(range(self._on_cycles + 1))
         too_long = age == self._on_cycles
 

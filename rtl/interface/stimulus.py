@@ -47,7 +47,9 @@ class Stimulus(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config, interface = self._config, self._config.interface
-        told, wanted, electrode = Signal(), Signal(), Signal(range(24))
+        told = Signal()
+        wanted = Signal()
+        electrode = Signal(range(24))
         if interface.stimulator == "decisions":
             table = interface.electrodes or tuple(range(1, config.classes + 1))
             label = self.decision.payload["class"]

@@ -40,14 +40,16 @@ class TeachButtons(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        left, looks_now = Signal(range(self._sample_cycles)), Signal()
+        left = Signal(range(self._sample_cycles))
+        looks_now = Signal()
         m.d.comb += looks_now.eq(left == 0)
         m.d.sync += [left.eq(Mux(looks_now, self._sample_cycles - 1, left - 1)), self.look.eq(looks_now)]
         for line, short, held in (
             (self.choose_n, self.chosen, self.forgotten),
             (self.teach_n, self.taught, self.named),
         ):
-            now, before = Signal(init=1), Signal(init=1, name="line_before")
+            now = Signal(init=1)
+            before = Signal(init=1, name="line_before")
             down, looks = Signal(name="down"), Signal(range(HELD + 1), name="looks")
             m.submodules += FFSynchronizer(line, now, init=1)
             m.d.sync += [short.eq(0), held.eq(0)]

@@ -62,13 +62,14 @@ class TouchPosition(wiring.Component):
         m.d.comb += height.eq(Mux(above > interface.position_threshold, above[: len(sample)], 0))
 
         # ---------------------------------------------------------------- one frame's sums; widths: all cells at the top
-        total, in_row = Signal(range(cells * top + 1)), Signal(range(interface.columns * top + 1))
-        across, down = (
-            Signal(range(cells * interface.columns * top + 1)),
-            Signal(range(cells * interface.rows * top + 1)),
-        )
-        place, column = Signal(range(cells)), Signal(range(interface.columns))
-        largest, at = Signal.like(height), Signal(range(cells))
+        total = Signal(range(cells * top + 1))
+        in_row = Signal(range(interface.columns * top + 1))
+        across = Signal(range(cells * interface.columns * top + 1))
+        down = Signal(range(cells * interface.rows * top + 1))
+        place = Signal(range(cells))
+        column = Signal(range(interface.columns))
+        largest = Signal.like(height)
+        at = Signal(range(cells))
         row_now, total_now = in_row + height, total + height
         end_of_row = column == interface.columns - 1
         across_now = across + row_now
@@ -76,7 +77,9 @@ class TouchPosition(wiring.Component):
         is_larger = height > largest
         at_now = Mux(is_larger, place, at)
         frame = [total, in_row, across, down, place, column, largest, at]
-        last, inside, taken = Signal(), Signal(), Signal()
+        last = Signal()
+        inside = Signal()
+        taken = Signal()
         m.d.comb += [
             taken.eq(self.i.valid & (inside | self.i.payload.first)),
             last.eq(taken & self.i.payload.last),
@@ -97,15 +100,21 @@ class TouchPosition(wiring.Component):
         whole = (max(interface.rows, interface.columns) - 1).bit_length()  # bits in front of the point
         bits = whole + FRACTION + 1  # one more, to round
         rest = Signal(range(2 * max(interface.rows, interface.columns) * cells * top + 1))
-        other, divisor = Signal(range(interface.rows * cells * top + 1)), Signal.like(total)
-        quotient, left, second = Signal(bits), Signal(range(bits + 1)), Signal()
+        other = Signal(range(interface.rows * cells * top + 1))
+        divisor = Signal.like(total)
+        quotient = Signal(bits)
+        left = Signal(range(bits + 1))
+        second = Signal()
         scaled = divisor << whole
         doubled = rest << 1
         fits = doubled >= scaled
         rounded = (Cat(fits, quotient)[:bits] + 1) >> 1
         touch = Signal()
-        x, y, peak = Signal(8), Signal(8), Signal(8)
-        first_x, first_y = Signal(8), Signal(8)
+        x = Signal(8)
+        y = Signal(8)
+        peak = Signal(8)
+        first_x = Signal(8)
+        first_y = Signal(8)
         known = Signal()  # x and y are those of a frame
         m.d.sync += known.eq(0)
         with m.If(left != 0):

@@ -30,7 +30,8 @@ class UartTransmitter(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         bits = Signal(9)  # what is to follow the bit on the line, the stop bit a one behind the data
-        left, timer = Signal(range(11)), Signal(range(self._divisor))
+        left = Signal(range(11))
+        timer = Signal(range(self._divisor))
         over = timer == 0
         m.d.comb += self.i.ready.eq((left == 0) & over)
         m.d.sync += timer.eq(Mux(over, 0, timer - 1))

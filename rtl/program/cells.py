@@ -25,7 +25,7 @@ class RowBlock:
     bias:
         Array of the integer model that holds the rows' bias codes; empty when the addend is a partial sum.
     narrowing:
-        The narrowing the bias' rounding half belongs to: ``sigmoid``, ``tanh``, ``value`` or ``logit``.
+        The narrowing whose rounding half is added to the bias: ``sigmoid``, ``tanh``, ``value`` or ``logit``.
     carried:
         The rows' sums, as wide as the accumulator, go on over the steps of a touch: the addend is the bias at
         its first step and the sum of the step before at the others.
@@ -62,8 +62,8 @@ class ElementOp:
     add:
         T region added to the first term at product scale; empty for none.
     between:
-        The result lies between two values of the state format, as a gate's share of one or a blend of two
-        does (a gate is 0..1): it never saturates, and no hardware looks whether it does.
+        The result lies between two values of the state format, because a gate is 0..1: it is a share of one
+        value, or a blend of two. It never saturates, and no hardware is built for that.
     """
 
     name: str
@@ -114,6 +114,7 @@ def gru_reset_before() -> CellProgram:
     r_before, r = _gate_in_two_parts("r", "sigmoid")
     n = RowBlock("n", (("W_n", "x"), ("U_n", "rh")), "tanh", "n", "b_n", "tanh")
     reset = ElementOp("reset", (("S.h", "r"),), state="rh", between=True)
+    # z h + (1 - z) n as n + z (h - n): one multiplication, and exact before the one rounding
     blend = ElementOp("blend", (("S.h-T.n", "z"),), state="h", add="n", between=True)
     return CellProgram(
         (r_before, z_before),
@@ -211,8 +212,8 @@ CELLS: dict[tuple[str, str], Callable[[], CellProgram]] = {
 
 
 def cell_program(config: AcceleratorConfig) -> CellProgram:
-    """The program of the configured cell; DSP lanes, built for few logic cells, do without partial sums, and
-    so does ``one_phase``."""
+    """The program of the configured cell. DSP lanes, which save logic cells, have no partial sums, nor has
+    ``one_phase``."""
     program, hardware = CELLS[config.network.cell, config.network.reset](), config.hardware
     return in_one_phase(program) if hardware.lane_type == "dsp" or hardware.one_phase else program
 

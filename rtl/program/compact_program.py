@@ -363,7 +363,7 @@ class CompactProgram:
         """
         blocks, pending = list(self.program.after), list(self.program.elements)
         produced: set[str] = set()
-        done: list[RowBlock | ElementOp] = []
+        issued: list[RowBlock | ElementOp] = []
         makes = {
             f"B.{block.region}" if block.dest == "sigmoid" else f"T.{block.region}"
             for block in blocks
@@ -385,7 +385,7 @@ class CompactProgram:
                 if operands(op) & makes <= produced and not (op.state and old_is_read(op)):
                     pending.remove(op)
                     produced |= {f"T.{op.activated}", f"S.{op.state}"}
-                    done.append(op)
+                    issued.append(op)
                     break
             else:
                 block = blocks[0] if blocks else None
@@ -398,8 +398,8 @@ class CompactProgram:
                     )
                 blocks.pop(0)
                 produced.add(f"B.{block.region}" if block.dest == "sigmoid" else f"T.{block.region}")
-                done.append(block)
-        return tuple(done)
+                issued.append(block)
+        return tuple(issued)
 
     # ------------------------------------------------------------------ instructions
     @cached_property

@@ -351,8 +351,8 @@ class ImagePlan:
         """The weights of a pass's taps, its lanes' side by side, lane 0's in the lowest bits."""
         rows = np.asarray(arrays[f"W_{pass_.number}"], dtype=np.int64) & (1 << self.weight_bits) - 1
         if pass_.pairs:
-            left, right = (np.pad(rows, ((0, 0), (0, 0), zeros, (0, 0))) for zeros in ((0, 1), (1, 0)))
-            rows = np.concatenate([left, right])
+            west, east = (np.pad(rows, ((0, 0), (0, 0), zeros, (0, 0))) for zeros in ((0, 1), (1, 0)))
+            rows = np.concatenate([west, east])
         rows = rows.reshape(len(rows), -1)
         words = []
         for first in range(0, len(rows), pass_.group):

@@ -394,11 +394,11 @@ def taught_arrays(
     counts = np.array(read(words, config.classes), dtype=np.int64)
     taught = np.zeros((config.classes, rule.taught, steps, width), dtype=np.int64)
     sign = 1 << rule.state_code_bits - 1
-    for label, used in enumerate(np.minimum(counts, rule.taught).tolist()):
-        for k in range(steps if used else 0):
+    for label, count in enumerate(np.minimum(counts, rule.taught).tolist()):
+        for k in range(steps if count else 0):
             first = k * (1 + config.classes * places) + 1 + label * places + rule.prototypes
-            codes = np.array(read(first * width, used * width)).reshape(used, width)
-            taught[label, :used, k] = (codes % (2 * sign) ^ sign) - sign  # parity left out
+            codes = np.array(read(first * width, count * width)).reshape(count, width)
+            taught[label, :count, k] = (codes % (2 * sign) ^ sign) - sign  # parity left out
     return {"taught": taught, "taught_count": counts}
 
 

@@ -339,13 +339,13 @@ class Microcode:
         self._slots.set(0, addend=plan.zero_address)
         if plan.timing.chain:
             self._shift(range(1, lanes + 1))
-            there = lanes + 1
+            loaded = lanes + 1
         else:  # the lane takes the addend alone: only in a step does T come with it
-            there = plan.timing.added - plan.timing.gap + 1
-            self._slots.set(there - 1, element_first=1)
-        self._slots.set(there, tanh=1)
-        self._slots.set(there + 1, t_write=1, value=0, result=self.layout.t_zero)
-        return there + 2
+            loaded = plan.timing.added - plan.timing.gap + 1
+            self._slots.set(loaded - 1, element_first=1)
+        self._slots.set(loaded, tanh=1)
+        self._slots.set(loaded + 1, t_write=1, value=0, result=self.layout.t_zero)
+        return loaded + 2
 
     def _clear(self, address: int, slot: int) -> None:
         """Write 0 to a word of the state memory: the rounding half alone is 0 when narrowed, whatever the
@@ -362,8 +362,8 @@ class Microcode:
             self._slots.set(slot + 1, element_operand=1, minus=0)
             self._slots.set(slot + timing.valid, element_valid=1)
         self._slots.set(first, element_first=1)
-        done = first + 1 if plan.shared else slot + timing.acc
-        self._slots.set(done, state_write=1, state_to=address, feature=0, hidden=0)
+        finished = first + 1 if plan.shared else slot + timing.acc
+        self._slots.set(finished, state_write=1, state_to=address, feature=0, hidden=0)
 
     def _carry_biases(self, slot: int) -> int:
         """From ``slot`` on, copy the biases to where carried sums go on from: through the chain, or the lane;
@@ -458,13 +458,15 @@ class Microcode:
             set_(slot, released=1)
         if term < len(op.terms) - 1:
             return
-        done = slot + timing.acc
+        finished = slot + timing.acc
         if op.state:
-            set_(done, state_write=1, state_to=layout.state(op.state, index), feature=int(op.state == "x"))
-            set_(done, hidden=int(op.state == plan.program.hidden and not op.name.startswith("clear")))
+            set_(
+                finished, state_write=1, state_to=layout.state(op.state, index), feature=int(op.state == "x")
+            )
+            set_(finished, hidden=int(op.state == plan.program.hidden and not op.name.startswith("clear")))
         if op.activated:
-            set_(done + 1, activated=1, tanh=1)
-            set_(done + 2, t_write=1, value=0, result=layout.t(op.activated, index))
+            set_(finished + 1, activated=1, tanh=1)
+            set_(finished + 2, t_write=1, value=0, result=layout.t(op.activated, index))
 
     # ------------------------------------------------------------------ words
     @property
@@ -519,10 +521,10 @@ class Microcode:
 
     def _hold(self, words: list[dict[str, int]], accesses: list[dict[str, int]]) -> None:
         """Let a word keep the previous word's address where it uses none: a needless change costs energy."""
-        for before, word, used in zip(words, words[1:], accesses[1:], strict=False):
+        for before, word, access in zip(words, words[1:], accesses[1:], strict=False):
             for name in ADDRESSES:
                 counts = name in self.counted
-                if name not in used and not (counts and word["repeat"]):
+                if name not in access and not (counts and word["repeat"]):
                     word[name] = before[name] + (before["repeat"] if counts else 0)
 
     def _read_constants(self, words: list[dict[str, int]]) -> None:

@@ -11,7 +11,7 @@ from eskin.rtl.program.scheduler import Scheduler, groups_of
 from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, FRAME_WAY_CYCLES, is_compact, logit_to_decision
 
 IMAGE_START_CYCLES = 2
-"""From the last pixel of an image until the engine is started."""
+"""From the last pixel of an image to the start of the engine."""
 
 
 @lru_cache(maxsize=64)
@@ -29,6 +29,7 @@ def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> A
     groups, bias_rows, partial_rows = groups_of(config, program)
     ways = (False, True) if any(op.activated for op in program.elements) else (False,)
     plans = [Scheduler(config, program, groups, bias_rows, partial_rows, yields).run() for yields in ways]
+    # neither way is always the shorter one
     return min(plans, key=lambda plan: plan.step_cycles)
 
 
@@ -71,8 +72,8 @@ def frame_cycles(config: AcceleratorConfig, *, ends_window: bool = True, ends_bl
 def mean_frame_cycles(config: AcceleratorConfig) -> tuple[float, float]:
     """Cycles that a frame takes on average: one of a touch, and one without a touch.
 
-    Where hops run on, frames without a touch end blocks, but no window. Elsewhere nothing passes the ring:
-    they take a cycle a taxel and the way to it. A touch that has caught up passes a ring of one port by.
+    Where hops run on, frames without a touch end blocks, but no window. Elsewhere they end at the ring: a
+    cycle a taxel and the way to the ring. A touch that has caught up goes past a ring of one port.
     """
     if config.is_image:
         return frame_cycles(config), frame_cycles(config)

@@ -73,12 +73,10 @@ class Schedule:
     slots_after: int
     bias_rows: tuple[tuple[RowBlock, int], ...]  # (block, row) of each addend word that is loaded
     partial_rows: int
-    swaps: tuple[
-        int, ...
-    ] = ()  # several lanes: slots, from phase A's first, in which chain and accumulators change places
-    fills: tuple[
-        tuple[int, int], ...
-    ] = ()  # (group, slot of its row 0's address): addends on their way into the chain
+    # several lanes: slots, from phase A's first, in which chain and accumulators change places
+    swaps: tuple[int, ...] = ()
+    # (group, slot of its row 0's address): addends on their way into the chain
+    fills: tuple[tuple[int, int], ...] = ()
     shifts: frozenset[int] = frozenset()  # slots in which the chain moves on
     shared: bool = field(default=False)  # one multiplier serves lanes and element-wise operations
 
@@ -101,8 +99,8 @@ class Schedule:
 
     @property
     def zero_address(self) -> int:
-        """Address of the addend 0 of a program with T values: what the prologue makes the T memory's word for
-        0 of."""
+        """Address of the addend 0 of a program with T values. From it the prologue makes the T memory's word
+        for 0."""
         return self.half_address + int(self.shared)
 
     @property
@@ -146,8 +144,8 @@ class Schedule:
     def beside(self, op: MacOp) -> bool:
         """True where the operation's weight lies beside the constants.
 
-        So it is for a recurrent cell's dense layer on a shared lane, which reads constants anyway: the
-        recurrent weights alone often just fill their block memories.
+        That is a recurrent cell's dense layer on a shared lane, which reads constants anyway. The recurrent
+        weights alone often just fill their block memories.
         """
         block = self.groups[op.group].block
         return self.shared and block.dest == "logit" and not block.carried
@@ -200,8 +198,9 @@ class Scheduler:
     are there.
 
     Slots are counted from the start of phase A through phase B: while the engine waits for the window between
-    them, time stands still. Where both want the table in one slot, whoever was issued first has it; with
-    ``yields`` an element-wise operation waits for a group that ends within AHEAD slots.
+    them, no slot passes. Where a row and an element-wise operation want the table in one slot, the one that
+    was issued first has it. With ``yields`` an element-wise operation waits for a group that ends within
+    AHEAD slots.
     """
 
     NEVER, AHEAD = 10**9, 4
@@ -215,17 +214,15 @@ class Scheduler:
         self.element_gap = element_gap(config, program, self.shared)
         # slots in which the table is used; its result is written in the next
         self.table_busy: set[int] = set()
-        self.ready: dict[
-            tuple[str, str, int], int
-        ] = {}  # (memory, region, index) -> first slot it can be addressed
+        # (memory, region, index) -> first slot in which it can be addressed
+        self.ready: dict[tuple[str, str, int], int] = {}
         self.lane_free = 0  # first slot in which a dot product may begin
-        # Chain of several lanes: when step begins group 0 is loaded and group 1's addends are in the chain if
+        # Chain of several lanes: when a step begins, group 0 is loaded. Group 1's addends are in the chain if
         # they are constants.
         self.last_swap = 0
         self.last_capture = (-1, 0)  # slot and rows of the newest captured group
-        self.filled: dict[
-            int, int
-        ] = {}  # group -> first slot of a swap that loads it; counted on into the next step
+        # group -> first slot of a swap that loads it; numbers go on into the next step's groups
+        self.filled: dict[int, int] = {}
         self.finished: set[int] = set()
         self.late: set[int] = set()  # groups whose addends come after the group before was captured
         self.swaps: list[int] = []
@@ -242,7 +239,8 @@ class Scheduler:
                 self.ready |= {("P", "", group.addend + row): self.NEVER for row in range(group.rows)}
         mac_before, _, slots_before = self._phase(before_groups, [], 0)
         pending = [(op, index) for op in self.program.elements for index in range(self._length(op))]
-        for op in self.program.elements:  # results of this step must not be taken from the step before
+        # A result of this step is NEVER ready until it is placed: the memory still holds the step before's.
+        for op in self.program.elements:
             for memory, region in (("S", op.state), ("T", op.activated)):
                 if region and not self._reads_old(op, region):
                     for index in range(self._length(op)):
@@ -259,6 +257,7 @@ class Scheduler:
         if len(self.groups) in self.late:
             self._swap_late(len(self.groups))
             end = max(end, self.last_swap + 1)
+        # group number len(groups) + 1 is group 1 of the next step
         if self.timing.chain and self._waits_in_chain(1):
             self._fill(len(self.groups) + 1)
             end = max(end, self.filled[len(self.groups) + 1])
@@ -308,7 +307,7 @@ class Scheduler:
             for term, (_, region) in enumerate(self.groups[g].block.terms)
             for index in range(self.config.inputs if region == "x" else self.config.network.hidden)
         ]
-        last_old = {  # last reads of old state
+        last_old = {  # region -> last row operation that reads its old state: no new state before that
             region: k
             for k, (g, _, region, _) in enumerate(elements_of)
             if not reads_new_state(self.program, self.groups[g].block, region)
@@ -325,10 +324,11 @@ class Scheduler:
                 issued, second_term = (*second_term, 1), None
             elif cycle >= element_free and (not self.shared or (group_start and cycle >= self.lane_free)):
                 coming = [g for g, *_ in elements_of[position : position + self.AHEAD + 1]]
-                left = coming.count(coming[0]) if coming and self.yields else 0
-                kept = self._table_slots(coming[0], cycle + left - 1) if 0 < left <= self.AHEAD else range(0)
+                # one look further than AHEAD, so that a group that goes on beyond it counts as longer
+                todo = coming.count(coming[0]) if coming and self.yields else 0
+                slots = self._table_slots(coming[0], cycle + todo - 1) if 0 < todo <= self.AHEAD else range(0)
                 for k, (op, index) in enumerate(pending):
-                    if position > last_old.get(op.state, -1) and self._element_ready(op, index, cycle, kept):
+                    if position > last_old.get(op.state, -1) and self._element_ready(op, index, cycle, slots):
                         issued = (op, index, 0)
                         del pending[k]
                         break
@@ -376,7 +376,7 @@ class Scheduler:
                     group_start = last
                     position += 1
             cycle += 1
-            if cycle > 10**6:
+            if cycle > 10**6:  # no program takes so long
                 raise RuntimeError(
                     "the program cannot be scheduled: an operation waits for a result that nothing writes"
                 )
@@ -415,8 +415,8 @@ class Scheduler:
         return True
 
     def _table_slots(self, g: int, last: int) -> range:
-        """Slots in which a group whose last element issues in that one uses the table; a value is written at
-        once, a slot sooner."""
+        """Slots in which a group uses the table when its last element issues in slot ``last``. A value takes
+        no look-up and is written a slot sooner."""
         group, dest = self.groups[g], self.groups[g].block.dest
         first = last + self.timing.row - (dest == "value")
         return range(first, first + group.rows * (dest not in ("partial", "logit")))
@@ -463,13 +463,13 @@ class Scheduler:
 
     # ------------------------------------------------------------------ addends
     def _waits_in_chain(self, g: int) -> bool:
-        """True where the addends of group ``g`` are in the chain when a step begins: they are known, and it
-        is not the next step's."""
+        """True where the addends of group ``g`` are in the chain when a step begins: they are constants, and
+        the group is of this step."""
         return g < len(self.groups) and bool(self.groups[g].block.bias)
 
     def _addends_ready(self, g: int, earliest: int) -> int:
-        """First slot, ``earliest`` or later, in which row 0's addend may be addressed, row k's k slots later;
-        NEVER: not known yet."""
+        """First slot, ``earliest`` or later, in which row 0's addend may be addressed; row k's follows k
+        slots later. NEVER: not known yet."""
         group, next_step = self.groups[g % len(self.groups)], g >= len(self.groups)
         if group.block.carried and next_step and g - len(self.groups) not in self.finished:
             return self.NEVER
@@ -481,7 +481,7 @@ class Scheduler:
         """Place the addends of group ``g`` behind the sums that leave the chain; later, if they are not known
         yet."""
         start = self._addends_ready(g, self.last_swap)
-        if start < self.NEVER // 2:
+        if start < self.NEVER // 2:  # NEVER may have lost a few rows by the subtraction
             self.fills.append((g % len(self.groups), start))
             self.shifts |= set(range(self.last_swap + 1, start + self.config.hardware.lanes + 1))
             self.filled[g] = start + self.config.hardware.lanes + 1

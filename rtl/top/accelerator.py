@@ -241,9 +241,8 @@ class Accelerator(HostedChain):
             readout.logit_valid.eq(engine.logit.valid),
             readout.step_done.eq(engine.step_done),
             readout.ended.eq(classifier.ended),
-            readout.clear.eq(
-                control.clear
-            ),  # not with engine and classifier: the touch that ended may be taught
+            # not with engine and classifier: the touch that ended may be taught
+            readout.clear.eq(control.clear),
             *following(readout.load, control.load, *LOAD),
         ]
         if config.readout_rule.unknown_above:

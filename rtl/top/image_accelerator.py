@@ -82,7 +82,8 @@ class ImageAccelerator(HostedChain):
         wiring.connect(m, wiring.flipped(self.i), receiver.i)
         wiring.connect(m, classifier.o, wiring.flipped(self.o))
         wiring.connect(m, wiring.flipped(self.bus), control.bus)
-        last_logit, number = Signal(), Signal(range(config.classes))
+        last_logit = Signal()
+        number = Signal(range(config.classes))
         m.d.comb += last_logit.eq(engine.logit.valid & (number == config.classes - 1))
         with m.If(engine.logit.valid):
             m.d.sync += number.eq(number + 1)

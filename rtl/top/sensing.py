@@ -80,7 +80,8 @@ class Sensing(wiring.Component):
         wiring.connect(m, accelerator.o, wiring.flipped(self.o))
         wiring.connect(m, accelerator.probe, wiring.flipped(self.probe))
         wiring.connect(m, acquisition.pins, wiring.flipped(self.pins))
-        broken, arm = Signal(), Signal()  # a frame is missing and the chain does not know yet
+        broken = Signal()  # a frame is missing and the chain does not know yet
+        arm = Signal()
         bus, inner = self.bus, accelerator.bus
         m.d.comb += [
             arm.eq(broken & ~acquisition.handing & ~bus.w_stb & ~bus.r_stb),

@@ -122,7 +122,8 @@ class SkinTop(wiring.Component):
         watching = sensing.accelerator.watching
         hung: Value = Const(0, 1) if watching is None else watching.hung
         unloaded: Value = Const(0, 1)
-        wrong, taken = Signal(), sensing.o.valid & sensing.o.ready
+        wrong = Signal()
+        taken = sensing.o.valid & sensing.o.ready
         registers = None
         if self._divisor or self._shell:
             m.submodules.registers = registers = InterfaceRegisters(config)
@@ -194,7 +195,10 @@ class SkinTop(wiring.Component):
         """Two buttons ask; the class is the one that the pins show."""
         m.submodules.buttons = buttons = TeachButtons(max(2, round(SAMPLE_S * self._clock_hz)))
         label = Signal(range(self._config.classes))
-        shown = Signal()
+        shown, nameless = Signal(), Signal()  # the last request was of no class
+        asked = buttons.taught | buttons.named | buttons.forgotten
+        with m.If(asked):
+            m.d.sync += nameless.eq(~shown)
         with m.If(self.sensing.o.valid & reaches_pins(self._config, self.sensing.o.p, self.decision_valid)):
             m.d.sync += [label.eq(self.sensing.o.p["class"]), shown.eq(1)]
         with m.Elif(buttons.chosen):
@@ -213,5 +217,5 @@ class SkinTop(wiring.Component):
             request.forget.eq(shown & buttons.forgotten),
             request.label.eq(label),
             request.look.eq(buttons.look),
-            self.refused.eq(request.refused),
+            self.refused.eq(request.refused | nameless),
         ]

@@ -58,9 +58,9 @@ def block_memories(config: AcceleratorConfig, family: str, shapes: Sequence[tupl
     cut into blocks of the shape (words, bits) that needs fewest. Memories that are asked to be made of
     something else, or hold so few words that they are, and columns of a ROM that never change need none."""
     total = 0
-    for bits, words, readers, asked in _blocks(Fragment.get(_accelerator(config), family)):
+    for bits, words, readers, requests in _blocks(Fragment.get(_accelerator(config), family)):
         needed = min(-(-words // depth) * -(-bits // width) for depth, width in shapes)
-        total += readers * needed if asked or bits * words > FEW_BITS * needed else 0
+        total += readers * needed if requests or bits * words > FEW_BITS * needed else 0
     return total
 
 
@@ -108,10 +108,10 @@ def cost(config: AcceleratorConfig) -> Record:
     of idle lanes) and ``memory_bits``."""
     plan = schedule(config)
     figures = summary(plan)
-    kept = ("taxels", "hidden", "classes", "lanes", *list(SHOWN.values())[2:6])
+    columns = ("taxels", "hidden", "classes", "lanes", *list(SHOWN.values())[2:6])
     bits = memory_bits(config)
     return {
-        **{key: figures[key] for key in kept},
+        **{key: figures[key] for key in columns},
         "weight_bits": config.sets * plan.weights * config.weight_bits,
         "memory_bits": bits,
         "memory_bits_total": sum(bits.values()),
@@ -130,12 +130,12 @@ def complexity(
     }
     points = [point for sweep in sweeps.values() for point in sweep]
     costs = {}
-    for done, (taxels, classes) in enumerate(points):
+    for number, (taxels, classes) in enumerate(points):
         costs[taxels, classes] = cost(
             resized(config, taxels=taxels, hidden=config.network.hidden, classes=classes)
         )
         if progress:
-            progress("configurations", done + 1, len(points))
+            progress("configurations", number + 1, len(points))
     return {name: [costs[point] for point in sweep] for name, sweep in sweeps.items()}
 
 

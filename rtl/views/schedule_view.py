@@ -100,12 +100,12 @@ def _compact(plan: CompactSchedule) -> Iterator[Span]:
     for (first, index), group in itertools.groupby(
         inside, key=lambda entry: (unit_at[entry.address].first, entry.index)
     ):
-        work, name, done = unit_at[first].work, unit_at[first].name, list(group)
-        rows, begin = isinstance(work, RowBlock), done[0].cycle
+        work, name, members = unit_at[first].work, unit_at[first].name, list(group)
+        rows, begin = isinstance(work, RowBlock), members[0].cycle
         work_text = " + ".join(map(" ".join, work.terms)) if isinstance(work, RowBlock) else _formula(work)
-        length = done[-1].cycle + done[-1].cycles - begin
+        length = members[-1].cycle + members[-1].cycles - begin
         yield Span(LANES if rows else ELEMENTS, name, False, begin, length, 1, work_text, index, index)
-        for entry in done:
+        for entry in members:
             instruction = entry.instruction
             if instruction.op != Op.STORE:
                 continue
@@ -129,22 +129,22 @@ def _single(plan: Schedule) -> Iterator[Span]:
             group = plan.groups[op.group]
             block, name, slot = group.block, _gate(group.block), base + op.cycle
             rows = f"rows {group.first_row}..{group.first_row + group.rows - 1}"
-            what = f"{block.terms[op.term][0]} {op.region}, {rows}"
-            yield Span(LANES, name, before, slot, 1, group.rows, what, op.index, op.index)
+            label = f"{block.terms[op.term][0]} {op.region}, {rows}"
+            yield Span(LANES, name, before, slot, 1, group.rows, label, op.index, op.index)
             ends = [(CHAIN, f"{block.name}: sum to {TARGETS[block.dest]}")]
             ends += [(TABLE, f"{block.dest} of {block.name}")] * (block.dest in ("sigmoid", "tanh"))
             ends += [(CLASSIFIER, "logit")] * (block.dest == "logit")
-            for row, (unit, what) in itertools.product(range(group.rows if op.last else 0), ends):
+            for row, (unit, label) in itertools.product(range(group.rows if op.last else 0), ends):
                 number = group.first_row + row
-                yield Span(unit, name, before, slot + timing.row + row, 1, 1, what, number, number)
+                yield Span(unit, name, before, slot + timing.row + row, 1, 1, label, number, number)
     for issue in plan.elements:
         work, slot, index = issue.op, plan.slots_before + issue.cycle, issue.index
         uses = [(ELEMENTS, 0, _formula(work))]
         if issue.term == len(work.terms) - 1:
             uses += [(TABLE, timing.element_to_table, f"tanh of {work.name}")] * bool(work.activated)
             uses += [(STATE, timing.element_to_state - 1, work.state)] * bool(work.state)
-        for unit, later, what in uses:
-            yield Span(unit, work.name, False, slot + later, 1, 1, what, index, index)
+        for unit, later, label in uses:
+            yield Span(unit, work.name, False, slot + later, 1, 1, label, index, index)
 
 
 TARGETS = {
@@ -237,10 +237,10 @@ def text(plan: Schedule) -> str:
     ]
     lines.append(f"{'cycles':>15}  {'phase':5}  {'unit':17}  {'block':10}  what")
     for span in sorted(spans(plan), key=lambda span: (span.slot, UNITS.index(span.unit))):
-        what = f"{span.what}, {_range(span)}"
+        label = f"{span.what}, {_range(span)}"
         lines.append(
             f"{f'{span.slot}..{span.last_slot}':>15}  {'AB'[not span.before]:5}  {span.unit:17}  "
-            f"{span.block:10}  {what}"
+            f"{span.block:10}  {label}"
         )
     lines.append(f"{plan.step_cycles:>15}  {'B':5}  {CLASSIFIER:17}  {'':10}  decision offered")
     return "\n".join(lines) + "\n"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from eskin.cosim.netlist import Hardware, netlist_hardware
+from eskin.golden.core import InputError
 from eskin.golden.model import IntegerModel, Stream, codes_of, random_integer_model
 from eskin.golden.model.prototypes import forget, taught_in_use
 from eskin.golden.model.taught_log import played, sizes
@@ -39,49 +40,80 @@ def button_model() -> IntegerModel:
     return forget(random_integer_model(config, 1))
 
 
-def touch(kind: int, again: int) -> np.ndarray:
+def touch(kind: int, again: int, frames: int) -> np.ndarray:
     """Frames of the touch of object ``kind``, a little different each time, and of nothing behind it."""
     shape, noise = np.random.default_rng(kind), np.random.default_rng(100 * again + kind)
     ends = shape.integers(300, 1500, (2, CONFIG.sensor.taxels)) * shape.choice(
         [-1, 1], (1, CONFIG.sensor.taxels)
     )
-    course = np.linspace(*ends, 130) + noise.integers(-12, 13, (130, CONFIG.sensor.taxels))
+    course = np.linspace(*ends, frames) + noise.integers(-12, 13, (frames, CONFIG.sensor.taxels))
     return np.concatenate([2048 + course, np.full((AFTER, CONFIG.sensor.taxels), 2048.0)]).astype(np.int32)
 
 
 class Session:
-    """What is done to a board from power-on, and what a golden stream makes of it."""
+    """What is done to a board from power-on, and what a golden stream makes of it.
+
+    shown: the class on its pins. refused: of every request, whether it was not carried out. nameless: requests before any
+    class was shown, between which the lamp stays on. whole: frames of a touch that gives every step."""
 
     def __init__(self, model: IntegerModel) -> None:
         self.stream = Stream(model)
         self.frames, self.buttons = [], []
         self.finals: list[int] = []
+        self.shown: int | None = None
+        self.refused: list[bool] = []
+        self.nameless = 0
+        self.whole = model.config.last_frame + 20
         self.rest(60)
 
     def _add(self, frames: np.ndarray) -> None:
         self.frames += [frames]
-        rows = [decision.row() for decision in self.stream.push(frames)]
-        self.finals += [int(row[2]) for row in rows if row[0]]
+        for decision in self.stream.push(frames):
+            self.finals += [decision.label] * decision.is_global
+            # local ones behind an early global one stay off the pins
+            ends = self.stream.config.network.decision != "early" or decision.is_global
+            self.shown = decision.label if ends else self.shown
 
     def rest(self, frames: int) -> None:
         self._add(np.full((frames, CONFIG.sensor.taxels), 2048, dtype=np.int32))
 
-    def touch(self, kind: int, again: int) -> int:
+    def touch(self, kind: int, again: int, frames: int = 130) -> int:
         """The class that it is decided for."""
-        self._add(touch(kind, again))
+        self._add(touch(kind, again, frames))
         return self.finals[-1]
 
     def press(self, button: int, frames: int = SHORT) -> None:
         now = sum(map(len, self.frames))
         self.buttons += [(now, button), (now + frames, 0)]
         self.rest(frames + AFTER)
+        self._asked(button, frames >= HELD)
+
+    def touch_and_teach(self, kind: int, again: int, frames: int) -> None:
+        """The button is pressed and released while the touch is open."""
+        now = sum(map(len, self.frames)) + 10
+        self.buttons += [(now, TEACH), (now + SHORT, 0)]
+        self.touch(kind, again, frames)
+        self.refused.append(True)
+
+    def _asked(self, button: int, held: bool) -> None:
+        if button == CHOOSE and not held:
+            self.shown = 0 if self.shown is None else (self.shown + 1) % self.stream.config.classes
+            return
+        self.nameless += self.shown is None
+        self.refused.append(self.shown is None)
+        try:
+            if self.shown is not None and button == CHOOSE:
+                self.stream.forget(self.shown)
+            elif self.shown is not None:
+                self.stream.teach(self.shown, following=held)
+        except InputError:
+            self.refused[-1] = True
 
     def teach(self, label: int) -> None:
         """By the buttons, beginning with the class that the pins show."""
-        for _ in range((label - self.finals[-1]) % CONFIG.classes):
+        while self.shown != label:
             self.press(CHOOSE)
         self.press(TEACH)
-        self.stream.teach(label)
 
 
 def plays(hardware: Hardware, session: Session, flash: bytes, work: Path):
@@ -92,9 +124,10 @@ def plays(hardware: Hardware, session: Session, flash: bytes, work: Path):
         hardware, config, codes, tail_s=0.02, work=work, builds=BUILD / "simulators", flash=flash,
         buttons=session.buttons, limit_s=3000,
     )  # fmt: skip
-    shown = [(label, valid) for _, label, valid, _ in board.pins]
+    shown = [(label, valid) for _, label, valid, _ in board.pins] or [(-1, False)]
     finals = [now[0] for before, now in pairwise([(-1, False), *shown]) if now[1] and not before[1]]
     assert finals == session.finals and board.violations == 0 and not any(led for *_, led in board.pins)
+    assert shown[-1][0] == (-1 if session.shown is None else session.shown)
     return board
 
 
@@ -122,7 +155,7 @@ def test_wrong_until_taught_by_buttons_and_right_after_the_power_was_off(level, 
         day.teach(truths[-1])
     assert [day.touch(kind, 1) for kind in range(TOUCHES)] == truths
     board = plays(hardware, day, flash, tmp_path / "day")
-    assert not board.refused
+    assert not board.refused and not any(day.refused)
     first, half = log.offset - FLASH_OFFSET, sizes(config)[0]
     kept = played(model, board.flash[first : first + 2 * half])
     assert (taught_in_use(kept) == taught_in_use(day.stream.model)).all()

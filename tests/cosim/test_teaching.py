@@ -51,7 +51,7 @@ class Taught:
     def __init__(self, model: IntegerModel, behind: Model, seed: int) -> None:
         self.config, self.rng = model.config, random.Random(seed)
         self.stream = Stream(model)
-        self.device = Recorded(behind, 16)
+        self.device = Recorded(behind, self.config.sensor.sample_bits)
         self.device.reset(boot_writes(model.config, model.arrays))
         self.decisions = self.refused = self.taught = 0
 
@@ -137,7 +137,9 @@ class Taught:
         self.device.write(Register.CONTROL, Control.ARM)  # no touch is open then
         self.device.settle()
         held = self.stream.model.arrays | self.read_back()
+        following = self.stream._following  # a touch that was named stays so
         self.stream = Stream(self.stream.model)
+        self.stream._following = following
         for address, word in boot_writes(self.config, held):
             self.device.write(address, word)
         assert not self.device.read(Register.FAULTS) & Fault.WRITE_REFUSED

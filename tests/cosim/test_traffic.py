@@ -31,7 +31,7 @@ def check_power_up(case: Case, folder: Path, seeds: int) -> None:
     touch, times 0.
     """
     power = power_up(case, folder, BUILDS, seeds)
-    assert power.total > 200 and power.bits > 2000
+    assert power.total > 200 and power.bits > 1500  # the smallest, linear and compact, has 1894
     # every register but those that memories read into, whose names Yosys made
     registers = re.findall(
         r"^ *reg (?:signed )?(?:\[\d+:0\] )?(?:[a-z]\w*|\\\S+ );$", case.verilog, re.MULTILINE

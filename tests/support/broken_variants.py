@@ -171,9 +171,6 @@ BY_VARIANT: dict[Variant, tuple[str, ...]] = {
     _with(arithmetic=SignOnly): ("state bits",),
     # features lose their sign
     _with(normalise=_unsigned_normaliser): ("feature bits",),
-    lambda bench: bench.changed(arrays={"scale": np.full_like(bench.model.arrays["scale"], 1)}): (
-        "normaliser constant bit flips",
-    ),
     # one sample, one code off, is a touch
     _sensitive: ("no touch", "motor burst before the touch", "one-sample glitch before the touch"),
     # the network answers after the last step only

@@ -17,9 +17,8 @@ import struct
 import warnings
 import zipfile
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
 import onnx
@@ -35,6 +34,7 @@ from eskin.golden.core.groups import Interface
 from eskin.golden.data import Recordings
 from eskin.golden.export.onnx_file import write_onnx
 from eskin.golden.model import FloatModel, random_images, random_integer_model
+from eskin.golden.model.prototypes import save_taught
 from tests.support import doors, result_case
 from tests.support.image_scenes import random_image_model
 from tests.support.watched import KEPT
@@ -107,6 +107,12 @@ def make_corpus(folder: Path) -> Path:
         random_integer_model(config, 2),
         loaded,
     )
+    board = config.with_readout(
+        readout="prototypes", prototypes=2, taught=3, state_code_bits=4, state_code_shift=8
+    )
+    taught = random_integer_model(board, 2)
+    _models(folder / "prototypes", FloatModel(board, result_case.float_model().arrays), taught, loaded)
+    save_taught(taught, folder / "taught.npz")
     _archive(folder / "recordings.npz", config, samples=loaded.samples.astype(np.uint16), offsets=loaded.offsets, labels=loaded.labels,
              person=loaded.groups["person"], sample_rate_hz=500.0)  # fmt: skip
     (folder / "config.json").write_text(config.to_json())
@@ -523,8 +529,11 @@ baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
 enrol ../in/model --data @ --out taught
-enrol ../in/model --teach @ --out taught
+enrol ../in/prototypes --teach @ --out taught
+evaluate ../in/prototypes --data @
 quantise model --data @ --readout prototypes
+quantise model --data @ --readout prototypes --group person --unknown # --spare-classes #
+enrol --evaluate --readout prototypes --data @ --config ../in/config.json --group person -k # --seeds 1 --jobs 1
 run --data @ --config ../in/config.json
 energy ../in/model --data @
 watch ../in/model --data @ --terminal --speed max --recordings #
@@ -555,6 +564,7 @@ stability @ --data ../in/recordings.npz
 build @ --target icebreaker
 build @ --synthesis-only $ --lanes #
 build @ --target # --converter $ --standalone
+build @ --target icebreaker --converter ads7953 --standalone --flash
 asic @ --pdk ihp-sg13g2 --liberty ../in/cells.lib
 replay @ --port /dev/null --baud 2000000 --data ../in/recordings.npz
 watch @ --data ../in/recordings.npz --terminal --speed # --shape $
@@ -599,6 +609,9 @@ READERS = {
     "bag": LOG,
     "times.csv": "convert ../in/log.mcap --out made.npz --labels @\nconvert ../in/log.mcap --out made.npz --labels @ --group $",
     "model": MODEL,
+    "prototypes": f"{MODEL}enrol @ --teach ../in/recordings.npz --out taught",
+    "taught.npz": "replay ../in/prototypes --port /dev/null --baud 2000000 --data ../in/recordings.npz --save-taught @\n"
+    "replay ../in/prototypes --port /dev/null --baud 2000000 --data ../in/recordings.npz --save-taught @ --teach $",
     "config.json": CONFIGURED,
     "grid.json": "sweep --data ../in/recordings.npz --grid @\nsweep --data ../in/recordings.npz --grid @ "
     "--config ../in/config.json",
@@ -747,6 +760,8 @@ GOOD = {
     "target": "icebreaker icestick ulx3s upduino icesugar-nano tangnano9k x",
     "port": "/dev/null ../in/config.json none",
     "mode": "drift x",
+    "teach": "../in/recordings.npz rough smooth x",
+    "save_taught": "../in/taught.npz new keep/under .",
     "configuration": "icebreaker:4 ulx3s:1:dsp icestick:0 :::",
     "clock": "12e6 lowest 1 -1 nan",
     "dask": "tcp://127.0.0.1:1 x",
@@ -764,10 +779,10 @@ def _value(verb: str, parameter: Any, rng: random.Random) -> str:
         return rng.choice((*WORDS, *NUMBERS, "x" * 300, *(f"../in/{place}" for place in INPUTS)))
     if name == "model":
         return rng.choice(
-            ("model",) if verb == "quantise" else ("../in/model", "../in/model", "../in/image_model")
+            ("model",) if verb == "quantise" else ("../in/model", "../in/prototypes", "../in/image_model")
         )
     if name in GOOD:
         return rng.choice(GOOD[name].split())
-    if isinstance(kind, type) and issubclass(kind, StrEnum):
-        return rng.choice([*(str(choice) for choice in kind), "x"])
+    if get_origin(kind) is Literal:
+        return rng.choice([*get_args(kind), "x"])
     return rng.choice((*"1 2 3 4 6 8 12 0.5".split(), rng.choice(NUMBERS)))

@@ -9,7 +9,7 @@ makes them smaller).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -31,6 +31,8 @@ from eskin.golden.model import (
     samples_of,
 )
 from eskin.golden.model.image_network import image_recordings
+from eskin.golden.model.prototypes import forget
+from eskin.rtl.program.flash_image import FLASH_OFFSET, log_layout
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model
@@ -195,6 +197,8 @@ def designs(draw: st.DrawFn) -> Design:
     config, stalls = draw(configurations()), pick(False, True)
     chip = pick("none", "none", "none", *SPI_CHIPS, "spi", "matrix")
     try:
+        if pick(False, False, True):
+            config = with_prototypes(pick, config)
         if pick(False, False, False, True):
             config = _of_images(pick, config)
         elif chip != "none":
@@ -208,6 +212,89 @@ def designs(draw: st.DrawFn) -> Design:
     except InputError:
         reject()
     return design
+
+
+@st.composite
+def taught_designs(draw: st.DrawFn) -> Design:
+    """Designs that are taught over the bus, as on an FPGA or on a chip."""
+
+    def pick(*options: Any) -> Any:
+        return draw(st.sampled_from(options))
+
+    try:
+        config = with_prototypes(pick, draw(configurations()), places=(2, 1, 3, 7))
+        chip = config.hardware.lane_type != "dsp" and pick(False, True)
+        config = config.replace(one_port=pick(False, True), clock_gate=chip and pick(False, True))
+        design = Design(config, pick(*range(1, 100)), stalls=False)
+        assert design.model
+    except InputError:
+        reject()
+    return design
+
+
+@st.composite
+def taught_boards(draw: st.DrawFn) -> IntegerModel:
+    """Models for a board without a host, with two buttons and a log in its flash; nothing is taught."""
+
+    def pick(*options: Any) -> Any:
+        return draw(st.sampled_from(options))
+
+    config = AcceleratorConfig.of(
+        name="random board",
+        taxels=8,
+        sample_bits=12,
+        sample_rate_hz=1000.0,
+        band_low=1900,
+        band_high=2200,
+        pretrigger_frames=10,
+        rearm_frames=20,
+        hop=25,
+        window=51,
+        steps=(steps := pick(5, 6, 8)),
+        touch_frames=25 * (steps - 1) + 50,
+        cell=pick("gru", "lstm", "linear"),
+        hidden=pick(4, 5, 6),
+        class_names=tuple("abcde"[: pick(3, 2, 5)]),
+        decision=pick("last", "vote", "early"),
+        margin_threshold=pick(0, 20),
+        early_margin=pick(9, 0),
+        lanes=pick(1, 2),
+        lane_type="dsp",
+        checksum=pick(False, True),
+        clock_hz=1.152e6,
+        converter=pick("ads7953", "mcp3208x2", "ad7476"),
+        converter_hz=1.152e6 / 4,
+        stimulator="decisions",
+        on_limit_s=5.0,
+    )
+    try:
+        config = with_prototypes(pick, config, places=(3, 1, 2))
+        log = log_layout(config)
+        model = forget(random_integer_model(config, pick(*range(1, 100))))
+    except InputError:
+        reject()
+    # what the flash's model has room for, and erases
+    if (
+        log.half != 4096
+        or log.offset + 2 * log.half > FLASH_OFFSET + (1 << 16)
+        or lowest_clock_hz(config) > 1.152e6
+    ):
+        reject()
+    return model
+
+
+def with_prototypes(
+    pick: Callable[..., Any], config: AcceleratorConfig, places: tuple[int, ...] = (2, 0, 1, 3, 7)
+) -> AcceleratorConfig:
+    """The nearest prototype decides, with so many places a class for touches that are taught."""
+    bits, taught = pick(4, 3, 5, 8), pick(*places)
+    rule = dict(prototypes=pick(1, 2, 3, 5), taught=taught, state_code_bits=bits)
+    rule["state_code_shift"] = max(0, config.trajectory_format.width - bits - pick(1, 0, 2, 3))
+    if taught:
+        rule |= dict(taught_shift=pick(0, 1, 3), spare_classes=pick(0, 1) if config.classes > 2 else 0)
+    if config.network.decision != "vote":  # about as far as random trajectories are from each other
+        rule["unknown_above"] = (config.trajectory_width << bits) // 60 * pick(0, 15, 10, 20)
+    return config.replace(loadable=True).with_readout(readout="prototypes", **rule)
 
 
 def _behind(pick: Callable[..., Any], config: AcceleratorConfig, chip: str) -> AcceleratorConfig:
@@ -265,6 +352,15 @@ def _never_stuck(recordings: Recordings, config: AcceleratorConfig) -> Recording
     return replace(recordings, samples=samples_of(codes, config))
 
 
+def touched(design: Design, touches: Sequence[int]) -> Recordings:
+    """Short recordings with time for so many touches each; with none it ends soon after the rest is measured."""
+    config = design.config
+    rest, rearm = config.rest_level.rest_frames, config.onset_rule.rearm_frames
+    whole = rest + config.windows.pretrigger_frames + config.last_frame + 2 * config.windows.hop
+    lengths = [count * (whole + rearm + 10) - rearm if count else rest + 3 for count in touches]
+    return random_recordings(config, lengths, design.seed)
+
+
 def differences(design: Design, folder: Path) -> list[str]:
     """What of a few short recordings is not golden at every stage, on Icarus, which builds fastest; behind a
     converter also broken frames and limits of its data sheet that are not kept."""
@@ -276,11 +372,7 @@ def differences(design: Design, folder: Path) -> list[str]:
     if config.is_image:
         recordings = image_recordings(config, random_images(config, 3, design.seed))
     else:
-        rest = config.rest_level.rest_frames
-        whole = rest + config.windows.pretrigger_frames + config.last_frame + 2 * config.windows.hop
-        recordings = random_recordings(
-            config, (2 * whole + config.onset_rule.rearm_frames + 20, whole + 10, rest + 3), design.seed
-        )
+        recordings = touched(design, (2, 1, 0))
     if config.interface.converter != "none":
         recordings = _never_stuck(recordings, config)
     if config.hardware.clock_gate:  # which stops the clock between frames only

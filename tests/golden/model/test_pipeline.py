@@ -44,7 +44,7 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
     config = with_network(SMALL, cell=cell, reset=reset).replace(
         decision=decision, early_steps=3, masked_taxels=(2,), fault_frames=16, fault_activity=17
     )
-    model, recordings = random_integer_model(config, 5), scene(20, seed=6)
+    model, recordings = random_integer_model(config, 7), scene(20, seed=6)
     before = run(model, recordings)
     config = model.config.replace(
         early_margin=int(np.quantile(before.margin, 0.7)),
@@ -87,10 +87,10 @@ def test_the_trace_is_the_specification_walked_through(cell, reset, decision):
             assert values.dtype == np.int64 and len(offsets) == 21
             span = slice(offsets[recording], offsets[recording + 1])
             assert values[span].tolist() == expected[stage], (stage, recording)
-        labels = [row[2] for row in expected["decision"] if row[0]]
-        assert trace.decision[recording] == (labels[0] if labels else -1)
+        label, unsure = next(((row[2], row[5]) for row in expected["decision"] if row[0]), (-1, 1))
+        assert trace.decision[recording] == label and trace.confident[recording] == (not unsure)
         assert trace.not_touched[recording] == (not (touches.recording == recording).any())
-    assert set(trace.streams) == set(STAGES)
+    assert set(trace.streams) == set(STAGES) and 0 in trace.decision[trace.confident]
     assert decision != "early" or set(seen_early) == {False, True}
 
 

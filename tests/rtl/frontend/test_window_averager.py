@@ -66,15 +66,16 @@ def test_sums_of_every_window(name):
     odd=st.booleans(),
     steps=st.integers(1, 8),
     extra=st.integers(0, 20),
+    clip=st.integers(1, 4095),
     seed=st.integers(0, 1 << 30),
 )
-def test_any_touch_window(taxels, hop, odd, steps, extra, seed):
+def test_any_touch_window(taxels, hop, odd, steps, extra, clip, seed):
     """Every way in which windows can be clipped or end together, two touches in a row, the first of the
-    largest deviations; of few taxels a sum is read again as soon as it was changed."""
+    largest deviations of any clip; of few taxels a sum is read again as soon as it was changed."""
     frames = max(2, hop * (steps - 1) + 1 + extra)
     windows = dict(hop=hop, window=2 * hop + odd, steps=steps, touch_frames=frames)
     config = AcceleratorConfig.of(
-        **(BASE | BAND | TOUCH | dict(taxels=taxels, pretrigger_frames=0, **windows))
+        **(BASE | BAND | TOUCH | dict(taxels=taxels, clip=clip, pretrigger_frames=0, **windows))
     )
     rng, last, bound = np.random.default_rng(seed), config.last_frame, config.deviation_bound
     deviations = rng.integers(-bound, bound + 1, (2 * last, taxels))

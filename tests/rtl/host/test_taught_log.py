@@ -10,11 +10,13 @@ from functools import partial
 import numpy as np
 import pytest
 from amaranth.sim import Simulator
+from hypothesis import event, example, given
+from hypothesis import strategies as st
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.golden.model.prototypes import forget, taught_in_use, teach
-from eskin.golden.model.taught_log import played, sizes
+from eskin.golden.model.taught_log import HEAD, played, record, sizes
 from eskin.rtl.host.taught_log import TaughtLog
 from eskin.rtl.program.flash_image import log_layout, sealed
 from eskin.rtl.program.memory_map import (
@@ -25,7 +27,9 @@ from eskin.rtl.program.memory_map import (
     memory_images,
     taught_arrays,
 )
+from tests.support.fuzz_inputs import damage_bytes
 from tests.support.spi_flash import SpiFlash
+from tests.support.strategies import examples
 
 NUMBER, WAKE, HALF, OFFSET = 0x5A1234, 7, 64, 256
 IMAGE = sealed(NUMBER, [(int(Register.MASK), 0)])
@@ -85,7 +89,12 @@ class Registers:
             assert free and not self.whole
             self.words[self.place] = word
             self.place += 1
-        elif address == TeachRegister.TEACH and free and (word >> 7 or self.whole):
+        elif (
+            address == TeachRegister.TEACH
+            and free
+            and label < self.config.classes
+            and (word >> 7 or self.whole)
+        ):
             self.following, self.named = bool(word & NEXT), label
             if not self.following:
                 self.taught(label)
@@ -294,6 +303,51 @@ def test_the_power_may_go_at_any_byte():
         log, held = whole.log, whole.holds
     print(cuts, "cuts")
     assert cuts > 200
+
+
+def forged(model: IntegerModel, rng: random.Random) -> bytes:
+    """A log of records that have right checksums and any tag, in any order; some bytes of it damaged."""
+    config, log, fmt = model.config, bytearray(ERASED), model.config.state_code_format
+    for half, ends in ((0, rng.randrange(9)), (1, rng.randrange(9))):
+        for place in range(ends):
+            codes = [
+                rng.randint(fmt.min_code, fmt.max_code)
+                for _ in range(config.windows.steps * config.trajectory_width)
+            ]
+            tag = rng.choice(
+                (HEAD | rng.randrange(4), rng.randrange(3), rng.randrange(3), rng.randrange(256))
+            )
+            made = record(config, tag if place else HEAD | rng.randrange(4), np.array(codes))
+            at = half * HALF + place * sizes(config)[1]
+            log[at : at + len(made)] = made
+    return (damage_bytes(bytes(log), rng) if rng.randrange(2) else bytes(log))[: len(log)].ljust(
+        len(log), b"\xff"
+    )
+
+
+def has_a_gap(model: IntegerModel, log: bytes) -> bool:
+    """A record stands behind one that is erased, as no board leaves it: it would be back when that one is written."""
+    places = np.frombuffer(log, np.uint8).reshape(2, -1, sizes(model.config)[1])
+    erased = (places[..., :7] == 255).all(axis=-1)
+    return bool((erased[:, :-1] & ~erased[:, 1:]).any())
+
+
+@pytest.mark.parametrize("checksum", [False, True])
+@examples(4, 150)
+@example(rng=random.Random(0))  # has a touch of a class that is not there
+@given(rng=st.randoms(use_true_random=False))
+def test_any_log_is_played_as_the_golden_model_plays_it(checksum, rng):
+    """Then it goes on: another touch is there after the power was off."""
+    model = tiny_model(checksum=checksum)
+    log = forged(model, rng)
+    held = played(model, log)
+    event(f"in use {taught_in_use(held).sum()}")
+    if has_a_gap(model, log):
+        assert by_age(Board(model, log).run().holds) == by_age(held)
+        return
+    board = Board(model, log, rng.randrange(100)).run(partial(teach_one, label=1))
+    assert by_age(board.holds) == by_age(played(model, board.log))
+    assert by_age(board.holds)[0] == by_age(held)[0]
 
 
 def test_sizes_are_those_of_the_golden_model_and_what_has_no_room_is_refused():

@@ -101,12 +101,34 @@ def test_a_flash_without_a_model_is_a_lamp_and_no_frame_is_read(monkeypatch):
     run(dut, play)
 
 
-def test_a_button_goes_round_all_classes(monkeypatch):
-    """Five, of which the last takes a bit more than those below it; a disturbance between two looks is no press."""
+def skin_with_buttons(monkeypatch):
+    """Five classes, of which the last takes a bit more than those below it."""
     monkeypatch.setattr(skin_top, "SAMPLE_S", 20 / CLOCK_HZ)
     taught = dict(readout="prototypes", prototypes=1, taught=1, state_code_bits=4, state_code_shift=10)
     config = CONFIG.replace(decision="last", class_names=tuple("abcde")).with_readout(**taught)
-    dut, _ = skin(monkeypatch, config, flash=True)
+    return skin(monkeypatch, config, flash=True)[0]
+
+
+@pytest.mark.parametrize(("button", "cycles"), [("teach_n", 70), ("teach_n", 1100), ("choose_n", 1100)])
+def test_a_request_of_no_class_is_refused(monkeypatch, button, cycles):
+    """Nothing was decided or chosen since the power came; pressed shortly, or held."""
+    dut = skin_with_buttons(monkeypatch)
+
+    async def play(ctx):
+        await ctx.tick().repeat(70)
+        assert not ctx.get(dut.refused)
+        ctx.set(getattr(dut, button), 0)
+        await ctx.tick().repeat(cycles)
+        ctx.set(getattr(dut, button), 1)
+        await ctx.tick().repeat(70)
+        assert ctx.get(dut.refused)
+
+    run(dut, play)
+
+
+def test_a_button_goes_round_all_classes(monkeypatch):
+    """A disturbance between two looks is no press."""
+    dut = skin_with_buttons(monkeypatch)
 
     async def play(ctx):
         for press in range(6):

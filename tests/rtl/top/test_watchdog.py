@@ -2,7 +2,7 @@
 longest wait there is."""
 
 import pytest
-from amaranth.hdl import ResetInserter
+from amaranth.hdl import EnableInserter, ResetInserter, Signal
 
 from eskin.golden.core import PRESETS
 from eskin.golden.model import random_integer_model
@@ -130,6 +130,53 @@ def test_engine_and_classifier_are_reset_once_after_a_touch_and_never_in_it(monk
     steps, ends = ([beat.cycle for beat in decisions if beat.value["is_global"] == which] for which in (0, 1))
     assert len(steps) == config.windows.steps and len(ends) == len(arms) == len(rests) == 1
     assert arms[0] < steps[0] and ends[0] + 1 < rests[0], "the engine was not busy: nothing had to wait"
+
+
+def test_an_engine_or_a_classifier_that_stands_still_is_found(monkeypatch):
+    """Either alone, while nothing else is due: no frame is offered, and the other part has or gets nothing to
+    do."""
+    runs, parts = Signal(3, init=7), []
+
+    def stopped(when):
+        def insert(part):
+            parts.append(part)
+            return ResetInserter(when)(EnableInserter(runs[len(parts) - 1])(part))
+
+        return insert
+
+    monkeypatch.setattr(accelerator, "ResetInserter", stopped)
+    config = CONFIGS["thesis"].replace(watchdog=True)
+    model = random_integer_model(config, seed=1)
+    data = recordings(config, 3, [66])
+    data.samples[20:, 2] = 3000
+    bench = Bench(Accelerator(model.config), max_cycles=100_000)
+    dut, flags = bench.dut, []
+    bench.collect(dut.o)
+
+    async def drive(ctx):
+        host = Host(dut, ctx)
+        for register, word in load_writes(model.config, model.arrays):
+            await host.write(register, word)
+        _, engine, classifier = parts
+        for busy, going in (((True, False), 0b101), ((True, True), 0b011)):
+            await host.write(Register.CONTROL, Control.ARM)
+            await ctx.tick()
+            frames = iter(data.recording(0))
+            while ctx.get(runs) == 7:
+                await give_frame(ctx, dut.i, next(frames))
+                for _ in range(80):
+                    await ctx.tick()
+                    if (ctx.get(engine.working), not ctx.get(classifier.idle)) == busy:
+                        ctx.set(runs, going)
+                        break
+            await ctx.tick().repeat(2 * bound(config))
+            flags.append(await host.read(Register.FAULTS))
+            ctx.set(runs, 7)
+            await host.write(Register.CONTROL, Control.CLEAR_FAULTS)
+
+    bench.process(drive)
+    bench.run()
+    assert flags == [Fault.WATCHDOG] * 2
 
 
 def test_the_bound_is_short_against_a_frame_of_the_presets():
