@@ -73,8 +73,10 @@ READOUTS = {
     "8 prototypes": 8,
     "dense, checksum": 0,
     "3 prototypes, checksum": 3,
+    "dense, last": 0,
+    "3 prototypes, last": 3,
 }
-"""Prototypes a class."""
+"""Prototypes a class; by name with a checksum, or a decision by the last step in place of the preset's votes."""
 TAUGHT: Record = {"readout": "prototypes", "taught": 3, "state_code_bits": 4, "state_code_shift": 9}
 SCENES = ("thesis", "synthetic", "pvdf")
 ALL = ("mean", "activity", "integral")
@@ -303,6 +305,8 @@ def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
     """The dense layer and prototypes."""
     for name in asked.rows or READOUTS:
         base = PRESETS["pvdf"].with_lanes(1, "dsp").replace(checksum=name.endswith("checksum"))
+        if name.endswith("last"):
+            base = base.replace(decision="last")
         if count := READOUTS[name]:
             base = base.with_readout(prototypes=count, **TAUGHT)
         cells, memories, mhz, _, _, step, touch, waiting = placed(base, seeds=1)
