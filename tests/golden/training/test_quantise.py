@@ -19,6 +19,7 @@ from eskin.golden.model import (
     run,
     with_network,
 )
+from eskin.golden.model.pipeline import float_features
 from eskin.golden.training.evaluate import compare, evaluate, held
 from eskin.golden.training.network import RecurrentClassifier
 from eskin.golden.training.quantise import (
@@ -308,6 +309,19 @@ def test_weights_of_a_linear_cell_are_as_fine_as_its_last_logits_ask_for(last, c
     # noted by a version that did not know the last logits
     del ranges[LAST_LOGIT]
     assert choose_formats(config, ranges).weight_bits == 8
+
+
+def test_the_last_logits_of_a_linear_cell_are_those_of_the_last_window_that_ended():
+    """Touch by touch, also where a touch has more windows than the network reads."""
+    config = with_network(SMALL, cell="linear")
+    touches = find_touches(config, scene(20, seed=2))
+    for steps in (config.windows.steps, 3):
+        model = float_model(config.replace(steps=steps))
+        logits = model.forward(float_features(model, touches)[:, :steps])[1]
+        for touch in np.flatnonzero(touches.completed)[:8]:
+            last = logits[touch, min(touches.completed[touch], steps) - 1]
+            seen = profile(model, touches.take([touch]))[LAST_LOGIT]
+            assert seen == pytest.approx((last.min(), last.max()), rel=1e-12)
 
 
 def test_a_preset_keeps_the_formats_that_it_always_had():

@@ -220,6 +220,8 @@ def test_training_features_go_through_the_integer_normaliser(config):
     models = fit(data, [part, part[::2]], few(2), config)
     starts = [fitting.post_training(model, data, part, {}) for model in models]
     network = IntegerNetwork(models, [starts[0], IntegerModel(starts[0].config, starts[1].arrays)])
+    began = network.export()[0].arrays
+    assert all((began[name] == array).all() for name, array in starts[0].arrays.items()), "its own weights"
     real = np.stack([model.features(real_features(config, data.touches.sums)) for model in models])
     codes = network.feature_codes(torch.tensor(real)).numpy()
     done = data.touches.completed == config.windows.steps
