@@ -165,6 +165,11 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         ("converter",),
         "--converter: is matrix, which goes with the design's own Verilog and clock",
     ),
+    (
+        ("build --standalone --flash",),
+        ("image",),
+        "field interface: has a converter or position, which images do not have",
+    ),
     (("build icestick",), ("image",), "field lane_type: is 'serial'; a network for images needs multipliers"),
     (
         ("enrol --teach",),

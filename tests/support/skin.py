@@ -118,7 +118,8 @@ def play(
         (int(cycle), int(one_hot, 2).bit_length() - 1, valid == "1", led == "1")
         for cycle, one_hot, valid, led, _ in lines
     ]
-    refused = tuple(int(cycle) for (*_, was), (cycle, *_, now) in pairwise(lines) if was < now)
+    changes = pairwise([["0"] * 5, *lines])
+    refused = tuple(int(cycle) for (*_, was), (cycle, *_, now) in changes if was < now)
     heard = (
         bytes(int(word, 16) for word in (work / "host.txt").read_text().split()) if host is not None else b""
     )
