@@ -114,7 +114,7 @@ def test_the_text_is_the_design_proved_block_by_block(design, tmp_path):
 @pytest.mark.parametrize(
     ("block", "old", "new", "said"),
     [
-        ("classifier.search", " > ", " >= ", "unproven"),
+        ("classifier.search", "margin + above", "margin - above", "unproven"),
         ("engine.lane_0", " * ", " + ", "unproven"),
         ("accelerator", ".offered(i__valid)", ".offered(frame_beat)", "unproven"),
         ("control.state", "= 1'h0;", "= 1'h1;", "begins otherwise"),
