@@ -144,7 +144,8 @@ class PrototypeReadout(wiring.Component):
         stored = bits + checks  # a code and its parity
         places, words = rule.prototypes + rule.taught, prototype_words(config)
         vector = self.vector
-        upset_seen, guards = Signal(), []  # a register below is not what was written
+        upset_seen = Signal()  # a register below is not what was written
+        guards = []
 
         # ---------------------------------------------------------------- where it is
         busy, head, gap, body, teaching, first = (
@@ -158,8 +159,12 @@ class PrototypeReadout(wiring.Component):
         last_unit, last_label = Signal(name="last_unit"), Signal(name="last_label")
         row_ends = body & last_unit & last_slot & last_label
         begins = Signal()  # a step's distances, or a pass that teaches
-        pass_begins, pass_ends, row_again = Signal(), Signal(), Signal()
-        dropped, back, closes = Signal(), Signal(), Signal()
+        pass_begins = Signal()
+        pass_ends = Signal()
+        row_again = Signal()
+        dropped = Signal()
+        back = Signal()
+        closes = Signal()
         m.d.comb += [
             last_unit.eq(unit == width - 1),
             last_label.eq(label == config.classes - 1),
@@ -197,7 +202,9 @@ class PrototypeReadout(wiring.Component):
 
         # ---------------------------------------------------------------- codes of the step, and of the places
         codes = Signal(width * stored)  # the next one lowest
-        reading, comparing, from_memory = Signal(), Signal(), Signal()
+        reading = Signal()
+        comparing = Signal()
+        from_memory = Signal()
         m.submodules.places = memory = Memory(
             shape=unsigned(stored), depth=words, init=[], attrs=prototypes_memory(config, platform, words)
         )
@@ -208,7 +215,8 @@ class PrototypeReadout(wiring.Component):
         if teaches:
             asked, reads = loads | (self.look & self.idle), reading | (self.look & self.idle)
         beyond = Signal()  # the host's address is that of a class's number
-        written, at = Signal(), Signal(range(words))
+        written = Signal()
+        at = Signal(range(words))
         target = Signal()  # of a pass that teaches, the place under way
         sound: Value = Const(1, 1)
         if checks and teaches:
@@ -235,10 +243,8 @@ class PrototypeReadout(wiring.Component):
             m.d.sync += codes.eq(Cat(codes[stored:], Mux(vector.valid, code, comes)))
 
         # ---------------------------------------------------------------- a place: in use, and what was last of it
-        used, used_done = (
-            Signal(init=1),
-            Signal(init=1),
-        )  # the code's that is compared; the place's that is whole
+        used = Signal(init=1)  # of the place whose code is compared
+        used_done = Signal(init=1)  # of the place that is whole
         place_used: Value = Const(1, 1)
         if teaches:
             scan = _Scan(teaching, first, body, last_unit, label, slot, pass_begins, pass_ends, target)
@@ -277,7 +283,8 @@ class PrototypeReadout(wiring.Component):
         m.d.comb += [apart.eq(codes[:bits].as_signed() - read.data[:bits].as_signed()), nearest.eq(~nearness)]
         minus = apart[-1]
         before: Value = Const(0, sum_bits)
-        damaged, was_damaged = Signal(), Signal()  # the place: in this step, in one before
+        damaged = Signal()  # the place, in this step
+        was_damaged = Signal()  # the place, in a step before
         if config.network.decision != "vote":
             every = config.classes * places
             m.submodules.sums = sums = Memory(
@@ -325,7 +332,8 @@ class PrototypeReadout(wiring.Component):
             self.idle.eq(~(busy | teaching)),
         ]
         if rule.unknown_above:
-            limit, near = Signal(range(rule.unknown_above * config.windows.steps + 1)), Signal()
+            limit = Signal(range(rule.unknown_above * config.windows.steps + 1))
+            near = Signal()
             with m.If(self.step_done):
                 m.d.sync += [limit.eq(Mux(first, 0, limit) + rule.unknown_above), near.eq(0)]
             with m.If(told):
@@ -383,13 +391,15 @@ class PrototypeReadout(wiring.Component):
         numbers = [Signal(range(2 * places), name=f"count_{k}") for k in range(classes)]
         parities = [Signal(name=f"count_{k}_parity") for k in range(classes)] if checks else []
         chosen = Signal(range(classes))
-        whole, following = Signal(), Signal()
+        whole = Signal()
+        following = Signal()
         known = ~exceeds(self.label, classes - 1)
         free = ~self.locked & self.idle
         teaches = self.teach & free & known & (self.option | self.loaded | whole)
         forgets = self.forget & free & (self.option | known)
         asked = (self.load.address - words)[: len(chosen)]  # a class, of a host that loads or looks
-        at_class, count = Signal(range(classes)), Signal(range(2 * places))
+        at_class = Signal(range(classes))
+        count = Signal(range(2 * places))
         m.d.comb += [
             at_class.eq(Mux(self.idle, Mux(self.forget, self.label, asked), scan.label)),
             count.eq(Array(numbers)[at_class]),
@@ -405,7 +415,8 @@ class PrototypeReadout(wiring.Component):
         )
         newest = _by_value(count, lambda n: (n - 1) % places)
         used = lambda number: _by_value(number, lambda n: min(n, places))
-        renewed, in_use = Signal.like(count), Signal(range(classes * places + 1))
+        renewed = Signal.like(count)
+        in_use = Signal(range(classes * places + 1))
         loaded = loads & beyond
         m.d.comb += [
             scan.begins.eq((teaches & ~self.option) | (self.ended & following & complete)),

@@ -90,8 +90,12 @@ class TaughtLog(FlashLoader):
         half_bits = stride_bits + record_bits
         last_record, row_words = (1 << record_bits) - 1, log.words // log.steps
         # ---- where in the flash
-        half, generation, counts = Signal(name="log_half"), Signal(2, init=3), Signal(name="log_counts")
-        position, full, heading = Signal(record_bits, init=1), Signal(name="log_full"), Signal(init=1)
+        half = Signal(name="log_half")
+        generation = Signal(2, init=3)
+        counts = Signal(name="log_counts")
+        position = Signal(record_bits, init=1)
+        full = Signal(name="log_full")
+        heading = Signal(init=1)
         place = Cat(
             Const(0, stride_bits),
             Mux(heading, 0, position),
@@ -99,10 +103,14 @@ class TaughtLog(FlashLoader):
             Const(log.offset >> half_bits + 1, 23 - half_bits),
         )
         # ---- of a record
-        tag, blank, valid = Signal(8, name="log_tag"), Signal(), Signal(name="record_valid")
+        tag = Signal(8, name="log_tag")
+        blank = Signal()
+        valid = Signal(name="record_valid")
         address = Signal(range(log.words + log.classes), name="log_address")
         value, step = Signal(range(log.values), name="log_value"), Signal(range(log.steps), name="log_step")
-        last_value, last_code, advances = value == log.values - 1, Signal(), Signal()
+        last_value = value == log.values - 1
+        last_code = Signal()
+        advances = Signal()
         m.d.comb += last_code.eq(last_value & (step == log.steps - 1))
         with m.If(advances):
             m.d.sync += [
@@ -112,7 +120,8 @@ class TaughtLog(FlashLoader):
             ]
         with m.If(s.tick & s.checked):
             m.d.sync += blank.eq(blank & s.line)
-        stores, stored = Signal(), Signal()  # a code that came: its address, then the word
+        stores = Signal()  # a code came: its address goes first
+        stored = Signal()  # then the word
         m.d.sync += [stores.eq(0), stored.eq(stores)]
         m.d.comb += advances.eq(stored)
         with m.If(stores):
@@ -120,10 +129,14 @@ class TaughtLog(FlashLoader):
         with m.If(stored):
             m.d.comb += self._set(Register.MEMORY_DATA, s.unit[: log.bits])
         # ---- what is asked, and what is written for it
-        plays, ready = Signal(), Signal(name="log_ready")
-        snapshot, erases, purpose = Signal(), Signal(), Signal(2)
+        plays = Signal()
+        ready = Signal(name="log_ready")
+        snapshot = Signal()
+        erases = Signal()
+        purpose = Signal(2)
         target = Signal(range(log.classes), name="log_target")
-        slot, to_go = Signal(range(log.taught + 1), name="log_slot"), Signal(range(log.taught + 1))
+        slot = Signal(range(log.taught + 1), name="log_slot")
+        to_go = Signal(range(log.taught + 1))
         rest = Signal(2)
         m.d.sync += rest.eq(Mux(pins.cs_n, rest + (rest != REST), 0))
         rested = pins.cs_n & (rest == REST)
@@ -257,9 +270,13 @@ class TaughtLog(FlashLoader):
     def _obey(self, m: Module, shared: _Log, ready: Signal, new_request: Value, idle: Signal) -> None:
         """What is asked, and what was taught."""
         bus, request = self.bus, self.request
-        label, asked_label = Signal(7, name="log_label"), Signal(7)
-        asked, asked_teach, asked_option = Signal(), Signal(), Signal()
-        ordered, parity = Signal(), Signal()
+        label = Signal(7, name="log_label")
+        asked_label = Signal(7)
+        asked = Signal()
+        asked_teach = Signal()
+        asked_option = Signal()
+        ordered = Signal()
+        parity = Signal()
         with m.State("IDLE"):
             m.d.comb += idle.eq(1)
             with m.If(new_request):
@@ -309,7 +326,8 @@ class TaughtLog(FlashLoader):
         log, address, target, tag = self._log, shared.address, shared.target, shared.tag
         half, counts, heading = shared.half, shared.counts, shared.heading
         places = log.prototypes + log.taught
-        at_class, at_place = Signal(range(log.classes)), Signal(range(places))
+        at_class = Signal(range(log.classes))
+        at_place = Signal(range(places))
         with m.State("SNAPSHOT"):
             m.d.sync += [
                 half.eq(half ^ counts),

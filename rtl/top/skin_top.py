@@ -195,7 +195,8 @@ class SkinTop(wiring.Component):
         """Two buttons ask; the class is the one that the pins show."""
         m.submodules.buttons = buttons = TeachButtons(max(2, round(SAMPLE_S * self._clock_hz)))
         label = Signal(range(self._config.classes))
-        shown, nameless = Signal(), Signal()  # the last request was of no class
+        shown = Signal()
+        nameless = Signal()  # the last request was of no class
         asked = buttons.taught | buttons.named | buttons.forgotten
         with m.If(asked):
             m.d.sync += nameless.eq(~shown)

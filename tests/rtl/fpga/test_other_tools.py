@@ -19,6 +19,7 @@ DESIGNS = {
     "linear": ("linear", {}),
     "lstm behind Wishbone": ("lstm", {"bus": "wishbone"}),
     "image behind APB": ("image", {"bus": "apb"}),
+    "prototypes": ("prototypes", {}),
     "serial behind AXI4-Lite": ("serial", {"bus": "axi4lite"}),
     "rom with AXI streams": ("rom", {"axis": True}),
     "behind a converter": ("converter", {}),
@@ -44,7 +45,13 @@ def linted(folder, *waiver):
     return rules
 
 
-QUICK = ("lstm behind Wishbone", "image behind APB", "rom with AXI streams", "behind a converter")
+QUICK = (
+    "lstm behind Wishbone",
+    "prototypes",
+    "image behind APB",
+    "rom with AXI streams",
+    "behind a converter",
+)
 
 
 @pytest.mark.parametrize(
