@@ -1,10 +1,10 @@
 """How large a checkout is, folder by folder: ``python -m scripts.house [ROOT]`` prints the table of
 docs/changing.md. A token is what Python's tokenizer gives, comments, line ends and indentation left out."""
 
+import argparse
 import ast
 import io
 import subprocess
-import sys
 import tokenize
 from pathlib import Path
 
@@ -31,8 +31,13 @@ def row(texts: list[str]) -> tuple[float, ...]:
     )
 
 
-def main(root: str = ".") -> None:
+def main() -> None:
     """Print the table of the Python files that git knows, links left out."""
+    parser = argparse.ArgumentParser(
+        description=main.__doc__, epilog="example: scripts/house.py ../eskin-0.2.0"
+    )
+    parser.add_argument("root", nargs="?", default=".", help="a checkout (default: this folder)")
+    root = parser.parse_args().root
     listed = subprocess.run(["git", "ls-files", "*.py"], cwd=root, capture_output=True, text=True, check=True)
     texts: dict[str, list[str]] = {}
     for name in listed.stdout.split():
@@ -43,4 +48,4 @@ def main(root: str = ".") -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()
