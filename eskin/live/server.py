@@ -122,19 +122,19 @@ class PageServer:
         """The page, or None: the request is for the websocket."""
         try:
             path = urlsplit(request.path).path
-            query = request.headers["Host"]
+            host = request.headers["Host"]
             origin = request.headers.get("Origin")
-            named, port = urlsplit(f"//{query}").hostname or "", urlsplit(f"//{query}").port or 80
+            named, port = urlsplit(f"//{host}").hostname or "", urlsplit(f"//{host}").port or 80
             site = None if origin is None else urlsplit(origin).netloc
         except (ValueError, LookupError):
             return connection.respond(
                 http.HTTPStatus.BAD_REQUEST, "Host or Origin is missing, there twice, or damaged\n"
             )
-        if "@" in query or not port or not self._is_ours(named):
-            sentence = f"this page is not at {query!r:.80}; open it by an address of this machine\n"
+        if "@" in host or not port or not self._is_ours(named):
+            sentence = f"this page is not at {host!r:.80}; open it by an address of this machine\n"
             return connection.respond(http.HTTPStatus.FORBIDDEN, sentence)
         if path == SOCKET:
-            if site not in (None, query):
+            if site not in (None, host):
                 return connection.respond(http.HTTPStatus.FORBIDDEN, "another site's page may not watch\n")
             return None
         if path == "/":
