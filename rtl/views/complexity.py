@@ -129,6 +129,8 @@ def complexity(
         "classes": [(config.sensor.taxels, classes) for classes in CLASSES],
     }
     points = [point for sweep in sweeps.values() for point in sweep]
+    # cycles and bits do not depend on the clock; a slow one could not take the largest arrays' frames
+    config = config.replace(clock_hz=config.hardware.clock_hz * max(TAXELS))
     costs = {}
     for number, (taxels, classes) in enumerate(points):
         costs[taxels, classes] = cost(
