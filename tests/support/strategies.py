@@ -94,14 +94,17 @@ RESTS = {
 }
 
 
+def picking(draw: st.DrawFn) -> Callable[..., Any]:
+    """``pick(a, b, ...)``: one of the options, drawn."""
+    return lambda *options: draw(st.sampled_from(options))
+
+
 @st.composite
 def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     """Configurations of recordings that the project takes, without converter: cells, sizes, formats, windows,
     onsets, lanes."""
 
-    def pick(*options: Any) -> Any:
-        return draw(st.sampled_from(options))
-
+    pick = picking(draw)
     (cell, reset), lane_type = (
         pick(("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")),
         pick("plain", "serial", "dsp"),
@@ -191,9 +194,7 @@ class Design:
 def designs(draw: st.DrawFn) -> Design:
     """Whole designs: of recordings, as on a chip, behind a converter; of images."""
 
-    def pick(*options: Any) -> Any:
-        return draw(st.sampled_from(options))
-
+    pick = picking(draw)
     config, stalls = draw(configurations()), pick(False, True)
     chip = pick("none", "none", "none", *SPI_CHIPS, "spi", "matrix")
     try:
@@ -218,9 +219,7 @@ def designs(draw: st.DrawFn) -> Design:
 def taught_designs(draw: st.DrawFn) -> Design:
     """Designs that are taught over the bus, as on an FPGA or on a chip."""
 
-    def pick(*options: Any) -> Any:
-        return draw(st.sampled_from(options))
-
+    pick = picking(draw)
     try:
         config = with_prototypes(pick, draw(configurations()), places=(2, 1, 3, 7))
         chip = config.hardware.lane_type != "dsp" and pick(False, True)
@@ -236,9 +235,7 @@ def taught_designs(draw: st.DrawFn) -> Design:
 def taught_boards(draw: st.DrawFn) -> IntegerModel:
     """Models for a board without a host, with two buttons and a log in its flash; nothing is taught."""
 
-    def pick(*options: Any) -> Any:
-        return draw(st.sampled_from(options))
-
+    pick = picking(draw)
     config = AcceleratorConfig.of(
         name="random board",
         taxels=8,
