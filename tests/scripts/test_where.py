@@ -28,10 +28,10 @@ STAGES = {
 VERBS = {
     "cosim": "eskin/verbs/cosim_job",
     "run": "eskin/verbs/main_job",
-    "sweep": "golden/studies/sweep",
-    "leak-check": "golden/studies/leak_check",
+    "sweep": "eskin/study/sweep",
+    "leak-check": "eskin/study/leak_check",
     "schedule": "rtl/program/schedule",
-    "quantise": "golden/training/quantise",
+    "quantise": "eskin/training/quantise",
 }
 
 
