@@ -141,8 +141,8 @@ def main() -> None:
     parser.add_argument("--lower", action="store_true", help="lower the caps to today's figures first")
     given = parser.parse_args()
     texts: dict[str, list[str]] = {}
-    for name in tracked(given.root, "*.py"):
-        texts.setdefault(name.parts[0], []).append((given.root / name).read_text())
+    for path in tracked(given.root, "*.py"):
+        texts.setdefault(path.parts[0], []).append((given.root / path).read_text())
     if not (given.budget or given.lower):
         print(f"| {COLUMNS} |\n| --- |" + " --: |" * COLUMNS.count("|"))
         for folder, files in texts.items():
