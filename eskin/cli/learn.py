@@ -108,8 +108,9 @@ def train(
 ) -> None:
     """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write
     its folder."""
+    from eskin.choose.choice import train_chosen
     from eskin.choose.choice_table import network_name, windows_brief
-    from eskin.choose.choose_network import check_units, train_chosen
+    from eskin.choose.networks import check_units
     from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
     from eskin.training.image_models import KEPT
@@ -132,7 +133,7 @@ def train(
     plan = (
         None
         if recordings.image_shape
-        else fitting_config(recordings, user_config, groups, folds, nested=True, prices=prices)
+        else fitting_config(recordings, user_config, groups, folds, prices=prices)
     )
     with progress_bars() as report:
         record = train_chosen(

@@ -22,8 +22,9 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
-from eskin.choose.choose_front_end import cheapest, field_of
+from eskin.choose.choice import search_inside
 from eskin.choose.cost import Market
+from eskin.choose.front_ends import FrontEnds
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings, check_fit, grouped_folds
 from eskin.golden.model import (
@@ -535,14 +536,13 @@ def front_ends_without(
     Values are dealt to CHOICES parts; what is chosen without a part serves all of its values, and their
     networks train at once. The other values are left out in turn where there are two at least.
     """
-    field = field_of(recordings)
+    front_ends, everything = FrontEnds(recordings), np.arange(len(recordings))
     parts = [list(values)[first::CHOICES] for first in range(min(CHOICES, len(values)))]
     chosen: dict[str, AcceleratorConfig] = {}
     for part in parts:
-        rows = np.flatnonzero(~np.isin(field.numbers, np.concatenate([values[value] for value in part])))
-        with one_thread():
-            (judged,) = field.judged(rows, groups)
-        chosen |= dict.fromkeys(part, with_network(cheapest(judged, market).config, **network))
+        rest = np.setdiff1d(everything, np.concatenate([values[value] for value in part]))
+        config = search_inside(front_ends, rest, groups, market)[0]
+        chosen |= dict.fromkeys(part, with_network(config, **network))
     return [chosen[value] for value in values]
 
 

@@ -3,7 +3,7 @@ train`, `quantise` and `evaluate` do with an archive of images.
 
 ``auto`` trains three networks of NETWORKS on the same folds and takes the one with the fewest multiplies
 whose accuracy lies within one standard error of the best one's, as the choice among cells does
-(`eskin.choose.choose_network`).
+(`eskin.choose.choice`).
 """
 
 import dataclasses
@@ -168,6 +168,7 @@ def train_image_model(
         "widths": {"weight_bits": bits},
         "cross_validation": [records[chosen]] if records else [],
         "baselines": [],
+        "doubts": [],
         "warnings": [],
         "reasons": list(recordings.notes),
         "wall_s": time.perf_counter() - begin,
@@ -281,13 +282,7 @@ def split_of(
         for test, result in zip(tests, outcomes, strict=True):
             ideal, whole = np.array(result["float"]), np.array(result[integers])
             correct[test] += (whole == recordings.labels[test]) / len(seeds)
-            decided.append(
-                [
-                    FoldDecisions(
-                        ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), np.array([])
-                    )
-                ]
-            )
+            decided.append([FoldDecisions.of_images(ideal, whole, config)])
         names = [f"part {number + 1}" for number in range(len(tests))]
         records.append(
             split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)])

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from eskin.choose.choose_network import network
+from eskin.choose.networks import network
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import with_network
 from eskin.training.recipe import AS_RECORDED, RECIPES, Recipe, choose_recipe

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.choose.choose_front_end import configure
+from eskin.choose.choice import configure
 from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, InputError
 from eskin.golden.data import Recordings

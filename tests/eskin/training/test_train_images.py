@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from eskin.choose.choose_network import train_chosen
+from eskin.choose.choice import train_chosen
 from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, InputError, Memo, QFormat
 from eskin.golden.data import save_archive
