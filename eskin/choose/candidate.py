@@ -2,7 +2,7 @@
 
 A *candidate* is a whole design: a front end, a network on it, and how its weights are fitted. It is *judged*
 by its decisions on recordings that it has not seen. **The rule** (`choose`): of those that are level with the
-best the cheapest. Level means behind by at most TIE standard errors of the paired difference over recordings;
+best the cheapest. Level is what `eskin.training.level` says;
 what is cheap says `eskin.choose.cost.Market`. The rule serves front ends alone, which are judged with a
 linear network that is solved in closed form (`eskin.choose.front_ends`), whole networks
 (`eskin.choose.networks`), and both again inside the training part of every fold.
@@ -21,11 +21,8 @@ from eskin.choose.cost import Market
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import with_network
 from eskin.training.crossval import FoldDecisions
+from eskin.training.level import TIE, behind, is_level, least_error
 from eskin.training.recipe import Recipe
-
-TIE = 1.0
-"""Standard errors of the paired difference up to which two candidates are level."""
-
 
 SCREENED = Recipe(name="ridge regression", squares=True)
 """How front ends alone are judged: in closed form, in float."""
@@ -104,27 +101,6 @@ class Judged:
         return dataclasses.replace(self, correct=correct, runs=self.runs + other.runs)
 
 
-def least_error(count: int) -> float:
-    """Standard error of an accuracy of 100 % over ``count`` recordings.
-
-    It is that of (count + 1) / (count + 2), Laplace's rule of succession: recordings without an error do not
-    show that the next one will have none.
-    """
-    return float(np.sqrt((count + 1) / (count + 2) ** 2 / count))
-
-
-def behind(best: Judged, other: Judged) -> tuple[float, float]:
-    """(shortfall of ``other``, standard error of the paired difference over recordings)."""
-    difference = best.correct.astype(float) - other.correct
-    return float(difference.mean()), float(difference.std(ddof=1) / np.sqrt(len(difference)))
-
-
-def is_level(best: Judged, other: Judged, errors: float = TIE) -> bool:
-    """The shortfall is none, or at most so many standard errors of the paired difference."""
-    shortfall, error = behind(best, other)
-    return shortfall <= errors * error * (1 + 1e-9)  # one recording lost, none won: exactly one
-
-
 def most_accurate(judged: Sequence[Judged]) -> Judged:
     """The first of those with the highest accuracy."""
     return max(judged, key=lambda one: one.accuracy)
@@ -146,7 +122,10 @@ def choose(judged: Sequence[Judged], market: Market) -> Judged:
             f"--fits {market.board}: holds none of the {len(judged)} candidates that were judged; name a "
             "larger board"
         )
-    level = sorted((one for one in judged if is_level(best, one)), key=lambda one: market.price(one.config))
+    level = sorted(
+        (one for one in judged if is_level(best.correct, one.correct)),
+        key=lambda one: market.price(one.config),
+    )
     return next((one for one in level if market.fits(one.config)), level[0])
 
 
@@ -166,13 +145,13 @@ def front_end_fields(config: AcceleratorConfig) -> Record:
 def screened_row(one: Judged, best: Judged) -> Record:
     """A row of ``front_end`` in training.json: the fields, accuracy, standard_error, missed, behind (the best,
     accuracy), behind_error (of the paired difference), level."""
-    shortfall, error = behind(best, one)
+    shortfall, error = behind(best.correct, one.correct)
     figures: dict[str, Any] = {
         "accuracy": one.accuracy,
         "standard_error": one.standard_error,
         "missed": one.missed,
         "behind": shortfall,
         "behind_error": error,
-        "level": is_level(best, one),
+        "level": is_level(best.correct, one.correct),
     }
     return front_end_fields(one.candidate.front_end) | figures

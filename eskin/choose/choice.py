@@ -25,7 +25,7 @@ from eskin.choose import doubts
 from eskin.choose.candidate import Candidate, Judged, choose, front_end_fields, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import Market
-from eskin.choose.front_ends import FrontEnds, blocked_ridge, listed, search
+from eskin.choose.front_ends import FrontEnds, Judge, blocked_ridge, listed, search
 from eskin.choose.networks import AUTO, INSIDE, Effort, Part, Wish, check_units, network_choice, side_by_side
 from eskin.choose.yardsticks import linear_yardsticks
 from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Record
@@ -198,7 +198,7 @@ def choose_front_end(
         why = [*why, "too few recordings to judge front ends on, so this is a guess by rules"]
         return Plan(guess, why, split, split_from, market, guessed=True)
     with one_thread():
-        screened = search(front_ends, front_ends.judge(parts), market)
+        screened = search(Judge(front_ends, np.arange(len(judged_on)), parts, talks=True), market)
     chosen, best = choose(screened, market), screened[0]
     alone, frames = _level_alone(judged_on, parts)
     facts: Record = {
@@ -275,9 +275,10 @@ def search_inside(
     front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market
 ) -> list[AcceleratorConfig]:
     """The front ends ``listed`` by a search on ``part`` (recordings) alone; the first is the one chosen."""
+    rows = front_ends.part(part)
     with one_thread():
-        judge = front_ends.judge_of(part, lambda held: inner_folds(held, groups))
-        return listed(search(front_ends, judge, market), market)
+        judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
+        return listed(search(judge, market), market)
 
 
 def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:

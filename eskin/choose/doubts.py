@@ -69,7 +69,7 @@ def below_baselines(
     short = best["accuracy"] - split["integer_accuracy"]
     if short <= best["standard_error"]:
         return []
-    if best["name"].endswith("whole recordings"):
+    if best.get("whole"):
         fix = "look at onset and windows with 'eskin inspect', or give a front end of your own with --config"
     else:
         sizes = [size for size in SIZES if size > (hidden if cell != "linear" else 0)]

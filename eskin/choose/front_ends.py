@@ -19,12 +19,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.linalg import solve
 
-from eskin.choose.candidate import Candidate, Judged, choose, is_level, most_accurate
+from eskin.choose.candidate import Candidate, Judged, choose, most_accurate
 from eskin.choose.cost import Market
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.core.groups import Features
@@ -41,6 +42,7 @@ from eskin.training.derive import (
     sensor_sizes,
     settling_frames,
 )
+from eskin.training.level import is_level
 
 PENALTIES = (1e-1, 1e-2, 1e-3, 1e-4)
 """Ridge penalties, as shares of the mean squared length of a touch's feature vector."""
@@ -52,8 +54,8 @@ gate is not tried with further windows."""
 DESCENT = 12
 """Cheaper neighbours that are judged at most."""
 
-HOPELESS = 0.25
-"""How far behind the one taken a front end may be that networks are tried on."""
+RIVALS, HOPELESS = 2, 0.25
+"""Other gates that networks are tried on, and how far behind the one taken a front end may be for that."""
 
 JUDGED_ON, JUDGED_SAMPLES = 800, 1 << 25
 """Recordings judged on at most, and samples (frames x taxels) they hold at most: what fits into a minute on
@@ -242,8 +244,8 @@ class Screen:
 class FrontEnds:
     """The front ends of an archive, to be searched on all recordings looked at, and again on parts of them.
 
-    looked_at: numbers of these recordings in the archive. inside: those of them that parts are made of,
-    INSIDE_ON at most. by_gate: of `Screen.gates`.
+    recordings: those looked at. looked_at: their numbers in the archive. inside: which of them parts are made
+    of, INSIDE_ON at most.
 
     Raises
     ------
@@ -252,78 +254,60 @@ class FrontEnds:
     """
 
     def __init__(self, recordings: Recordings, progress: Callable[[str, int, int], None] | None = None):
-        base, self.reasons = sensor_sizes(recordings)
+        self._base, self.reasons = sensor_sizes(recordings)
         self.looked_at = recordings.evenly(_how_many(recordings))
         self.recordings = recordings.subset(self.looked_at)
-        self.inside = self.looked_at[self.recordings.evenly(INSIDE_ON)]
+        self.inside = self.recordings.evenly(INSIDE_ON)
         self.screen = Screen(self.recordings)
-        self._report = progress or (lambda what, done, total: None)
+        self.progress = progress or (lambda what, done, total: None)
         self._grams: dict[AcceleratorConfig, tuple[np.ndarray, np.ndarray]] = {}
-        # settings of the sensor, and the archive's own rate and scale, come from all recordings
-        self._base, self._by_gate = base, list[list[AcceleratorConfig]]()
 
-    @property
+    @cached_property
     def by_gate(self) -> list[list[AcceleratorConfig]]:
-        """Of `Screen.gates`, made once."""
-        if not self._by_gate:
-            report = lambda done, total: self._report("onset rules looked at", done, total)
-            self._by_gate = self.screen.gates(self._base, report)
-        return self._by_gate
+        """Of `Screen.gates`."""
+        return self.screen.gates(
+            self._base, lambda done, total: self.progress("onset rules looked at", done, total)
+        )
 
-    def judge(self, folds: Sequence[np.ndarray]) -> Judge:
-        """Judges on all recordings looked at."""
-        report = lambda count: self._report("front ends judged", count, max(80, count))
-        return Judge(lambda config: self._of_all(config, folds), report)
+    def part(self, numbers: np.ndarray) -> np.ndarray:
+        """Which of the recordings looked at stand for a part of the archive."""
+        return self.inside[np.isin(self.looked_at[self.inside], numbers)]
 
-    def judge_of(self, part: np.ndarray, folds_of: Callable[[Recordings], Sequence[np.ndarray]]) -> Judge:
-        """Judges on those recordings of ``part`` (numbers in the archive) that choices inside folds are made
-        on. folds_of: what is left out of these in turn."""
-        rows = np.flatnonzero(np.isin(self.inside, part))
-        held = self.recordings.subset(np.flatnonzero(np.isin(self.looked_at, self.inside[rows])))
-        folds = folds_of(held)
-
-        def judged(config: AcceleratorConfig) -> Judged:
-            if config not in self._grams:
-                self._of_all(config, None)
-            touched, gram = self._grams[config]
-            seen = np.isin(touched, rows)
-            inner = gram[np.ix_(seen, seen)].astype(float)
-            decide = lambda labels, parts: ridge_decisions(inner, labels, parts, len(held.class_names))
-            correct = decided_correctly(np.searchsorted(rows, touched[seen]), held.labels, folds, decide)
-            return Judged(Candidate.screened(config), correct, int(len(rows) - seen.sum()))
-
-        return Judge(judged)
-
-    def _of_all(self, config: AcceleratorConfig, folds: Sequence[np.ndarray] | None) -> Any:
-        """Judged on all recordings looked at (None: no folds); what parts need of it is kept."""
-        touched, x = self.screen.features(config)
-        gram, numbers = gram_of(x), self.looked_at[touched]
-        held = np.isin(numbers, self.inside)
-        inner = gram[np.ix_(held, held)].astype(np.float32)
-        self._grams[config] = np.searchsorted(self.inside, numbers[held]), inner
-        if folds is None:
-            return None
-        labels, classes = self.recordings.labels, len(self.recordings.class_names)
-        decide = lambda labels, parts: ridge_decisions(gram, labels, parts, classes)
-        correct = decided_correctly(touched, labels, folds, decide)
-        return Judged(Candidate.screened(config), correct, len(labels) - len(touched))
+    def gram(self, config: AcceleratorConfig, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(places in ``rows`` of recordings with a completed window, their ``gram_of``). What parts need of
+        it is kept."""
+        touched, gram = self._grams.get(config, (None, None))
+        if touched is None or gram is None or len(rows) > len(self.inside):
+            touched, x = self.screen.features(config)
+            gram = gram_of(x)
+            held = np.isin(touched, self.inside)
+            self._grams[config] = touched[held], gram[np.ix_(held, held)].astype(np.float32)
+        seen = np.isin(touched, rows)
+        return np.searchsorted(rows, touched[seen]), gram[np.ix_(seen, seen)].astype(float)
 
 
 class Judge:
-    """Judges front ends, each once; ``judged``: all of them so far."""
+    """Judges front ends on ``rows`` of the recordings looked at, each once, leaving out ``folds`` of them in
+    turn; ``judged``: all of them so far."""
 
     def __init__(
-        self,
-        judge: Callable[[AcceleratorConfig], Judged],
-        progress: Callable[[int], None] = lambda count: None,
+        self, front_ends: FrontEnds, rows: np.ndarray, folds: Sequence[np.ndarray], talks: bool = False
     ) -> None:
-        self._judge, self._progress = judge, progress
+        self.front_ends, self._rows, self._folds = front_ends, rows, folds
+        self._labels = front_ends.recordings.labels[rows]
+        self._talks = talks
         self.judged: dict[AcceleratorConfig, Judged] = {}
 
     def __call__(self, config: AcceleratorConfig) -> Judged:
         if config not in self.judged:
-            self.judged[config] = self._judge(config)
-            self._progress(len(self.judged))
+            touched, gram = self.front_ends.gram(config, self._rows)
+            classes = len(self.front_ends.recordings.class_names)
+            decide = lambda labels, folds: ridge_decisions(gram, labels, folds, classes)
+            correct = decided_correctly(touched, self._labels, self._folds, decide)
+            self.judged[config] = Judged(Candidate.screened(config), correct, len(correct) - len(touched))
+            if self._talks:
+                done = len(self.judged)
+                self.front_ends.progress("front ends judged", done, max(80, done))
         return self.judged[config]
 
     def all(self, configs: Iterable[AcceleratorConfig]) -> list[Judged]:
@@ -338,14 +322,14 @@ def _how_many(recordings: Recordings) -> int:
 
 
 # ---------------------------------------------------------------------- the search
-def search(front_ends: FrontEnds, judge: Judge, market: Market) -> list[Judged]:
+def search(judge: Judge, market: Market) -> list[Judged]:
     """The front ends judged, best first, by the coordinates that the module describes."""
-    by_gate, screen = front_ends.by_gate, front_ends.screen
+    by_gate, screen = judge.front_ends.by_gate, judge.front_ends.screen
     first = judge.all(config for configs in by_gate for config in configs[:2])
     close = [
         configs
         for configs in by_gate
-        if any(is_level(first[0], judge(config), FAR_BEHIND) for config in configs[:2])
+        if any(is_level(first[0].correct, judge(config).correct, FAR_BEHIND) for config in configs[:2])
     ]
     means = judge.all(config for configs in close for config in configs)
     for one in means[:SURVIVORS]:
@@ -368,28 +352,26 @@ def search(front_ends: FrontEnds, judge: Judge, market: Market) -> list[Judged]:
 
 
 def listed(judged: Sequence[Judged], market: Market) -> list[AcceleratorConfig]:
-    """Front ends to try networks on: the one that the rule takes, the most accurate, and those that it takes
-    of each smaller number of kinds and of each other gate, the cheapest first, unless they are HOPELESS.
+    """Front ends to try networks on: the one that the rule takes first; those that it takes of each smaller
+    number of kinds, and the most accurate one, the cheapest first; the most accurate of RIVALS other gates.
+    None is HOPELESS.
 
     A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
     over, and may need more kinds of feature than such a network.
     """
-    taken = choose(judged, market)
-    best = most_accurate(judged)
-    kinds, gate = taken.config.kinds, _kind_of_gate(taken)
-    alike = [[one for one in judged if one.accuracy == best.accuracy]]
-    alike += [[one for one in judged if one.config.kinds == count] for count in range(1, kinds)]
-    others = dict.fromkeys(_kind_of_gate(one) for one in judged)
-    alike += [[one for one in judged if _kind_of_gate(one) == other] for other in others if other != gate]
-    picked = [
-        choose(group, market)
-        for group in alike
-        if group and taken.accuracy - most_accurate(group).accuracy <= HOPELESS
-    ]
-    configs = dict.fromkeys(
-        one.candidate.front_end for one in sorted(picked, key=lambda one: market.price(one.config))
+    taken, best = choose(judged, market), most_accurate(judged)
+    near = [one for one in judged if taken.accuracy - one.accuracy <= HOPELESS]
+    smaller = [[one for one in near if one.config.kinds == kinds] for kinds in range(1, taken.config.kinds)]
+    smaller += [[one for one in near if one.accuracy == best.accuracy], [taken]]
+    cheap = sorted(
+        (choose(group, market) for group in smaller if group), key=lambda one: market.price(one.config)
     )
-    return list(dict.fromkeys([taken.candidate.front_end, *configs]))
+    rivals: dict[Any, Judged] = {}
+    for one in sorted(near, key=lambda one: -one.accuracy):
+        if _kind_of_gate(one) != _kind_of_gate(taken):
+            rivals.setdefault(_kind_of_gate(one), one)
+    order = [taken, cheap[0], *list(rivals.values())[:RIVALS], *cheap]
+    return list(dict.fromkeys(one.candidate.front_end for one in order))
 
 
 def _kind_of_gate(one: Judged) -> tuple[str, bool] | str:

@@ -10,8 +10,8 @@ helps or harms by what tells the classes apart, both are fitted to touches as th
 logistic regression of these with a weaker penalty. All cost the same, so all are tried on the first front end
 and the best of them on the others. Logistic regressions, whose margins are logarithms of odds, come first.
 
-Recurrent candidates stand on the front end that the rule takes of those that a GRU 8 was tried on, with a
-part of the updates.
+Recurrent candidates stand on the front end that the rule takes of those that a GRU 12 was tried on, with half
+of the updates.
 
 `network_choice` is a choice on one set of recordings. The main choice is one of them, and so is each choice
 inside the training part of a fold: these go `side_by_side`, so that their networks train together.
@@ -35,8 +35,8 @@ from eskin.training.recipe import AS_RECORDED, Recipe, choose_recipe
 
 AUTO = "auto"
 
-GRU_UNITS, LARGER_UNITS, PROBE_UNITS = (4, 8, 12), 16, 8
-"""Units that are tried, where 12 are not level, and to find the front end of recurrent networks."""
+GRU_UNITS, LARGER_UNITS = (4, 8, 12), 16
+"""Units that are tried, and where 12 are not level."""
 
 TRIED_RECURRENT = 4
 """Front ends that a recurrent network is tried on."""
@@ -66,14 +66,16 @@ ALIKE = {"not augmented": "linear", "least squares, not augmented": "least squar
 class Effort:
     """How much is tried.
 
-    fits, units: of linear cells and of GRUs. share, probe_share: of a recurrent network's updates one part in
-    so many, as a candidate and to find its front end. seeds: of candidates that can still be taken. brief:
-    nothing more is tried once no other can be better by a standard error.
+    fits, units: of linear cells and of GRUs. share: of a recurrent network's updates one part in so many.
+    probe, probe_share: units and share of the GRU that finds the front end of recurrent networks. seeds: of
+    candidates that can still be taken. brief: nothing dearer is tried once no other can be better by a
+    standard error.
     """
 
     fits: tuple[str, ...] = tuple(FITS)
     units: tuple[int, ...] = GRU_UNITS
     share: int = 1
+    probe: int = 12
     probe_share: int = 2
     seeds: int = 1
     brief: bool = False
@@ -81,8 +83,9 @@ class Effort:
 
 INSIDE = Effort(
     fits=("weak penalty", "least squares, not augmented"),
-    units=(PROBE_UNITS,),
+    units=(8,),
     share=4,
+    probe=8,
     probe_share=4,
     brief=True,
 )
@@ -203,7 +206,7 @@ def network_choice(
     def best_of(probes: Sequence[Candidate]) -> Generator[Round, list[Judged], Candidate]:
         return choose((yield from asked(probes, effort.probe_share)), market).candidate
 
-    cell, hidden = ("gru", PROBE_UNITS) if wish.open else (None, None)
+    cell, hidden = ("gru", effort.probe) if wish.open else (None, None)
     probes = usable(wish.possible(on, cell, hidden) for on in front_ends)[:TRIED_RECURRENT]
     if not wish.open:
         if not probes:
@@ -228,9 +231,9 @@ def network_choice(
     if len(units) > 1 and goes_on(tried):
         yield from judged([wish.possible(on, "gru", LARGER_UNITS)])
     if not tried:
-        fits = f" and the board {market.board}" if market.named else ""
+        board = f" and the board {market.board}" if market.named else ""
         raise InputError(
-            f"configuration '{front_ends[0].name}': no network of the candidates fits it{fits}; name one "
+            f"configuration '{front_ends[0].name}': no network of the candidates fits it{board}; name one "
             "with --cell and --hidden"
         )
     if effort.seeds > 1:

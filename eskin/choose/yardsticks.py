@@ -136,8 +136,8 @@ def yardsticks(
 
     Returns
     -------
-    {name, groups, accuracy, standard_error (over recordings), multiplies (of a touch), hardware (False)}
-    each.
+    {name, groups, accuracy, standard_error (over recordings), multiplies (of a touch), hardware (False), whole
+    (it sees whole recordings)} each.
     """
     parts = split_folds(recordings, groups, folds, None)
     vectors = SupportVectors()
@@ -149,7 +149,7 @@ def yardsticks(
     correct, multiplies = whole == recordings.labels, x.shape[1] * classes
     return [
         _row("RBF-SVM on the same features", groups, by_vectors, vectors.multiplies),
-        _row("linear classifier on whole recordings", groups, correct, multiplies),
+        _row("linear classifier on whole recordings", groups, correct, multiplies) | {"whole": True},
     ]
 
 
@@ -161,6 +161,7 @@ def _row(name: str, groups: Sequence[str], correct: np.ndarray, multiplies: int)
         "standard_error": float(correct.std(ddof=1) / np.sqrt(len(correct))),
         "multiplies": multiplies,
         "hardware": False,
+        "whole": False,
     }
 
 

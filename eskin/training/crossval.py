@@ -4,7 +4,6 @@ seeds at once."""
 from __future__ import annotations
 
 import dataclasses
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ import numpy as np
 
 from eskin.golden.core import AcceleratorConfig, Record
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, IntegerModel, decide_touches, stage_errors, step_times
+from eskin.golden.model import FloatModel, IntegerModel, decide_touches, step_times
 from eskin.golden.model.pipeline import by_recording
 from eskin.training.datasets import Dataset, Datasets, find_dataset, touch_rows
 from eskin.training.fit import fine_tune, fit_networks, post_training
@@ -159,15 +158,6 @@ class Folds:
         """A record for each split, as ``cross_validate`` returns them."""
         return self.records_of(self.decided(models, integers))
 
-    def loses_in(self, models: list[FloatModel], integers: list[IntegerModel]) -> str | None:
-        """The stage that moves the logits of left out recordings most when it alone is in integers."""
-        moved: dict[str, float] = defaultdict(float)
-        for model, integer, test in zip(models, integers, self.tests, strict=True):
-            rows = self.data.index[test]
-            for error in stage_errors(model, integer, self.data.touches.take(rows[rows >= 0])):
-                moved[error.stage] += error.logit_mean
-        return max(moved, key=moved.__getitem__, default=None)
-
     def decided(self, models: list[FloatModel], integers: list[IntegerModel]) -> list[FoldDecisions]:
         """What each network decided on the recordings it has not seen (``tests``)."""
         runs = [
@@ -204,7 +194,7 @@ class Folds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Terms:
-    """On what networks are judged.
+    """What all networks of a choice are judged on.
 
     groups: what is left out. seeds: of the networks of a fold. widths: bits, as
     ``eskin.training.quantise.choose_formats`` takes them.
@@ -215,7 +205,6 @@ class Terms:
     datasets: Datasets
     seeds: Sequence[int] = (0, 1, 2)
     folds: int = 5
-    protocol: str = "default"
     widths: Record = dataclasses.field(default_factory=dict)
     progress: Progress | None = None
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from eskin.choose.candidate import TIE, Candidate, Judged, behind, choose, is_level, least_error
+from eskin.choose.candidate import Candidate, Judged, choose
 from eskin.choose.cost import Cost
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import with_network
+from eskin.training.level import TIE, behind, is_level, least_error
 from eskin.training.recipe import RECIPES
 from tests.support.prices import priced
 from tests.support.table import each_row
@@ -49,11 +50,11 @@ def judged(cell: str, hidden: int | None, right: int, of: int = 100, won: int = 
 )
 def test_the_cheapest_within_a_standard_error_of_the_paired_difference(right, won, level):
     large, small = judged("gru", 12, 90), judged("gru", 4, right, won=won)
-    shortfall, error = behind(large, small)
+    shortfall, error = behind(large.correct, small.correct)
     difference = large.correct - small.correct
     assert shortfall == pytest.approx((90 - right) / 100)
     assert error == pytest.approx(np.sqrt(difference.var(ddof=1) / 100))
-    assert is_level(large, small) == level == (shortfall <= TIE * error * 1.000001)
+    assert is_level(large.correct, small.correct) == level == (shortfall <= TIE * error * 1.000001)
     assert choose([small, large], priced()) is (small if level else large)
     assert choose([large, small], priced()) is (small if level else large)
 

@@ -126,9 +126,7 @@ def test_the_split_of_the_choice_is_reported_beside_those_of_the_sensor(gripped)
     assert splits_to_report(gripped, CONFIG, ["person"]) == [["person"]]
     groups = {name: np.arange(len(gripped)) % 4 for name in ("seq", "speed", "trial")}
     samples = gripped.samples[:, :8] + 29000
-    pvdf = dataclasses.replace(
-        gripped, samples=samples, sample_bits=16, sample_rate_hz=2000.0, groups=groups
-    )
+    pvdf = dataclasses.replace(gripped, samples=samples, sample_bits=16, sample_rate_hz=2000.0, groups=groups)
     derived = PRESETS["pvdf"].replace(name="derived")
     assert splits_to_report(pvdf, derived, ["seq"]) == [["trial"], ["speed"], ["seq"]]
     assert splits_to_report(pvdf, derived, []) == [["trial"], ["speed"], ["seq"], []]

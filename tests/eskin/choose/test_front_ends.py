@@ -6,14 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.choose.candidate import TIE, Candidate, Judged, choose
+from eskin.choose.candidate import Candidate, Judged, choose
 from eskin.choose.choice import choose_front_end, choose_split, configure, inner_folds, search_inside
 from eskin.choose.choice_table import ROWS, front_end_table, front_end_words
-from eskin.choose.front_ends import PENALTIES, FrontEnds, Screen, blocked_ridge, features, listed
+from eskin.choose.front_ends import PENALTIES, FrontEnds, Judge, Screen, blocked_ridge, features, listed
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches, first_touches
 from eskin.golden.model.preprocess import cut_windows
+from eskin.training.level import TIE
 from eskin.training.splits import split_folds
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.prices import priced
@@ -161,20 +162,17 @@ def judged(right: int, of: int = 100, **changes) -> Judged:
     return Judged(Candidate.screened(BASE.replace(**changes)), correct)
 
 
-def test_networks_are_tried_on_the_best_and_the_cheapest_of_fewer_kinds_and_other_gates():
+def test_networks_are_tried_on_the_best_and_the_cheapest_of_fewer_kinds_and_the_best_of_other_gates():
     kinds = ("mean", "activity", "integral")
     best, level = judged(95, feature_kinds=kinds), judged(94, feature_kinds=kinds, steps=4)
     two = judged(92, feature_kinds=kinds[:2])
     one, cheap, hopeless = judged(88), judged(88, steps=4), judged(60, steps=2)
     at_once = dict(onset="immediate", rest="none", rest_frames=0)
-    gate, shut = judged(80, **at_once), judged(50, rest="initial")
-    everything = [best, level, two, one, cheap, hopeless, gate, shut]
+    gate, cheaper, shut = judged(80, **at_once), judged(79, steps=2, **at_once), judged(50, rest="initial")
+    everything = [best, level, two, one, cheap, hopeless, gate, cheaper, shut]
     assert choose(everything, priced()) is level
-    first, *others = listed(everything, priced())
-    assert first == level.candidate.front_end
-    assert set(others) == {one.candidate.front_end for one in (best, two, cheap, gate)}
-    prices = [priced().price(Candidate.screened(config).config) for config in others]
-    assert prices == sorted(prices)
+    order = [one.candidate.front_end for one in (level, cheap, gate, two, best)]
+    assert listed(everything, priced()) == order
 
 
 def test_a_part_is_searched_as_if_it_were_all_there_is():
@@ -185,11 +183,10 @@ def test_a_part_is_searched_as_if_it_were_all_there_is():
     labels = recordings.labels.copy()
     labels[recordings.groups["day"] == 1] = 0
     assert search_inside(FrontEnds(replace(recordings, labels=labels)), part, ["day"], priced()) == inside
-    front_ends, folds = FrontEnds(recordings), lambda held: inner_folds(held, ["day"])
-    whole = np.arange(len(recordings))
+    front_ends, folds = FrontEnds(recordings), inner_folds(recordings, ["day"])
     for config in (BASE, inside[0]):
-        of_part = front_ends.judge_of(whole, folds)(config)
-        of_all = front_ends.judge(folds(recordings))(config)
+        of_all = front_ends.screen.judged(config, folds)
+        of_part = Judge(front_ends, front_ends.part(np.arange(len(recordings))), folds)(config)
         assert (of_part.correct == of_all.correct).all() and of_part.missed == of_all.missed
 
 

@@ -29,11 +29,19 @@ from tests.support.table import each_row
 
 DEAR = CONFIG.replace(steps=8)
 TOUCHED = CONFIG.replace(
-    onset="baseline", rest="tracked", rest_frames=13, onset_mean_frames=8, onset_check_frames=2, rearm_frames=32
+    onset="baseline",
+    rest="tracked",
+    rest_frames=13,
+    onset_mean_frames=8,
+    onset_check_frames=2,
+    rearm_frames=32,
 )
 
 
-def played(front_ends, right, wish=Wish(open=True), effort=Effort(seeds=3), of=400, **market):
+OPEN, WHOLE = Wish(open=True), Effort(seeds=3)
+
+
+def played(front_ends, right, wish=OPEN, effort=WHOLE, of=400, **market):
     """What a choice asks for, (cell or units, steps, recipe, share, other seeds), where a candidate is right
     on ``right(candidate)`` of 400 recordings; and the candidate taken."""
     choice, asked = network_choice(front_ends, wish, priced(**market), effort), []
@@ -92,7 +100,7 @@ def test_fits_are_tried_on_the_first_front_end_and_the_best_on_the_others():
 def test_recurrent_networks_stand_on_the_front_end_that_a_part_of_the_updates_chose():
     better = lambda one: 300 + 60 * (one.config.windows.steps == 8) * one.config.recurrent
     asked, taken, _ = played([CONFIG, DEAR], better)
-    assert [(units, steps) for units, steps, _, share, _ in asked if share == 2] == [(8, 6), (8, 8)]
+    assert [(units, steps) for units, steps, _, share, _ in asked if share == 2] == [(12, 6), (12, 8)]
     units = [(units, steps) for units, steps, _, share, more in asked if share == 1 and not more]
     assert units[-3:] == [(4, 8), (8, 8), (12, 8)] and taken.front_end == DEAR
     fixed, taken, tried = played([CONFIG, DEAR], better, Wish(cell="gru", hidden=5))
@@ -142,7 +150,9 @@ def test_choices_made_side_by_side_are_those_made_alone(quick):
     recordings = gripped_recordings(persons=4, trials=2, rows=3, columns=4, classes=3)
     persons = recordings.groups["person"]
     parts = [np.flatnonzero(persons != value) for value in (0, 1)]
-    held = [Part(part, [part[persons[part] == value] for value in np.unique(persons[part])]) for part in parts]
+    held = [
+        Part(part, [part[persons[part] == value] for value in np.unique(persons[part])]) for part in parts
+    ]
     terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
     start = lambda: network_choice([CONFIG, DEAR], Wish(open=True), priced(), INSIDE)
     both = side_by_side([start(), start()], held, terms)

@@ -85,7 +85,13 @@ def table_row(page: Page, first: str) -> str:
 def judged(cell: str, hidden: int, accuracy: float, energy_j: float, **changes) -> dict:
     front_end = {"steps": 6, "window": 32, "hop": 16, "feature_kinds": ["mean"]}
     row = {"cell": cell, "hidden": hidden, "recipe": "linear", "accuracy": accuracy, "standard_error": 0.01}
-    row |= {"float_accuracy": accuracy, "energy_touch_j": energy_j, "cells": 900, "block_memories": 12, "latency_s": 2e-6}
+    row |= {
+        "float_accuracy": accuracy,
+        "energy_touch_j": energy_j,
+        "cells": 900,
+        "block_memories": 12,
+        "latency_s": 2e-6,
+    }
     row |= {"fits": "icebreaker", "decision_time_s": 0.25, "front_end": front_end, "chosen": False}
     return row | changes
 
@@ -239,8 +245,7 @@ def test_where_something_was_chosen_the_figure_is_that_of_folds_that_chose_nothi
     edit(result / "model/training.json", cross_validation=[first | {"nested": nested}, *others])
     words = plain(Page(write_report(result)).text)
     assert (
-        "accuracy, unseen person 87.1 %" in words
-        and "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 %" in words
+        "accuracy, unseen person 87.1 %" in words and "unseen person 3 87.1 % ± 3.5 % 88.2 % 99.00 %" in words
     )
     assert "person left out 3 96.4 %" in words and "unseen person 3 96.4 %" not in words
     assert "the network taken, on the folds it was chosen on, 96.4 %" in words
