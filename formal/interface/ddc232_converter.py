@@ -5,7 +5,7 @@ from unittest import mock
 
 from amaranth.hdl import Module, Mux, Signal
 
-from eskin.golden.core.ddc232 import DdcPlan
+from eskin.golden.core.converters.ddc232 import DdcPlan
 from eskin.rtl.interface import ddc232_converter
 from eskin.rtl.interface.ddc232_converter import Ddc232Converter
 from formal.proof import Bug, assume, before, free_inputs, less_is_to_go, opened_up, proof, prove

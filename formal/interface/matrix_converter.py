@@ -4,7 +4,7 @@ import dataclasses
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 
-from eskin.golden.core.matrix_scan import MatrixPlan
+from eskin.golden.core.converters.matrix import MatrixPlan
 from eskin.rtl.interface.matrix_converter import MatrixConverter
 from formal.interface.spi_master import PLAN
 from formal.proof import Bug, before, free_inputs, less_is_to_go, opened_up, proof, prove

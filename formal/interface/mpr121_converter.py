@@ -7,7 +7,7 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import wiring
 
 from eskin.golden.core import ConverterFault
-from eskin.golden.core.mpr121 import RUNNING, MprPlan
+from eskin.golden.core.converters.mpr121 import RUNNING, MprPlan
 from eskin.rtl.interface import mpr121_converter
 from eskin.rtl.interface.i2c_master import I2cMaster, I2cOp
 from eskin.rtl.interface.mpr121_converter import Mpr121Converter, Step

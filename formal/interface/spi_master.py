@@ -4,7 +4,7 @@ are kept."""
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core import SpiPlan
-from eskin.golden.core.converters import SpiChip
+from eskin.golden.core.converters.spi import SpiChip
 from eskin.rtl.interface.spi_master import SpiMaster
 from formal.proof import Bug, before, free_inputs, less_is_to_go, opened_up, proof, prove
 

@@ -126,7 +126,7 @@ class Wiring:
         return TEACH_PORTS if self.flash and self.config.readout_rule.taught else ()
 
     def _wires(self) -> dict[str, str]:
-        return converter_plan(self.config).wires(self.config.interface.converter) if self.sensing else {}
+        return converter_plan(self.config).wires(self.config.interface.converter.name) if self.sensing else {}
 
     def table(self) -> list[dict[str, str]]:
         """Each pin of a board with a converter: port, the part's site, what is wired to it."""

@@ -4,7 +4,7 @@ import random
 from itertools import pairwise
 
 from eskin.golden.core import SpiPlan
-from eskin.golden.core.converters import SpiChip
+from eskin.golden.core.converters.spi import SpiChip
 from eskin.rtl.interface.spi_master import SpiMaster
 from tests.support.spi_chip import SpiSlave
 from tests.support.stream_bench import Bench, put
