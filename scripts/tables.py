@@ -48,7 +48,7 @@ from eskin.golden.studies.energy import estimate, scheduled_activity
 from eskin.golden.training.choose_network import network
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import place
-from eskin.rtl.fpga.synthesis import ICE40_DSP, Chain, Harness, PoweredOn, counted, synthesise
+from eskin.rtl.fpga.synthesis import ICE40, Chain, Harness, PoweredOn, counted, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.host.flash_loader import FlashLoader
 from eskin.rtl.host.taught_log import TaughtLog
@@ -129,7 +129,7 @@ def scene(text: str) -> tuple[str, AcceleratorConfig, list[Record]]:
 def cells_of(design: Any) -> dict[str, int]:
     """Cells by kind."""
     with tempfile.TemporaryDirectory() as folder:
-        return counted(synthesise(design, ICE40_DSP, Path(folder)).cells)
+        return counted(synthesise(design, ICE40, Path(folder)).cells)
 
 
 # ---------------------------------------------------------------------- cells
@@ -246,7 +246,7 @@ def clock_mhz(design: Any) -> str:
     sites = (board.clock_pin, *board.pins)
     pins = dict(zip(("clk", "shift_in", "capture", "shift_out"), sites, strict=False))
     with tempfile.TemporaryDirectory() as folder:
-        netlist = synthesise(PoweredOn(Harness(design)), ICE40_DSP, Path(folder))
+        netlist = synthesise(PoweredOn(Harness(design)), ICE40, Path(folder))
         return f"{place(netlist, board, pins, Path(folder) / 'placed', seed=1).fmax_hz / 1e6:.1f}"
 
 

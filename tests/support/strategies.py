@@ -107,7 +107,7 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     pick = picking(draw)
     (cell, reset), lane_type = (
         pick(("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")),
-        pick("plain", "serial", "dsp"),
+        pick("plain", "dsp"),
     )
     taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21, 1, 2, 3, 256), pick(2, 3, 4, 5, 7, 128)
     sample = QFormat(pick(12, 8, 10, 16, 6, 2), 0, pick(False, True))
@@ -156,8 +156,6 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         early_steps=min(steps, pick(1, 2)),
         lane_type=lane_type,
     )
-    if lane_type == "serial":
-        fields["lanes"] = 1
     try:
         config = AcceleratorConfig.of(**fields)
         block = max(1, math.gcd(hop, *config.window_lengths) // pick(1, 2, 3, 64))
