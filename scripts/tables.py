@@ -41,11 +41,10 @@ from typing import Any
 
 import numpy as np
 
+from eskin.choose.choose_network import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import random_integer_model, random_recordings
-from eskin.golden.studies.energy import estimate, scheduled_activity
-from eskin.golden.training.choose_network import network
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import place
 from eskin.rtl.fpga.synthesis import ICE40, Chain, Harness, PoweredOn, counted, synthesise
@@ -64,6 +63,7 @@ from eskin.rtl.program.schedule import (
     step_cycles,
 )
 from eskin.rtl.top.bus_top import Bus, BusTop
+from eskin.study.energy import estimate, scheduled_activity
 from eskin.verbs import asic_job, build_job, defence_cost, energy_job
 
 BOARD, LANES, FRAMES = "icebreaker", 4, 300

@@ -20,11 +20,11 @@ import numpy as np
 import pytest
 
 from eskin.cli import main as command_line
+from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.core.memo import locked
-from eskin.golden.data import load_recordings
 from eskin.golden.model import IntegerModel
-from eskin.golden.training import recipe
+from eskin.training import recipe
 from eskin.verbs import energy_job
 from tests.support.link_device import Device, golden_decisions
 from tests.support.tiny_cells import liberty_files

@@ -310,9 +310,9 @@ def build(
 ) -> None:
     """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the
     clock each budget needs."""
-    from eskin.golden.studies.converter_power import in_words
     from eskin.rtl.fpga.synthesis import counted_family
     from eskin.rtl.fpga.targets import target as board
+    from eskin.study.converter_power import in_words
     from eskin.verbs import build_job as job
 
     if synthesis_only is not None:
@@ -597,8 +597,8 @@ def energy(
 ) -> Record:
     """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists;
     minutes a configuration."""
-    from eskin.golden.studies.converter_power import in_words
     from eskin.pages.energy_page import PAGE
+    from eskin.study.converter_power import in_words
     from eskin.verbs.energy_job import RESULT, job
 
     check_target(out / RESULT)

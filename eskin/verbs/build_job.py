@@ -33,7 +33,6 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
 from eskin.golden.model import IntegerModel
-from eskin.golden.studies.energy import PARTS, estimate, scheduled_activity
 from eskin.pages.views import words, write_text
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
@@ -58,6 +57,7 @@ from eskin.rtl.program.schedule import (
 from eskin.rtl.top.board_top import BAUD, ClassPins
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.top.skin_top import refuse_standalone
+from eskin.study.energy import PARTS, estimate, scheduled_activity
 
 CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""

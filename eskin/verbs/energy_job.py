@@ -18,11 +18,10 @@ import numpy as np
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.latency import needed_clock
+from eskin.exchange import compiled, emulated
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, write_json
 from eskin.golden.data import Recordings
-from eskin.golden.export import compiled, emulated
 from eskin.golden.model import IntegerModel
-from eskin.golden.studies import energy
 from eskin.pages.energy_page import PAGE, render
 from eskin.pages.views import write_text
 from eskin.rtl.fpga.blocks import block_of
@@ -31,6 +30,7 @@ from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import mean_frame_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top.image_accelerator import refuse_hardware
+from eskin.study import energy
 from eskin.verbs.build_job import suited_lane_type
 from eskin.verbs.chip_energy import chip_row, with_touches
 from eskin.verbs.export_job import export_c
@@ -70,7 +70,7 @@ def measure(
     *,
     work: Path,
 ) -> Record:
-    """Activity and estimate of one configuration: the keys of eskin.golden.studies.energy.estimate, and
+    """Activity and estimate of one configuration: the keys of eskin.study.energy.estimate, and
     target, lanes, lane_type, cells, bit_exact.
 
     Parameters
@@ -166,7 +166,7 @@ def _images(recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]
 
 def in_software(model: IntegerModel, recordings: Recordings, work: Path) -> list[Record]:
     """The same model as plain C, a row a microcontroller: name, core, instructions and cycles of
-    `eskin.golden.export.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images
+    `eskin.exchange.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images
     and prototypes, which C does not have, and where compiler (ziglang) or emulator (unicorn) is not installed."""
     available = compiled.there() and importlib.util.find_spec("unicorn")
     if model.config.is_image or model.config.has_prototypes or not available:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from eskin.golden.studies.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
 from eskin.rtl.fpga.targets import target
+from eskin.study.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
 from eskin.verbs.cost import CELLS, blocks_of, cost_of, fits, on_board
 from scripts.cost_model import DESIGNS, errors, fit, read_rows
 from scripts.docs_site import ROOT

@@ -23,10 +23,10 @@ STAGES = {"feature": ["frontend/normaliser"], "logit": ["engine/engine"], "decis
 VERBS = {
     "cosim": "eskin/verbs/cosim_job",
     "run": "eskin/verbs/main_job",
-    "sweep": "golden/studies/sweep",
-    "leak-check": "golden/studies/leak_check",
+    "sweep": "eskin/study/sweep",
+    "leak-check": "eskin/study/leak_check",
     "schedule": "rtl/program/schedule",
-    "quantise": "golden/training/quantise",
+    "quantise": "eskin/training/quantise",
 }
 
 

@@ -28,11 +28,11 @@ from rosbags.rosbag2 import StoragePlugin
 from scipy.io import loadmat, savemat
 
 from eskin.cli.main import app
+from eskin.exchange.onnx_file import write_onnx
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.converters import CONVERTERS
 from eskin.golden.core.groups import Interface
 from eskin.golden.data import Recordings
-from eskin.golden.export.onnx_file import write_onnx
 from eskin.golden.model import FloatModel, random_images, random_integer_model
 from eskin.golden.model.prototypes import save_taught
 from tests.support import doors, result_case

@@ -10,10 +10,10 @@ import typer
 from eskin.cli.common import CONFIG, DATA, INPUT_WORDS, OUTPUTS, REPLACING, app, check_outputs, how_many
 from eskin.cli.learn import _touch_counts
 from eskin.cli.main import VERBS
-from eskin.golden.baselines.scene import array_shape
+from eskin.data import image_size
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.data import image_size
 from eskin.pages.watch_page import asked_shape
+from eskin.study.baselines.scene import array_shape
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row
 

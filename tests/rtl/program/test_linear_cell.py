@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eskin.exchange.import_network import import_network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, narrow
 from eskin.golden.model import (
     FloatModel,
@@ -15,17 +16,16 @@ from eskin.golden.model import (
     random_recordings,
     with_network,
 )
-from eskin.golden.training.import_network import import_network
-from eskin.golden.training.linear_fit import fit_linear
-from eskin.golden.training.quantise import quantise_model, signals
-from eskin.golden.training.recipe import RECIPES, choose_recipe
-from eskin.golden.training.train import TrainingRequest, train
 from eskin.rtl.fpga.implementation import DoesNotFit
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import residue, unseen
+from eskin.training.linear_fit import fit_linear
+from eskin.training.quantise import quantise_model, signals
+from eskin.training.recipe import RECIPES, choose_recipe
+from eskin.training.train import TrainingRequest, train
 from eskin.verbs.build_job import misfit_sentence
 from tests.rtl.engine.test_engine import check_exact, check_exact_and_cycles, small, windows
 from tests.support.table import each_row
