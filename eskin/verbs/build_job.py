@@ -44,7 +44,7 @@ from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.fpga.tools import need_tool
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
-from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_contents
+from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_image
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import (
     decision_cycles,
@@ -327,7 +327,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
         }
         result |= {"stimulator": interface.stimulator != "none", "wiring": wiring.table()}
     if request.flash:
-        result["flash_image"] = image = flash_contents(config, request.arrays)
+        result["flash_image"] = image = flash_image(config, request.arrays)
         result["flash"] = {"image": FLASH_IMAGE, "offset": FLASH_OFFSET, "bytes": len(image)}
     return result, best.bitstream, netlist.verilog
 
