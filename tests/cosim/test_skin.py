@@ -162,7 +162,22 @@ def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
     breaks_into_off(hardware, config, through_converter(made, config)[1][:520], 200, tmp_path / "broken")
 
 
-TWO_CHIPS = CONFIG.replace(taxels=42, rows=6, columns=7, converter=dict(name="mpr121", chips=2, hz=0.0), sample_rate_hz=100.0, stimulator="positions", position=True, position_rest=1292, position_threshold=200, hop=6, window=13, touch_frames=60, pretrigger_frames=2, rearm_frames=12)
+TWO_CHIPS = CONFIG.replace(
+    taxels=42,
+    rows=6,
+    columns=7,
+    converter=dict(name="mpr121", chips=2, hz=0.0),
+    sample_rate_hz=100.0,
+    stimulator="positions",
+    position=True,
+    position_rest=1292,
+    position_threshold=200,
+    hop=6,
+    window=13,
+    touch_frames=60,
+    pretrigger_frames=2,
+    rearm_frames=12,
+)
 
 
 def test_one_of_two_electrode_chips_that_reads_0_is_a_fault_and_no_position(tmp_path):

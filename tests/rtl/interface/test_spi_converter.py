@@ -68,7 +68,8 @@ def test_every_code_at_its_taxel_and_a_stuck_line_is_a_fault(name):
 
 def test_commands_are_those_of_the_data_sheets():
     ads, mcp = (
-        [command for _, command in converter_plan(CONFIGS[name]).transfers] for name in ("ads7953", "mcp3208x2")
+        [command for _, command in converter_plan(CONFIGS[name]).transfers]
+        for name in ("ads7953", "mcp3208x2")
     )
     assert ads == [0x1800 | channel << 7 for channel in range(16)] + [0, 0]
     assert [f"{command:019b}"[:5] for command in mcp] == [f"11{channel:03b}" for channel in range(8)]
