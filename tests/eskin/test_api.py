@@ -9,8 +9,8 @@ import pytest
 
 import eskin
 from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
+from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig
-from eskin.golden.data import load_recordings
 from eskin.golden.model import random_images, run
 from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model
