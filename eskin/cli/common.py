@@ -314,7 +314,7 @@ CountOption = Annotated[
 ]
 
 
-LaneType = Literal["plain", "dsp", "serial"]
+LaneType = Literal["plain", "dsp"]
 """Lanes of one design."""
 
 
@@ -322,9 +322,7 @@ ClassPins = Literal["each", "binary", "none"]
 """How a board shows the class."""
 
 
-LaneTypeOption = Annotated[
-    LaneType | None, option("plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")
-]
+LaneTypeOption = Annotated[LaneType | None, option("plain; dsp: the iCE40's DSP blocks.")]
 
 
 def how_many(text: str) -> int | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from eskin.cosim import flow, gate_flow
 from eskin.cosim.gates import Chip
-from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
+from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.runner import locked
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Memo, Record, code_version, content_key
 from eskin.golden.data import Recordings
@@ -28,7 +28,6 @@ from eskin.rtl.fpga.export import TOP
 from eskin.rtl.fpga.generate import boot_writes, generate, register_map
 from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise
 from eskin.rtl.fpga.targets import target as find_target
-from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.verbs import asic_job
@@ -77,8 +76,7 @@ def cosimulate(
         Look for the lowest clock that meets every budget, at the declared pace; it is the result's
         ``clock_hz``.
     level, target:
-        ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets; ``bitstream``: what icebox_vlog reads back
-        (`bitstream_of`).
+        ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets.
     converter:
         Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were
         recorded). The golden model reads what the converter gives of the recordings. Frames then come at the
@@ -98,7 +96,7 @@ def cosimulate(
     _check_target(level, target, chip)
     config = with_converter(model.config.with_lanes(lanes, lane_type), converter, options.get("clock_hz"))
     codes = None
-    if config.interface.converter != "none":
+    if config.interface.converter.name != "none":
         if level != "rtl" or lowest or options.get("stalls"):
             raise InputError(
                 f"--converter: is {config.interface.converter}, which goes with the design's own Verilog "
@@ -117,9 +115,7 @@ def cosimulate(
             else "is for chips; add --target asic, or take verilator"
         )
         raise InputError(f"--simulator {gate_flow.SIMULATOR}: {reason}")
-    if target is not None and level == "bitstream":
-        options["hardware"] = bitstream_of(config, model.arrays, target)
-    elif chip is not None:
+    if chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
         chips, placed = _chip_parts(config, model.arrays, chip, options)
     elif target is not None:
@@ -135,7 +131,7 @@ def cosimulate(
         and options.get("simulator", "verilator") == "verilator"
         and not lowest
     )
-    if stopping and config.interface.converter == "none":
+    if stopping and config.interface.converter.name == "none":
         options["hardware"] = Hardware((design / "accelerator.sv",), ("-DCLOCKED",))
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
     if chips:
@@ -242,10 +238,11 @@ def _chips_played(
 def with_converter(
     config: AcceleratorConfig, converter: str | None, clock_hz: float | None = None
 ) -> AcceleratorConfig:
-    """The configuration with that converter (None: its own) at the clock it is used with, which is checked
-    against its pace."""
-    changes: Record = {} if converter is None else {"converter": converter}
-    if clock_hz and (converter or config.interface.converter) != "none":
+    """The configuration with that converter (None, or the name of its own: as it is) at the clock it is used
+    with, which is checked against its pace."""
+    own = config.interface.converter.name
+    changes: Record = {} if converter in (None, own) else {"converter": converter}
+    if clock_hz and (converter or own) != "none":
         changes["clock_hz"] = float(clock_hz)
     return config.replace(**changes) if changes else config
 
@@ -282,32 +279,3 @@ def netlist_of(
     )
     netlist = Netlist.of(folder, family, TOP)
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
-
-
-def bitstream_of(config: AcceleratorConfig, arrays: Arrays, target: str) -> Hardware:
-    """The netlist without probes, placed, routed and read back from its bitstream.
-
-    It is placed on an HX8K in a package of 206 pads, the same family and cells as the boards' HX1K and LP1K,
-    whose packages have fewer pads than the chain has ports. An unchanged one is taken from the build folder.
-
-    Raises
-    ------
-    InputError
-        Another family, a design with multiplier cells, or icebox_vlog is not installed.
-    """
-    family = find_target(target).family
-    if family.name != "ice40" or family.dsp:
-        raise InputError(
-            f"--level bitstream: reads back iCE40 parts without multipliers; --target {target} is none, "
-            "take icestick"
-        )
-    hardware, _ = netlist_of(config, arrays, target, probes=False)
-    folder = hardware.sources[0].parent
-    with locked(folder.with_suffix(".lock")):
-        if not (folder / "placed.json").exists():
-            clock = f"--freq {config.hardware.clock_hz / 1e6:g} --timing-allow-fail -q"
-            files = f"--json {TOP}.json --asc {TOP}.asc --write placing.json"
-            command = f"--hx8k --package ct256 --seed 1 {clock} {files}"
-            run_tool("nextpnr-ice40", command.split(), folder)
-            (folder / "placing.json").rename(folder / "placed.json")
-        return recovered_hardware(folder / f"{TOP}.asc", folder / "placed.json", target)

@@ -16,9 +16,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core import converters, images
+from eskin.golden.core import images
+from eskin.golden.core.converters import Converter
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat, signed_bits
+from eskin.golden.core.group import Refusal
 from eskin.golden.core.groups import (
     GROUP_OF,
     GROUPS,
@@ -35,7 +37,6 @@ from eskin.golden.core.groups import (
     Sensor,
     Windows,
 )
-from eskin.golden.core.serial_port import Refusal
 
 WIDEST_ACCUMULATOR = 48
 """Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum
@@ -122,7 +123,7 @@ class AcceleratorConfig:
                 f"is {clock:g}: {clock / self.sensor.sample_rate_hz:.3g} cycles a frame cannot take "
                 f"{self.sensor.taxels} taxels{kinds}; use at least {least:g}",
             )
-        yield from converters.refusals(self)
+        yield from self.interface.converter.misfits(self)
         if self.interface.position:
             yield from self._position_refusals()
         yield from self._stimulator_refusals()
@@ -234,13 +235,6 @@ class AcceleratorConfig:
                 "lane_type",
                 f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need "
                 f"{bits}; take plain lanes, or narrow the weights",
-            )
-        if not self.recurrent and lane == "serial" and self.kept_low_bits > 15:
-            yield (
-                "dense_format",
-                f"{formats.dense_format} and features of {formats.feature_format} need sums of {bits} bits "
-                f"with {self.logit_shift} below a logit; the bit-serial lane keeps 31 with 15 below: narrow "
-                "the weights",
             )
 
     def _recurrent_refusals(self) -> Iterator[Refusal]:
@@ -363,7 +357,7 @@ class AcceleratorConfig:
         for group in ("rest_level", "faults", "features", "readout_rule"):
             if getattr(self, group) != GROUPS[group]():
                 yield group, "is set, and images have none of it; leave the group out"
-        if self.interface.position or self.interface.converter != "none":
+        if self.interface.position or self.interface.converter.name != "none":
             yield "interface", "has a converter or position, which images do not have; leave it out"
         if logit.width != images.LOGIT_BITS:
             yield "logit_format", f"is {logit}; logits of images have {images.LOGIT_BITS} bits"
@@ -887,12 +881,6 @@ class AcceleratorConfig:
         return max(18, signed_bits(self.accumulator_bound))
 
     @property
-    def kept_low_bits(self) -> int:
-        """Bits of the low one of the two words in which the bit-serial lane keeps a linear cell's sums; the
-        high one has 16."""
-        return max(self.logit_shift, self.accumulator_bits - 16)
-
-    @property
     def addend_parts(self) -> int:
         """16-bit words in which the host loads one addend, low word first: two, three where the accumulator
         has more than 32 bits."""
@@ -944,8 +932,7 @@ class AcceleratorConfig:
         return cls(**own, image=image, **groups)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
-        """A copy on other lanes. None keeps what is there, except that ``serial`` means one lane."""
-        lanes = 1 if lanes is None and lane_type == "serial" else lanes
+        """A copy on other lanes. None keeps what is there."""
         fields = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
         return self.replace(**{field: value for field, value in fields.items() if value is not None})
 
@@ -1048,6 +1035,8 @@ def _by_group(fields: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict[st
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return tuple(map(_plain, value))
+    if isinstance(value, Converter):
+        return value.settings()
     return str(value) if isinstance(value, QFormat) else value
 
 
