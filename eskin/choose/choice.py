@@ -25,7 +25,7 @@ from eskin.choose import doubts
 from eskin.choose.candidate import Candidate, Judged, choose, front_end_fields, screened_row
 from eskin.choose.choice_table import front_end_words, left_out, network_name
 from eskin.choose.cost import Market
-from eskin.choose.front_ends import FrontEnds, Judge, blocked_ridge, listed, search
+from eskin.choose.front_ends import FrontEnds, Judge, Listed, blocked_ridge, listed, search
 from eskin.choose.networks import AUTO, INSIDE, Effort, Part, Wish, check_units, network_choice, side_by_side
 from eskin.choose.yardsticks import linear_yardsticks
 from eskin.golden.core import NETWORKS, PRESETS, AcceleratorConfig, InputError, Record
@@ -83,9 +83,9 @@ class Plan:
     guessed: bool = False
 
     @property
-    def listed(self) -> list[AcceleratorConfig]:
+    def listed(self) -> Listed:
         """Front ends that networks are tried on."""
-        return listed(self.screened, self.market) if self.screened else [self.config]
+        return listed(self.screened, self.market) if self.screened else Listed.alone(self.config)
 
     def record(self, taken: AcceleratorConfig | None = None) -> Record | None:
         """``front_end`` of training.json: chosen and rivals (best first), each as ``screened_row`` gives it;
@@ -263,7 +263,7 @@ def choose_inside(
     """What is chosen on each of ``parts`` (recordings) alone."""
     recordings, choices, held = terms.recordings, [], []
     for part in parts:
-        front_ends = [plan.config]
+        front_ends = Listed.alone(plan.config)
         if plan.front_ends:
             front_ends = search_inside(plan.front_ends, part, terms.groups, plan.market)
         choices.append(network_choice(front_ends, wish, plan.market, effort))
@@ -271,10 +271,8 @@ def choose_inside(
     return [candidate for candidate, _ in side_by_side(choices, held, terms)]
 
 
-def search_inside(
-    front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market
-) -> list[AcceleratorConfig]:
-    """The front ends ``listed`` by a search on ``part`` (recordings) alone; the first is the one chosen."""
+def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str], market: Market) -> Listed:
+    """The front ends ``listed`` by a search on ``part`` (recordings) alone."""
     rows = front_ends.part(part)
     with one_thread():
         judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
@@ -456,7 +454,7 @@ def train_chosen(
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
     choice = network_choice(
-        plan.listed if folds else [plan.config], wish, market, Effort(seeds=len(terms.seeds))
+        plan.listed if folds else Listed.alone(plan.config), wish, market, Effort(seeds=len(terms.seeds))
     )
     ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], terms)
     judged = {one.candidate: cross_validation_of(one, terms, tests) for one in tried}

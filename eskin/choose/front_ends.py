@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -54,8 +55,9 @@ gate is not tried with further windows."""
 DESCENT = 12
 """Cheaper neighbours that are judged at most."""
 
-RIVALS, HOPELESS = 2, 0.25
-"""Other gates that networks are tried on, and how far behind the one taken a front end may be for that."""
+RIVALS, TRIED_RECURRENT, HOPELESS = 2, 4, 0.25
+"""Other gates, and front ends in all, that a recurrent network is tried on; how far behind the one taken a
+front end may be for that."""
 
 JUDGED_ON, JUDGED_SAMPLES = 800, 1 << 25
 """Recordings judged on at most, and samples (frames x taxels) they hold at most: what fits into a minute on
@@ -351,27 +353,48 @@ def search(judge: Judge, market: Market) -> list[Judged]:
             return judge.all(list(judge.judged))
 
 
-def listed(judged: Sequence[Judged], market: Market) -> list[AcceleratorConfig]:
-    """Front ends to try networks on: the one that the rule takes first; those that it takes of each smaller
-    number of kinds, and the most accurate one, the cheapest first; the most accurate of RIVALS other gates.
-    None is HOPELESS.
+@dataclass(frozen=True)
+class Listed:
+    """Front ends that networks are tried on.
+
+    taken: the one that the rule takes. smaller: it, the most accurate one, and those that the rule takes of
+    each smaller number of kinds; the cheapest first. rivals: the most accurate of other gates.
+    """
+
+    taken: AcceleratorConfig
+    smaller: tuple[AcceleratorConfig, ...]
+    rivals: tuple[AcceleratorConfig, ...] = ()
+
+    @classmethod
+    def alone(cls, config: AcceleratorConfig) -> Listed:
+        """One that was asked for."""
+        return cls(config, (config,))
+
+    @property
+    def for_recurrent(self) -> list[AcceleratorConfig]:
+        """TRIED_RECURRENT at most, the one taken first."""
+        order = (self.taken, self.smaller[0], *self.rivals, *self.smaller)
+        return list(dict.fromkeys(order))[:TRIED_RECURRENT]
+
+
+def listed(judged: Sequence[Judged], market: Market) -> Listed:
+    """The front ends to try networks on; none is HOPELESS.
 
     A linear classifier sees all windows at once, so it can undo a level that a recurrent network stumbles
     over, and may need more kinds of feature than such a network.
     """
     taken, best = choose(judged, market), most_accurate(judged)
     near = [one for one in judged if taken.accuracy - one.accuracy <= HOPELESS]
-    smaller = [[one for one in near if one.config.kinds == kinds] for kinds in range(1, taken.config.kinds)]
-    smaller += [[one for one in near if one.accuracy == best.accuracy], [taken]]
-    cheap = sorted(
-        (choose(group, market) for group in smaller if group), key=lambda one: market.price(one.config)
-    )
-    rivals: dict[Any, Judged] = {}
+    groups = [[one for one in near if one.config.kinds == kinds] for kinds in range(1, taken.config.kinds)]
+    groups += [[one for one in near if one.accuracy == best.accuracy], [taken]]
+    smaller = [choose(group, market) for group in groups if group]
+    smaller.sort(key=lambda one: market.price(one.config))
+    rivals: dict[Any, AcceleratorConfig] = {}
     for one in sorted(near, key=lambda one: -one.accuracy):
         if _kind_of_gate(one) != _kind_of_gate(taken):
-            rivals.setdefault(_kind_of_gate(one), one)
-    order = [taken, cheap[0], *list(rivals.values())[:RIVALS], *cheap]
-    return list(dict.fromkeys(one.candidate.front_end for one in order))
+            rivals.setdefault(_kind_of_gate(one), one.candidate.front_end)
+    unique = dict.fromkeys(one.candidate.front_end for one in smaller)
+    return Listed(taken.candidate.front_end, tuple(unique), tuple(rivals.values())[:RIVALS])
 
 
 def _kind_of_gate(one: Judged) -> tuple[str, bool] | str:

@@ -7,8 +7,8 @@ with one seed, and with more where it can still be taken.
 A linear cell is fitted as a logistic regression and by least squares (`eskin.training.linear_fit`): which one
 does better depends on how many touches there are for its weights. Where the recipe augments touches, which
 helps or harms by what tells the classes apart, both are fitted to touches as they were recorded too; and a
-logistic regression of these with a weaker penalty. All cost the same, so all are tried on the first front end
-and the best of them on the others. Logistic regressions, whose margins are logarithms of odds, come first.
+logistic regression of these with a weaker penalty. All cost the same, so all are tried on the cheapest front
+end and the best of them on the others. Logistic regressions, whose margins are logarithms of odds, come first.
 
 Recurrent candidates stand on the front end that the rule takes of those that a GRU 12 was tried on, with half
 of the updates.
@@ -28,6 +28,7 @@ import numpy as np
 
 from eskin.choose.candidate import Candidate, Judged, choose, most_accurate
 from eskin.choose.cost import Market
+from eskin.choose.front_ends import Listed
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record
 from eskin.golden.model import with_network
 from eskin.training.crossval import Piece, Terms, judge_pieces, share_right
@@ -37,9 +38,6 @@ AUTO = "auto"
 
 GRU_UNITS, LARGER_UNITS = (4, 8, 12), 16
 """Units that are tried, and where 12 are not level."""
-
-TRIED_RECURRENT = 4
-"""Front ends that a recurrent network is tried on."""
 
 OUT_OF_REACH = 3.0
 """Standard errors behind the best, with one seed, from which a network is not looked at any further."""
@@ -169,10 +167,8 @@ NetworkChoice = Generator[Round, list[Judged], tuple[Candidate, list[Judged]]]
 candidate taken and all that it was taken from, none where nothing was open."""
 
 
-def network_choice(
-    front_ends: Sequence[AcceleratorConfig], wish: Wish, market: Market, effort: Effort
-) -> NetworkChoice:
-    """Choose a network on one of ``front_ends``, of which the first is the linear classifier's choice.
+def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effort) -> NetworkChoice:
+    """Choose a network on one of the front ends listed.
 
     Raises
     ------
@@ -207,10 +203,10 @@ def network_choice(
         return choose((yield from asked(probes, effort.probe_share)), market).candidate
 
     cell, hidden = ("gru", effort.probe) if wish.open else (None, None)
-    probes = usable(wish.possible(on, cell, hidden) for on in front_ends)[:TRIED_RECURRENT]
+    probes = usable(wish.possible(on, cell, hidden) for on in front_ends.for_recurrent)
     if not wish.open:
         if not probes:
-            cell = wish.candidate(front_ends[0]).config.network.cell  # or says why not
+            cell = wish.candidate(front_ends.taken).config.network.cell  # or says why not
             raise InputError(
                 f"--fits {market.board}: does not hold {cell} on the front end asked for or chosen; name a "
                 "larger board, or leave the network open"
@@ -218,13 +214,14 @@ def network_choice(
         if len(probes) < 2 or not probes[0].config.recurrent:
             return probes[0], []
         return (yield from best_of(probes)), []
-    fits = {fit: wish.possible(front_ends[0], "linear", None, fit) for fit in effort.fits}
+    cheapest, *others = front_ends.smaller
+    fits = {fit: wish.possible(cheapest, "linear", None, fit) for fit in effort.fits}
     first = yield from judged(fits.values())
     if first and not any(one.settled for one in first):
         best = most_accurate(first).candidate
         fit = next(fit for fit, candidate in fits.items() if candidate == best)
-        yield from judged(wish.possible(on, "linear", None, fit) for on in front_ends[1:])
-    on, probes = front_ends[0], usable(probes)
+        yield from judged(wish.possible(on, "linear", None, fit) for on in others)
+    on, probes = front_ends.taken, usable(probes)
     if len(probes) > 1 and not any(one.settled for one in tried):
         on = (yield from best_of(probes)).front_end
     units = yield from judged(wish.possible(on, "gru", count) for count in effort.units)
@@ -233,7 +230,7 @@ def network_choice(
     if not tried:
         board = f" and the board {market.board}" if market.named else ""
         raise InputError(
-            f"configuration '{front_ends[0].name}': no network of the candidates fits it{board}; name one "
+            f"configuration '{front_ends.taken.name}': no network of the candidates fits it{board}; name one "
             "with --cell and --hidden"
         )
     if effort.seeds > 1:

@@ -539,7 +539,7 @@ def front_ends_without(
     chosen: dict[str, AcceleratorConfig] = {}
     for part in parts:
         rest = np.setdiff1d(everything, np.concatenate([values[value] for value in part]))
-        config = search_inside(front_ends, rest, groups, market)[0]
+        config = search_inside(front_ends, rest, groups, market).taken
         chosen |= dict.fromkeys(part, with_network(config, **network))
     return [chosen[value] for value in values]
 

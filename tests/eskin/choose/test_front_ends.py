@@ -171,8 +171,11 @@ def test_networks_are_tried_on_the_best_and_the_cheapest_of_fewer_kinds_and_the_
     gate, cheaper, shut = judged(80, **at_once), judged(79, steps=2, **at_once), judged(50, rest="initial")
     everything = [best, level, two, one, cheap, hopeless, gate, cheaper, shut]
     assert choose(everything, priced()) is level
-    order = [one.candidate.front_end for one in (level, cheap, gate, two, best)]
-    assert listed(everything, priced()) == order
+    found = listed(everything, priced())
+    taken, *smaller = (one.candidate.front_end for one in (level, cheap, level, two, best))
+    assert found.taken == taken and list(found.smaller) == smaller
+    assert found.rivals == (gate.candidate.front_end,)
+    assert found.for_recurrent == [taken, smaller[0], *found.rivals, smaller[2]]
 
 
 def test_a_part_is_searched_as_if_it_were_all_there_is():
@@ -184,7 +187,7 @@ def test_a_part_is_searched_as_if_it_were_all_there_is():
     labels[recordings.groups["day"] == 1] = 0
     assert search_inside(FrontEnds(replace(recordings, labels=labels)), part, ["day"], priced()) == inside
     front_ends, folds = FrontEnds(recordings), inner_folds(recordings, ["day"])
-    for config in (BASE, inside[0]):
+    for config in (BASE, inside.taken):
         of_all = front_ends.screen.judged(config, folds)
         of_part = Judge(front_ends, front_ends.part(np.arange(len(recordings))), folds)(config)
         assert (of_part.correct == of_all.correct).all() and of_part.missed == of_all.missed

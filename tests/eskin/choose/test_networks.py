@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from eskin.choose.candidate import Candidate, Judged
+from eskin.choose.front_ends import Listed
 from eskin.choose.networks import (
     FITS,
     INSIDE,
@@ -44,7 +45,10 @@ OPEN, WHOLE = Wish(open=True), Effort(seeds=3)
 def played(front_ends, right, wish=OPEN, effort=WHOLE, of=400, **market):
     """What a choice asks for, (cell or units, steps, recipe, share, other seeds), where a candidate is right
     on ``right(candidate)`` of 400 recordings; and the candidate taken."""
-    choice, asked = network_choice(front_ends, wish, priced(**market), effort), []
+    choice, asked = (
+        network_choice(Listed(front_ends[0], tuple(front_ends)), wish, priced(**market), effort),
+        [],
+    )
     try:
         wanted = next(choice)
         while True:
@@ -154,7 +158,7 @@ def test_choices_made_side_by_side_are_those_made_alone(quick):
         Part(part, [part[persons[part] == value] for value in np.unique(persons[part])]) for part in parts
     ]
     terms = Terms(recordings=recordings, groups=["person"], datasets=Datasets(recordings), seeds=[0])
-    start = lambda: network_choice([CONFIG, DEAR], Wish(open=True), priced(), INSIDE)
+    start = lambda: network_choice(Listed(DEAR, (CONFIG, DEAR)), Wish(open=True), priced(), INSIDE)
     both = side_by_side([start(), start()], held, terms)
     for part, (taken, tried) in zip(held, both, strict=True):
         ((alone, tried_alone),) = side_by_side([start()], [part], terms)

@@ -365,12 +365,6 @@ def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
     } == {("lstm", 4)}
     labels = np.where(mounting == 1, np.random.default_rng(0).permutation(three.labels), three.labels)
     mixed = dataclasses.replace(three, labels=labels)
-    field = enrolling.field_of(three)
-    monkeypatch.setattr(
-        enrolling,
-        "field_of",
-        lambda mixed: dataclasses.replace(field, recordings=mixed.subset(field.numbers)),
-    )
     assert (
         enrolling.front_ends_without(mixed, values, ["mounting"], priced(), cell="lstm", hidden=4)[1]
         == configs[1]
