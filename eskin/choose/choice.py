@@ -5,8 +5,8 @@ those listed (`eskin.choose.networks`); both times the rule of `eskin.choose.can
 
 What is cross-validated on the folds it was chosen on looks better than it is: on pure noise of 60 recordings
 and two classes the best of eighty front ends is 60 to 75 % correct. So the choice is made again inside the
-training part of every fold (`unseen`): the same search and the same rule, on fewer recordings and with fewer
-networks. The network taken is then trained on the whole training part with the full recipe, and judged on the
+training part of every fold (`unseen`): the same rule after a shorter search, on fewer recordings and with
+fewer networks. The network taken is then trained on the whole training part with the full recipe, and judged on the
 fold. Thresholds and scales of the candidates are measured on all recordings, without a label.
 """
 
@@ -276,7 +276,7 @@ def search_inside(front_ends: FrontEnds, part: np.ndarray, groups: Sequence[str]
     rows = front_ends.part(part)
     with one_thread():
         judge = Judge(front_ends, rows, inner_folds(front_ends.recordings.subset(rows), groups))
-        return listed(search(judge, market), market)
+        return listed(search(judge, market, brief=True), market)
 
 
 def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record:

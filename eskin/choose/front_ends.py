@@ -324,9 +324,12 @@ def _how_many(recordings: Recordings) -> int:
 
 
 # ---------------------------------------------------------------------- the search
-def search(judge: Judge, market: Market) -> list[Judged]:
-    """The front ends judged, best first, by the coordinates that the module describes."""
+def search(judge: Judge, market: Market, brief: bool = False) -> list[Judged]:
+    """The front ends judged, best first, by the coordinates that the module describes; ``brief``: of every
+    gate three sets of windows, and nothing behind the kinds of feature."""
     by_gate, screen = judge.front_ends.by_gate, judge.front_ends.screen
+    if brief:
+        by_gate = [list(dict.fromkeys([*configs[:2], configs[-1]])) for configs in by_gate]
     first = judge.all(config for configs in by_gate for config in configs[:2])
     close = [
         configs
@@ -337,6 +340,8 @@ def search(judge: Judge, market: Market) -> list[Judged]:
     for one in means[:SURVIVORS]:
         config = one.candidate.front_end
         judge.all(features(config, screen.knee(config)))
+    if brief:
+        return judge.all(list(judge.judged))
     judge.all(_around(most_accurate(list(judge.judged.values())).candidate.front_end, by_gate))
     budget = DESCENT
     while True:
