@@ -20,6 +20,7 @@ from eskin.golden.model import (
     find_touches,
     float_features,
     logit_error,
+    model_files,
     stage_errors,
 )
 from eskin.golden.model.stage_error import StageError
@@ -271,6 +272,7 @@ def quantise_by_error(
         raise InputError(
             f"quantisation, field logit_error: is {limit:g}; give the largest difference of a logit, 0.5 say"
         )
+    files = model_files(model_dir)
     model, record = load_trained(model_dir)
     config = model.config
     splits = [split["groups"] for split in record.get("cross_validation", [])] or default_splits(
@@ -305,5 +307,5 @@ def quantise_by_error(
         "ranges": range_records(integer.config, ranges),
         "logit_error": summary,
     }
-    integer.save(model_dir, training=record)
+    integer.save(model_dir, training=record, unchanged=files)
     return integer, summary
