@@ -90,7 +90,6 @@ FEATURES: dict[str, Record] = {
 """Changes to the preset by the name of the row."""
 BUSES: dict[str, Record] = {
     "Wishbone": {"bus": "wishbone"},
-    "APB": {"bus": "apb"},
     "AXI4-Lite": {"bus": "axi4lite"},
     "Wishbone, no queue": {"bus": "wishbone", "depth": 0},
     "Wishbone, a queue of 4": {"bus": "wishbone", "depth": 4},

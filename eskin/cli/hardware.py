@@ -43,7 +43,7 @@ Level = Literal["rtl", "netlist"]
 """What is simulated."""
 
 
-Bus = Literal["wishbone", "axi4lite", "apb"]
+Bus = Literal["wishbone", "axi4lite"]
 """Buses of a user's system."""
 
 
