@@ -302,6 +302,7 @@ def build(
     from eskin.rtl.fpga.targets import target as board
     from eskin.study.converter_power import in_words
     from eskin.verbs import build_job as job
+    from eskin.verbs.flow import with_converter
 
     if class_pins and not link:
         raise InputError("--class-pins: is for a build with the link; leave it out, or leave out --no-link")
@@ -320,9 +321,7 @@ def build(
     folder, part = out or job.BOARDS / target, board(target)
     check_folder(folder, job.MARK)
     integer = integer_model(model)
-    config = job.suited(integer.config, part, lanes, lane_type)
-    if converter is not None:
-        config = config.replace(converter=converter)
+    config = with_converter(job.suited(integer.config, part, lanes, lane_type), converter)
     if stimulator and config.interface.stimulator == "none":
         config = config.replace(stimulator="decisions")
     request = job.BuildRequest(

@@ -481,7 +481,6 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(
 @each_row(
     ("words", "said"),
     [
-        ((), "Missing option '--target'"),
         (("--target", "arduino"), "--target arduino: is no known board"),
         (
             ("--target", "icebreaker", "--no-link", "--class-pins", "none"),
