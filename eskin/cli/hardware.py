@@ -33,7 +33,7 @@ from eskin.cli.common import (
     show,
     stop,
 )
-from eskin.golden.core import InputError, Record, check_folder, check_target, replacing
+from eskin.golden.core import PREFIX, InputError, Record, check_folder, check_target, replacing
 
 Simulator = Literal["verilator", "icarus", "compiled"]
 """Simulators."""
@@ -100,6 +100,13 @@ def export(
     data: Annotated[
         str | None, option("What eskin_check.c plays, or onnxruntime is compared on; default: made-up ones.")
     ] = None,
+    prefix: Annotated[
+        str | None,
+        option(
+            "With --to c: begins the names of files, types, functions and macros, so that several models go into one "
+            "program; default eskin."
+        ),
+    ] = None,
     json: JsonOption = None,
 ) -> Record:
     """Write a model in the words of other tools, with what checks it."""
@@ -108,8 +115,15 @@ def export(
 
     exported: Any = integer_model(model) if to == "c" else FloatModel.load(model, images=True)
     recordings = None if data is None else recordings_for(data, exported.config)
-    write = export_c if to == "c" else export_onnx
-    result: Record = {"to": to} | write(exported, out, recordings=recordings)
+    if to == "c":
+        result: Record = export_c(
+            exported, out, recordings=recordings, prefix=PREFIX if prefix is None else prefix
+        )
+    elif prefix is not None:
+        raise InputError("--prefix: is for --to c; an ONNX file declares no names")
+    else:
+        result = export_onnx(exported, out, recordings=recordings)
+    result = {"to": to} | result
     show("export", **result)
     return result
 
