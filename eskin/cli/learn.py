@@ -481,8 +481,12 @@ def quantise(
         ),
     ] = None,
     readout: Annotated[
-        Readout, option("What decides: the dense layer, or the nearest stored trajectory; that needs --data.")
-    ] = "dense",
+        Readout | None,
+        option(
+            "What decides: the dense layer, or the nearest stored trajectory; that needs --data. Default: as the "
+            "model's config.json says."
+        ),
+    ] = None,
     prototypes: Annotated[
         int | None, option("With --readout: prototypes a class at most; default: 8.", min=1, max=16)
     ] = None,
@@ -530,7 +534,7 @@ def quantise(
         "spare_classes": spare_classes,
     }
     of_readout = {name: value for name, value in asked.items() if value is not None}
-    if readout == "dense":
+    if readout != "prototypes":
         if group is not None and logit_error is None:
             raise InputError("--group says what --logit-error leaves out; give both")
         for name in of_readout:
@@ -550,14 +554,10 @@ def quantise(
         return
     if lean and feature_bits is not None:
         raise InputError("--lean chooses the bits of a feature; give it or --feature-bits")
-    if readout == "prototypes":
-        if recordings is not None and recordings.image_shape:
-            raise InputError("--readout: is for models that read recordings; leave it out for one of images")
-        prototypes_of = {"groups": groups_of(group)} | of_readout
-        options: Record = {"readout": prototypes_of, "lean": lean}
-    else:
-        options = {"lean": lean}
-    integer = to_integers(model, recordings, **options, **widths)
+    if readout is not None and recordings is not None and recordings.image_shape:
+        raise InputError("--readout: is for models that read recordings; leave it out for one of images")
+    decided_by = {"groups": groups_of(group)} | of_readout if readout == "prototypes" else readout
+    integer = to_integers(model, recordings, readout=decided_by, lean=lean, **widths)
     show("quantise", tried=[], formats=describe_formats(integer.config))
 
 
