@@ -10,8 +10,7 @@ helps or harms by what tells the classes apart, both are fitted to touches as th
 logistic regression of these with a weaker penalty. All cost the same, so all are tried on the cheapest front
 end and the best of them on the others. Logistic regressions, whose margins are logarithms of odds, come first.
 
-Recurrent candidates stand on the front end that the rule takes of those that a GRU 12 was tried on, with half
-of the updates.
+Recurrent candidates stand on the front end on which a GRU 12, tried with half of the updates, is best.
 
 `network_choice` is a choice on one set of recordings. The main choice is one of them, and so is each choice
 inside the training part of a fold: these go `side_by_side`, so that their networks train together.
@@ -200,7 +199,10 @@ def network_choice(front_ends: Listed, wish: Wish, market: Market, effort: Effor
         return outcomes
 
     def best_of(probes: Sequence[Candidate]) -> Generator[Round, list[Judged], Candidate]:
-        return choose((yield from asked(probes, effort.probe_share)), market).candidate
+        # the best, not the cheapest that is level: with few updates short touches look better than they are
+        outcomes = yield from asked(probes, effort.probe_share)
+        outcomes.sort(key=lambda one: market.price(one.config))
+        return most_accurate(outcomes).candidate
 
     cell, hidden = ("gru", effort.probe) if wish.open else (None, None)
     probes = usable(wish.possible(on, cell, hidden) for on in front_ends.for_recurrent)

@@ -102,7 +102,7 @@ def test_fits_are_tried_on_the_first_front_end_and_the_best_on_the_others():
 
 
 def test_recurrent_networks_stand_on_the_front_end_that_a_part_of_the_updates_chose():
-    better = lambda one: 300 + 60 * (one.config.windows.steps == 8) * one.config.recurrent
+    better = lambda one: 300 + one.config.recurrent * (50 + (one.config.windows.steps == 8))  # and level
     asked, taken, _ = played([CONFIG, DEAR], better)
     assert [(units, steps) for units, steps, _, share, _ in asked if share == 2] == [(12, 6), (12, 8)]
     units = [(units, steps) for units, steps, _, share, more in asked if share == 1 and not more]
