@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from eskin.cli.common import (
     DATA,
@@ -95,6 +95,10 @@ def convert(
         Path | None,
         option("Log: a .csv table of start, end (s) and class, a row a recording.", metavar="FILE"),
     ] = None,
+    clock: Annotated[
+        Literal["log", "header"],
+        option("Log: whose times frames and labels have, the log's or their headers'."),
+    ] = "log",
     scale: Annotated[
         float | None, option("What one code is worth; default: whole numbers are codes, others get a scale.")
     ] = None,
@@ -122,6 +126,7 @@ def convert(
         delimiter=delimiter,
         samples=samples,
         labels=labels,
+        clock=clock,
         scale=scale,
     )
     recordings = load_recordings(source, reading=reading)

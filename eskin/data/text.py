@@ -1,5 +1,5 @@
-"""Tables of text as people have them, ``.csv`` and LabVIEW's ``.lvm``: pandas parses, this module finds the
-form out.
+"""Tables of text as people have them, CSV and LabVIEW's ``.lvm``: pandas parses, this module finds the form
+out.
 
 What separates the cells, whether a comma is a decimal point and whether there is a header is read off the
 file; what cannot be read for certain is refused with file, line and the option that settles it.
@@ -8,213 +8,52 @@ file; what cannot be read for certain is refused with file, line and the option 
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 
+from eskin.data.table import NUMBER, Reading, Refuse, Table, check_regular
 from eskin.golden.core import InputError
-from eskin.golden.data.codes import place_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 DELIMITERS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
-MOST_BYTES = 2 << 30
-UNPACKED_BYTES, MOST_TIMES = 128 << 20, 50
-"""What a file may unpack to in any case, and beyond it how many times its own size: recordings shrink to a
-half or a tenth."""
 LONGEST_LINE = 100_000
 """Letters; 256 taxels take 8000 at most."""
 
 _SPOKEN = {"tab": "\t", "\\t": "\t", "blank": " ", "space": " ", "comma": ",", "semicolon": ";"}
-_NUMBER = re.compile(r"[-+]?(?:(?:\d[\d.,]*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.I)
 _WITH_COMMA = re.compile(r"(?<![\w.,])[-+]?\d+(?:,\d+)+(?:\.\d*)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}(?:,\d{3})+(?:\.\d*)?")
-_LVM_WORDS = (
-    "channels|samples|date|time|y_unit_label|x_dimension|x0|delta_x|x_value|notes|y_dimension|test_name|"
-    "test_numbers|test_series|uut_name|uut_m/n|uut_s/n|model_number|serial_number"
+_HEAD_END = "***End_of_Header***"
+_HEAD = re.compile(
+    r"\s*(?:\*\*\*|(?:LabVIEW Measurement|Channels|Samples|Date|Time|X0|Delta_X|Notes|"
+    r"X_(?!Value)\w+|Y_\w+|Test_\w+|UU?T_\S+|\w+_Number|\w+_Version|Separator|Decimal_Separator|"
+    r"Multi_Headings|Time_Pref|Operator|Description|Project)\s*(?:[\t;,]|$))",
+    re.I,
 )
-_LVM_HEADER = re.compile(rf"\s*(?:\*\*\*|(?:{_LVM_WORDS})\s*(?:[\t;, ]|$))", re.I)
-"""How the lines begin that LabVIEW writes again at each segment."""
+"""How the lines of LabVIEW's heads begin, of the file and of each segment."""
 
 
-@dataclass(frozen=True)
-class Reading:
-    """What a user says about a source; None and empty: it is found out.
+class _Lines(NamedTuple):
+    """Lines of frames, their numbers, places before which the file parts them, and what was found."""
 
-    rate_hz: frames a second. time, recording, label: columns, by name or by number from 1. columns: the
-    taxels. groups: columns of a long table, or arrays of a .mat file. delimiter: what separates columns.
-    scale: what one code is worth. samples: array of a .mat or HDF5 file, topic of a log. labels: of a
-    log, a table of times.
-    """
-
-    rate_hz: float | None = None
-    time: str | None = None
-    columns: tuple[str, ...] = ()
-    recording: str | None = None
-    label: str | None = None
-    groups: tuple[str, ...] = ()
-    delimiter: str | None = None
-    scale: float | None = None
-    samples: str | None = None
-    labels: Path | None = None
+    numbers: list[int]
+    texts: list[str]
+    breaks: list[int]
+    notes: list[str]
 
 
-@dataclass(frozen=True)
-class Table:
-    """Rows of recordings, one after the other.
-
-    frame: the cells; columns are numbered from 0. names: the header, empty without one. lines (rows): numbers
-    in the file, from 1. starts: the first row of each recording. sources: the file of each recording, or one
-    for all. units: of each column, where a row below the header says them.
-    """
-
-    frame: pd.DataFrame
-    names: tuple[str, ...]
-    lines: np.ndarray
-    sources: tuple[str, ...]
-    starts: np.ndarray
-    notes: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
-
-    @property
-    def offsets(self) -> np.ndarray:
-        """(recordings + 1) the first row of each recording, and the number of rows."""
-        return np.append(self.starts, len(self.lines)).astype(np.int64)
-
-    @property
-    def spans(self) -> list[slice]:
-        """The rows of each recording."""
-        return [slice(first, end) for first, end in pairwise(self.offsets)]
-
-    @classmethod
-    def joined(cls, tables: Sequence[Table]) -> Table:
-        """Tables with the same columns, a recording each, one after the other."""
-        import pandas as pd
-
-        starts = np.cumsum([0, *(len(table.lines) for table in tables)])[:-1]
-        frame = pd.concat([table.frame for table in tables], ignore_index=True)
-        lines = np.concatenate([table.lines for table in tables])
-        sources = tuple(table.sources[0] for table in tables)
-        return cls(frame, tables[0].names, lines, sources, starts, units=tables[0].units)
-
-    def only(self, columns: list[int]) -> Table:
-        """The table with these columns, numbered anew."""
-        frame = self.frame[columns].set_axis(range(len(columns)), axis=1)
-        names, units = (
-            tuple(row[column] for column in columns) if row else () for row in (self.names, self.units)
-        )
-        return replace(self, frame=frame, names=names, units=units)
-
-    def unit(self, columns: Sequence[int]) -> str:
-        """The one unit of columns: of the row below the header, or behind their names as in ``a (mV)``."""
-        behind = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
-        texts = self.units or [match[1] if match else "" for match in behind]
-        units = {texts[column].strip("()[] ") for column in columns} if texts else {""}
-        return units.pop() if len(units) == 1 else ""
-
-    def is_missing(self, column: int, missing: Sequence[str]) -> np.ndarray:
-        """(rows) where a cell has no value, or one of the words for none."""
-        return self.frame[column].astype(str).str.lower().isin(missing).to_numpy()
-
-    def check_filled(self, column: int, missing: Sequence[str]) -> None:
-        """Refuse a column with a cell that has no value, or one of the words for none."""
-        empty = self.is_missing(column, missing)
-        if empty.any():
-            row = int(np.argmax(empty))
-            cell = self.frame[column].iloc[row]
-            shown = f"'{cell}', which is no value" if str(cell) else "an empty cell"
-            self.refuse(f"{self.called(column)} holds {shown}; fill it in or remove the line", row)
-
-    def place(self, row: int) -> str:
-        """The file of a row."""
-        recording = int(np.searchsorted(self.starts, row, side="right")) - 1
-        return self.sources[recording if len(self.sources) > 1 else 0]
-
-    def refuse(self, why: str, row: int | None = None, column: int | None = None) -> NoReturn:
-        """Raise InputError about the table, or a row of it, or one of a row's cells."""
-        where = "" if row is None else f", line {self.lines[row]}"
-        where += "" if column is None else f", column {column + 1}"
-        raise InputError(f"recordings '{self.place(row or 0)}'{where}: {why}")
-
-    def called(self, column: int) -> str:
-        """A column in words."""
-        return f"column '{self.names[column]}'" if self.names else f"column {column + 1}"
-
-    def find(self, name: str, option: str) -> int:
-        """The column that an option names, by its name or by its number from 1."""
-        if self.names.count(name) == 1:
-            return self.names.index(name)
-        if re.fullmatch(r"\d{1,9}", name) and 1 <= int(name) <= self.frame.shape[1]:
-            return int(name) - 1
-        listed = ", ".join(self.names[:12]) if self.names else f"numbers 1..{self.frame.shape[1]}"
-        why = (
-            "has several columns of that name"
-            if name in self.names
-            else f"has no such column; it has {listed}"
-        )
-        self.refuse(f"{option} {name[:40]}: the file {why}")
-
-    def parsed(self, column: int) -> np.ndarray:
-        """(rows) float64; NaN where a cell is no number."""
-        import pandas as pd
-
-        cells = self.frame[column]
-        if cells.dtype.kind in "iuf":
-            return cells.to_numpy(dtype=np.float64, na_value=np.nan)
-        if cells.dtype.kind == "M":
-            return (cells - cells.iloc[0]).dt.total_seconds().to_numpy()
-        return pd.to_numeric(cells.astype(str), errors="coerce").to_numpy(dtype=np.float64)
-
-    def is_text(self, column: int) -> bool:
-        """Whether most cells of a column are no numbers."""
-        return self.frame[column].dtype.kind not in "iufM" and 2 * np.isnan(self.parsed(column)).sum() >= len(
-            self.lines
-        )
-
-    def numbers(self, columns: Sequence[int]) -> np.ndarray:
-        """(rows, columns) float64.
-
-        Raises
-        ------
-        InputError
-            A cell is no finite number; with its file and line.
-        """
-        values = np.stack([self.parsed(column) for column in columns], axis=1)
-        if np.isfinite(values).all():
-            return values
-        row, number = place_of(~np.isfinite(values))
-        column = columns[number]
-        cell = str(self.frame[column].iloc[row])[:20]
-        repair = "repair or remove the line" + (
-            ", or choose the taxels with --columns" if self.is_text(column) else ""
-        )
-        if self.names:
-            shown = f"'{cell}', which is no number" if cell else "an empty cell"
-            shown = f"{cell}, not a finite number" if _NUMBER.fullmatch(cell) else shown
-            self.refuse(f"{self.called(column)} holds {shown}; {repair}", row)
-        why = f"{cell} is not a finite number" if _NUMBER.fullmatch(cell) else f"'{cell}' is no number"
-        self.refuse(f"{why}; {repair}", row, column)
-
-
-def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
+def read_text(path: Path, reading: Reading) -> Table:
     """The cells of a text file.
 
     Parameters
     ----------
     reading:
         Its delimiter counts.
-    lvm:
-        LabVIEW's form: headers, also between frames, titles, comments behind the numbers and a cut last line
-        are left out; no column has a name.
 
     Raises
     ------
@@ -226,72 +65,38 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
     def refuse(why: str, line: int | None = None) -> NoReturn:
         raise InputError(f"recordings '{path}'{'' if line is None else f', line {line}'}: {why}")
 
-    numbered = _lines(path, refuse)
-    notes: list[str] = []
-    if lvm:
-        numbered = _without_lvm_headers(numbered)
-        if not numbered:
-            refuse("holds no frame; leave the file out or record it again")
-    else:
-        while numbered and numbered[0][1].lstrip()[:1] in ("#", "%"):
-            numbered.pop(0)
-        if not numbered:
-            refuse("holds no row; leave the file out or write it again")
-        if len(numbered) > 1 and numbered[-1][1].count('"') % 2:
-            notes.append(f"line {numbered.pop()[0]}, the last of '{path.name}', is cut off and was dropped")
-        odd = next((number for number, line in numbered if line.count('"') % 2), None)
-        if odd is not None:
-            refuse("has a quotation mark without its partner; repair or remove the line", odd)
-    shown = [line for _, line in numbered[:200]]
-    delimiter = _asked_delimiter(shown, reading.delimiter, refuse) if reading.delimiter else _delimiter(shown)
-    if delimiter is None and lvm:
-        refuse("has no taxel column; column 1 is time, columns 2.. are taxels in volt", numbered[0][0])
+    lvm = path.suffix.lower() == ".lvm"
+    raw = _text(path, lvm, refuse).splitlines()
+    asked = reading.delimiter
+    separates = re.fullmatch(r'"?sep=(.)"?;*,*', raw[0], re.I) if raw else None
+    if separates:  # Excel's first line
+        raw[0], asked = "", asked or separates[1]
+    heads, found = _without_heads(raw) if lvm else ([], _rows(raw, path.name, refuse))
+    numbers, texts, breaks, notes = found
+    if not texts:
+        refuse("holds no row of samples; leave the file out or write it again")
+    shown = texts[:200]
+    said = heads[0] if heads else {}
+    if asked is None and said.get("Separator"):
+        asked = {"Comma": ","}.get(said["Separator"][0], "\t")
+    delimiter = _asked_delimiter(shown, asked, refuse) if asked else _delimiter(shown)
     if delimiter is None:
-        refuse(
-            "is one column when it is split at commas, semicolons, tabs or blanks; name what separates its "
-            "cells with --delimiter",
-            1,
-        )
-    if lvm and delimiter == "," and not any("." in line for line in shown):
-        refuse("commas may be decimal points or separators; separate the columns by tabs or semicolons")
-    names: tuple[str, ...] = ()
-    units: tuple[str, ...] = ()
-    if not lvm:
-        first, *rest = (_split(line, delimiter) for line in shown[:3])
-        if _is_header(first, rest[0] if rest else first):
-            names = tuple(first)
-            if not any(cell and not _NUMBER.fullmatch(cell) for cell in first):
-                notes.append(f"line {numbered[0][0]} numbers the columns and is their header")
-            header = numbered[0][0]
-            below = len(rest) == 2 and _numeric(rest[1]) and _is_second(first, rest[0])
-            if below and len(rest[0]) == len(names):
-                names, units = _two_rows(names, tuple(rest[0]))
-                notes += [] if units else [f"lines {header} and {numbered[1][0]} are one header"]
-            numbered = numbered[2 if below else 1 :]
-            if not numbered:
-                refuse("holds a header and no row; leave the file out or write it again", header)
-    text, note = _without_commas(numbered, delimiter, refuse)
+        why = "is one column when it is split at commas, semicolons, tabs or blanks"
+        refuse(f"{why}; name what separates its cells with --delimiter", numbers[0])
+    if lvm and delimiter == "," and not asked and not any("." in line for line in shown):
+        refuse("commas may be decimal points or separators; name what separates its cells with --delimiter")
+    names, units, rows = _header(shown, delimiter, numbers, notes)
+    del numbers[:rows], texts[:rows]
+    breaks = [at - rows for at in breaks if at > rows]
+    if not texts:
+        refuse("holds a header and no row; leave the file out or write it again", rows)
+    texts, note = _without_commas(numbers, texts, delimiter, said.get("Decimal_Separator"), refuse)
     notes += [note] if note else []
-    counts = [_count(line, delimiter) for line in text]
     if lvm:
-        width = max(counts)
-    else:
-        width = len(names) or counts[0]
-        if len(counts) > 1 and counts[-1] < width:  # the writer was stopped inside the last row
-            notes.append(f"line {numbered[-1][0]}, the last of '{path.name}', is cut off and was dropped")
-            del numbered[-1], text[-1], counts[-1]
-        for row, (line, count) in enumerate(zip(text, counts, strict=True)):
-            if count == width + 1 and line.rstrip(" ").endswith(delimiter) and delimiter != " ":
-                text[row] = line.rstrip(" ")[:-1]
-            elif count != width:
-                of = "the header" if names else f"line {numbered[0][0]}"
-                refuse(
-                    f"has {count} cells where {of} has {width}; repair or remove the line, or give "
-                    "--delimiter",
-                    numbered[row][0],
-                )
+        texts = [line.rstrip("\t;, ") for line in texts]
+    width = _even(numbers, texts, len(names), delimiter, lvm, notes, path.name, refuse)
     frame = pd.read_csv(
-        StringIO("\n".join(text)),
+        StringIO("\n".join(texts)),
         sep=r"\s+" if delimiter == " " else delimiter,
         header=None,
         names=range(width),
@@ -305,91 +110,153 @@ def read_table(path: Path, reading: Reading, lvm: bool = False) -> Table:
     )
     for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iuf")]:
         frame[column] = frame[column].astype(str).str.strip()
-    lines = np.array([number for number, _ in numbered])
-    table = Table(frame, names, lines, (str(path),), np.array([0]), tuple(notes), units)
-    return _frames_of_lvm(table) if lvm else table
+    # two lines or more between two such places: a blank line behind every line parts nothing
+    if len(texts) > 1 and np.diff([0, *breaks, len(texts)]).max() < 2:
+        breaks = []
+    table = Table(frame, names[:width], np.array(numbers), (f"'{path}'",), breaks=tuple(breaks), units=units[:width],
+                  notes=tuple(notes))  # fmt: skip
+    return _of_labview(table, heads, refuse) if lvm else table
 
 
-def _lines(path: Path, refuse) -> list[tuple[int, str]]:
-    """Number and text of every line that holds something."""
-    if not path.is_file():
-        refuse("is no regular file; remove it or write it again")
-    if path.stat().st_size > MOST_BYTES:
-        refuse(f"has more than {MOST_BYTES >> 30} GB; split it into files")
+def _text(path: Path, lvm: bool, refuse: Refuse) -> str:
+    check_regular(path, refuse)
     raw = path.read_bytes()
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        if path.suffix.lower() != ".lvm":
+        if not lvm:
             refuse(f"is no UTF-8 text (byte {error.start}); save it as CSV in UTF-8")
         text = raw.decode("latin-1")
     if "\0" in text:
         refuse("holds a zero byte, so it is no text; save it as CSV in UTF-8")
-    numbered = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip(" \t;,\r")]
-    long = next((number for number, line in numbered if len(line) > LONGEST_LINE), None)
-    if long is not None:
-        refuse(f"has more than {LONGEST_LINE} letters, which no frame has; repair or remove the line", long)
-    return numbered
+    return text
 
 
-def _without_lvm_headers(numbered: list[tuple[int, str]]) -> list[tuple[int, str]]:
-    """Lines of frames alone. LabVIEW ends each header (file, then channels) with a marker line; titles and
-    units are text above them."""
-    start = 0
-    for index, (_, line) in enumerate(numbered):
-        if line.strip().startswith("***End_of_Header***"):
-            start = index + 1
-        elif re.match(r"\s*[-+]?[\d.,]+[\t; ,]", line):
-            break
-    frames = [
-        (number, line.rstrip(" \t;,\r")) for number, line in numbered[start:] if not _LVM_HEADER.match(line)
-    ]
-    while frames and not re.search(r"^\s*[-+]?\d|\d[.,]\d", frames[0][1]):
-        frames.pop(0)
-    return frames
+def _rows(raw: list[str], file: str, refuse: Refuse) -> _Lines:
+    """The lines that hold something; comments above them are left out."""
+    numbers: list[int] = []
+    breaks: list[int] = []
+    empty = []
+    for number, line in enumerate(raw, 1):
+        if len(line) > LONGEST_LINE:
+            why = f"has more than {LONGEST_LINE} letters, which no frame has; repair or remove the line"
+            refuse(why, number)
+        if line.strip(" \t;,\r"):
+            if numbers or line.lstrip()[:1] not in ("#", "%"):
+                numbers.append(number)
+            continue
+        empty += [number] if line.strip() else []
+        if numbers and breaks[-1:] != [len(numbers)]:
+            breaks.append(len(numbers))
+    texts = [raw[number - 1] for number in numbers]
+    notes = []
+    if empty:
+        notes.append(f"{len(empty)} rows of separators alone, first line {empty[0]}, were left out")
+    if len(texts) > 1 and texts[-1].count('"') % 2:
+        notes.append(_cut(numbers.pop(), file))
+        texts.pop()
+    odd = next((number for number, line in zip(numbers, texts, strict=True) if line.count('"') % 2), None)
+    if odd is not None:
+        refuse("has a quotation mark without its partner; repair or remove the line", odd)
+    return _Lines(numbers, texts, [at for at in breaks if at < len(texts)], notes)
 
 
-def _frames_of_lvm(table: Table) -> Table:
-    """Time and taxels of a file of LabVIEW: the leading columns that hold numbers in most rows. What is not a
-    frame is refused."""
-    blank = (table.frame == "").to_numpy()
-    values = np.stack([table.parsed(column) for column in table.frame], axis=1)
-    is_number = ~np.isnan(values)
-    often = is_number.mean(axis=0) >= 0.5
-    often[0] = True  # a time column may be blank
-    columns = len(often) if often.all() else int(np.argmin(often))
-    if columns < 2:
-        table.refuse("has no taxel column; column 1 is time, columns 2.. are taxels in volt", 0)
-    cells = blank.shape[1] - np.argmin(blank[:, ::-1], axis=1)
-    rows = len(cells)
-    if rows > 1 and cells[-1] < columns:
-        rows -= 1  # the writer was stopped inside the last row
-    wrong = (cells < columns) | is_number[:, columns : columns + 1].any(axis=1)
-    if wrong[:rows].any():
-        row = int(np.argmax(wrong))
-        count = cells[row] if cells[row] < columns else columns + np.cumprod(is_number[row, columns:]).sum()
-        table.refuse(f"has {count} columns where the file has {columns}; repair or remove the line", row)
-    missing = blank[:rows, 0]
-    if missing.any() and not missing.all():
-        table.refuse(
-            "the time is missing; fill it in or leave the whole column blank", int(np.argmax(missing)), 0
+def _cut(number: int, file: str) -> str:
+    return f"line {number}, the last of '{file}', is cut off and was dropped"
+
+
+def _without_heads(raw: list[str]) -> tuple[list[dict[str, list[str]]], _Lines]:
+    """LabVIEW's heads, fields by name, first that of the file; and the other lines. A head parts them."""
+    heads: list[dict[str, list[str]]] = [{}]
+    numbers: list[int] = []
+    breaks: list[int] = []
+    end = max((number for number, line in enumerate(raw) if line.lstrip().startswith(_HEAD_END)), default=-1)
+    first = next(
+        (number for number, line in enumerate(raw) if re.match(r"\s*[-+]?[\d.,]+[\t; ,]", line)), len(raw)
+    )
+    for number, line in enumerate(raw):
+        cells = [cell.strip() for cell in re.split(r"[\t;]", line)]
+        if _HEAD.match(line) or (number < min(first, end) and not _numeric(cells)):
+            if numbers and breaks[-1:] != [len(numbers)]:
+                heads.append({})
+                breaks.append(len(numbers))
+            heads[-1].setdefault(cells[0], cells[1:])
+        elif line.strip(" \t;,\r") and not (breaks and breaks[-1] == len(numbers) and "X_Value" in line):
+            numbers.append(number + 1)
+    return heads, _Lines(numbers, [raw[number - 1] for number in numbers], breaks, [])
+
+
+def _even(numbers: list[int], texts: list[str], names: int, delimiter: str, lvm: bool, notes: list[str],
+          file: str, refuse: Refuse) -> int:  # fmt: skip
+    """The number of cells of every row; a last row with fewer is dropped. Of LabVIEW remarks behind the
+    numbers are left out."""
+    counts = [_count(line, delimiter) for line in texts]
+    width = names or counts[0]
+    if lvm:
+        usual = Counter(counts).most_common(1)[0][0]
+        last = _split(
+            next(line for line, count in zip(texts, counts, strict=True) if count == usual), delimiter
         )
-    frame = table.frame.iloc[:rows, :columns]
-    table_of_rows = Table(frame, (), table.lines[:rows], table.sources, table.starts)
-    table_of_rows.numbers(range(1 if missing.all() else 0, columns))
-    return table_of_rows
+        while len(last) > 2 and not NUMBER.fullmatch(last[-1]):
+            last.pop()
+        width = len(last)
+    if len(counts) > 1 and counts[-1] < width:  # the writer was stopped inside the last row
+        notes.append(_cut(numbers.pop(), file))
+        del texts[-1], counts[-1]
+    remarks = 0
+    for row, (line, count) in enumerate(zip(texts, counts, strict=True)):
+        if count == width:
+            continue
+        cells = _split(line, delimiter)
+        if count == width + 1 and not cells[-1] and delimiter != " ":
+            texts[row] = line.rstrip(" ")[:-1]
+        elif lvm and count > width and not NUMBER.fullmatch(cells[width]):
+            texts[row] = delimiter.join(cells[:width])
+            remarks += 1
+        else:
+            of = "the header" if names else f"line {numbers[0]}"
+            why = f"has {count} cells where {of} has {width}"
+            refuse(f"{why}; repair or remove the line, or give --delimiter", numbers[row])
+    if remarks:
+        notes.append(f"remarks behind {remarks} rows of '{file}' were left out")
+    return width
 
 
-def check_unpacked(path: Path, unpacked: int, fix: str, refuse: Callable[..., NoReturn]) -> None:
-    """Refuse a file that unpacks to more than UNPACKED_BYTES and MOST_TIMES its size."""
-    size = path.stat().st_size
-    if unpacked > max(UNPACKED_BYTES, MOST_TIMES * size):
-        refuse(f"has {size} bytes and unpacks to {unpacked / 1e6:.0f} MB, which recordings do not; {fix}")
+def _of_labview(table: Table, heads: list[dict[str, list[str]]], refuse: Refuse) -> Table:
+    """The table of an ``.lvm`` file: column 1 is time and the others are in volt, unless the heads say more.
+    Where the time is blank it is what the heads give, X0 and Delta_X."""
 
+    def of_head(head: dict[str, list[str]], name: str) -> list[float]:
+        """One value a channel."""
+        cells = [cell.replace(",", ".") for cell in head.get(name, []) if cell]
+        return [float(cell) for cell in cells if NUMBER.fullmatch(cell)]
 
-def comes_back(trial: str, path: Path) -> bool:
-    """Whether Python comes back from a trial: compiled readers end their process on some damaged files."""
-    return subprocess.run([sys.executable, "-c", trial, str(path)], capture_output=True).returncode >= 0
+    frame, clock = table.frame, 0  # the first column
+    bounds = [0, *table.breaks, len(table.lines)]
+    steps = [of_head(head, "Delta_X") for head in heads]
+    if len({step for each in steps for step in each}) > 1:
+        refuse("its channels have several Delta_X, so no common clock; write a file a rate")
+    blank = (frame[0].astype(str) == "").to_numpy()
+    if blank.any() and not blank.all():
+        table.refuse(
+            "the time is missing; fill it in or leave the whole column blank", int(np.argmax(blank)), 0
+        )
+    if blank.all():
+        frame = frame.drop(columns=0)
+        if all(steps):
+            times = [
+                (of_head(head, "X0") or [0.0])[0] + step[0] * np.arange(last - first)
+                for head, step, (first, last) in zip(heads, steps, pairwise(bounds), strict=True)
+            ]
+            frame.insert(0, 0, np.concatenate(times))
+    unit = next((cell for cell in heads[0].get("Y_Unit_Label", []) if cell), "Volts")
+    unit = "V" if unit.lower() in ("volts", "volt", "v") else unit
+    names = table.names
+    units = table.units or tuple("s" if column == 0 or (names and names[column].lower().startswith("x_value"))
+                                 else unit for column in range(max(frame.columns) + 1))  # fmt: skip
+    return replace(
+        table, frame=frame, units=units, clock=clock if clock in frame else None, volts=unit == "V"
+    )
 
 
 # ---------------------------------------------------------------------- the form of a file
@@ -412,19 +279,16 @@ def _count(line: str, delimiter: str) -> int:
 
 
 def _numeric(cells: Sequence[str]) -> int:
-    return sum(_NUMBER.fullmatch(cell) is not None for cell in cells)
+    return sum(NUMBER.fullmatch(cell) is not None for cell in cells)
 
 
-def _asked_delimiter(lines: list[str], asked: str, refuse) -> str:
+def _asked_delimiter(lines: list[str], asked: str, refuse: Refuse) -> str:
     asked = _SPOKEN.get(asked, asked)
     if len(asked) != 1 or asked.isalnum() or asked in '".-+\n\r\0':
         refuse(f"--delimiter {asked!r}: cannot separate numbers; give a comma, a semicolon, tab or blank")
     if max(_count(line, asked) for line in lines) < 2:
-        refuse(
-            f"is one column when it is split at {DELIMITERS.get(asked, repr(asked))}; give another "
-            "--delimiter, or leave it out",
-            1,
-        )
+        called = DELIMITERS.get(asked, repr(asked))
+        refuse(f"is one column when it is split at {called}; give another --delimiter, or leave it out", 1)
     return asked
 
 
@@ -444,77 +308,69 @@ def _delimiter(lines: list[str]) -> str | None:
     return best if share_of_numbers(best) else None
 
 
+def _header(
+    lines: list[str], delimiter: str, numbers: list[int], notes: list[str]
+) -> tuple[tuple[str, ...], tuple[str, ...], int]:
+    """Names and units of the columns, and how many lines say them."""
+    first, *rest = (_split(line, delimiter) for line in lines[:3])
+    if not _is_header(first, rest[0] if rest else first):
+        return (), (), 0
+    if not any(cell and not NUMBER.fullmatch(cell) for cell in first):
+        notes.append(f"line {numbers[0]} numbers the columns and is their header")
+    # a second line belongs to the header without a number, or, where the first does not tell the columns
+    # apart, with an empty cell, which no frame has
+    below = len(rest) == 2 and _numeric(rest[1]) and len(rest[0]) == len(first)
+    if not below or (_numeric(rest[0]) and (len(set(first)) == len(first) or all(rest[0]))):
+        return tuple(first), (), 1
+    if len(set(first)) == len(first) and all(first[: len(rest[0])]):
+        return tuple(first), tuple(rest[0]), 2
+    filled: list[str] = []
+    for cell in first:  # a blank cell means what stands left of it
+        filled.append(cell or (filled[-1] if filled else ""))
+    notes.append(f"lines {numbers[0]} and {numbers[1]} are one header")
+    return tuple(" ".join(filter(None, pair)) for pair in zip(filled, rest[0], strict=True)), (), 2
+
+
 def _is_header(first: list[str], second: list[str]) -> bool:
     """Whether the first line names the columns: by text, or by numbers that count from 0 or 1 and do not
-    count on below."""
+    count on below; whole numbers beside text may be names of taxels."""
     filled = [cell for cell in first if cell]
-    numbers = [cell for cell in filled if _NUMBER.fullmatch(cell)]
+    numbers = [cell for cell in filled if NUMBER.fullmatch(cell)]
     counts = len(numbers) > 2 and any(numbers == [str(n + k) for n in range(len(numbers))] for k in (0, 1))
     if len(numbers) == len(filled):
         return counts and not (
             second[0].isdecimal() and first[0].isdecimal() and second[0] == str(int(first[0]) + 1)
         )
-    # text beside numbers: a row of a table without a header, unless the row below has numbers where it has
-    # text
-    below = any(
-        not _NUMBER.fullmatch(a) and _NUMBER.fullmatch(b) for a, b in zip(first, second, strict=False)
-    )
-    return not numbers or counts or below or len(filled) == 1
+    below = any(not NUMBER.fullmatch(a) and NUMBER.fullmatch(b) for a, b in zip(first, second, strict=False))
+    return not numbers or counts or (below and all(map(str.isdecimal, numbers))) or len(filled) == 1
 
 
-def _is_second(first: list[str], second: list[str]) -> bool:
-    """Whether a second line belongs to the header: without a number, or, where the first does not tell the
-    columns apart, with an empty cell, which no frame has."""
-    return not _numeric(second) or (len(set(first)) < len(first) and not all(second))
-
-
-def _two_rows(first: tuple[str, ...], second: tuple[str, ...]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Names and units of two header rows: the second has units where the first alone tells the columns apart,
-    else both are the names, a blank cell meaning what stands left of it."""
-    blank = any(below and not above for above, below in zip(first, second, strict=True))
-    if len(set(first)) == len(first) and not blank:
-        return first, second
-    filled: list[str] = []
-    for cell in first:
-        filled.append(cell or (filled[-1] if filled else ""))
-    return tuple(" ".join(filter(None, pair)) for pair in zip(filled, second, strict=True)), ()
-
-
-def _without_commas(numbered: list[tuple[int, str]], delimiter: str, refuse) -> tuple[list[str], str]:
+def _without_commas(
+    numbers: list[int], lines: list[str], delimiter: str, said: list[str] | None, refuse: Refuse
+) -> tuple[list[str], str]:
     """The lines with decimal points and without separators of thousands, and what was understood of their
-    commas.
+    commas. said: what LabVIEW's head says separates decimals.
 
     Of a number such as 1,234 alone nobody knows which; that no number contradicts one of the two readings is
     no reason to take it.
     """
-    lines = [line for _, line in numbered]
     text = "\n".join(lines)
     if "," not in text or (delimiter == "," and '"' not in text):
         return lines, ""
     scope = "\n".join(re.findall(r'"[^"]*"', text)) if delimiter == "," else text
-    numbers = _WITH_COMMA.findall(scope)
-    if not numbers:
+    found = _WITH_COMMA.findall(scope)
+    if not found:
         return lines, ""
-    decimal = not all(map(_THOUSANDS.fullmatch, numbers))
-    if (
-        not decimal
-        and not any(number.count(",") > 1 for number in numbers)
-        and not re.search(r"\d\.\d", scope)
-    ):
-        columns = [set(map(bool, map(_WITH_COMMA.fullmatch, filter(_NUMBER.fullmatch, cells))))
+    decimal = said == [","] or not all(map(_THOUSANDS.fullmatch, found))
+    if not decimal and not any(number.count(",") > 1 for number in found) and not re.search(r"\d\.\d", scope):
+        columns = [set(map(bool, map(_WITH_COMMA.fullmatch, filter(NUMBER.fullmatch, cells))))
                    for cells in zip(*(_split(line, delimiter) for line in lines), strict=False)]  # fmt: skip
         if {True, False} not in columns:
-            number = next(number for number, line in numbered if numbers[0] in line)
-            refuse(
-                f"'{numbers[0]}' may be a decimal number or thousands; write a decimal point, or no "
-                "separator of thousands",
-                number,
-            )
-    pattern, point, note = (
-        (r"(?<=\d),(?=\d)", ".", "")
-        if decimal
-        else (r"(?<=\d),(?=\d{3})", "", "commas in numbers separate thousands")
-    )
+            at = next(number for number, line in zip(numbers, lines, strict=True) if found[0] in line)
+            why = f"'{found[0]}' may be a decimal number or thousands"
+            refuse(f"{why}; write a decimal point, or no separator of thousands", at)
+    note = "" if decimal else "commas in numbers separate thousands"
+    pattern, point = (r"(?<=\d),(?=\d)", ".") if decimal else (r"(?<=\d),(?=\d{3})", "")
     if delimiter == ",":
         return re.sub(r'"[^"]*"', lambda quoted: re.sub(pattern, point, quoted[0]), text).split("\n"), note
     return re.sub(pattern, point, text).split("\n"), note

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.data import Reading, load_recordings
-from eskin.data.tables import natural
+from eskin.golden.data.recordings import natural
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import check_fit, load_archive, save_archive
 from eskin.golden.data.codes import round_step, to_codes
@@ -239,10 +239,10 @@ BROKEN = [
     ),
     (
         lambda lines: "\n".join(line.rpartition(",")[0] for line in lines).encode(),
-        "has 3 taxels where 'mat2/p0_t1.csv' has 4",
+        "has 4 columns where 'mat2/p0_t1.csv' has 5",
     ),
     (lambda lines: "\n".join(lines).replace("d", "x", 1).encode(), "not called as those of 'mat2/p0_t1.csv'"),
-    (b"", "holds no row"),
+    (b"", "holds no row of samples"),
     (b"time,a,b,c,d\n", "line 1: holds a header and no row"),
     ("time,ä\n".encode("utf-16"), "no UTF-8 text"),
     (b"time,a\n0,\x001\n", "holds a zero byte"),
