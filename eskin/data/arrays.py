@@ -147,9 +147,6 @@ def _set(root: Group, name: str, path: Path, reading: Reading, refuse: Refuse, f
     columns = {
         each: values for each, values in vectors if values is not None and len(values) == len(parts) > 1
     }
-    lost = next((each for each in reading.groups if each not in columns), None)
-    if lost:
-        refuse(f"--group {lost}: is no array of {len(parts)} values; the file has {there}")
     shared = {**root.attributes, **root.of_arrays.get(name, {})}
     notes.insert(0, f"array {name} holds {len(parts)} recordings, array {label} their classes")
     tables = []

@@ -31,18 +31,16 @@ Refuse = Callable[..., NoReturn]
 class Reading:
     """What a user says about a source; None and empty: it is found out.
 
-    rate_hz: frames a second. time, recording, label: columns, by name or by number from 1. columns: the
-    taxels. groups: columns or attributes. delimiter: what separates columns. scale: what one code is worth.
-    samples: array of a .mat or HDF5 file, topic of a log. labels: of a log, a table of times. clock: whose
-    times the frames of a log have, log or header.
+    rate_hz: frames a second. recording, label: columns, by name or by number from 1, or an attribute. columns:
+    the taxels. delimiter: what separates columns. scale: what one code is worth. samples: array of a .mat or
+    HDF5 file, topic of a log. labels: of a log, a table of times. clock: whose times the frames of a log have,
+    log or header.
     """
 
     rate_hz: float | None = None
-    time: str | None = None
     columns: tuple[str, ...] = ()
     recording: str | None = None
     label: str | None = None
-    groups: tuple[str, ...] = ()
     delimiter: str | None = None
     scale: float | None = None
     samples: str | None = None
@@ -112,10 +110,6 @@ class Table:
     def header(self) -> list[str]:
         """The columns' names; how a table calls its time may differ."""
         return [TIME.sub("time", self.names[column]) for column in self.frame] if self.names else []
-
-    def only(self, columns: Sequence[int]) -> Table:
-        """The table with these columns, which keep their numbers."""
-        return replace(self, frame=self.frame[list(dict.fromkeys(columns))])
 
     def unit(self, columns: Sequence[int]) -> str:
         """The one unit of columns: as the source says it, or behind their names as in ``a (mV)``."""
@@ -196,7 +190,7 @@ class Table:
         cell = str(self.frame[column].iloc[row])[:30]
         repair = "repair or remove the line"
         if self.is_text(column):
-            dated = ", or the clock with --time and --rate HZ" if re.search(r"\d[-:./]\d", cell) else ""
+            dated = ", and the rate with --rate HZ" if re.search(r"\d[-:./]\d", cell) else ""
             repair += f", or choose the taxels with --columns{dated}"
         if self.names and self.names[column]:
             shown = f"'{cell}', which is no number" if cell else "an empty cell"

@@ -79,7 +79,7 @@ def test_turned_cells_stacks_and_real_samples(tmp_path):
 BROKEN = [
     ({"samples": None}, "has no array of samples"),
     ({"labels": None}, "has no array of classes"),
-    ({"fs": None}, "do not say a rate"),
+    ({"fs": None}, "does not say its rate"),
     (
         {"samples": cells([PARTS[0], np.full((3, 4), np.nan), *PARTS[2:]])},
         "recording 2, row 1, column 1: nan is not a finite number",

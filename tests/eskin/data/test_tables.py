@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.data import Reading, load_recordings
-from eskin.golden.data.recordings import natural
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import check_fit, load_archive, save_archive
 from eskin.golden.data.codes import round_step, to_codes
+from eskin.golden.data.recordings import natural
 from tests.support.table import each_row
 
 RATE = 200.0
@@ -189,7 +189,7 @@ def test_one_long_table(tmp_path):
     path.write_text("\n".join(long_table()).replace("recording,person,class", "nr,who,what"))
     with pytest.raises(InputError, match="--class"):
         load_recordings(path)
-    named = load_recordings(path, reading=Reading(label="what", recording="nr", groups=("who",)))
+    named = load_recordings(path, reading=Reading(label="what", recording="nr"))
     assert named.labels.tolist() == recordings.labels.tolist() and named.groups["who"].tolist() == [
         0,
         0,
@@ -231,7 +231,7 @@ BROKEN = [
     (line_of(8, "0.001,1,2,3,4"), "line 8: column 'time' does not go up"),
     (
         lambda lines: "\n".join([*lines[:6], *lines[9:]]).encode(),
-        "line 7: column 'time' jumps by 0.02 where others go by 0.005",
+        "line 7: column 'time' jumps, from 0.02 to 0.04 where others go by 0.005",
     ),
     (
         lambda lines: written(codes(3)).replace("time", "time_ms").encode(),
