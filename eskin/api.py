@@ -204,9 +204,7 @@ class Model(Estimator):
     def save(self, folder: str | Path) -> None:
         """Write a model folder, new or in place of an earlier model's, for the command line and for
         `load`."""
-        self.real.save(folder, self.training_)
-        if self._integer is not None:
-            self._integer.save(folder)
+        self.real.save(folder, self.training_, self._integer)
 
     def fit(
         self,
@@ -266,7 +264,7 @@ class Model(Estimator):
                 callback=callback,
                 **self._options,
             )
-            quantise(folder)
+            quantise(folder, recordings if load_config(folder).has_prototypes else None)
             fitted = Model.load(folder)
         self._integer, self._real, self._training = fitted._integer, fitted._real, fitted._training
         return self

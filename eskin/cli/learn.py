@@ -385,7 +385,14 @@ def import_(
     mean: Annotated[float | None, option("Codes taken off every window mean in its training.")] = None,
     std: Annotated[float | None, option("Codes that became 1 in its training.")] = None,
     data: Annotated[str | None, option("Without --mean and --std: measure them on these recordings.")] = None,
-) -> None:
+    check: Annotated[
+        Path | None,
+        option(
+            "An .npz of reference inputs (touches, steps, inputs), normalised, and outputs (logits, of the last step or of "
+            "every step) that the model must give; else nothing is written, status 1."
+        ),
+    ] = None,
+) -> Record:
     """Make a model folder of a network trained elsewhere; then quantise it with --data."""
     from eskin.exchange.import_network import import_network
     from eskin.golden.core import AcceleratorConfig
@@ -408,13 +415,14 @@ def import_(
     elif data is not None and recordings is None:
         recordings = recordings_for(data, chosen)
     record = import_network(
-        file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings
+        file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings, check=check
     )
     scale = {
         name: ", ".join(f"{value:.6g}" for value in np.atleast_1d(record["normalisation"].get(name, ())))
         for name in ("mean", "std")
     }
-    show("import", **record, **scale, out=out, images=chosen.is_image)
+    show("import", **{"check": None, "passed": True} | record, **scale, out=out, images=chosen.is_image)
+    return record
 
 
 def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, Recordings | None]:
@@ -472,8 +480,12 @@ def quantise(
         ),
     ] = None,
     readout: Annotated[
-        Readout, option("What decides: the dense layer, or the nearest stored trajectory; that needs --data.")
-    ] = "dense",
+        Readout | None,
+        option(
+            "What decides: the dense layer, or the nearest stored trajectory; that needs --data. Default: as the "
+            "model's config.json says."
+        ),
+    ] = None,
     prototypes: Annotated[
         int | None, option("With --readout: prototypes a class at most; default: 8.", min=1, max=16)
     ] = None,
@@ -521,7 +533,7 @@ def quantise(
         "spare_classes": spare_classes,
     }
     of_readout = {name: value for name, value in asked.items() if value is not None}
-    if readout == "dense":
+    if readout != "prototypes":
         if group is not None and logit_error is None:
             raise InputError("--group says what --logit-error leaves out; give both")
         for name in of_readout:
@@ -541,14 +553,10 @@ def quantise(
         return
     if lean and feature_bits is not None:
         raise InputError("--lean chooses the bits of a feature; give it or --feature-bits")
-    if readout == "prototypes":
-        if recordings is not None and recordings.image_shape:
-            raise InputError("--readout: is for models that read recordings; leave it out for one of images")
-        prototypes_of = {"groups": groups_of(group)} | of_readout
-        options: Record = {"readout": prototypes_of, "lean": lean}
-    else:
-        options = {"lean": lean}
-    integer = to_integers(model, recordings, **options, **widths)
+    if readout is not None and recordings is not None and recordings.image_shape:
+        raise InputError("--readout: is for models that read recordings; leave it out for one of images")
+    decided_by = {"groups": groups_of(group)} | of_readout if readout == "prototypes" else readout
+    integer = to_integers(model, recordings, readout=decided_by, lean=lean, **widths)
     show("quantise", tried=[], formats=describe_formats(integer.config))
 
 

@@ -208,10 +208,7 @@ class _Meaning:
 
     def _changes(self, column: int) -> np.ndarray:
         """The rows at which a column takes another value."""
-        return (
-            np.flatnonzero(np.diff(np.unique(self.table.frame[column].astype(str), return_inverse=True)[1]))
-            + 1
-        )
+        return np.flatnonzero(np.diff(_codes(self.table.frame[column]))) + 1
 
     def part(self, of_one_file: bool) -> tuple[list[str], str]:
         """Find where recordings begin: with each source, where the columns of recording and class change, and

@@ -49,6 +49,7 @@ from eskin.training.fit import fit_networks, one_thread, post_training
 from eskin.training.losses import Progress, class_loss, descend
 from eskin.training.prototypes import (
     PARTS,
+    by_last_step,
     dense,
     group_numbers,
     teach_recordings,
@@ -381,8 +382,7 @@ def enrol(
             low, high = ranges[entry["signal"]]
             ranges[entry["signal"]] = (min(low, entry["min"]), max(high, entry["max"]))
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
-    enrolled.real.save(out, json.loads(json.dumps(record)))
-    enrolled.integer.save(out)
+    enrolled.real.save(out, json.loads(json.dumps(record)), enrolled.integer)
     return result
 
 
@@ -489,8 +489,7 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Rec
     }
     result["passed"] = bool(result["after"] >= result["before"])
     record["taught"] = [*record.get("taught", []), result]
-    FloatModel.load(model_dir).save(out, json.loads(json.dumps(record)))
-    after.save(out)
+    FloatModel.load(model_dir).save(out, json.loads(json.dumps(record)), after)
     return result
 
 
@@ -644,7 +643,7 @@ def judge_classes(
     whole = data.touches.completed == config.windows.steps
     rows = []
     for label, (name, model, part) in enumerate(zip(names, models, parts, strict=True)):
-        network = _with_last(post_training(model, data, part, {}), label)
+        network = by_last_step(_with_last(post_training(model, data, part, {}), label))
         # the new class becomes the last one, which is the spare one
         place = np.argsort([*(set(range(len(names))) - {label}), label])
         shown = part[whole[part]]
@@ -790,7 +789,9 @@ def _taught(
         options: Record = {"taught": max(1, *question.ks), "source": f"recordings '{recordings.source}'"}
         rows = where[whole]
         ready.append(
-            with_prototypes(network, data.touches.take(whole), labels[rows], groups[rows], **options)
+            with_prototypes(
+                by_last_step(network), data.touches.take(whole), labels[rows], groups[rows], **options
+            )
         )
     return [
         teach_touches(ready[number], data.touches.take(rows), labels[where[rows]]) for number, _, rows in jobs

@@ -5,11 +5,12 @@ import fcntl
 import functools
 import json
 import os
+import re
 import secrets
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -66,11 +67,12 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def replacing_folder(folder: str | Path) -> Iterator[Path]:
+def replacing_folder(folder: str | Path, check: Callable[[], None] = lambda: None) -> Iterator[Path]:
     """A new folder beside ``folder`` (its parent made if missing) that takes its name when the block ends
     without an error; who may read it is as for any new folder of the process (its umask).
 
-    What may be replaced is for the caller to decide.
+    What may be replaced is for the caller to decide. ``check`` is called right before, while no other process
+    replaces a folder beside it; where it raises, ``folder`` stays as it is.
 
     Raises
     ------
@@ -84,13 +86,14 @@ def replacing_folder(folder: str | Path) -> Iterator[Path]:
     try:
         fresh.mkdir()
         yield fresh
-        exchange(fresh, folder, old)
+        exchange(fresh, folder, old, check)
     finally:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def exchange(fresh: Path, folder: Path, old: Path) -> None:
+def exchange(fresh: Path, folder: Path, old: Path, check: Callable[[], None] = lambda: None) -> None:
     """Let ``fresh`` take the name ``folder``; what had it is ``old`` from then on. All on one file system.
+    ``check``: as of `replacing_folder`.
 
     Raises
     ------
@@ -102,6 +105,7 @@ def exchange(fresh: Path, folder: Path, old: Path) -> None:
     parent = os.open(folder.absolute().parent, os.O_RDONLY)
     try:
         fcntl.flock(parent, fcntl.LOCK_EX)
+        check()
         if folder.exists():
             os.replace(folder, old)
         try:
@@ -205,13 +209,39 @@ def check_folder(out: Path, mark: str) -> None:
         )
 
 
+PREFIX = "eskin"
+"""Begins every public name of C that is written."""
+
+
+def prefixed(text: str, prefix: str) -> str:
+    """C text whose names begin with ``prefix`` in place of `PREFIX`, macros in capitals."""
+    return re.sub(rf"\b{PREFIX}_", f"{prefix}_", text).replace(f"{PREFIX.upper()}_", f"{prefix.upper()}_")
+
+
+def check_prefix(option: str, prefix: str) -> str:
+    """``prefix``, which names of C and Verilog begin with.
+
+    Raises
+    ------
+    InputError
+        It is no identifier of at most 40 characters; in capitals it begins the macros.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", prefix):
+        raise InputError(
+            f"{option} {prefix!r:.60}: begins names in C and Verilog; give a letter, then letters, digits and _, 40 at most"
+        )
+    return prefix
+
+
 @functools.cache
-def template(module: str, name: str, **filters: Any) -> Any:
-    """The template ``name`` in the folder templates/ beside a module's file, for texts that are not HTML."""
+def template(module: str, name: str, prefix: str = PREFIX, **filters: Any) -> Any:
+    """The template ``name`` in the folder templates/ beside a module's file, for texts that are not HTML; its names
+    begin with ``prefix``."""
     import jinja2
 
+    folder = Path(module).with_name("templates")
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(module).with_name("templates")),
+        loader=jinja2.FunctionLoader(lambda name: prefixed((folder / name).read_text(), prefix)),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -31,8 +31,6 @@ from eskin.golden.model import (
     samples_of,
 )
 from eskin.golden.model.image_network import image_recordings
-from eskin.golden.model.prototypes import forget
-from eskin.rtl.program.flash_image import FLASH_OFFSET, log_layout
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model
@@ -229,55 +227,6 @@ def taught_designs(draw: st.DrawFn) -> Design:
     return design
 
 
-@st.composite
-def taught_boards(draw: st.DrawFn) -> IntegerModel:
-    """Models for a board without a host, with two buttons and a log in its flash; nothing is taught."""
-
-    pick = picking(draw)
-    config = AcceleratorConfig.of(
-        name="random board",
-        taxels=8,
-        sample_bits=12,
-        sample_rate_hz=1000.0,
-        band_low=1900,
-        band_high=2200,
-        pretrigger_frames=10,
-        rearm_frames=20,
-        hop=25,
-        window=51,
-        steps=(steps := pick(5, 6, 8)),
-        touch_frames=25 * (steps - 1) + 50,
-        cell=pick("gru", "lstm", "linear"),
-        hidden=pick(4, 5, 6),
-        class_names=tuple("abcde"[: pick(3, 2, 5)]),
-        decision=pick("last", "vote", "early"),
-        margin_threshold=pick(0, 20),
-        early_margin=pick(9, 0),
-        lanes=pick(1, 2),
-        lane_type="dsp",
-        checksum=pick(False, True),
-        clock_hz=1.152e6,
-        converter=pick("ads7953", "mcp3208x2", "ad7476"),
-        converter_hz=1.152e6 / 4,
-        stimulator="decisions",
-        on_limit_s=5.0,
-    )
-    try:
-        config = with_prototypes(pick, config, places=(3, 1, 2))
-        log = log_layout(config)
-        model = forget(random_integer_model(config, pick(*range(1, 100))))
-    except InputError:
-        reject()
-    # what the flash's model has room for, and erases
-    if (
-        log.half != 4096
-        or log.offset + 2 * log.half > FLASH_OFFSET + (1 << 16)
-        or lowest_clock_hz(config) > 1.152e6
-    ):
-        reject()
-    return model
-
-
 def with_prototypes(
     pick: Callable[..., Any], config: AcceleratorConfig, places: tuple[int, ...] = (2, 0, 1, 3, 7)
 ) -> AcceleratorConfig:
@@ -300,25 +249,21 @@ def _behind(pick: Callable[..., Any], config: AcceleratorConfig, chip: str) -> A
     the widths are: by another most samples would lie beyond the converter's ends.
     """
     taxels, clock, rate = config.sensor.taxels, pick(2e6, 1.7e6), pick(2000.0, 3000.0, 900.0)
-    fields: dict[str, Any] = dict(
-        converter=chip, clock_hz=clock, sample_rate_hz=rate, code_offset=pick(None, 0, 60, -40)
-    )
+    fields: dict[str, Any] = dict(clock_hz=clock, sample_rate_hz=rate)
+    converter: dict[str, Any] = dict(name=chip, code_offset=pick(None, 0, 60, -40))
     if chip == "mcp3208x2":
-        fields["data_lines"] = pick(0, 1)
+        converter["data_lines"] = pick(0, 1)
     elif chip == "matrix":
         rows = pick(*(rows for rows in (1, 2, 3, 4, 5, 7) if taxels % rows == 0))
-        fields |= dict(rows=rows, columns=taxels // rows, settle_s=pick(2e-6, 0.0, 9e-6))
+        fields |= dict(rows=rows, columns=taxels // rows)
+        converter["settle_s"] = pick(2e-6, 0.0, 9e-6)
     elif chip == "spi":
         code, bits, numbered = pick(0, 2), pick(12, 8, 14), pick(0, 5)
         end = code + bits + numbered
-        fields |= dict(
-            spi_channels=pick(taxels, 1, 2, 4), spi_delay=pick(0, 1, 2), spi_code_bit=code, spi_code_bits=bits
-        )
-        fields |= dict(
-            spi_tag_bit=code + bits, spi_tag_bits=numbered, spi_frame_bits=end + 6, spi_channel_bit=end
-        )
-        fields["data_lines"] = pick(0, 1, 2)
-    config = config.replace(**fields)
+        converter |= dict(channels=pick(taxels, 1, 2, 4), delay=pick(0, 1, 2), code_bit=code, code_bits=bits)
+        converter |= dict(tag_bit=code + bits, tag_bits=numbered, frame_bits=end + 6, channel_bit=end)
+        converter["data_lines"] = pick(0, 1, 2)
+    config = config.replace(converter=converter, **fields)
     if lowest_clock_hz(config) > clock:
         reject()
     return config
@@ -368,7 +313,7 @@ def differences(design: Design, folder: Path) -> list[str]:
         recordings = image_recordings(config, random_images(config, 3, design.seed))
     else:
         recordings = touched(design, (2, 1, 0))
-    if config.interface.converter != "none":
+    if config.interface.converter.name != "none":
         recordings = _never_stuck(recordings, config)
     if config.hardware.clock_gate:  # which stops the clock between frames only
         clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.sample_rate_hz

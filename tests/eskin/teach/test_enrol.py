@@ -20,6 +20,7 @@ from eskin.training import recipe
 from eskin.training.evaluate import evaluate
 from eskin.training.quantise import quantise
 from eskin.training.train import TrainingRequest, train
+from tests.support.folder import exchanges
 from tests.support.prices import priced
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -153,6 +154,7 @@ def test_other_cells_and_narrow_weights_are_enrolled_too(tmp_path, cell, reset, 
 
 def test_integers_that_were_trained_by_themselves_are_the_start(tmp_path, monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 30)
+    written = exchanges(monkeypatch)
     train(OLD, SMALL, TrainingRequest(folds=0, quantisation_aware=True), out=tmp_path / "m")
     pair, real = enrolling.load_pair(tmp_path / "m"), FloatModel.load(tmp_path / "m").arrays
     old = IntegerModel.load(tmp_path / "m").arrays
@@ -161,6 +163,7 @@ def test_integers_that_were_trained_by_themselves_are_the_start(tmp_path, monkey
     enrol(tmp_path / "m", FEW, tmp_path / "m2", layers="dense", old=OLD)
     new = IntegerModel.load(tmp_path / "m2").arrays
     assert {name for name in old if (old[name] != new[name]).any()} == {"V", "b_y"}
+    assert written == ["m", "m2"]  # float network and integers at once
 
 
 def test_weights_stay_near_where_nothing_else_holds_them(model, monkeypatch):
@@ -380,14 +383,19 @@ def taught_ready(model, tmp_path_factory):
     """The model with a prototype a class and person, and three places a class."""
     folder = tmp_path_factory.mktemp("teach") / "model"
     shutil.copytree(model, folder)
-    quantise(folder, OLD, readout={"groups": ["person"], "unknown": 0.1})
+    unknown = {"groups": ["person"], "unknown": 0.1}
+    with pytest.raises(InputError, match="field unknown_above: is set with decision 'vote'.*; use 'last'"):
+        quantise(folder, OLD, readout=unknown)
+    (folder / "config.json").write_text(load_config(folder).replace(decision="last").to_json())
+    quantise(folder, OLD, readout=unknown)
     return folder
 
 
-def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp_path):
-    rule = load_config(taught_ready).readout_rule
+def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp_path, monkeypatch):
+    rule, written = load_config(taught_ready).readout_rule, exchanges(monkeypatch)
     assert (rule.prototypes, rule.taught, rule.state_code_bits) == (8, 3, 4) and rule.unknown_above > 0
     result = teach_folder(taught_ready, FEW, tmp_path / "m")
+    assert written == ["m"]
     before, after = accuracy(taught_ready, REST), accuracy(tmp_path / "m", REST)
     assert before < 0.7 and after > before + 0.1
     assert accuracy(tmp_path / "m", OLD) >= accuracy(model, OLD) - 0.05
@@ -398,8 +406,22 @@ def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp
     judged = evaluate(tmp_path / "m", REST)  # the float network decides by the same prototypes
     assert judged["agreement"] > 0.9, judged
     assert judged["float_accuracy"] >= after - 0.02
-    quantise(tmp_path / "m", OLD)  # and back
-    assert IntegerModel.load(tmp_path / "m").config == IntegerModel.load(model).config
+    with pytest.raises(InputError, match="it was taught touches, which other integers would lose"):
+        quantise(tmp_path / "m", OLD, readout="dense")
+
+
+def test_prototypes_stay_what_config_json_says(model, taught_ready, tmp_path):
+    """Made anew with the fields that it has, and by its decision; logits decide where that is asked for."""
+    shutil.copytree(taught_ready, tmp_path / "m")
+    config = load_config(taught_ready).replace(taught=5, unknown_above=7)
+    (tmp_path / "m" / "config.json").write_text(config.to_json())
+    again = quantise(tmp_path / "m", OLD)
+    assert again.config == config and again.arrays["taught"].shape[1] == 5
+    assert not quantise(tmp_path / "m", OLD, readout="dense").config.has_prototypes
+    voting = load_config(model).replace(margin_threshold=2)
+    (tmp_path / "m" / "config.json").write_text(voting.to_json())
+    network = quantise(tmp_path / "m", OLD, readout={"groups": ["person"]}).config.network
+    assert (network.decision, network.margin_threshold) == ("vote", 2)
 
 
 def test_taught_touches_are_nearer_only_where_that_costs_the_others_nothing(model):
