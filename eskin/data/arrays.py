@@ -11,18 +11,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
-from eskin.data.meaning import CLASS
+from eskin.data.meaning import CLASS, whole
 from eskin.data.table import TIME, Reading, Refuse, Table
 from eskin.golden.data.recordings import natural
 
-NAMES = {
-    "samples": ("samples", "data", "X", "x", "recordings", "signals"),
-    "offsets": ("offsets",),
-    "labels": ("labels", "label", "y", "Y", "classes", "class", "target"),
-    "class_names": ("class_names", "classNames", "classnames", "names"),
-}
+SAMPLES = ("samples", "data", "X", "x", "recordings", "signals")
+LABELS = ("labels", "label", "y", "Y", "classes", "class", "target")
+CLASS_NAMES = ("class_names", "classNames", "classnames", "names")
 """What an array may be called, in the order of preference."""
 
 
@@ -44,6 +40,24 @@ class Group:
         self.arrays[name] = array
         if array.size == 1 and array.dtype.kind in "iufbU":
             self.attributes[name] = array.reshape(-1)[0].item()
+
+    def below(self, above: str = "") -> Iterator[tuple[str, Group]]:
+        """This group and all below it, with the paths of each."""
+        yield above, self
+        for name, inner in self.groups.items():
+            yield from inner.below(f"{above}{name}/")
+
+    def listed(self) -> str:
+        """What arrays there are, with their shapes."""
+        arrays = [
+            (above + name, array.shape)
+            for above, group in self.below()
+            for name, array in group.arrays.items()
+        ]
+        return (
+            ", ".join(f"{name} {' x '.join(map(str, shape))}".strip() for name, shape in arrays[:12])
+            or "none"
+        )
 
 
 class Opened(NamedTuple):
@@ -70,277 +84,232 @@ def tables_of(
     InputError
         An array is missing or does not fit.
     """
-    named = reading.samples or next((name for name in NAMES["samples"] if name in root.arrays), "")
+    found = _Arrays(root, path, reading, refuse)
+    named = reading.samples or next((name for name in SAMPLES if name in root.arrays), "")
     array = root.arrays.get(named)
+    label = next((name for name in LABELS if name in root.arrays), "")
     if array is not None and (alone or array.dtype == object or array.ndim == 3):
-        return _set(root, named, path, reading, refuse, from_one)
-    if alone and array is None and any(each in root.arrays for each in NAMES["labels"]):
-        asked = (
-            f"--samples {reading.samples}: is not there"
-            if reading.samples
-            else "has no array of samples (samples, data, X)"
-        )
-        refuse(f"{asked}; it has {', '.join(_leaves(root)[:12])}: name it with --samples")
-    known = dict(_walk(root))
-    if reading.label in known and reading.label:
-        fields = ", ".join((*known[reading.label].arrays, *known[reading.label].groups))
-        why = f"--class {reading.label}: is a group or struct with the fields {fields}"
-        refuse(f"{why}; name one of them, as in {reading.label}.label")
-    tables = list(_trials(root, (), {}, path, reading, refuse))
-    if not tables:
-        there = ", ".join(_leaves(root)[:12]) or "none"
-        asked = (
-            f"--samples {reading.samples}: is no array of samples"
-            if reading.samples
-            else "holds no array of samples"
-        )
-        refuse(
-            f"{asked} ({', '.join(NAMES['samples'][:3])}, or a table (frames, taxels) a recording); there are {there}"
-        )
-    shapes = [table.frame.shape for table in tables]
-    if not reading.columns and all(columns > rows for rows, columns in shapes):
-        rows, columns = shapes[0]
-        refuse(
-            f"{', '.join(_leaves(root)[:6])}: have more taxels than frames ({rows} x {columns}); frames are rows: turn "
-            "them, or say with --columns that columns are taxels"
-        )
-    return Opened(tables, [])
-
-
-def _walk(group: Group, above: str = "") -> Iterator[tuple[str, Group]]:
-    """Every group below, with its path."""
-    for name, inner in group.groups.items():
-        yield f"{above}{re.sub(r'[(][0-9]+[)]$', '', name)}", inner
-        yield from _walk(inner, f"{above}{name}/")
-
-
-def _leaves(group: Group, above: str = "") -> list[str]:
-    """What arrays of numbers there are, with their shapes."""
-    own = [
-        f"{above}{name} {' x '.join(map(str, array.shape))}"
-        for name, array in group.arrays.items()
-        if array.size > 1
-    ]
-    return own + [leaf for name, inner in group.groups.items() for leaf in _leaves(inner, f"{above}{name}/")]
-
-
-# ---------------------------------------------------------------------- an array of all recordings
-def _set(root: Group, name: str, path: Path, reading: Reading, refuse: Refuse, from_one: bool) -> Opened:
-    """Samples as cells of (frames, taxels), as (recordings, frames, taxels), or one after the other with
-    offsets; labels; class names. Every other array of one value a recording is an attribute."""
-    arrays = root.arrays
-    there = ", ".join((*arrays, *root.groups))
-    label = reading.label or next((each for each in NAMES["labels"] if each in arrays), "")
-    if label not in arrays:
-        asked = (
-            f"--class {label}: the file has no such array"
-            if label
-            else "has no array of classes (labels, label, y)"
-        )
-        refuse(f"{asked}; it has {there}: name it with --class")
-    offsets, names = (next((arrays[each] for each in NAMES[role] if each in arrays), None)
-                      for role in ("offsets", "class_names"))  # fmt: skip
-    parts, notes = _parts(arrays[name], offsets, name, reading, refuse)
-    classes, class_names = _classes(arrays[label], names, len(parts), label, notes, refuse, from_one)
-    assigned = {name, label, *NAMES["offsets"], *NAMES["class_names"]}
-    vectors = ((each, column(array)) for each, array in arrays.items() if each not in assigned)
-    columns = {
-        each: values for each, values in vectors if values is not None and len(values) == len(parts) > 1
-    }
-    shared = {**root.attributes, **root.of_arrays.get(name, {})}
-    notes.insert(0, f"array {name} holds {len(parts)} recordings, array {label} their classes")
-    tables = []
-    for number, part in enumerate(parts):
-        own = {each: values[number].item() for each, values in columns.items()}
-        where = f"'{path}', array {name}, recording {number + 1}"
-        attributes = {**shared, **own, reading.label or "class": classes[number]}
-        tables.append(_table(part, where, attributes=(attributes,), notes=tuple(notes)))
-    return Opened(tables, class_names)
-
-
-def _table(part: np.ndarray, where: str, **more: Any) -> Table:
-    frame = pd.DataFrame(part.reshape(len(part), -1))
-    return Table(frame, (), np.arange(1, len(part) + 1), (where,), row_is="row", **more)
-
-
-def _parts(
-    samples: np.ndarray, offsets: np.ndarray | None, name: str, reading: Reading, refuse: Refuse
-) -> tuple[list[np.ndarray], list[str]]:
-    """The recordings, numbers (frames, taxels) each, and notes."""
-    notes: list[str] = []
-    if samples.dtype == object:
-        parts = [np.asarray(cell) for cell in samples.reshape(-1)]
-        for number, part in enumerate(parts, 1):
-            if part.ndim != 2 or part.dtype.kind not in "fiu" or not part.size:
-                refuse(
-                    f"cell {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)", name
-                )
-        rows, columns = ({part.shape[axis] for part in parts} for axis in (0, 1))
-        if len(rows) == 1 and len(columns) > 1 and min(columns) > max(rows):
-            parts = [part.T for part in parts]
-            notes.append("cells stand as (taxels, frames) and were turned")
-        elif len(columns) > 1:
-            odd = next(number for number, part in enumerate(parts, 1) if part.shape[1] != parts[0].shape[1])
-            counts = f"{parts[odd - 1].shape[1]} columns where cell 1 has {parts[0].shape[1]}"
-            refuse(f"cell {odd} has {counts}; taxels are columns in all", name)
-    elif samples.dtype.kind not in "fiu":
-        refuse(f"holds {samples.dtype}, not numbers or cells of numbers", name)
-    elif samples.ndim == 3:
-        parts = list(samples)
-        notes.append(f"array {name} was taken as (recordings, frames, taxels)")
-    elif samples.ndim == 2 and offsets is None:
-        why = "is one table and there is no array offsets that says where recordings begin"
-        refuse(f"{why}; add it, or give every recording a cell or dataset of its own", name)
-    elif samples.ndim == 2 and offsets is not None:
-        bounds = column(offsets)
-        if bounds is None or bounds.dtype.kind not in "iu":
-            refuse("is no list of whole numbers", "offsets")
-        rising = len(bounds) > 1 and bounds[0] == 0 and (bounds[1:] > bounds[:-1]).all()
-        if not rising or bounds[-1] != len(samples):
-            refuse(f"must rise from 0 to the {len(samples)} frames of samples", "offsets")
-        parts = [samples[first:end] for first, end in pairwise(bounds)]
+        opened = found.of_one_array(named, reading.label or label, from_one)
     else:
-        why = f"has shape {samples.shape}; give a cell array of (frames, taxels), or (recordings, frames, taxels)"
-        refuse(why, name)
-    if not parts or not all(part.size for part in parts):
-        refuse("holds no recording, or one without a frame", name)
-    if not reading.columns and all(part.shape[1] > len(part) for part in parts):
-        shape = " x ".join(map(str, parts[0].shape))
-        why = f"has more taxels than frames ({shape} in recording 1); frames are rows: turn it"
-        refuse(f"{why}, or say with --columns that columns are taxels", name)
-    return parts, notes
+        for above, group in root.below():
+            if above and re.sub(r"[(]\d+[)]", "", above[:-1]) == reading.label:
+                why = f"--class {reading.label}: is a group or struct with the fields {', '.join((*group.arrays, *group.groups))}"
+                refuse(f"{why}; name one of them, as in {reading.label}.label")
+        beside = label if alone and array is None else ""
+        opened = Opened([] if beside else [*found.of_group(root, (), {})], [])
+    if not opened.tables:
+        asked = f"--samples {reading.samples}: names no array of samples" if reading.samples else (
+            f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) a recording)")  # fmt: skip
+        refuse(f"{asked}; it has {root.listed()}: name it with --samples")
+    shapes = [table.frame.shape for table in opened.tables]
+    if not reading.columns and all(columns > rows for rows, columns in shapes):
+        why = (
+            f"has more taxels than frames ({shapes[0][0]} x {shapes[0][1]} in recording 1) in {root.listed()}"
+        )
+        refuse(f"{why}; frames are rows: turn them, or say with --columns that columns are taxels")
+    return opened
 
 
-def _classes(labels: np.ndarray, names: np.ndarray | None, count: int, label: str, notes: list[str], refuse: Refuse,
-             from_one: bool) -> tuple[list[str], list[str]]:  # fmt: skip
-    """The class of each recording and all classes, of labels that are names, or numbers from 0 or, as MATLAB
-    counts, from 1."""
-    values = column(labels)
-    if values is None or values.shape != (count,):
-        refuse(f"has shape {labels.shape}; give one value for each of the {count} recordings", label)
-    listed = None if names is None else column(names)
-    if names is not None and (listed is None or listed.dtype.kind != "U"):
-        refuse("is no cell array of text", "class_names")
-    if values.dtype.kind == "U":
-        class_names = sorted(set(values.tolist()), key=natural) if listed is None else listed.tolist()
-        missing = next((value for value in values.tolist() if value not in class_names or not value), None)
-        if missing is not None:
-            refuse(f"holds '{missing}', which is not among the class names", label)
-        return values.tolist(), class_names
-    if values.dtype.kind not in "iu":
-        refuse("holds something else than whole numbers or names", label)
-    if listed is None:
-        return [f"class{value}" for value in values], [f"class{value}" for value in np.unique(values)]
-    if values.min() >= 1 and values.max() <= len(listed) and (from_one or values.max() == len(listed)):
-        notes.append("classes are numbered from 1")
-        values = values - 1
-    if values.min() < 0 or values.max() >= len(listed):
-        refuse(f"runs from {values.min()} to {values.max()} and there are {len(listed)} class names", label)
-    return listed[values].tolist(), listed.tolist()
+@dataclass
+class _Arrays:
+    """A file's arrays, and what is said of them."""
+
+    root: Group
+    path: Path
+    reading: Reading
+    refuse: Refuse
+
+    def table(self, part: np.ndarray, where: str, above: tuple[str, ...], attributes: dict[str, Any],
+              clock: np.ndarray | None = None, **more: Any) -> Table:  # fmt: skip
+        """A table of an array (frames, taxels), and of its clock behind them."""
+        import pandas as pd
+
+        frame = pd.DataFrame(part.reshape(len(part), -1))
+        taxels = frame.shape[1]
+        if clock is not None:
+            frame[taxels] = clock
+        lines = np.arange(1, len(part) + 1)
+        return Table(frame, (), lines, (f"'{self.path}', {where}",), paths=(above,), attributes=(attributes,),
+                     clock=None if clock is None else taxels, row_is="row", **more)  # fmt: skip
+
+    # ------------------------------------------------------------------ an array of all recordings
+    def of_one_array(self, name: str, label: str, from_one: bool) -> Opened:
+        """Samples as cells of (frames, taxels), as (recordings, frames, taxels), or one after the other with
+        offsets; labels; class names. Every other array of one value a recording is an attribute."""
+        arrays, refuse = self.root.arrays, self.refuse
+        if label not in arrays:
+            asked = f"--class {label}: is no array" if label else "has no array of classes (labels, label, y)"
+            refuse(f"{asked}; it has {self.root.listed()}: name it with --class")
+        parts, note = self.parts(arrays[name], name)
+        vectors: dict[str, Any] = {each: _vector(array) for each, array in arrays.items()}
+        values = vectors[label]
+        if values is None or len(values) != len(parts):
+            refuse(
+                f"has shape {arrays[label].shape}; give one value for each of the {len(parts)} recordings",
+                label,
+            )
+        named = next((each for each in CLASS_NAMES if each in arrays), "")
+        names = vectors.get(named)
+        if named and (names is None or names.dtype.kind != "U"):
+            refuse("is no cell array of text", named)
+        counted = "" if names is None or values.dtype.kind == "U" else "classes are numbered from 0"
+        if values.dtype.kind == "f":
+            refuse("holds something else than whole numbers or names", label)
+        if (
+            counted
+            and values.min() >= 1
+            and values.max() <= len(names)
+            and (from_one or values.max() == len(names))
+        ):
+            counted, values = "classes are numbered from 1", values - 1
+        if counted and (values.min() < 0 or values.max() >= len(names)):
+            refuse(
+                f"runs from {values.min()} to {values.max()} and there are {len(names)} class names", label
+            )
+        texts = (
+            names[values]
+            if counted
+            else values
+            if values.dtype.kind == "U"
+            else [f"class{each}" for each in values]
+        )
+        wrong = next((text for text in texts if not text or (names is not None and text not in names)), None)
+        if wrong is not None:
+            refuse(f"holds '{wrong}', which is not among the class names", label)
+        own = {each: values for each, values in vectors.items() if values is not None and len(values) == len(parts) > 1
+               and each not in (name, label, named)}  # fmt: skip
+        shared = {**self.root.attributes, **self.root.of_arrays.get(name, {})}
+        notes = (f"array {name} holds {len(parts)} recordings, array {label} their classes", note, counted)
+        tables = []
+        for number, part in enumerate(parts):
+            attributes = {**shared, **{each: values[number].item() for each, values in own.items()}}
+            attributes |= {self.reading.label or "class": str(texts[number])}
+            where = f"array {name}, recording {number + 1}"
+            tables.append(self.table(part, where, (), attributes, notes=tuple(filter(None, notes))))
+        return Opened(tables, [] if names is None else names.tolist())
+
+    def parts(self, samples: np.ndarray, name: str) -> tuple[list[np.ndarray], str]:
+        """The recordings, numbers (frames, taxels) each, and a note."""
+        refuse, offsets = self.refuse, self.root.arrays.get("offsets")
+        if samples.dtype == object:
+            parts = [np.asarray(cell) for cell in samples.reshape(-1)]
+            for number, part in enumerate(parts, 1):
+                if part.ndim != 2 or part.dtype.kind not in "fiu" or not part.size:
+                    refuse(
+                        f"cell {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)",
+                        name,
+                    )
+            rows, columns = ({part.shape[axis] for part in parts} for axis in (0, 1))
+            if len(rows) == 1 and len(columns) > 1 and min(columns) > max(rows):
+                return [part.T for part in parts], "cells stand as (taxels, frames) and were turned"
+            odd = next((n for n, part in enumerate(parts, 1) if part.shape[1] != parts[0].shape[1]), 0)
+            if odd:
+                counts = f"{parts[odd - 1].shape[1]} columns where cell 1 has {parts[0].shape[1]}"
+                refuse(f"cell {odd} has {counts}; taxels are columns in all", name)
+            return parts, ""
+        if samples.dtype.kind not in "fiu" or samples.ndim not in (2, 3) or not samples.size:
+            why = f"holds {samples.dtype} of shape {samples.shape}"
+            refuse(
+                f"{why}; give a cell array of (frames, taxels), or numbers (recordings, frames, taxels)", name
+            )
+        if samples.ndim == 3:
+            return [*samples], f"array {name} was taken as (recordings, frames, taxels)"
+        if offsets is None:
+            why = "is one table and there is no array offsets that says where recordings begin"
+            refuse(f"{why}; add it, or give every recording a cell or dataset of its own", name)
+        bounds: Any = _vector(offsets)
+        fits = bounds is not None and bounds.dtype.kind == "i" and len(bounds) > 1
+        if not fits or bounds[0] != 0 or bounds[-1] != len(samples) or (np.diff(bounds) <= 0).any():
+            refuse(
+                f"must be whole numbers that rise from 0 to the {len(samples)} frames of samples", "offsets"
+            )
+        return [samples[first:end] for first, end in pairwise(bounds)], ""
+
+    # ------------------------------------------------------------------ an array a recording
+    def of_group(self, group: Group, above: tuple[str, ...], known: dict[str, Any]) -> Iterator[Table]:
+        """Every table (frames, taxels) of a group and below as a recording, with the attributes of all above
+        it; a clock beside it is its time. Vectors of one length, where there is no table, are one's columns."""
+        import pandas as pd
+
+        known = known | group.attributes
+        asked = (self.reading.label or "").replace(".", "/").rpartition("/")[2]
+        known |= {str(self.reading.label): known[asked]} if asked in group.attributes else {}
+        names = [
+            name for name in sorted(group.arrays, key=natural) if group.arrays[name].dtype.kind in "iufb"
+        ]
+        arrays = {name: group.arrays[name] for name in names if group.arrays[name].size > 1}
+        vectors = {
+            name: array.reshape(-1) for name, array in arrays.items() if array.size == max(array.shape)
+        }
+        chosen = [name for name in arrays if TIME.match(name) or self.asked("/".join((*above, name)))]
+        tables = {name: arrays[name] for name in chosen if name not in vectors and arrays[name].ndim == 2}
+        if tables:
+            clock = self.clock(tables, vectors, group, above)
+            for name, array in tables.items():
+                path = (*above, name)
+                own = known | group.of_arrays.get(name, {})
+                yield self.table(array, f"dataset {'/'.join(path)}", path, own, clock)
+        columns = [name for name in vectors if name in chosen]
+        if (
+            not tables
+            and len({len(vectors[name]) for name in columns}) == 1
+            and not all(map(TIME.match, columns))
+        ):
+            frame = pd.DataFrame({number: vectors[name] for number, name in enumerate(columns)})
+            where = (f"'{self.path}', dataset {'/'.join(above)}",)
+            yield Table(frame, tuple(columns), np.arange(1, len(frame) + 1), where, paths=(above,),
+                        attributes=(known,), row_is="row")  # fmt: skip
+        for name in sorted(group.groups, key=natural):
+            yield from self.of_group(group.groups[name], (*above, name), known)
+
+    def asked(self, full: str) -> bool:
+        """Whether --samples names an array: by its name, its path, the group that it stands in, or a pattern
+        with a *."""
+        plain = re.sub(r"[(][0-9]+[)]", "", full)
+        asked = (self.reading.samples or "*").replace(".", "/").strip("/")
+        ends = (plain, full, plain.rpartition("/")[2])
+        return any(fnmatchcase(each, asked) for each in ends) or f"/{plain}/".find(f"/{asked}/") >= 0
+
+    def clock(self, tables: dict[str, np.ndarray], vectors: dict[str, np.ndarray], group: Group,
+              above: tuple[str, ...]) -> np.ndarray | None:  # fmt: skip
+        """The time of a group's tables, where a vector is called like it. Several sensors are refused: tables
+        of one length that are not called alike, or a vector beside a table that is no clock."""
+        lengths, widths = ({array.shape[axis] for array in tables.values()} for axis in (0, 1))
+        alike = len({re.sub(r"\d+", "#", name) for name in tables}) == 1
+        of_class = {*CLASS, str(self.reading.label).lower()}
+        described = all(of_class & {*map(str.lower, group.of_arrays.get(name, ()))} for name in tables)
+        clocks = [name for name in vectors if TIME.match(name)]
+        beside = [name for name, vector in vectors.items() if name not in clocks and len(vector) in lengths
+                  and (vector != vector[0]).any()]  # fmt: skip
+        of_one = (
+            clocks
+            or len(widths) > 1
+            or (len(lengths) == 1 and not described and (not alike or len(above) > 1))
+        )
+        several = len(tables) > 1 and "*" not in (self.reading.samples or "") and of_one
+        where = f"group {'/'.join(above) or '/'} holds"
+        if several or (beside and self.reading.samples is None):
+            why = f"{where} several arrays where one is a recording: {group.listed()}"
+            self.refuse(
+                f"{why}; name that of the samples with --samples, or all, where each is one, by a pattern with *"
+            )
+        clock = next((vectors[name] for name in clocks if {len(vectors[name])} == lengths), None)
+        if clocks and clock is None:
+            self.refuse(
+                f"{where} a time of another length than the samples: {group.listed()}; write it again"
+            )
+        return clock
 
 
-def column(array: np.ndarray) -> np.ndarray | None:
-    """A vector of numbers or text, of a row, a column, a cell array or a matrix of letters; None: it is none.
-    Whole numbers are int64."""
+def _vector(array: np.ndarray) -> np.ndarray | None:
+    """A vector of numbers (whole ones as int64) or text, of a row, a column, or a cell array; None: it is
+    none."""
     if array.dtype == object:
         cells = [np.asarray(cell).reshape(-1) for cell in array.reshape(-1)]
-        kinds = {
-            "U" if cell.dtype.kind == "U" else cell.dtype.kind in "fiu" for cell in cells if cell.size == 1
-        }
-        if len(kinds) != 1 or False in kinds or any(cell.size != 1 for cell in cells):
+        if not cells or any(cell.size != 1 or cell.dtype.kind not in "Uiuf" for cell in cells):
             return None
         array = np.concatenate(cells)
     if array.dtype.kind == "U":
         return np.char.strip(array.reshape(-1))
-    if array.dtype.kind not in "fiub" or array.size != max(array.shape, default=1):
-        return None
-    values = array.reshape(-1)
-    whole = values.dtype.kind in "iub" or (
-        len(values) and (values == np.rint(values)).all() and np.abs(values).max() < 2**62
-    )
-    return values.astype(np.int64) if whole else values
-
-
-# ---------------------------------------------------------------------- an array a recording
-def _trials(group: Group, above: tuple[str, ...], known: dict[str, Any], path: Path, reading: Reading,
-            refuse: Refuse) -> Iterator[Table]:  # fmt: skip
-    """Every table (frames, taxels) of a group and below as a recording, with the attributes of all above it;
-    a clock beside it is its time."""
-    known = known | group.attributes
-    label = (reading.label or "").replace(".", "/").rpartition("/")[2]
-    if reading.label and label != reading.label and label in group.attributes:
-        known[reading.label] = group.attributes[label]
-    vectors, tables = {}, {}
-    for name in sorted(group.arrays, key=natural):
-        array = group.arrays[name]
-        if array.dtype.kind in "iufb" and array.size > 1 and array.ndim <= 2:
-            if array.size == max(array.shape):
-                vectors[name] = array.reshape(-1)
-            elif _asked("/".join((*above, name)), reading.samples):
-                tables[name] = array
-    if not tables and len({len(vector) for vector in vectors.values()}) == 1:
-        yield from _of_vectors(vectors, above, known, path, reading)
-    elif tables:
-        clock = _clock(tables, vectors, group, above, reading, refuse)
-        for name, array in tables.items():
-            where = f"'{path}', dataset {'/'.join((*above, name))}"
-            attributes = ({**known, **group.of_arrays.get(name, {})},)
-            if clock is None:
-                yield _table(array, where, paths=((*above, name),), attributes=attributes)
-            else:
-                timed = (
-                    pd.DataFrame(array).assign(**{"clock": clock}).set_axis(range(array.shape[1] + 1), axis=1)
-                )
-                lines = np.arange(1, len(array) + 1)
-                yield Table(timed, (), lines, (where,), paths=((*above, name),), attributes=attributes,
-                            clock=array.shape[1], row_is="row")  # fmt: skip
-    for name in sorted(group.groups, key=natural):
-        yield from _trials(group.groups[name], (*above, name), known, path, reading, refuse)
-
-
-def _asked(full: str, samples: str | None) -> bool:
-    """Whether --samples names an array: by its name, its path, or the group that it stands in."""
-    plain = re.sub(r"[(][0-9]+[)]", "", full)
-    asked = (samples or "").replace(".", "/").strip("/")
-    if "*" in asked:
-        return fnmatchcase(plain, asked) or fnmatchcase(plain.rpartition("/")[2], asked)
-    return not asked or asked in (plain, full) or plain.endswith(f"/{asked}") or plain.startswith(f"{asked}/")
-
-
-def _of_vectors(vectors: dict[str, np.ndarray], above: tuple[str, ...], known: dict[str, Any], path: Path,
-                reading: Reading) -> Iterator[Table]:  # fmt: skip
-    """Vectors of one length as the columns of one table."""
-    wanted = [
-        name for name in vectors if TIME.match(name) or _asked("/".join((*above, name)), reading.samples)
-    ]
-    if any(not TIME.match(name) for name in wanted):
-        frame = pd.DataFrame({number: vectors[name] for number, name in enumerate(wanted)})
-        where = f"'{path}'" + (f", dataset {'/'.join(above)}" if above else "")
-        yield Table(frame, tuple(wanted), np.arange(1, len(frame) + 1), (where,), paths=(above,), attributes=(known,),
-                    row_is="row")  # fmt: skip
-
-
-def _clock(tables: dict[str, np.ndarray], vectors: dict[str, np.ndarray], group: Group, above: tuple[str, ...],
-           reading: Reading, refuse: Refuse) -> np.ndarray | None:  # fmt: skip
-    """The time of a group's tables, where a vector is called like it. Several sensors are refused: tables of
-    one length that are not called alike, or a vector beside a table that is no clock."""
-    shown = ", ".join(_leaves(group, "".join(f"{name}/" for name in above)))
-    lengths = {len(array) for array in tables.values()}
-    alike = len({re.sub(r"\d+", "#", name) for name in tables}) == 1
-    described = all(
-        {*map(str.lower, group.of_arrays.get(name, ()))} & {*CLASS, str(reading.label).lower()}
-        for name in tables
-    )
-    widths = {array.shape[1] for array in tables.values()}
-    named = [name for name in vectors if TIME.match(name)]
-    beside = [name for name, vector in vectors.items() if name not in named and len(vector) in lengths
-              and (vector != vector[0]).any()]  # fmt: skip
-    of_one = len(lengths) == 1 and not described and (not alike or len(above) > 1)
-    several = len(tables) > 1 and "*" not in (reading.samples or "") and (named or of_one or len(widths) > 1)
-    if several or (beside and reading.samples is None):
-        why = f"holds several arrays where one is a recording: {shown}"
-        refuse(f"{why}; name that of the samples with --samples, or all, where each is a recording, with a *")
-    clock = next((vectors[name] for name in named if {len(vectors[name])} == lengths), None)
-    if named and clock is None:
-        refuse(f"its time has another length than its samples: {shown}; write it again, or give --rate HZ")
-    return clock
+    flat = array.dtype.kind in "fiub" and array.size == max(array.shape, default=1)
+    return whole(array.reshape(-1)) if flat else None

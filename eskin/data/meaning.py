@@ -280,7 +280,7 @@ class _Meaning:
 
     # ------------------------------------------------------------------ groups
     def _values(self, column: int) -> np.ndarray:
-        return _whole(self.table.frame[column].iloc[self.starts])
+        return whole(self.table.frame[column].iloc[self.starts])
 
     def _group(self, name: str, values: np.ndarray, called: str) -> bool:
         """Keep a group, or say why it is none."""
@@ -299,7 +299,7 @@ class _Meaning:
         for name in self.attributes:
             if name not in (*UNIT, self.reading.label, *CLASS[:2]) and not RATE.fullmatch(name):
                 self._group(
-                    name, _whole([table.attributes[source][name] for source in sources]), f"attribute {name}"
+                    name, whole([table.attributes[source][name] for source in sources]), f"attribute {name}"
                 )
         if not self.on_path:
             return
@@ -554,7 +554,7 @@ def _shown(value: Any) -> str:
     return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
 
 
-def _whole(values: Any) -> np.ndarray:
+def whole(values: Any) -> np.ndarray:
     """The values of a group, one a recording: whole numbers as integers, others as they are, all else as
     text."""
     array = np.asarray(values)

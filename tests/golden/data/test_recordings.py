@@ -391,7 +391,10 @@ BAD_TEXTS = [
     ("", "holds no row"),
     ("0.0\n0.1\n", "is one column when it is split at"),
     ("0,1,2,3\n1,2,3,4\n", "commas may be decimal points or separators"),
-    (text_of().replace("0,000667", "0,000967"), r"line 3: column 1 jumps, from 0.000333 to 0.000967 .* give --rate HZ"),
+    (
+        text_of().replace("0,000667", "0,000967"),
+        r"line 3: column 1 jumps, from 0.000333 to 0.000967 .* give --rate HZ",
+    ),
     (text_of().replace("0,000333", ""), "line 2, column 1: the time is missing"),
 ]
 
