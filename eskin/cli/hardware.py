@@ -68,6 +68,14 @@ def generate(
     streams: Annotated[
         Literal["axis"] | None, option("Frames under AXI-Stream names; without --bus decisions too.")
     ] = None,
+    top: Annotated[
+        str | None,
+        option(
+            "Name of the topmost module; all other modules and the driver begin with it, so that several designs go into "
+            "one system.",
+            metavar="NAME",
+        ),
+    ] = None,
 ) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking
     testbench."""
@@ -82,7 +90,14 @@ def generate(
 
     integer = integer_model(model)
     recordings = None if data is None else recordings_for(data, integer.config)
-    design = {"lanes": lanes, "lane_type": lane_type, "bus": bus, "axis": streams is not None, "depth": depth}
+    design = {
+        "lanes": lanes,
+        "lane_type": lane_type,
+        "bus": bus,
+        "axis": streams is not None,
+        "depth": depth,
+        "top": top,
+    }
     folder = generate_design(integer, out, recordings=recordings, **design)  # type: ignore[arg-type]
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 

@@ -149,7 +149,7 @@ class _Arrays:
                 label,
             )
         named = next((each for each in CLASS_NAMES if each in arrays), "")
-        names = vectors.get(named)
+        names: Any = vectors.get(named)
         if named and (names is None or names.dtype.kind != "U"):
             refuse("is no cell array of text", named)
         counted = "" if names is None or values.dtype.kind == "U" else "classes are numbered from 0"
