@@ -68,7 +68,7 @@ class Chain:
         progress("training", 1, 2)
         float_model().save(out, training_record(loaded) | {"seed": seed, "doubts": self.doubts})
 
-    def quantise(self, folder):
+    def quantise(self, folder, recordings=None):
         self.call("quantise")
         random_integer_model(CONFIG, seed=2).save(folder)
 
