@@ -113,7 +113,7 @@ def train(
     from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
     from eskin.training.image_models import KEPT
-    from eskin.training.splits import split_folds
+    from eskin.training.splits import check_split
     from eskin.verbs.cost import market
 
     check_units(cell, hidden, weight_sets)
@@ -128,7 +128,7 @@ def train(
     recordings, user_config = load_data(data, config)
     groups = groups_of(group)
     if groups is not None and folds:
-        split_folds(recordings, groups, folds, None)  # an unknown group is refused before anything is said
+        check_split(recordings, groups, folds)  # an unknown group is refused before anything is said
     plan = (
         None
         if recordings.image_shape
@@ -562,12 +562,12 @@ def quantise(
 
 def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group: str | None) -> None:
     from eskin.golden.model import describe_formats
-    from eskin.training.splits import split_folds
+    from eskin.training.splits import check_split
     from eskin.training.widths import FOLDS, quantise_by_error
 
     groups = groups_of(group)
     if groups is not None:
-        split_folds(recordings, groups, FOLDS, None)  # refuses before the work begins
+        check_split(recordings, groups, FOLDS)  # refuses before the work begins
     with progress_bars() as report:
         integer, record = quantise_by_error(model, recordings, limit, group=groups, progress=report)
     show("quantise", tried=record["tried"], formats=describe_formats(integer.config))
