@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from eskin.cli import baselines, chip, data, hardware, job, learn, live, studies
+from eskin.cli import INTERRUPTED, STOPPED, baselines, chip, data, hardware, job, learn, live, studies
 from eskin.cli.common import PANELS, app, stop
-from eskin.cli.start import INTERRUPTED, STOPPED
 from eskin.golden.core import InputError, SimulationError
 from eskin.golden.core.errors import without_extra
 

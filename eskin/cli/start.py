@@ -5,8 +5,7 @@ import signal
 from types import FrameType
 from typing import NoReturn
 
-STOPPED = "stopped by the user; files that were being written are as they were before"
-INTERRUPTED = 130
+from eskin.cli import INTERRUPTED, STOPPED
 
 
 def _leave(number: int, frame: FrameType | None) -> NoReturn:
