@@ -407,36 +407,12 @@ def build(
         stop(job.clock_sentence(result), 1)
 
 
-@app.command(
-    epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz --build "
-    "build/board/icebreaker --recordings 40"
-)
+@app.command(epilog="Example: eskin replay model --port /dev/ttyUSB1 --data recordings.npz --recordings 40")
 def replay(
     model: Annotated[Path, argument("The quantised model folder that the bitstream was built from.")],
     port: Annotated[str, option("The board's serial port.")],
     data: DataOption,
     recordings: CountOption = "all",
-    build: Annotated[
-        Path | None,
-        option(
-            "Folder of 'eskin build' with the board's bitstream, which tells its rate and lanes; default: "
-            "the only one in build/board.",
-            metavar="DIR",
-        ),
-    ] = None,
-    baud: Annotated[
-        int | None,
-        option(
-            "Without a build at hand: bits a second of its link within 2 % (usually 2000000; ulx3s 1923077, tangnano9k 1928571).",
-            min=1,
-        ),
-    ] = None,
-    lanes: Annotated[
-        int | None, option("With --baud: lanes that the bitstream was built with; default 4.")
-    ] = None,
-    lane_type: Annotated[
-        LaneType | None, option("With --baud: lanes that the bitstream was built with; default plain.")
-    ] = None,
     teach: Annotated[
         str | None,
         option("The last touch of each recording is taught as this class when it is over.", metavar="CLASS"),
@@ -455,15 +431,7 @@ def replay(
     from eskin.verbs import build_job
     from eskin.verbs.replay_job import replay as play
 
-    if build and baud:
-        raise InputError(f"--build {build}: tells the rate by itself; leave out --baud")
-    if not baud:
-        if lanes is not None or lane_type:
-            raise InputError(
-                f"--{'lanes' if lanes is not None else 'lane-type'}: is told by the build; leave it out, or "
-                "give --baud too"
-            )
-        baud, lanes, lane_type = build_job.link_of(build or build_job.only_build())
+    baud, lanes, lane_type = build_job.board_of(model)
     count = how_many(recordings)
     integer = integer_model(model).with_lanes(lanes, lane_type)
     classes = integer.config.network.class_names

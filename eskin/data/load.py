@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from eskin.data import frames, hdf5
+from eskin.data import hdf5
 from eskin.data.logs import is_log
 from eskin.data.matlab import load_matlab
 from eskin.data.pictures import is_picture_folder, load_picture_folder
@@ -82,8 +82,6 @@ def load_recordings(
             raise InputError(f"recordings '{path}': is not there; give {FORMS}")
         if path.suffix.lower() == ".mat" and path.is_file():
             return load_matlab(path, reading, config)
-        if path.suffix == frames.SUFFIX and path.is_file():
-            return frames.load_frames(path)
         if path.suffix.lower() in hdf5.SUFFIXES and path.is_file():
             return hdf5.load_hdf5(path, reading, config)
         if path.suffix.lower() in (*SUFFIXES, PARQUET):

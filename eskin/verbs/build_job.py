@@ -391,46 +391,42 @@ def real_baud(clock_hz: float, baud: float | None) -> float:
     return clock_hz / uart_divisor(clock_hz, baud or default_baud(clock_hz))
 
 
-def only_build() -> Path:
-    """The folder of the one build in `BOARDS`.
+def board_of(model: Path) -> tuple[int, int, Any]:
+    """(bits a second, lanes, lane type) of the board that runs ``model``: of the one build in the model's
+    folder, else beside it, else in `BOARDS`.
 
     Raises
     ------
     InputError
-        There is none, or more than one.
+        There is none, or more than one; or it is one without the link.
     """
-    builds = sorted(path.parent for path in BOARDS.glob(f"*/{MARK}"))
+    builds: list[Path] = []
+    for folder in (model, model.resolve().parent, BOARDS):
+        builds = builds or sorted(folder.glob(f"*/{MARK}"))
     if len(builds) != 1:
-        existing = f"{BOARDS} has {', '.join(path.name for path in builds) or 'none'}"
-        raise InputError(
-            "--build: is missing; name the folder of 'eskin build' whose bitstream the board runs "
-            f"({existing}), or give --baud"
+        found = (
+            f"of {', '.join(str(path.parent) for path in builds)} it may be each"
+            if builds
+            else "there is none"
         )
-    return builds[0]
-
-
-def link_of(folder: Path) -> tuple[int, int, Any]:
-    """(bits a second, lanes, lane type) of the bitstream that was built into ``folder``.
-
-    Raises
-    ------
-    InputError
-        No build, or one without the link.
-    """
+        raise InputError(
+            f"--port: the board's rate and lanes are told by its build, and {found}; "
+            f"run eskin build {model} --target NAME --out {model}/board"
+        )
     try:
-        result = json.loads((folder / MARK).read_text())
-        with_link, lanes = result["link"], (result["lanes"], result["lane_type"])
+        result = json.loads(builds[0].read_text())
+        with_link, lanes, lane_type = result["link"], int(result["lanes"]), result["lane_type"]
         rate = round(result["baud"]) if with_link else 0
     except (OSError, ValueError, KeyError, TypeError):
         raise InputError(
-            f"--build {folder}: holds no {MARK} of 'eskin build'; give the folder that it wrote"
+            f"--port: {builds[0]} is no record of 'eskin build'; build the board again"
         ) from None
     if not with_link:
         raise InputError(
-            f"--build {folder}: was built with --no-link or --synthesis-only, so no host can talk to it; build it "
-            "anew without that option"
+            f"--port: {builds[0].parent} was built with --no-link or --synthesis-only, so no host can talk to "
+            "it; build it again without that option"
         )
-    return rate, *lanes
+    return rate, lanes, lane_type
 
 
 FLASH_IMAGE = "flash.bin"

@@ -536,7 +536,7 @@ quantise model --data @ --readout prototypes --group person --unknown # --spare-
 enrol --evaluate --readout prototypes --data @ --config ../in/config.json --group person -k # --seeds 1 --jobs 1
 run --data @ --config ../in/config.json
 energy ../in/model --data @
-watch ../in/model --data @ --terminal --speed max --recordings #
+watch ../in/model --data @ --host-port #
 import ../in/model/float.npz --out made --config ../in/config.json --data @
 """
 CONVERTED = f"""{RECORDED}convert @ --out made.npz --rate 100
@@ -566,8 +566,8 @@ build @ --synthesis-only $ --lanes #
 build @ --target # --converter $ --standalone
 build @ --target icebreaker --converter ads7953 --standalone --flash
 asic @ --pdk ihp-sg13g2 --liberty ../in/cells.lib
-replay @ --port /dev/null --baud 2000000 --data ../in/recordings.npz
-watch @ --data ../in/recordings.npz --terminal --speed # --shape $
+replay @ --port /dev/null --data ../in/recordings.npz
+watch @ --data ../in/recordings.npz
 quantise model
 quantise model --data ../in/recordings.npz
 quantise model --weight-bits #
@@ -591,8 +591,8 @@ compare ../in/image_model --data @ --out page
 stability ../in/image_model --data @ --out stable
 cosim ../in/image_model --data @
 run --data @
-watch ../in/image_model --data @ --terminal --speed max
-replay ../in/image_model --port /dev/null --baud 2000000 --data @
+watch ../in/image_model --data @
+replay ../in/image_model --port /dev/null --data @
 """
 READERS = {
     "recordings.npz": RECORDED,
@@ -610,8 +610,8 @@ READERS = {
     "times.csv": "convert ../in/log.mcap --out made.npz --labels @\nconvert ../in/log.mcap --out made.npz --labels @ --group $",
     "model": MODEL,
     "prototypes": f"{MODEL}enrol @ --teach ../in/recordings.npz --out taught",
-    "taught.npz": "replay ../in/prototypes --port /dev/null --baud 2000000 --data ../in/recordings.npz --save-taught @\n"
-    "replay ../in/prototypes --port /dev/null --baud 2000000 --data ../in/recordings.npz --save-taught @ --teach $",
+    "taught.npz": "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @\n"
+    "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @ --teach $",
     "config.json": CONFIGURED,
     "grid.json": "sweep --data ../in/recordings.npz --grid @\nsweep --data ../in/recordings.npz --grid @ "
     "--config ../in/config.json",
