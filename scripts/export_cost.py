@@ -1,10 +1,9 @@
 """The exported C on all recordings of a data set, compared with the golden model; what it takes on a
-microcontroller; one table.
+microcontroller, in bytes; one table.
 
-``python -m scripts.export_cost DATA ... [--emulate N]`` prints it. DATA: archives of recordings or images, or
+``python -m scripts.export_cost DATA ... `` prints it. DATA: archives of recordings or images, or
 NAME=ARCHIVE; the word synthetic. Where a preset has that name and array it is the front end, else one is derived.
-Weights are random: neither what is compared nor what it costs depends on them. Instructions are counted on an
-emulated Cortex-M0+ over the first N recordings with a touch.
+Weights are random: neither what is compared nor what it costs depends on them.
 """
 
 import argparse
@@ -18,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from eskin.data import load_recordings
-from eskin.exchange import compiled, emulated, plain_c
+from eskin.exchange import compiled, plain_c
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, images_of, random_integer_model, run, run_images
@@ -40,19 +39,7 @@ MODELS: dict[str, Record] = {
 }  # fmt: skip
 """Kinds of model: cells, decisions, kinds of feature. With ``fault_frames`` a taxel of each recording
 fails."""
-COLUMNS = (
-    "data",
-    "model",
-    "recordings",
-    "decisions",
-    "different",
-    "code",
-    "tables",
-    "state",
-    "quiet frame",
-    "frame",
-    "step",
-)
+COLUMNS = ("data", "model", "recordings", "decisions", "different", "code", "tables", "state")
 PLAY = """#include "eskin_model.c"
 int play(const int32_t *codes, int frames, int32_t *calls)
 {
@@ -149,7 +136,7 @@ def differences(model: IntegerModel, recordings: Recordings, folder: Path) -> di
     return {"recordings": len(recordings), "decisions": compared, "different": different}
 
 
-def rows(name: str, archive: str, most: int) -> list[tuple[str, ...]]:
+def rows(name: str, archive: str) -> list[tuple[str, ...]]:
     """Rows of `COLUMNS` of one data set."""
     recordings = load_recordings(archive)
     table = []
@@ -167,16 +154,10 @@ def rows(name: str, archive: str, most: int) -> list[tuple[str, ...]]:
         with tempfile.TemporaryDirectory() as work:
             folder = Path(work) / "c"
             result = differences(model, recordings, folder)
-            counted = ["-"] * 6
+            counted = ["-"] * 3
             if compiled.there():
                 sizes = compiled.sizes(folder, CORE, model.config.is_image)
-                counted[:3] = (str(sizes[part]) for part in ("code", "tables", "state"))
-                if most and not model.config.is_image:
-                    played = emulated.play(model, recordings.subset(recordings.evenly(most)), CORE, folder)
-                    assert not played["different"]
-                    counted[3:] = (
-                        f"{played['instructions'][part]:.0f}" for part in ("quiet", "frame", "step")
-                    )
+                counted = [str(sizes[part]) for part in ("code", "tables", "state")]
         table.append((name, kind, *(str(value) for value in result.values()), *counted))
         print("| " + " | ".join(table[-1]) + " |", flush=True)
     return table
@@ -186,12 +167,11 @@ def main() -> None:
     """The table, row by row."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", nargs="+")
-    parser.add_argument("--emulate", type=int, default=1, metavar="N")
     asked = parser.parse_args()
     print("| " + " | ".join(COLUMNS) + " |\n|" + " --- |" * len(COLUMNS))
     for text in asked.data:
         name, _, archive = text.rpartition("=")
-        rows(name or archive, archive, asked.emulate)
+        rows(name or archive, archive)
 
 
 if __name__ == "__main__":
