@@ -442,7 +442,7 @@ def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, R
 
 @app.command(
     epilog="Example: eskin quantise model --weight-bits 6, or eskin quantise model --data recordings.npz "
-    "--logit-error 0.5"
+    "--readout prototypes"
 )
 def quantise(
     model: Annotated[Path, argument("A model folder.")],
@@ -457,18 +457,11 @@ def quantise(
     lean: Annotated[
         bool, option("Formats of features and logits that need the fewest logic cells.", "--lean")
     ] = False,
-    logit_error: Annotated[
-        float | None,
-        option(
-            "Narrowest widths whose logits differ from float ones by no more, on recordings left out; needs "
-            "--data."
-        ),
-    ] = None,
     group: Annotated[
         str | None,
         option(
-            "Group arrays A,B..: with --logit-error what is left out, with --readout what is left out for --unknown and "
-            "for how much nearer a taught touch counts; default: those of the training."
+            "With --readout: group arrays A,B.. that are left out for --unknown and for how much nearer a taught touch "
+            "counts; default: those of the training."
         ),
     ] = None,
     readout: Annotated[
@@ -508,12 +501,8 @@ def quantise(
     from eskin.training.quantise import quantise as to_integers
 
     widths: Record = {**_widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)}
-    if logit_error is not None and (data is None or lean or widths):
-        raise InputError(
-            "--logit-error chooses the widths on recordings that are left out in turn; give --data with it, "
-            "and no width"
-        )
     asked = {
+        "group": group,
         "prototypes": prototypes,
         "taught": taught,
         "state_code_bits": state_code_bits,
@@ -522,47 +511,24 @@ def quantise(
     }
     of_readout = {name: value for name, value in asked.items() if value is not None}
     if readout == "dense":
-        if group is not None and logit_error is None:
-            raise InputError("--group says what --logit-error leaves out; give both")
         for name in of_readout:
             raise InputError(f"--{name.replace('_', '-')}: needs --readout prototypes; give both")
-    elif data is None or logit_error is not None:
+    elif data is None:
         raise InputError(
-            "--readout prototypes: is made of the recordings of the training; give --data with it, and no "
-            "--logit-error"
+            "--readout prototypes: is made of the recordings of the training; give --data with it"
         )
     recordings = None if data is None else recordings_for(data, load_config(model))
-    if logit_error is not None and recordings is not None:
-        if recordings.image_shape:
-            raise InputError(
-                "--logit-error: is for models that read recordings; leave it out for one of images"
-            )
-        _quantise_by_error(model, recordings, logit_error, group)
-        return
     if lean and feature_bits is not None:
         raise InputError("--lean chooses the bits of a feature; give it or --feature-bits")
     if readout == "prototypes":
         if recordings is not None and recordings.image_shape:
             raise InputError("--readout: is for models that read recordings; leave it out for one of images")
-        prototypes_of = {"groups": groups_of(group)} | of_readout
-        options: Record = {"readout": prototypes_of, "lean": lean}
+        of_readout["groups"] = groups_of(of_readout.pop("group", None))
+        options: Record = {"readout": of_readout, "lean": lean}
     else:
         options = {"lean": lean}
     integer = to_integers(model, recordings, **options, **widths)
-    show("quantise", tried=[], formats=describe_formats(integer.config))
-
-
-def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group: str | None) -> None:
-    from eskin.golden.model import describe_formats
-    from eskin.training.splits import split_folds
-    from eskin.training.widths import FOLDS, quantise_by_error
-
-    groups = groups_of(group)
-    if groups is not None:
-        split_folds(recordings, groups, FOLDS, None)  # refuses before the work begins
-    with progress_bars() as report:
-        integer, record = quantise_by_error(model, recordings, limit, group=groups, progress=report)
-    show("quantise", tried=record["tried"], formats=describe_formats(integer.config))
+    show("quantise", formats=describe_formats(integer.config))
 
 
 @app.command(epilog="Example: eskin evaluate model --data recordings.npz --json evaluate.json")

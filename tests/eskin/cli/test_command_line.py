@@ -385,11 +385,6 @@ REFUSED = [
     ("generate model --out design --lanes {0}", "0", "field lanes: is 0; it must lie in 1..64"),
     ("generate model --out design --fifo {0}", "2", "--fifo: is of a bus"),
     ("generate model --out design --bus apb --fifo {0}", "3", "--fifo: is 3; give 0, 2 or 4"),
-    ("quantise model --logit-error {0}", "0.5", "give --data with it, and no width"),
-    ("quantise model --data data.npz --weight-bits 8 --logit-error {0}", "0.5", "and no width"),
-    ("quantise model --group {0}", "person", "--group says what --logit-error leaves out; give both"),
-    ("quantise model --data data.npz --logit-error {0}", "-1", "field logit_error: is -1; give the"),
-    ("quantise model --data data.npz --logit-error 0.5 --group {0}", "nobody", "no group array 'nobody'"),
 ]
 
 
