@@ -136,7 +136,6 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         f"baselines {JUDGED} --methods simple --folds 2 --jobs 1 --out {{out}}",
         ("linear", "image"),
     ),
-    "leak-check": (f"leak-check {JUDGED} --folds 2", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
         (),
@@ -188,7 +187,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         "is a network for images, which this verb does not take",
     ),
     (
-        ("baselines", "leak-check", "enrol --evaluate", "enrol --evaluate --readout"),
+        ("baselines", "enrol --evaluate", "enrol --evaluate --readout"),
         ("image",),
         "array images: holds images, which this verb does not take",
     ),

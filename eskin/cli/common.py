@@ -32,17 +32,7 @@ again."""
 PANELS = {
     "The whole job": ("run", "report"),
     "Recordings": ("inspect", "convert", "watch"),
-    "Networks": (
-        "train",
-        "import_",
-        "enrol",
-        "quantise",
-        "evaluate",
-        "compare",
-        "sweep",
-        "baselines",
-        "leak_check",
-    ),
+    "Networks": ("train", "import_", "enrol", "quantise", "evaluate", "compare", "sweep", "baselines"),
     "Hardware": ("generate", "export", "cosim", "build", "replay", "asic", "schedule", "energy", "stability"),
 }
 """Verbs as the help groups them."""

@@ -501,7 +501,7 @@ def quantise(
     from eskin.training.quantise import quantise as to_integers
 
     widths: Record = {**_widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)}
-    asked = {
+    asked: Record = {
         "group": group,
         "prototypes": prototypes,
         "taught": taught,
@@ -509,7 +509,7 @@ def quantise(
         "unknown": unknown,
         "spare_classes": spare_classes,
     }
-    of_readout = {name: value for name, value in asked.items() if value is not None}
+    of_readout: Record = {name: value for name, value in asked.items() if value is not None}
     if readout == "dense":
         for name in of_readout:
             raise InputError(f"--{name.replace('_', '-')}: needs --readout prototypes; give both")

@@ -11,13 +11,11 @@ from eskin.cli.common import (
     DataOption,
     FoldsOption,
     JobsOption,
-    JsonOption,
     ModelArgument,
     SeedOption,
     SplitOption,
     app,
     fitting_config,
-    group_names,
     groups_of,
     load_data,
     option,
@@ -172,40 +170,4 @@ def stability(
             progress=report,
         )
     show("stability", **result, figure=figure_in_words, page=out / PAGE)
-    return result
-
-
-@app.command("leak-check", epilog="Example: eskin leak-check --data recordings.npz --group person")
-def leak_check(
-    data: DataOption,
-    config: ConfigOption = None,
-    group: SplitOption = None,
-    folds: FoldsOption = 5,
-    seed: SeedOption = 0,
-    seeds: Annotated[int, option("Number of seeds.", min=1, max=100)] = 3,
-    left_in: Annotated[
-        int, option("Frames of the touch that stay in: above 0 it shows what a leak looks like.", min=0)
-    ] = 0,
-    json: JsonOption = None,
-) -> list[Record]:
-    """Take the touch out of every unseen recording: networks that still know its class know it from
-    elsewhere."""
-    from eskin.study.leak_check import leak_check as check
-    from eskin.study.sweep import split_name
-    from eskin.training.splits import default_splits
-
-    recordings, user_config = load_data(data, config)
-    chosen = fitting_config(recordings, user_config, groups_of(group)).config
-    splits = default_splits(recordings, chosen) if group is None else [group_names(group)]
-    with progress_bars() as report:
-        result = check(
-            recordings,
-            chosen,
-            splits,
-            range(seed, seed + seeds),
-            folds=folds,
-            left_in=left_in,
-            progress=report,
-        )
-    show("leak_check", rows=result, split_name=split_name)
     return result

@@ -179,6 +179,10 @@ BY_VARIANT: dict[Variant, tuple[str, ...]] = {
     _with(find_touches=_carried): ("two touches",),
     # the rest level is frozen after settling
     _frozen_rest: ("slow ramp through the band",),
+    # the touch is still there
+    lambda bench: bench.changed(
+        find_touches=lambda config, recordings, **options: find_touches(config, bench.clean, **options)
+    ): ("class without the touch",),
     # every feature at full scale
     full_scale: (
         "drift of all taxels",

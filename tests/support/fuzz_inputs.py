@@ -524,7 +524,6 @@ evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @ --out page
 cosim ../in/model --data @
 sweep --data @ --folds 2 --seeds 1
-leak-check --data @
 baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
@@ -577,7 +576,6 @@ train --data ../in/recordings.npz --out made --config @
 sweep --data ../in/recordings.npz --config @
 import ../in/keras.npz --out made --config @ --mean 0 --std 9
 run --data ../in/recordings.npz --config @
-leak-check --data ../in/recordings.npz --config @
 inspect synthetic --config @
 """
 IMAGES = """inspect @ --json look.json

@@ -43,7 +43,6 @@ VERBS = (
     "baselines",
     "stability",
     "energy",
-    "leak-check",
     "report",
     "watch",
 )
