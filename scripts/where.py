@@ -14,7 +14,7 @@ from pathlib import Path
 from eskin.cli.main import app
 from scripts.docs_site import ROOT, companions, packages, summary_of
 
-ENGINES = ("engine/engine", "engine/compact_engine")
+ENGINES = ("engine/engine",)
 STAGES = {
     "sum": ("frontend/window_averager",),
     "fault": ("frontend/fault_detector",),

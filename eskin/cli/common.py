@@ -312,7 +312,7 @@ CountOption = Annotated[
 ]
 
 
-LaneType = Literal["plain", "dsp", "serial"]
+LaneType = Literal["plain", "dsp"]
 """Lanes of one design."""
 
 
@@ -320,9 +320,7 @@ ClassPins = Literal["each", "binary", "none"]
 """How a board shows the class."""
 
 
-LaneTypeOption = Annotated[
-    LaneType | None, option("plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")
-]
+LaneTypeOption = Annotated[LaneType | None, option("plain; dsp: the iCE40's DSP blocks.")]
 
 
 def how_many(text: str) -> int | None:

@@ -385,7 +385,14 @@ def import_(
     mean: Annotated[float | None, option("Codes taken off every window mean in its training.")] = None,
     std: Annotated[float | None, option("Codes that became 1 in its training.")] = None,
     data: Annotated[str | None, option("Without --mean and --std: measure them on these recordings.")] = None,
-) -> None:
+    check: Annotated[
+        Path | None,
+        option(
+            "An .npz of reference inputs (touches, steps, inputs), normalised, and outputs (logits, of the last step or of "
+            "every step) that the model must give; else nothing is written, status 1."
+        ),
+    ] = None,
+) -> Record:
     """Make a model folder of a network trained elsewhere; then quantise it with --data."""
     from eskin.exchange.import_network import import_network
     from eskin.golden.core import AcceleratorConfig
@@ -408,13 +415,14 @@ def import_(
     elif data is not None and recordings is None:
         recordings = recordings_for(data, chosen)
     record = import_network(
-        file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings
+        file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings, check=check
     )
     scale = {
         name: ", ".join(f"{value:.6g}" for value in np.atleast_1d(record["normalisation"].get(name, ())))
         for name in ("mean", "std")
     }
-    show("import", **record, **scale, out=out, images=chosen.is_image)
+    show("import", **{"check": None, "passed": True} | record, **scale, out=out, images=chosen.is_image)
+    return record
 
 
 def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, Recordings | None]:

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 
 from eskin.exchange.import_images import read_image_network
+from eskin.exchange.reference import NAMES, check_reference
 from eskin.exchange.torch_files import MOST_VALUES, TORCH_SUFFIXES, check_readable, plain_array, read_state
 from eskin.golden.core import AcceleratorConfig, ArchiveError, Arrays, InputError, Record, read_arrays
 from eskin.golden.data import Recordings
@@ -37,6 +38,18 @@ ORDERS = {
     "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")},
 }
 """Gates in the order in which a file stacks them, by the number of gates; Keras calls n ``h`` and g ``c``."""
+
+BY_LAST_STEP = {
+    "last": "the file gives the logits of the last step alone",
+    "regression": "a regression decides once, by the sum over all windows",
+    "reference": "the outputs of --check are the logits of the last step alone",
+}
+SHOWS = BY_LAST_STEP | {
+    "metadata": "so the file's metadata say",
+    "every": "the file gives the logits of every step, which do not show how a touch is decided",
+    "weights": "weights do not show how a touch is decided",
+}
+"""What shows how a touch is decided."""
 
 
 @dataclass(frozen=True)
@@ -425,6 +438,7 @@ def import_network(
     mean: float | None = None,
     std: float | None = None,
     recordings: Recordings | None = None,
+    check: Path | None = None,
 ) -> Record:
     """Make a float model folder (config.json, float.npz, training.json) of a network trained elsewhere, ready
     to quantise.
@@ -449,11 +463,14 @@ def import_network(
     recordings:
         Without ``mean`` and ``std``: those of the window means of these recordings, as training here takes
         them.
+    check:
+        Reference inputs and outputs (`check_reference`); where they disagree nothing is written.
 
     Returns
     -------
-    The training record, as written to training.json: imported (file, sha256, kind, arrays), normalisation
-    (mean, std, source), config, parameters, versions.
+    The training record, as written to training.json: imported (file, sha256, kind, arrays, notes: sentences about
+    what was taken), normalisation (mean, std, source), config, parameters, versions, and check, passed where asked
+    for.
 
     Raises
     ------
@@ -463,6 +480,8 @@ def import_network(
     """
     check_model_target(out)
     scale: Record
+    notes: list[str] = []
+    shows, own = "weights" if config.recurrent else "regression", NAMES
     if Path(file).suffix == ONNX_SUFFIX:
         from eskin.exchange.import_onnx import convert_onnx, read_onnx
 
@@ -473,8 +492,8 @@ def import_network(
                 f"'{config.name}' is for images; give a torch state_dict"
             )
         _check_scale(mean, std)
-        config, arrays = convert_onnx(network, config, cell, reset)
-        kind, names = "ONNX", network.names
+        config, arrays, shows, notes = convert_onnx(network, config, cell, reset)
+        kind, names, own = "ONNX", network.names, network.graph.ends
         held = network.scale(config) if mean is None and recordings is None else None
         scale = held or _normalisation(file, config, mean, std, recordings)
     elif config.is_image:
@@ -485,26 +504,48 @@ def import_network(
             file, with_network(config, cell=cell, reset=reset), mean, std
         )
         scale = _normalisation(file, config, mean, std, recordings)
+        if config.recurrent and config.network.cell == "gru":
+            notes = [f"reset gate {config.network.reset} the recurrent product, as the file's bias rows say"]
     if not config.is_image:
         arrays |= {
             name: np.broadcast_to(scale[key], constants_shape(config))
             for name, key in (("mu", "mean"), ("sigma", "std"))
         }
         scale |= {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
+    checked: Record = {}
+    if check is not None:
+        found = check_reference(check, FloatModel(config, arrays, str(file)), std or 1.0, own)
+        checked = {"check": found, "passed": found["passed"]}
+        if found["shows"] == "last" and shows in ("every", "weights"):
+            shows = "reference"
+    if not config.is_image:
+        config, decided = _decide(config, shows)
+        notes = [decided, *notes]
     record = {
         "imported": {
             "file": str(file),
             "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(),
             "kind": kind,
             "arrays": names,
+            "notes": notes,
         },
         "normalisation": scale,
         "config": config.to_dict(),
         "parameters": config.parameter_count,
         "versions": {"torch": torch.__version__, "numpy": np.__version__},
-    }
-    FloatModel(config, arrays, str(file)).save(out, record)
+    } | checked
+    if record.get("passed", True):
+        FloatModel(config, arrays, str(file)).save(out, record)
     return record
+
+
+def _decide(config: AcceleratorConfig, shows: str) -> tuple[AcceleratorConfig, str]:
+    """``config`` that decides by the last step where the file shows that (a configuration that is ``early`` stays so),
+    and a sentence about it."""
+    if shows in BY_LAST_STEP and config.network.decision == "vote":
+        config = config.replace(decision="last")
+    kept = "" if shows == "metadata" or config.network.decision == "last" else ", the configuration's"
+    return config, f"decision {config.network.decision}{kept}: {SHOWS[shows]}"
 
 
 def _read_network(

@@ -17,6 +17,7 @@ import onnx
 from onnx import numpy_helper
 from onnx.reference import ReferenceEvaluator
 
+from eskin.exchange.reference import TOLERANCE, differences
 from eskin.exchange.torch_files import MOST_VALUES, check_readable
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.model import Float, constants_shape, network_shapes, run_cell, with_network
@@ -26,8 +27,6 @@ METADATA = "eskin_model"
 """Entry in which an exported file keeps configuration and normalisation."""
 MOST_BYTES = 64 << 20
 OPSETS = (7, onnx.defs.onnx_opset_version())
-TOLERANCE = 1e-4
-"""Between the file's logits, in single precision, and those of what was read."""
 GATES = {"GRU": ("z", "r", "n"), "LSTM": ("i", "o", "f", "g")}
 """In the order in which ONNX stacks them; it calls n ``h`` and g ``c``."""
 ACTIVATIONS = {
@@ -80,6 +79,7 @@ class Graph:
             versions = [entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")]
         except Exception:  # protobuf's errors have no common class of their own
             raise InputError(f"network '{path}': is damaged or no ONNX file; save it again") from None
+        self.producer = _text(model.producer_name)
         self.graph, self.metadata = model.graph, {entry.key: entry.value for entry in model.metadata_props}
         if not self.graph.node:
             raise InputError(f"network '{path}': has no nodes; save {TAKEN}")
@@ -97,6 +97,7 @@ class Graph:
                 f"network '{path}': has {len(inputs)} inputs ({names:.80}); save one that takes features alone"
             )
         self.input = _text(inputs[0].name)
+        self.ends = self.input, *[_text(value.name) for value in self.graph.output][:1]
         self.dims = [dim.dim_value for dim in inputs[0].type.tensor_type.shape.dim]
         self.all: list[Node] = []
         for entry in self.graph.node:
@@ -441,9 +442,10 @@ def _metadata(graph: Graph) -> Record:
 # ---------------------------------------------------------------------- into a model
 def convert_onnx(
     network: OnnxNetwork, config: AcceleratorConfig, cell: str | None, reset: str | None
-) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
-    """``config`` with cell and sizes of the file, and the float network's arrays. ``cell`` and ``reset``:
-    what the user says, held against the file.
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray], str, list[str]]:
+    """``config`` with cell and sizes of the file, and the decision that its metadata keep; the float network's
+    arrays; which logits the file gives, of the ``last`` or of ``every`` step, or ``metadata``; sentences about what
+    was taken. ``cell`` and ``reset``: what the user says, held against the file.
 
     Raises
     ------
@@ -483,49 +485,86 @@ def convert_onnx(
     if not recurrent:
         arrays["V"] = arrays["V"].reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1)
     arrays = {name: np.array(arrays[name], dtype=np.float64) for name in network_shapes(config, real=True)}
-    _agree(network, config, arrays)
-    return config, arrays
-
-
-def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np.ndarray]) -> None:
-    """Refuse a graph that computes other logits than the arrays, on two random touches."""
-    graph, inputs, steps = network.graph, config.inputs, config.windows.steps
-    flat = steps * inputs if config.network.weight_sets == "window" else inputs
-    shapes: list[tuple[int, ...]] = [(1, flat)]
-    if config.recurrent or config.sets > 1 or steps == 1:
-        # as many steps as the file fixes, so that one of another length is told by what it computes
-        fixed = [size for size in graph.dims[:-1] if size > 1][:1] if config.recurrent else []
-        steps = fixed[0] if fixed else steps
-        if steps * inputs > MOST_VALUES:
-            raise InputError(
-                f"network '{graph.path}': takes {steps} steps; save one that takes {config.windows.steps}"
+    shows, steps = _agree(network, config, arrays)
+    if network.metadata:
+        shows, own = "metadata", AcceleratorConfig.from_dict(network.metadata["config"], where).network
+        kept = {name: getattr(own, name) for name in ("decision", "early_margin", "early_steps")}
+        try:
+            config = config.replace(**kept)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+    notes = []
+    if network.cell == "gru":
+        flag = int(network.reset == "after")
+        notes.append(
+            f"reset gate {network.reset} the recurrent product, as linear_before_reset is {flag} in the file"
+        )
+        if network.graph.producer == "pytorch" and not flag:
+            notes.append(
+                "every GRU of torch has linear_before_reset 1; its newer exporter is known to drop it: compare with --check, "
+                "and if that fails save with torch.onnx.export(.., dynamo=False)"
             )
-        layouts: list[tuple[int, ...]] = [(1, steps, inputs), (steps, 1, inputs), (steps, inputs)]
-        shapes = layouts if config.recurrent else [*layouts, *shapes]
-    fitting = [shape for shape in shapes if _fits(shape, graph.dims)]
+    if steps != config.windows.steps:
+        notes.append(
+            f"the file is for touches of {steps} steps, configuration '{config.name}' has {config.windows.steps}"
+        )
+    return config, arrays, shows, notes
+
+
+def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np.ndarray]) -> tuple[str, int]:
+    """Whether the file's outputs are logits of the ``last`` or of ``every`` step, and the steps they were computed
+    on; random touches tell. Refuses a graph that computes other logits than the arrays."""
+    graph, inputs, steps = network.graph, config.inputs, config.windows.steps
+    sizes = {
+        "batch": 1,
+        "steps": steps,
+        "inputs": inputs,
+        "columns": inputs * (steps if config.sets > 1 else 1),
+    }
+    layouts: list[tuple[str, ...]] = [("batch", "columns")]
+    if config.recurrent or config.sets > 1 or steps == 1:
+        by_step = [("batch", "steps", "inputs"), ("steps", "batch", "inputs"), ("steps", "inputs")]
+        layouts = by_step if config.recurrent else [*by_step, *layouts]
+    # a recurrent network takes as many steps as the file fixes, and any network its batch
+    free = ("batch", "steps") if config.recurrent else ("batch",)
+    fitting = [
+        (layout, {axis: dim or sizes[axis] for axis, dim in zip(layout, graph.dims, strict=True)})
+        for layout in layouts
+        if len(layout) == len(graph.dims)
+        and all(axis in free or dim in (0, sizes[axis]) for axis, dim in zip(layout, graph.dims, strict=True))
+    ]
     if not fitting:
+        shapes = " or ".join(
+            f"({', '.join(f'{sizes[axis]} {axis}' for axis in layout)})" for layout in layouts
+        )
         raise InputError(
-            f"network '{graph.path}', input '{graph.input:.60}': has shape {graph.dims}; it must be "
-            f"{' or '.join(map(str, shapes))}, 0 where it is open"
+            f"network '{graph.path}', input '{graph.input:.60}': has shape {graph.dims}; it must be {shapes}, 0 where "
+            "it is open"
         )
     rng = np.random.default_rng(1)
-    failed: InputError | None = None
-    for shape in fitting:
-        features = rng.normal(0.0, 1.0, (2, steps, inputs))
-        if config.recurrent or config.sets > 1:
-            shown = features
-        else:
-            shown = features.sum(axis=1)
+    failed: list[InputError] = []
+    for layout, size in fitting:
+        batch, taken = size.get("batch", 1), size.get("steps", steps)
+        if batch * taken * inputs > MOST_VALUES:
+            raise InputError(
+                f"network '{graph.path}': takes {batch} touches of {taken} steps at once; save one that takes "
+                f"one touch of {steps}"
+            )
+        features = rng.normal(0.0, 1.0, (2, batch, taken, inputs))
+        shown = features if config.recurrent or config.sets > 1 else features.sum(axis=2)
+        if layout[0] == "steps":
+            shown = shown.swapaxes(1, 2)
         try:
-            computed = [graph.compute(touch.reshape(shape)) for touch in shown]
+            computed = [graph.compute(touches.reshape([size[axis] for axis in layout])) for touches in shown]
         except InputError as error:
-            failed = error
+            failed.append(error)
             continue
         logits = run_cell(Float(config), config, arrays, features)[1]
-        if all(_same(outputs, own) for outputs, own in zip(computed, logits, strict=True)):
-            return
-    if failed is not None and len(fitting) == 1:
-        raise failed
+        found = [_shown(outputs, own) for outputs, own in zip(computed, logits, strict=True)]
+        if None not in found:
+            return str(found[0]), taken
+    if len(failed) == len(fitting):
+        raise failed[0]
     output = _text(graph.graph.output[0].name) if graph.graph.output else ""
     raise InputError(
         f"network '{graph.path}', output '{output:.60}': is not the dense layer behind the last step, or behind every "
@@ -533,16 +572,12 @@ def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np
     )
 
 
-def _fits(shape: tuple[int, ...], dims: list[int]) -> bool:
-    return len(shape) == len(dims) and all(size in (0, own) for own, size in zip(shape, dims, strict=True))
-
-
-def _same(outputs: list[np.ndarray], logits: np.ndarray) -> bool:
-    """Is an output the logits (K, C) of every step, or of the last one?"""
-    for output in outputs:
-        for reference in (logits[-1], logits):
-            if output.size == reference.size and np.allclose(
-                output.ravel(), reference.ravel(), rtol=0, atol=TOLERANCE * (1 + np.abs(reference).max())
-            ):
-                return True
-    return False
+def _shown(outputs: list[np.ndarray], logits: np.ndarray) -> str | None:
+    """``every`` where an output has the logits of every step, else ``last``; None where none has them."""
+    alike = {
+        shows
+        for output in outputs
+        for shows, difference in differences(output, logits).items()
+        if difference <= TOLERANCE
+    }
+    return min(alike, default=None)

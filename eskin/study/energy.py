@@ -63,12 +63,6 @@ _RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
 """Of the UP5K, by the source's table: supply of the PLL and three I/O banks while the oscillator runs."""
 _OSCILLATOR_A = {6e6: 388.4e-6, 12e6: 645e-6, 24e6: 1162e-6, 48e6: 2184e-6}
 
-_SMALL_PART = (
-    "no measured source: cycle and toggle as for the iCE40UP5K (same 40 nm family and core voltage), static "
-    "from the data sheet's typical "
-    "core current, {} uA at 1.2 V, quoted from memory; I/O supplies left out. Hence a band of 3."
-)
-
 PARTS = {
     part.name: part
     for part in (
@@ -84,8 +78,6 @@ PARTS = {
             "block RAM.",
             measured=True,
         ),
-        Part(name="iCE40HX1K", static_w=296e-6 * 1.2, band=3.0, rests_on=_SMALL_PART.format(296)),
-        Part(name="iCE40LP1K", static_w=100e-6 * 1.2, band=3.0, rests_on=_SMALL_PART.format(100)),
         Part(
             name="LFE5U-25F",
             static_w=50e-3,

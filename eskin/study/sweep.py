@@ -163,8 +163,7 @@ def network_name(config: Mapping[str, Any]) -> str:
 
 def lanes_name(config: Mapping[str, Any]) -> str:
     """``4 lanes``."""
-    serial = "serial " if config["lane_type"] == "serial" else ""
-    return f"{config['lanes']} {serial}lane{'s' if config['lanes'] != 1 else ''}"
+    return f"{config['lanes']} lane{'s' if config['lanes'] != 1 else ''}"
 
 
 def read_grid(path: str | Path) -> list[Record]:

@@ -63,8 +63,8 @@ def on_board(config: AcceleratorConfig, target: Target) -> AcceleratorConfig:
 
 def estimated(config: AcceleratorConfig, part: str) -> Record:
     """`eskin.study.energy.estimate` of a design on its own lanes, by the cycles of its schedule."""
-    multipliers = 0 if config.hardware.lane_type == "serial" else config.hardware.lanes
-    activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), multipliers)
+    lanes = config.hardware.lanes
+    activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), lanes)
     return estimate(config, part, activity, config.hardware.clock_hz)
 
 

@@ -33,7 +33,7 @@ from eskin.verbs.build_job import suited_lane_type
 from eskin.verbs.chip_energy import chip_row, with_touches
 from eskin.verbs.flow import BUILD, expected_of, netlist_of
 
-CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "icestick:1:serial", "ulx3s:12")
+CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")
 """What is compared without other wishes: board, lanes, lane type."""
 IMAGE_CONFIGURATIONS = ("icebreaker:4", "icebreaker:8", "ulx3s:16")
 """The same of images."""
@@ -51,7 +51,7 @@ def parse_configuration(text: str) -> tuple[str, int, str | None]:
     if not re.fullmatch(r"\d{1,4}", lanes):
         raise InputError(
             f"--configuration {text[:40]}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or "
-            "icestick:1:serial"
+            "icebreaker:1:dsp"
         )
     find_target(target)
     return target, int(lanes), kind or None

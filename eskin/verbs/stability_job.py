@@ -179,8 +179,8 @@ def _defences(
 
 
 def watched(config: AcceleratorConfig) -> AcceleratorConfig:
-    """``config`` with watchdog and checksum; the bit-serial lane is built without the latter."""
-    return config.replace(checksum=config.hardware.lane_type != "serial", watchdog=True)
+    """``config`` with watchdog and checksum."""
+    return config.replace(checksum=True, watchdog=True)
 
 
 def undefended(config: AcceleratorConfig) -> AcceleratorConfig:

@@ -90,7 +90,7 @@ def element_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSig
 class Engine(wiring.Component):
     """Computes one recurrent step and its logits for every window of centred sums.
 
-    For the serial lane `eskin.rtl.engine.compact_engine` takes its place. Sums are taken as they come into
+    Sums are taken as they come into
     one of two buffers, so the next window fills while a step is computed. The program is
     `eskin.rtl.program.schedule.schedule(config)`, encoded by `eskin.rtl.program.microcode.Microcode`.
 

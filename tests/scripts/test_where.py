@@ -14,17 +14,12 @@ BLOCKS = {
     "frontend/window_averager": "preprocess",
     "frontend/compander": "preprocess",
     "engine/lanes": "cells",
-    "engine/compact_engine": "cells",
     "decision/classifier": "pipeline",
     "host/uart_link": "",
 }
 """Blocks with a proof, and the file of golden/model that says the same; the link's model is its host, in
 cosim/."""
-STAGES = {
-    "feature": ["frontend/normaliser"],
-    "logit": ["engine/engine", "engine/compact_engine"],
-    "decision": ["decision/classifier"],
-}
+STAGES = {"feature": ["frontend/normaliser"], "logit": ["engine/engine"], "decision": ["decision/classifier"]}
 VERBS = {
     "cosim": "eskin/verbs/cosim_job",
     "run": "eskin/verbs/main_job",

@@ -18,10 +18,6 @@ NEEDS: dict[str, tuple[Callable[[AcceleratorConfig], Any], str]] = {
     ),
     "state": (lambda config: config.recurrent, "a linear cell has no state, no gates and no tables"),
     "loadable": (lambda config: config.hardware.loadable, "weights are in ROM: there is nothing to write"),
-    "checksum": (
-        lambda config: config.hardware.lane_type != "serial",
-        "the bit-serial lane is built without a checksum",
-    ),
 }
 """What a mode may need of a configuration, and why it is not run without it."""
 

@@ -260,8 +260,7 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "the watchdog returns to idle", at_most=0),
     Mode("memory", "weight or constant upset flagged", "checksum",
         "flips not flagged before the next global decision",
-        "the checksum covers weights, constants and configuration registers", at_most=0,
-        needs=("checksum",)),
+        "the checksum covers weights, constants and configuration registers", at_most=0),
 )}
 # fmt: on
 """Every mode by its name, in the order of the report."""

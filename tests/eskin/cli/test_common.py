@@ -111,7 +111,11 @@ def test_numbers_that_are_none_are_one_short_sentence(text):
     shapes = (image_size, lambda shape: array_shape(PRESETS["thesis"], shape))
     for reader in (how_many, _touch_counts, parse_configuration, *shapes):
         words = (
-            f"{text}x9" if reader in shapes else f"icestick:{text}" if reader is parse_configuration else text
+            f"{text}x9"
+            if reader in shapes
+            else f"icebreaker:{text}"
+            if reader is parse_configuration
+            else text
         )
         with pytest.raises(InputError, match="^.{20,250}$"):
             reader(words)

@@ -63,6 +63,12 @@ def test_it_computes_what_torch_computes(tmp_path, norm, bias):
     images = random_images(config(), 12, 1)
     with torch.no_grad():
         expected = theirs.double()(torch.from_numpy(images / 255.0)[:, None]).numpy()
+    for wrong in (0, 0.01):
+        np.savez(tmp_path / "check.npz", inputs=images[:, None] / 255, outputs=expected + wrong)
+        again = import_network(
+            tmp_path / "n.pt", config(), out=tmp_path / "c", mean=0, std=255, check=tmp_path / "check.npz"
+        )
+        assert again["passed"] == (not wrong)
     assert np.ptp(expected, axis=0).max() > 0.05
     assert np.abs(float_images(model, images).logits - expected).max() < 1e-6
     assert list(record["imported"]["arrays"]) == ["0 conv 5 4", "2 conv 3 6", "4 dense 5", "5 dense 3"]

@@ -11,7 +11,9 @@ import onnxruntime
 import pytest
 import torch
 from onnx import TensorProto, helper, numpy_helper
+from typer.testing import CliRunner
 
+from eskin.cli.main import app
 from eskin.data import load_recordings
 from eskin.exchange.import_network import import_network, measure_scaling
 from eskin.exchange.import_onnx import OPERATORS
@@ -327,3 +329,112 @@ def test_images_are_refused():
     with pytest.raises(InputError, match="is a network for images"):
         onnx_model(FloatModel(images, {n: np.zeros(s) for n, s in network_shapes(images, real=True).items()}))
     assert "If" not in OPERATORS and "Loop" not in OPERATORS
+
+
+# ---------------------------------------------------------------------- what the file shows, and a reference
+class Batched(torch.nn.Module):
+    """A GRU whose readout stands behind the last or every step, steps or batch first."""
+
+    def __init__(self, last: bool, batch_first: bool, layer: str = "GRU") -> None:
+        super().__init__()
+        self.cell = getattr(torch.nn, layer)(4, 6, batch_first=batch_first)
+        self.head, self.last, self.batch_first = torch.nn.Linear(6, 3), last, batch_first
+
+    def forward(self, x):
+        states = self.cell(x)[0]
+        if self.last:
+            states = states[:, -1] if self.batch_first else states[-1]
+        return self.head(states)
+
+
+def saved(net: torch.nn.Module, shape: tuple[int, ...], file):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            net.eval(), (torch.zeros(shape),), file, dynamo=False, input_names=["x"], output_names=["y"]
+        )
+    return file
+
+
+@each_row("last, batch_first, layer", [(True, True, "LSTM"), (True, False, "GRU"), (False, True, "GRU")])
+def test_a_fixed_batch_is_no_number_of_steps_and_the_decision_is_the_files(
+    last, batch_first, layer, tmp_path
+):
+    torch.manual_seed(5)
+    net = Batched(last, batch_first, layer)
+    # eight touches of five steps: CONFIG has five
+    file = saved(net, (8, 5, 4) if batch_first else (5, 8, 4), tmp_path / "net.onnx")
+    assert CONFIG.network.decision == "vote"
+    record = import_network(file, CONFIG, out=tmp_path / "made", mean=0.0, std=1.0)
+    model = FloatModel.load(tmp_path / "made")
+    assert model.config.network.decision == ("last" if last else "vote")
+    assert not any("is for touches of" in note for note in record["imported"]["notes"])
+    x = np.random.default_rng(4).normal(size=(7, 5, 4)).astype("f4")
+    own = net(torch.from_numpy(x if batch_first else x.swapaxes(0, 1))).detach().numpy()
+    made = model.forward(x)[1]
+    expected = made[:, -1] if last else made
+    assert np.abs(expected - own).max() < 1e-5
+    early = CONFIG.replace(decision="early", early_steps=2)  # nobody has that by default: it is a wish
+    assert taken(file, tmp_path, early).config.network.decision == "early"
+
+
+def test_an_exported_file_keeps_its_decision_and_a_regression_decides_once(tmp_path):
+    early = CONFIG.replace(decision="early", early_steps=3, early_margin=40)
+    file = write_onnx(model_of(early), tmp_path / "net.onnx")
+    made = taken(file, tmp_path).config.network
+    assert (made.decision, made.early_steps, made.early_margin) == ("early", 3, 40)
+    linear = CONFIG.replace(cell="linear")
+    assert linear.network.decision == "vote"
+    np.savez(tmp_path / "r.npz", coef_=np.ones((3, 20)), intercept_=np.zeros(3))
+    assert taken(tmp_path / "r.npz", tmp_path, linear).config.network.decision == "last"
+
+
+def test_a_reset_that_torchs_exporter_dropped_is_told_and_found_by_the_reference(tmp_path):
+    torch.manual_seed(6)
+    net = Batched(False, True)
+    made = onnx.load_model(str(saved(net, (1, 5, 4), tmp_path / "net.onnx")))
+    x = np.random.default_rng(4).normal(size=(9, 5, 4)).astype("f4")
+    logits = net(torch.from_numpy(x)).detach().numpy()
+    np.savez(tmp_path / "last.npz", inputs=x, outputs=logits[:, -1])
+    np.savez(tmp_path / "own.npz", x=x, y=logits)
+    options = {"mean": 0.0, "std": 1.0}
+    for name, decision in (("last", "last"), ("own", "vote")):  # two forms of a reference
+        out = tmp_path / name
+        record = import_network(
+            tmp_path / "net.onnx", CONFIG, out=out, check=tmp_path / f"{name}.npz", **options
+        )
+        assert record["passed"] and record["check"]["touches"] == 9
+        assert FloatModel.load(out).config.network.decision == decision
+        assert not any("newer exporter" in note for note in record["imported"]["notes"])
+    gru = next(node for node in made.graph.node if node.op_type == "GRU")
+    gru.attribute.remove(next(entry for entry in gru.attribute if entry.name == "linear_before_reset"))
+    (tmp_path / "dropped.onnx").write_bytes(made.SerializeToString())
+    run = lambda *more: CliRunner().invoke(
+        app, ["import", str(tmp_path / "dropped.onnx"), "--out", str(tmp_path / "dropped"), *map(str, more)]
+    )
+    (tmp_path / "c.json").write_text(CONFIG.to_json())
+    asked = ("--config", tmp_path / "c.json", "--mean", 0, "--std", 1)
+    outcome = run(*asked, "--check", tmp_path / "last.npz")
+    assert outcome.exit_code == 1 and not (tmp_path / "dropped").exists(), outcome.output
+    assert "linear_before_reset is 0" in outcome.output and "none written" in outcome.output
+    assert "newer exporter" in outcome.output
+    assert run(*asked).exit_code == 0
+
+
+@each_row(
+    "arrays, said",
+    [
+        ({"inputs": np.zeros((2, 5, 4))}, "arrays inputs and outputs are missing, there are inputs"),
+        ({"inputs": np.zeros((2, 5, 3)), "outputs": np.zeros((2, 3))}, "inputs have shape"),
+        ({"inputs": np.zeros((2, 5, 4)), "outputs": np.zeros(2)}, "outputs have shape"),
+        ({"inputs": np.full((2, 5, 4), np.nan), "outputs": np.zeros((2, 3))}, "no finite numbers"),
+        (None, "No such file"),
+    ],
+)
+def test_a_reference_that_is_none_is_refused(arrays, said, tmp_path):
+    file = write_onnx(model_of(CONFIG), tmp_path / "net.onnx")
+    if arrays:
+        np.savez(tmp_path / "check.npz", **arrays)
+    with pytest.raises(InputError, match=said):
+        taken(file, tmp_path, check=tmp_path / "check.npz")
+    assert not (tmp_path / "made").exists()

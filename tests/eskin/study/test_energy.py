@@ -111,7 +111,7 @@ def test_an_uncounted_build_says_so():
         "cycles of the schedule" in energy["method"] and energy["band"] == 2.0 and energy["per_touch_j"] > 0
     )
     assert (
-        estimate(CONFIG, "iCE40HX1K", scheduled_activity(CONFIG, 8568, 23, 19, 0), 26e6)["per_touch_parts_j"][
+        estimate(CONFIG, "LFE5U-25F", scheduled_activity(CONFIG, 8568, 23, 19, 0), 26e6)["per_touch_parts_j"][
             "multiplies"
         ]
         == 0
@@ -182,7 +182,7 @@ def test_units(value, said):
 
 
 def test_configurations_are_parsed():
-    assert parse_configuration("icestick:1:serial") == ("icestick", 1, "serial")
+    assert parse_configuration("icebreaker:1:dsp") == ("icebreaker", 1, "dsp")
     assert parse_configuration("ulx3s:12") == ("ulx3s", 12, None)
     for text, said in (("icebreaker", "is not of the form"), ("nonesuch:1", "is no known board")):
         with pytest.raises(InputError, match=said):

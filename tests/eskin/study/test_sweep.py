@@ -136,7 +136,7 @@ def test_a_grid_file_that_cannot_be_read_is_refused(tmp_path, text, words):
 
 
 @each_row("cell", [{"cell": "gru", "reset": "before"}, {"cell": "gru", "reset": "after"}, {"cell": "lstm"}])
-@each_row(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "serial")])
+@each_row(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "dsp")])
 def test_costs_are_those_of_the_hardware(cell, lanes, lane_type):
     """Multiplies and weight bits against what the program itself holds; cycles are the program's."""
     grid = {**cell, "hidden": 7, "weight_bits": 6, "lanes": lanes, "lane_type": lane_type}
@@ -344,10 +344,6 @@ def test_energy_of_a_touch_by_hand():
     found = sweep_job.cost_of(SMALL)
     assert found["energy_j"] == pytest.approx(151e-6 * seconds + touch)
     assert found["compute_j"] == pytest.approx(6 * cycles * of_step + made)
-    serial = SMALL.with_lanes(1, "serial")
-    cycles = step_cycles(serial)
-    # no multiplier to be charged
-    assert sweep_job.cost_of(serial)["compute_j"] == pytest.approx(6 * cycles * of_step)
     # on the lanes that suit the board, without waiting
     suited = SMALL.with_lanes(4, "dsp")
     touch = frames * frame * of_frame + 6 * step_cycles(suited) * of_step + made

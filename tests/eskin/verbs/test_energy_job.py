@@ -38,7 +38,6 @@ def measured(case, tmp_path, *configurations):
     ("configuration", "words"),
     [
         ("icebreaker:6", "field lanes: is 6; a network for images runs on"),
-        ("icebreaker:1:serial", "lane_type: is 'serial'"),
         ("nonesuch:8", "is no known board"),
     ],
 )

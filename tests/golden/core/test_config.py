@@ -63,11 +63,7 @@ def test_the_row_accumulator_holds_the_worst_vector_and_a_bit_less_does_not(cell
 @each_row(
     "changes, words",
     [
-        (
-            dict(lanes=4, lane_type="serial"),
-            "lanes: is 4 and lane_type is 'serial', of which one lane is built",
-        ),
-        (dict(lanes=1, lane_type="serial", checksum=True), "checksum: is not built for the bit-serial lane"),
+        (dict(lanes=1, lane_type="serial"), "lane_type: is 'serial'; give one of plain, dsp"),
         # as a sum of powers of two, twice taxel 1 was taxel 2
         (dict(masked_taxels=(1, 1)), "masked_taxels: names a taxel twice"),
     ],
@@ -75,10 +71,6 @@ def test_the_row_accumulator_holds_the_worst_vector_and_a_bit_less_does_not(cell
 def test_what_cannot_be_built_is_refused(changes, words):
     with pytest.raises(InputError, match=f"field {words}"):
         PRESETS["thesis"].replace(**changes)
-
-
-def test_serial_lanes_asked_for_without_a_number_are_one():
-    assert PRESETS["thesis"].with_lanes(None, "serial").hardware.lanes == 1
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ CELLS: list[dict[str, Any]] = [
     dict(cell="lstm"),
     dict(cell="linear"),
 ]
-LANES = [(1, "plain"), (2, "plain"), (4, "dsp"), (1, "serial"), (6, "plain"), (12, "plain"), (1, "dsp")]
+LANES = [(1, "plain"), (2, "plain"), (4, "dsp"), (6, "plain"), (12, "plain"), (1, "dsp")]
 SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size)]
 RECORDINGS = 20
 BLOCKS = {"pvdf_indent": 24, "fabric_slide": 3, "biotac_slide": 1}
