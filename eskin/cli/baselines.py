@@ -9,10 +9,9 @@ from eskin.cli.common import (
     DataOption,
     FoldsOption,
     JobsOption,
-    SeedOption,
     SplitOption,
     app,
-    group_names,
+    fitting_config,
     groups_of,
     load_data,
     option,
@@ -22,49 +21,31 @@ from eskin.cli.common import (
 )
 
 
-@app.command(epilog="Example: eskin baselines --data recordings.npz --methods simple,ours --group person")
+@app.command(epilog="Example: eskin baselines --data recordings.npz --group person")
 def baselines(
     data: DataOption,
-    methods: Annotated[
-        str | None,
-        option(
-            "Methods, or ours, thesis, simple, tensor, tiles, transfer; default: each once.", metavar="A,B"
-        ),
-    ] = None,
     group: SplitOption = None,
-    out: Annotated[Path, option("Folder of baselines.json and the chart.")] = Path("build/baselines"),
+    out: Annotated[Path, option("Folder of baselines.json.")] = Path("build/baselines"),
     config: ConfigOption = None,
-    shape: Annotated[str | None, option("Rows and columns of the array, 4x4 say.", metavar="RxC")] = None,
-    weights: Annotated[
-        Path | None,
-        option("Weights of torchvision's mobilenet_v2 for dcnn; without: random layers.", metavar="FILE"),
-    ] = None,
     folds: FoldsOption = 5,
-    seed: SeedOption = 0,
-    seeds: Annotated[int, option("Runs of each fold; the thesis has 10.", min=1, max=100)] = 3,
-    full: Annotated[
-        bool, option("Every number of windows; every seed for slow methods too.", "--full")
-    ] = False,
+    seeds: Annotated[int, option("Runs of each fold.", min=1, max=100)] = 3,
     jobs: JobsOption = None,
     dask: DaskOption = None,
 ) -> None:
-    """Judge other methods, the thesis's own among them, on the same unseen recordings: accuracy against cost,
-    table, chart, JSON."""
+    """Judge scikit-learn's classifiers and a GRU in float on the same unseen recordings: accuracy against
+    cost."""
     from eskin.verbs import baselines_job
 
     recordings, user_config = load_data(data, config)
+    groups = groups_of(group)
+    front_end = fitting_config(recordings, user_config, groups, folds)
     with progress_bars() as report:
         result = baselines_job.run(
             recordings,
-            user_config,
-            methods=None if methods is None else group_names(methods),
-            group=groups_of(group),
+            front_end.config,
+            group=groups,
             folds=folds,
-            seed=seed,
             seeds=seeds,
-            shape=shape,
-            weights=weights,
-            full=full,
             out=out,
             workers=jobs,
             dask=dask,

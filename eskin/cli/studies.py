@@ -63,7 +63,9 @@ def sweep(
     ] = None,
     jobs: JobsOption = None,
     dask: DaskOption = None,
-    baselines: Annotated[bool, option("Logistic regression, SVM and CNN on the same splits.")] = True,
+    baselines: Annotated[
+        bool, option("Logistic regression, SVM and k nearest neighbours on the same splits.")
+    ] = True,
     all_points: Annotated[
         bool, option("List every point, and its accuracy for each group left out.", "--all-points")
     ] = False,

@@ -25,7 +25,7 @@ from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.views.schedule_view import save_figure, write_csv
 from eskin.study import sweep as sweeping
-from eskin.study.baselines.rows import SWEPT
+from eskin.study.baselines import SWEPT
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.training import LEARNING
 from eskin.training.image_models import KEPT

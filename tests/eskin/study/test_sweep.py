@@ -384,7 +384,7 @@ def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
     chosen = result["points"][result["recommended"]]
     assert chosen["accuracy"] >= 0.8
     assert chosen["name"] in done.output and "energy budget 1000 uJ" in done.output
-    assert [baseline["name"] for baseline in result["baselines"]] == ["logistic", "svm", "cnn"]
+    assert [baseline["name"] for baseline in result["baselines"]] == ["logistic", "svm", "neighbours"]
     with (tmp_path / "out" / "sweep.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(result["points"]) == 8 and [r["recommended"] for r in rows].count("True") == 1
