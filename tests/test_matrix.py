@@ -118,10 +118,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "enrol": ("enrol {model} --data {data} --with {data} --out {out}/model", ("lstm", "image")),
     "enrol --teach": ("enrol {model} --teach {data} --out {out}/model", ("linear", "prototypes", "image")),
     "enrol --evaluate --readout": (
-        f"enrol --evaluate --readout prototypes {JUDGED} -k 1 --jobs 1",
+        f"enrol --evaluate --readout prototypes {JUDGED} -k 1",
         ("prototypes", "image"),
     ),
-    "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1 --jobs 1", ("image",)),
+    "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1", ("image",)),
     "stability": (
         "stability {model} --data {data} --no-cosim --no-defences --few 4 --jobs 1 --out {out}",
         (),
@@ -130,10 +130,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "sweep --data {data} {sweep} --grid {grid} --group person --folds 2 --seeds 1 --jobs 1 --out {out}",
         ("linear",),
     ),
-    "baselines": (
-        f"baselines {JUDGED} --methods simple --folds 2 --jobs 1 --out {{out}}",
-        ("linear", "image"),
-    ),
+    "baselines": (f"baselines {JUDGED} --folds 2 --jobs 1 --out {{out}}", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
         (),

@@ -13,7 +13,6 @@ from eskin.cli.common import (
     SEED_MAX,
     CellOption,
     ConfigOption,
-    DaskOption,
     DataOption,
     FitsOption,
     GroupOption,
@@ -165,14 +164,6 @@ def _widths(*bits: int | None) -> dict[str, int]:
     return {name: count for name, count in zip(names, bits, strict=True) if count is not None}
 
 
-Layers = Literal["dense", "all"]
-"""What enrolment trains."""
-
-
-Draw = Literal["random", "first"]
-"""Which touches are enrolled."""
-
-
 Readout = Literal["dense", "prototypes"]
 """What decides: the logits of the dense layer, or the nearest stored trajectory."""
 
@@ -190,9 +181,6 @@ def enrol(
     out: Annotated[
         Path | None, option("The folder of the enrolled model: new, or an earlier model, which is replaced.")
     ] = None,
-    layers: Annotated[
-        Layers, option("What is trained: the dense layer alone, the recurrent part frozen; or all.")
-    ] = "all",
     with_: Annotated[
         str | None,
         option(
@@ -225,27 +213,8 @@ def enrol(
     k: Annotated[
         str, option("With --evaluate: touches of each class that are enrolled.", "-k", metavar="K[,K..]")
     ] = "1,2,5",
-    alone: Annotated[
-        bool, option("With --evaluate: enrol without the recordings of the first training.", "--alone")
-    ] = False,
-    draw: Annotated[
-        Draw, option("With --evaluate: which touches are enrolled, the archive's first ones or any.")
-    ] = "random",
-    new_class: Annotated[
-        bool,
-        option(
-            "With --evaluate --readout prototypes --config: each class is left out of the training in turn and then "
-            "taught K touches, each of another value of --group.",
-            "--new-class",
-        ),
-    ] = False,
     config: Annotated[str | None, option(f"With --evaluate. {CONFIG}")] = None,
-    cell: Annotated[Cell | None, option("With --evaluate: the cell.")] = None,
-    hidden: Annotated[int | None, option("With --evaluate: hidden units.")] = None,
-    seed: Annotated[int, option("The seed; with --evaluate the first one.", min=0, max=SEED_MAX)] = 0,
     seeds: Annotated[int, option("With --evaluate: how many seeds.", min=1, max=1000)] = 3,
-    jobs: Annotated[int | None, option("With --evaluate: processes; default: one a core.", min=1)] = None,
-    dask: DaskOption = None,
     json: JsonOption = None,
 ) -> Record:
     """Teach a model a new mounting, person or position from a few touches; the bitstream stays, the host
@@ -257,7 +226,6 @@ def enrol(
                     f"eskin enrol, {name}: belongs to no --evaluate, which trains networks of its own; "
                     "leave it out"
                 )
-        from eskin.golden.core import Jobs
         from eskin.verbs import enrol_job
 
         if group is None:
@@ -268,35 +236,21 @@ def enrol(
         if data is None:
             raise InputError("eskin enrol --evaluate, option --data: is missing; name all recordings")
         recordings, user_config = load_data(data, config)
-        options: Record = {"layers": layers, "old": not alone, "draw": draw, "seed": seed, "seeds": seeds}
-        options |= {"cell": cell, "hidden": hidden, "readout": readout, "new_class": new_class}
-        if readout == "prototypes" and (layers != "all" or alone):
-            name = "--alone" if alone else "--layers"
-            raise InputError(
-                f"eskin enrol --evaluate, option {name}: is for what is trained, and prototypes are taught; "
-                "leave it out"
-            )
-        if new_class and (readout != "prototypes" or config is None):
-            missing = "--readout prototypes" if readout != "prototypes" else "--config"
-            raise InputError(f"eskin enrol --evaluate --new-class, option {missing}: is missing; give it")
         with progress_bars() as report:
-            where = Jobs(workers=jobs, dask=dask, progress=report, version=enrol_job.CODE)
             result = enrol_job.evaluate(
-                recordings, user_config, group=group_names(group), ks=_touch_counts(k), **options, jobs=where
+                recordings,
+                user_config,
+                group=group_names(group),
+                ks=_touch_counts(k),
+                seeds=seeds,
+                readout=readout,
+                progress=report,
             )
         show("enrolments", **result)
         return result
-    evaluating: Record = {
-        "--group": group,
-        "--config": config,
-        "--cell": cell,
-        "--hidden": hidden,
-        "--alone": alone or None,
-        "--readout": None if readout == "dense" else readout,
-        "--new-class": new_class or None,
-    }
-    for name, value in (evaluating | {"--jobs": jobs, "--dask": dask}).items():
-        if value is not None:
+    evaluating = {"--group": group, "--config": config, "--readout": readout != "dense"}
+    for name, asked in evaluating.items():
+        if asked:
             raise InputError(f"eskin enrol, option {name}: needs --evaluate")
     if model is None or out is None:
         raise InputError(
@@ -312,13 +266,8 @@ def enrol(
     if teach is not None:
         from eskin.teach.enrol import teach_folder
 
-        for name, given in (
-            ("--data", data is not None),
-            ("--with", with_ is not None),
-            ("--layers", layers != "all"),
-            ("--seed", seed != 0),
-        ):
-            if given:
+        for name, given in (("--data", data), ("--with", with_)):
+            if given is not None:
                 raise InputError(
                     f"eskin enrol --teach, option {name}: is for what is trained, and --teach trains nothing; "
                     "leave it out"
@@ -335,13 +284,7 @@ def enrol(
     old = None if with_ is None else recordings_for(with_, config_of_model)
     with progress_bars() as report:
         result = train_on(
-            model,
-            few,
-            out,
-            layers=layers,
-            old=old,
-            seed=seed,
-            progress=lambda done, total: report("enrolment", done, total),
+            model, few, out, old=old, progress=lambda done, total: report("enrolment", done, total)
         )
     show("enrol", **result, out=out)
     return result

@@ -532,7 +532,7 @@ enrol ../in/prototypes --teach @ --out taught
 evaluate ../in/prototypes --data @
 quantise model --data @ --readout prototypes
 quantise model --data @ --readout prototypes --group person --unknown # --spare-classes #
-enrol --evaluate --readout prototypes --data @ --config ../in/config.json --group person -k # --seeds 1 --jobs 1
+enrol --evaluate --readout prototypes --data @ --config ../in/config.json --group person -k # --seeds 1
 run --data @ --config ../in/config.json
 energy ../in/model --data @
 watch ../in/model --data @ --host-port #
