@@ -148,7 +148,7 @@ def cosim(
     held = _probe_frame(config, expected) if probe and config.hardware.loadable else None
     if held:
         settings |= {"hold_recording": held[0], "hold_frame": held[1]}
-    if config.interface.converter != "none":
+    if config.interface.converter.name != "none":
         settings |= _misbehaviour(fault)
         hardware = hardware or converter_hardware(design, config)
     hardware = hardware or Hardware((design / "accelerator.sv",))
@@ -179,7 +179,7 @@ def cosim(
     result["probe"] = refused
     if "played_cycles" in capture.summary:
         result["clocked_share"] = capture.summary["clocked_cycles"] / capture.summary["played_cycles"]
-    if config.interface.converter != "none":
+    if config.interface.converter.name != "none":
         result["conversion"] = conversion(config, expected, capture, run.work, clock_hz)
     result["passed"] = (
         result["passed"]
@@ -271,7 +271,7 @@ def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Files and compiler options of the converter's model and of its wiring. `spi.sv` stands for every SPI
     chip that has no model of its own."""
-    folder, name = Path(__file__).with_name("converters"), config.interface.converter
+    folder, name = Path(__file__).with_name("converters"), config.interface.converter.name
     models = (folder / f"{model}.sv" for model in (name, "spi"))
     return (folder / "pins.svh", next(filter(Path.is_file, models))), (f"-DCONVERTER_{name}",)
 
@@ -307,7 +307,7 @@ def conversion(
             if step == 0 or frame != frames[step - 1]:
                 waits.append((cycle - ends[frame - 1]) % latency.STAMP_RANGE)
     return {
-        "converter": config.interface.converter,
+        "converter": config.interface.converter.name,
         "code_bits": converters.code_bits(config),
         "scan_cycles": int(((scans[:, 1] - scans[:, 0]) % latency.STAMP_RANGE).max(initial=0)),
         "jitter_cycles": round(jitter, 3),
@@ -499,7 +499,7 @@ class _Run:
         parameters = {"TAXELS": self.config.sensor.taxels, "SAMPLE_BITS": self.config.sensor.sample_bits}
         parameters |= {name: registers[name] for name in ("CONTROL", "STATUS", "FAULTS", "TOUCHES")}
         parameters |= {name: bits["CONTROL"][name] for name in ("ARM", "FINISH")}
-        if self.config.interface.converter != "none":
+        if self.config.interface.converter.name != "none":
             parameters |= converter_parameters(self.config)
         if self.config.faults.fault_frames:
             parameters |= {

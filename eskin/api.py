@@ -204,9 +204,7 @@ class Model(Estimator):
     def save(self, folder: str | Path) -> None:
         """Write a model folder, new or in place of an earlier model's, for the command line and for
         `load`."""
-        self.real.save(folder, self.training_)
-        if self._integer is not None:
-            self._integer.save(folder)
+        self.real.save(folder, self.training_, self._integer)
 
     def fit(
         self,

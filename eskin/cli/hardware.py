@@ -314,6 +314,7 @@ def build(
     from eskin.rtl.fpga.targets import target as board
     from eskin.study.converter_power import in_words
     from eskin.verbs import build_job as job
+    from eskin.verbs.flow import with_converter
 
     if synthesis_only is not None:
         options = (target, class_pins, converter, baud, clock)
@@ -362,8 +363,7 @@ def build(
         check_folder(folder, job.MARK)
     integer = integer_model(model)
     config = integer.config if table else job.suited(integer.config, board(target or ""), lanes, lane_type)
-    if converter is not None:
-        config = config.replace(converter=converter)
+    config = with_converter(config, converter)
     if stimulator and config.interface.stimulator == "none":
         config = config.replace(stimulator="decisions")
     request = job.BuildRequest(

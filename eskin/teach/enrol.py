@@ -324,8 +324,7 @@ def enrol(
             low, high = ranges[entry["signal"]]
             ranges[entry["signal"]] = (min(low, entry["min"]), max(high, entry["max"]))
     record |= {"ranges": range_records(config, ranges), "quantisation_aware": False}
-    enrolled.real.save(out, json.loads(json.dumps(record)))
-    enrolled.integer.save(out)
+    enrolled.real.save(out, json.loads(json.dumps(record)), enrolled.integer)
     return result
 
 
@@ -412,6 +411,5 @@ def teach_folder(model_dir: str | Path, few: Recordings, out: str | Path) -> Rec
     }
     result["passed"] = bool(result["after"] >= result["before"])
     record["taught"] = [*record.get("taught", []), result]
-    FloatModel.load(model_dir).save(out, json.loads(json.dumps(record)))
-    after.save(out)
+    FloatModel.load(model_dir).save(out, json.loads(json.dumps(record)), after)
     return result

@@ -19,6 +19,7 @@ from eskin.golden.model import (
     images_of,
     layer_formats,
     load_training,
+    model_files,
     run_images,
 )
 from eskin.golden.model.model import TRAINING_FILE
@@ -192,9 +193,9 @@ def quantise_image_model(
                 f"--{name.replace('_', '-')}: networks for images have no such width; leave it out, or give "
                 "--weight-bits 4"
             )
+    unchanged = model_files(model_dir)
     model, record = FloatModel.load(model_dir, images=True), load_training(model_dir)
     model = FloatModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays, model.source)
-    real = model
     if recordings is not None:
         check_fit(recordings, model.config)
         model = equalised(model, images_of(recordings), weight_bits or 8)
@@ -203,10 +204,8 @@ def quantise_image_model(
         ranges = _noted(model_dir, model.config, record)
     integer = integers_of(model, choose_image_formats(model, ranges, weight_bits or 8))
     record |= {"quantisation_aware": False, "widths": {"weight_bits": weight_bits or 8}, "ranges": ranges}
-    if model is not real:
-        # the same function at other scales, beside which the integers are judged layer by layer
-        model.save(model_dir, record)
-    integer.save(model_dir, training=record)
+    # the float network too: the same function at other scales, beside which the integers are judged layer by layer
+    model.save(model_dir, record, integer, unchanged)
     return integer
 
 

@@ -175,9 +175,7 @@ def train_image_model(
     if len(candidates) > 1:
         record["candidates"] = rows
     record = json.loads(json.dumps(record))
-    model.save(out, record)
-    if integer is not None:
-        integer.save(out)
+    model.save(out, record, integer)
     return record
 
 

@@ -22,6 +22,7 @@ from eskin.golden.model import (
     float_features,
     load_config,
     load_training,
+    model_files,
     network_formats,
     network_shapes,
     normaliser_constants,
@@ -669,6 +670,7 @@ def quantise(
     """
     if load_config(model_dir).is_image:
         return quantise_image_model(model_dir, recordings, **widths)
+    files = model_files(model_dir)
     model, record = load_trained(model_dir)
     if recordings is not None:
         ranges = profile(model, find_touches(model.config, recordings))
@@ -681,5 +683,5 @@ def quantise(
         options = {name: value for name, value in readout.items() if name != "groups"}
         integer = of_recordings(integer, recordings, groups, **options)
     record |= {"quantisation_aware": False, "widths": widths, "ranges": range_records(integer.config, ranges)}
-    integer.save(model_dir, training=record)
+    integer.save(model_dir, training=record, unchanged=files)
     return integer

@@ -153,9 +153,7 @@ def train(
         record |= notes(record)
         record["wall_s"] = time.perf_counter() - begin  # notes may take long
     record = json.loads(json.dumps(record))  # what the file will hold: lists, not tuples
-    model.save(out, record)
-    if integer:
-        integer.save(out)
+    model.save(out, record, integer)
     return record
 
 

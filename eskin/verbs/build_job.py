@@ -323,7 +323,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
         result |= {
             "link": request.sensing,
             "standalone": request.standalone,
-            "converter": interface.converter,
+            "converter": interface.converter.name,
         }
         result |= {"stimulator": interface.stimulator != "none", "wiring": wiring.table()}
     if request.flash:

@@ -153,7 +153,7 @@ class Engine(wiring.Component):
         config, plan, images = self._config, self.plan, self._images
         code = Microcode(plan)
         layout = code.layout
-        m.submodules.sequencer = sequencer = Sequencer(code)
+        m.submodules.sequencer = sequencer = self.sequencer = Sequencer(code)
         word, enable = sequencer.word, sequencer.enable
 
         # ---------------------------------------------------------------- windows waiting for their step
@@ -283,7 +283,7 @@ class Engine(wiring.Component):
             shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION
         )
         slot_write, slot_read = windows.write_port(), windows.read_port()
-        m.submodules.queue = queue = WindowQueue(config, layout.window_bits)
+        m.submodules.queue = queue = self.queue = WindowQueue(config, layout.window_bits)
         wiring.connect(m, wiring.flipped(self.i), queue.i)
         m.d.comb += [
             queue.released.eq(released),

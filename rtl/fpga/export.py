@@ -66,7 +66,7 @@ def export_bus(
 
     Raises InputError for streams where a converter feeds.
     """
-    converter = config.interface.converter
+    converter = config.interface.converter.name
     if (axis or bus is None) and converter != "none":
         raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
     name = f"{BUS_TOP}_{bus or 'axis'}"

@@ -107,7 +107,7 @@ def _write_all(
     depth: int,
 ) -> None:
     modules = {TOP: export(config, arrays)}
-    if config.interface.converter != "none":
+    if config.interface.converter.name != "none":
         modules[SENSING] = export_sensing(config, arrays)
     if bus or axis:
         modules |= [export_bus(config, arrays, bus=bus, axis=axis, depth=depth)]
@@ -122,7 +122,7 @@ def _write_all(
     writes = boot_writes(config, arrays)
     _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)
     (folder / MARK).write_text(json.dumps(register_map(config), indent=2) + "\n")
-    registers = entries(config, bus is not None, config.interface.converter == "none" and not axis)
+    registers = entries(config, bus is not None, config.interface.converter.name == "none" and not axis)
     release = version("eskin")
     (folder / "registers.h").write_text(c_header(config, registers))
     (folder / "eskin.rdl").write_text(system_rdl(registers))

@@ -64,18 +64,18 @@ class FlashLoader(wiring.Component):
         pins = self.pins
         line = Signal(init=1)
         m.submodules.synchroniser = FFSynchronizer(pins.miso, line, init=1)
-        phase = Signal(2)  # of a bit: the clock is low, low, high, high
+        phase = self.phase = Signal(2)  # of a bit: the clock is low, low, high, high
         out = Signal(HEAD)
         unit = Signal(UNIT)
-        left = Signal(range(HEAD))
-        writes = Signal(range(self._writes + 1))
-        timer = Signal(range(self._wake_cycles + 1))
+        left = self.left = Signal(range(HEAD))
+        writes = self.writes = Signal(range(self._writes + 1))
+        timer = self.timer = Signal(range(self._wake_cycles + 1))
         check = Signal(CHECK, init=(1 << CHECK) - 1)
         tick = Signal()
-        last = Signal()
+        last = self.last = Signal()
         checked = Signal()
-        unit_now = Signal(UNIT)
-        check_now = Signal(CHECK)
+        unit_now = self.unit_now = Signal(UNIT)
+        check_now = self.check_now = Signal(CHECK)
         strobe = Signal()
         arm = Signal()
         m.d.comb += [
@@ -95,6 +95,7 @@ class FlashLoader(wiring.Component):
             with m.If(checked):
                 m.d.sync += check.eq(check_now)
         with m.FSM() as states:
+            self.states = states
             with m.State("START"):
                 m.d.sync += [pins.cs_n.eq(0), out.eq(WAKE << HEAD - 8), left.eq(7)]
                 m.next = "WAKE"

@@ -128,6 +128,7 @@ class Accelerator(HostedChain):
             Classifier(config),
             HostControl(config, self._fed_by),
         )
+        self.classifier, self.control = classifier, control
         decider_idle, readout = classifier.idle, None
         if config.has_prototypes:
             readout = self._nearest(m, engine, classifier, control)

@@ -62,7 +62,7 @@ class BusTop(wiring.Component):
         axis: bool = False,
         depth: int = 2,
     ) -> None:
-        converter = config.interface.converter
+        converter = config.interface.converter.name
         self._config, self._axis = config, axis or bus is None
         self._front: Any = FRONTS[bus]() if bus else None
         self._core: wiring.Component

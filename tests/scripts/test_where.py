@@ -11,9 +11,8 @@ from scripts import docs_site, where
 
 BLOCKS = {
     "frontend/onset_detector": "preprocess",
-    "frontend/window_averager": "preprocess",
-    "frontend/compander": "preprocess",
-    "engine/lanes": "cells",
+    "frontend/pretrigger_ring": "preprocess",
+    "engine/engine": "cells",
     "decision/classifier": "pipeline",
     "host/uart_link": "",
 }

@@ -22,6 +22,7 @@ from eskin.training import recipe
 from eskin.training.evaluate import evaluate
 from eskin.training.quantise import quantise
 from eskin.training.train import TrainingRequest, train
+from tests.support.folder import exchanges
 from tests.support.prices import priced
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -154,11 +155,14 @@ def test_other_cells_and_narrow_weights_are_enrolled_too(tmp_path, cell, reset, 
 
 def test_integers_that_were_trained_by_themselves_are_the_start(tmp_path, monkeypatch):
     monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 30)
+    written = exchanges(monkeypatch)
     train(OLD, SMALL, TrainingRequest(folds=0, quantisation_aware=True), out=tmp_path / "m")
     pair, real = enrolling.load_pair(tmp_path / "m"), FloatModel.load(tmp_path / "m").arrays
     old = IntegerModel.load(tmp_path / "m").arrays
     assert all((pair.integer.arrays[name] == old[name]).all() for name in old)
     assert any((pair.real.arrays[name] != real[name]).any() for name in real)
+    enrol(tmp_path / "m", FEW, tmp_path / "m2", old=OLD)
+    assert written == ["m", "m2"]  # float network and integers at once
 
 
 def test_weights_stay_near_where_nothing_else_holds_them(model, monkeypatch):
@@ -369,10 +373,11 @@ def taught_ready(model, tmp_path_factory):
     return folder
 
 
-def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp_path):
-    rule = load_config(taught_ready).readout_rule
+def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp_path, monkeypatch):
+    rule, written = load_config(taught_ready).readout_rule, exchanges(monkeypatch)
     assert (rule.prototypes, rule.taught, rule.state_code_bits) == (8, 3, 4) and rule.unknown_above > 0
     result = teach_folder(taught_ready, FEW, tmp_path / "m")
+    assert written == ["m"]
     before, after = accuracy(taught_ready, REST), accuracy(tmp_path / "m", REST)
     assert before < 0.7 and after > before + 0.1
     assert accuracy(tmp_path / "m", OLD) >= accuracy(model, OLD) - 0.05

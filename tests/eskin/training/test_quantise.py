@@ -2,6 +2,7 @@
 refused."""
 
 import dataclasses
+import shutil
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from eskin.golden.model import (
     with_network,
 )
 from eskin.golden.model.pipeline import float_features
+from eskin.training import quantise as quantisation
 from eskin.training.evaluate import compare, evaluate, held
 from eskin.training.network import RecurrentClassifier
 from eskin.training.quantise import (
@@ -217,6 +219,26 @@ def test_a_second_quantisation_starts_afresh(tmp_path):
         quantise(folder, weight_bits=4, state_bits=8, gate_bits=8, table_entries=128).config != first.config
     )
     assert quantise(folder).config == first.config
+
+
+@each_row("gone", [False, True])
+def test_a_folder_that_changes_meanwhile_stays_as_another_program_left_it(tmp_path, monkeypatch, gone):
+    """It holds another network by then, or is not there any more."""
+    folder, real = tmp_path / "model", quantisation.quantise_model
+    saved(folder)
+
+    def meanwhile(*model, **widths):
+        shutil.rmtree(folder)
+        if not gone:
+            float_model(seed=1).save(folder, {})
+        left.append(contents(tmp_path))
+        return real(*model, **widths)
+
+    left: list[dict[str, bytes]] = []
+    monkeypatch.setattr(quantisation, "quantise_model", meanwhile)
+    with pytest.raises(InputError, match="was changed by another program meanwhile"):
+        quantise(folder)
+    assert [contents(tmp_path)] == left
 
 
 @each_row(

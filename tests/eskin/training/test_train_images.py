@@ -26,6 +26,7 @@ from eskin.training.image_formats import (
 from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
 from eskin.training.quantise import quantise
 from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network, tune_network
+from tests.support.folder import exchanges
 from tests.support.image_scenes import SHAPES, shapes
 from tests.support.prices import priced
 from tests.support.table import each_row
@@ -192,7 +193,7 @@ def test_a_shift_is_never_below_zero():
     assert min(chosen.layer_shifts) >= 0
 
 
-def test_a_folder_is_trained_quantised_and_judged(folder):
+def test_a_folder_is_trained_quantised_and_judged(folder, monkeypatch):
     out, scene, record = folder
     (split,) = record["cross_validation"]
     assert split["folds"] == 2 and 0.6 < split["integer_accuracy"] <= 1 and split["agreement"] > 0.9
@@ -202,7 +203,9 @@ def test_a_folder_is_trained_quantised_and_judged(folder):
     assert result["recordings"] == 60 and result["passed"] and len(result["stages"]) == 3
     assert result["logit_error"]["stage"] in ("0 conv 3 4", "2 conv 3 6", "4 dense 3")
     assert result["logit_error"]["max"] > 0
+    written = exchanges(monkeypatch)
     coarse = quantise(out, scene, weight_bits=4)
+    assert written == ["model"]
     assert coarse.config.weight_bits == 4
     assert evaluate(out, scene)["logit_error"]["mean"] > 2 * result["logit_error"]["mean"]
 

@@ -12,8 +12,8 @@ FINE = dict(weight_format=QFormat(1, 7), feature_format=QFormat(4, 8), recurrent
 
 
 def test_states_whose_differences_exceed_the_operand_are_refused():
-    """formal/engine/elementwise.py proves the operand exact for up to 14 fraction bits; with 15 it gave -5536
-    for 30000 - -30000."""
+    """tests/rtl/engine/test_elementwise.py tries the ends of up to 14 fraction bits; with 15 the operand was
+    -5536 for 30000 - -30000."""
     PRESETS["thesis"].replace(state_format=QFormat(2, 14), **{**FINE, "feature_format": QFormat(4, 8)})
     with pytest.raises(InputError, match="field state_format: .* differences of states"):
         PRESETS["thesis"].replace(state_format=QFormat(1, 15), **FINE)
