@@ -1,55 +1,18 @@
 """`eskin baselines`: other methods on the same recordings, and what they cost."""
 
-from pathlib import Path
-from typing import Annotated
-
-from eskin.cli.common import (
-    ConfigOption,
-    DaskOption,
-    DataOption,
-    FoldsOption,
-    JobsOption,
-    SplitOption,
-    app,
-    fitting_config,
-    groups_of,
-    load_data,
-    option,
-    progress_bars,
-    say,
-    show,
-)
+from eskin.cli.common import app, fitting_config, load_data, progress_bars, say, show
+from eskin.requests import BaselinesRequest
 
 
 @app.command(epilog="Example: eskin baselines --data recordings.npz --group person")
-def baselines(
-    data: DataOption,
-    group: SplitOption = None,
-    out: Annotated[Path, option("Folder of baselines.json.")] = Path("build/baselines"),
-    config: ConfigOption = None,
-    folds: FoldsOption = 5,
-    seeds: Annotated[int, option("Runs of each fold.", min=1, max=100)] = 3,
-    jobs: JobsOption = None,
-    dask: DaskOption = None,
-) -> None:
+def baselines(asked: BaselinesRequest) -> None:
     """Judge scikit-learn's classifiers and a GRU in float on the same unseen recordings: accuracy against
     cost."""
     from eskin.verbs import baselines_job
 
-    recordings, user_config = load_data(data, config)
-    groups = groups_of(group)
-    front_end = fitting_config(recordings, user_config, groups, folds)
+    recordings, user_config = load_data(asked.data, asked.config)
+    front_end = fitting_config(recordings, user_config, asked.groups, asked.folds)
     with progress_bars() as report:
-        result = baselines_job.run(
-            recordings,
-            front_end.config,
-            group=groups,
-            folds=folds,
-            seeds=seeds,
-            out=out,
-            workers=jobs,
-            dask=dask,
-            progress=report,
-        )
+        result = baselines_job.run(asked, recordings, front_end.config, progress=report)
     show("baselines", **result)
-    say(f"files: {out}")
+    say(f"files: {asked.out}")

@@ -17,6 +17,7 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.data import Recordings
+from eskin.requests import BaselinesRequest
 from eskin.study import baselines
 from eskin.training import LEARNING
 from eskin.training.splits import default_splits, split_folds
@@ -28,32 +29,17 @@ RESULT = "baselines.json"
 
 
 def run(
+    asked: BaselinesRequest,
     recordings: Recordings,
     config: AcceleratorConfig,
     *,
     methods: Sequence[baselines.Method] = tuple(baselines.METHODS.values()),
-    group: Sequence[str] | None = None,
-    folds: int = 5,
-    seeds: int = 3,
-    out: Path,
-    workers: int | None = None,
-    dask: str | None = None,
     progress: Progress | None = None,
 ) -> Record:
-    """Judge the methods on every split and write baselines.json into ``out``.
+    """Judge the methods on every split and write baselines.json.
 
-    Parameters
-    ----------
-    config:
-        The front end that finds the touches.
-    group:
-        Group names of the one split; None: every split that the configuration names.
-    workers, dask, progress:
-        As for ``eskin.golden.core.jobs.Jobs``.
-
-    Returns
-    -------
-    As `eskin.study.baselines.results`, with wall_s.
+    ``config``: the front end that finds the touches. Without groups every split that it names is judged.
+    Returns what `eskin.study.baselines.results` does, with wall_s.
 
     Raises
     ------
@@ -61,21 +47,21 @@ def run(
         A folder or a group that cannot be used, before anything is trained.
     """
     begin = time.perf_counter()
-    check_target(out / RESULT)
-    splits = default_splits(recordings, config) if group is None else [list(group)]
+    check_target(asked.out / RESULT)
+    splits = default_splits(recordings, config) if asked.groups is None else [asked.groups]
     for groups in splits:
-        split_folds(recordings, groups, folds, None)
+        split_folds(recordings, groups, asked.folds, None)
     result = baselines.results(
         recordings,
         config,
         splits,
         methods=methods,
-        folds=folds,
-        seeds=range(seeds),
-        jobs=Jobs(workers=workers, dask=dask, progress=progress, version=CODE),
+        folds=asked.folds,
+        seeds=range(asked.seeds),
+        jobs=Jobs(dask=asked.dask, progress=progress, version=CODE),
         keep=Memo(CACHE),
         version=json.dumps([recordings.content, CODE()]),
     )
     result["wall_s"] = time.perf_counter() - begin
-    write_json(out / RESULT, result)
+    write_json(asked.out / RESULT, result)
     return result

@@ -2,7 +2,6 @@
 
 import dataclasses
 import time
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 from eskin.choose.choose_front_end import configure
 from eskin.golden.core import AcceleratorConfig, Jobs, Memo, Progress, Record, code_version, content_key
 from eskin.golden.data import Recordings
+from eskin.requests import EnrolRequest
 from eskin.teach import evaluate as evaluation
 from eskin.teach.enrol import SETTINGS
 from eskin.teach.evaluate import Question
@@ -36,32 +36,19 @@ def choose(shared: tuple[Recordings, list[str]], values: dict[str, np.ndarray]) 
 
 
 def evaluate(
+    asked: EnrolRequest,
     recordings: Recordings,
     config: AcceleratorConfig | None,
     *,
-    group: Sequence[str],
-    ks: Sequence[int] = (1, 2, 5),
-    seeds: int = 3,
-    readout: str = "dense",
     progress: Progress | None = None,
     cache: Path = CACHE,
 ) -> Record:
-    """What enrolment brings on each value of ``group``, left out of the first training
+    """What enrolment brings on each value of the groups asked for, left out of the first training
     (``eskin.teach.evaluate.judge``).
 
-    Parameters
-    ----------
-    config:
-        Front end and network; None: the front end is chosen for each value without its recordings, the
-        network GRU 12.
-    seeds:
-        Number of seeds, from 0 on.
-    readout:
-        ``dense``: trained on; ``prototypes``: taught, of no touch too.
-
-    Returns
-    -------
-    ``eskin.teach.evaluate.summary``, with seeds, readout, setting, set_aside, data, wall_s.
+    ``config``: front end and network; None: the front end is chosen for each value without its recordings,
+    the network GRU 12. Returns ``eskin.teach.evaluate.summary``, with seeds, readout, setting, set_aside,
+    data, wall_s.
 
     Raises
     ------
@@ -69,6 +56,7 @@ def evaluate(
         A group that is not there or has too few recordings; before anything is trained.
     """
     begin = time.perf_counter()
+    group, ks = asked.groups or [], asked.ks
     values = evaluation.group_values(recordings, group, ks)
     content, keep = content_key(CODE(), recordings, list(group)), Memo(cache)
     jobs = Jobs(progress=progress, version=CODE)
@@ -83,15 +71,15 @@ def evaluate(
     plain = [configuration.to_dict() for configuration in configs]
     ordered = tuple(sorted(set(ks)))
     questions = {
-        content_key(content, ordered, plain, seed, readout): Question(
-            tuple(group), ordered, tuple(configs), seed, readout
+        content_key(content, ordered, plain, seed, asked.readout): Question(
+            tuple(group), ordered, tuple(configs), seed, asked.readout
         )
-        for seed in range(seeds)
+        for seed in range(asked.seeds)
     }
     judged = list(jobs.results(judge, questions, recordings, keep=keep, what="seeds judged").values())
     return evaluation.summary(group, judged) | {
-        "readout": readout,
-        "seeds": list(range(seeds)),
+        "readout": asked.readout,
+        "seeds": list(range(asked.seeds)),
         "setting": dataclasses.asdict(SETTINGS[True]),
         "set_aside": evaluation.SET_ASIDE,
         "data": str(recordings.source),

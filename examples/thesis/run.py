@@ -20,6 +20,7 @@ from tensor import TENSOR
 from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import with_network
+from eskin.requests import BaselinesRequest
 from eskin.study.baselines import METHODS, Network
 from eskin.training.derive import derive_config, for_recordings
 from eskin.training.recipe import RECIPES, Recipe
@@ -66,7 +67,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", required=True, help="recordings, as every verb of eskin takes them")
     parser.add_argument("--config", help="a preset or a JSON file; default: derived from the recordings")
-    parser.add_argument("--group", help="group arrays A[,B..] that are left out; default: random folds")
+    parser.add_argument("--group", default="", help="group arrays A[,B..]; default: random folds")
     parser.add_argument("--out", type=Path, default=Path("build/thesis"))
     parser.add_argument("--methods", help="some of them, A,B,...; default: all")
     parser.add_argument("--folds", type=int, default=5)
@@ -80,14 +81,12 @@ def main() -> None:
     try:
         recordings = load_recordings(asked.data)
         config = for_recordings(AcceleratorConfig.load(asked.config), recordings) if asked.config else None
+        given = {name: getattr(asked, name) for name in ("data", "group", "folds", "seeds", "out")}
         result = baselines_job.run(
+            BaselinesRequest(**given),
             recordings,
             config or derive_config(recordings)[0],
             methods=[*map(methods.__getitem__, names), METHODS["gru"]],
-            group=asked.group.split(",") if asked.group else [],
-            folds=asked.folds,
-            seeds=asked.seeds,
-            out=asked.out,
             progress=lambda what, done, total: print(f"{what}: {done} of {total}", file=sys.stderr),
         )
     except InputError as error:
