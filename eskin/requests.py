@@ -551,15 +551,7 @@ class EnergyRequest(ModelOnData):
 class ScheduleRequest:
     model: Annotated[str, argument("A model folder, or a preset: thesis, synthetic, pvdf, fabric.")]
     lanes: Lanes = None
-    out: Annotated[Path | None, option("Folder of the files; default build/schedule, with --table none.")] = (
-        None
-    )
-    table: Annotated[
-        bool, option("Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.", "--table")
-    ] = False
-    complexity: Annotated[
-        bool, option("Cycles and memory against taxels and against classes.", "--complexity")
-    ] = False
+    out: Annotated[Path, option("Folder of the files.")] = Path("build/schedule")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -569,7 +561,7 @@ class GenerateRequest(OnLanes):
         str | None, option("The testbench plays the first of these recordings; default: a made-up one.")
     ] = None
     bus: Annotated[
-        Literal["wishbone", "axi4lite", "apb"] | None,
+        Literal["wishbone", "axi4lite"] | None,
         option("For a CPU: registers, samples, decisions and an interrupt behind this bus, a driver in C."),
     ] = None
     fifo: Annotated[int | None, option("With --bus: decisions that may wait, 0, 2 or 4; default 2.")] = None

@@ -92,13 +92,11 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "compare": ("compare {model} --out {out}", ("gru-after", "image")),
     "generate": ("generate {model} --out {out}/design", ("rom", "prototypes", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
-    "generate --streams": ("generate {model} --bus apb --fifo 4 --streams axis --out {out}/design", ()),
+    "generate --streams": ("generate {model} --bus wishbone --fifo 4 --streams axis --out {out}/design", ()),
     "export --to c": ("export {model} --to c --out {out}/c", ("linear", "image")),
     "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "image")),
     "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
     "schedule": ("schedule {model} --out {out}", ("gru-before", "image")),
-    "schedule --table": ("schedule {model} --table", ("image",)),
-    "schedule --complexity": ("schedule {model} --complexity --out {out}", ("image",)),
     "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear", "converter")),
     "cosim netlist": (
         "cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker",
@@ -107,7 +105,6 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ()),
-    "build --synthesis-only": ("build {model} --synthesis-only gatemate --out {out}/netlist", ()),
     "build --standalone --flash": (
         "build {model} --target icebreaker --converter ads7953 --standalone --flash --out {out}/board",
         ("image",),
@@ -152,8 +149,6 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         ("rom",),
         "field loadable: is false, and the memory of prototypes is one that the host fills",
     ),
-    (("schedule --table",), ("image",), "--table: is for cells that read windows"),
-    (("schedule --complexity",), ("image",), "--complexity: is for cells that read windows"),
     (
         ("cosim netlist",),
         ("converter",),

@@ -254,9 +254,6 @@ def schedule(asked: ScheduleRequest) -> None:
     from eskin.pages.views import terminal_table
     from eskin.rtl.views import schedule_view
 
-    if asked.table and (asked.complexity or asked.lanes is not None):
-        extra = "--complexity" if asked.complexity else "--lanes"
-        raise InputError(f"--table: goes through lanes and sizes by itself; leave out {extra}")
     if asked.model in PRESETS:
         config = PRESETS[asked.model]
     else:
@@ -264,13 +261,7 @@ def schedule(asked: ScheduleRequest) -> None:
 
         config = load_config(asked.model)
     config = config.with_lanes(*lanes_of(asked.lanes))
-    folder = asked.out or Path("build/schedule")
-    check_target(folder / "schedule")
-    if config.is_image and (asked.table or asked.complexity):
-        raise InputError(
-            f"--{'table' if asked.table else 'complexity'}: is for cells that read windows; leave it out for a "
-            "model of images"
-        )
+    check_target(asked.out / "schedule")
     if config.is_image:
         from eskin.rtl.program.image_passes import plan_of
         from eskin.rtl.top.image_accelerator import refuse_hardware
@@ -284,36 +275,15 @@ def schedule(asked: ScheduleRequest) -> None:
             image_view.COLUMNS,
             image_view.cells(passes),
         )
-    elif asked.table:
-        rows, left_out = schedule_view.ratio_table(config)
-        files = schedule_view.table_files(rows) if asked.out else {}
-        cells = [schedule_view.ratio_cells(row) for row in rows]
-        shown = ("cycles of a step against the ideal", schedule_view.RATIO_COLUMNS, cells)
-    elif asked.complexity:
-        from eskin.rtl.views import complexity as costs
-
-        with progress_bars() as report:
-            sweeps = costs.complexity(config, report)
-        files = costs.files(config, sweeps)
-        shown = (
-            "complexity",
-            costs.COLUMNS,
-            [costs.cells(point) for sweep in sweeps.values() for point in sweep],
-        )
     else:
         from eskin.rtl.program.schedule import schedule as plan_step
 
         plan = plan_step(config)
         files = schedule_view.drawing_files(plan)
         shown = (schedule_view.title(plan).partition("\n")[0], ("what", "value"), schedule_view.figures(plan))
-    _write_files(folder, files)
+    _write_files(asked.out, files)
     console.print(terminal_table(*shown))
-    if asked.table:
-        say(schedule_view.RATIO_NOTE)
-        for reason in left_out:
-            say(f"left out: {reason}")
-    if files:
-        say(f"files: {', '.join(str(folder / name) for name in files)}")
+    say(f"files: {', '.join(str(asked.out / name) for name in files)}")
 
 
 def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:

@@ -133,7 +133,7 @@ def _frame_values(config: AcceleratorConfig) -> Record:
     ends = [last for _, last in config.window_spans]
     depth = max((end - 1) // windows.hop - k + 1 for k, end in enumerate(ends)) if touch_mode else 2
     mean_needed = "mean" in kinds or (integral and not touch_mode and not immediate)
-    flagged = f"s->flag_age[i]{' > back' if ring > 1 else ''}"
+    flagged = f"s->flag_age[i]{' > (uint16_t)back' if ring > 1 else ''}"
     out_of_use = [*["MASK[i]"] * bool(config.sensor.masked_taxels), *[flagged] * bool(faults)]
     counts = [*["!MASK[i]"] * bool(config.sensor.masked_taxels), *["!s->flag_age[i]"] * bool(faults)]
     limit = rule.onset_threshold * rule.onset_mean_frames

@@ -6,7 +6,6 @@ and load.hex.
 """
 
 import json
-import re
 from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
@@ -35,7 +34,7 @@ from eskin.rtl.program.memory_map import (
     teach_registers,
     words_per_entry,
 )
-from eskin.rtl.program.register_files import Entry, entries, ip_xact, svd, system_rdl, written
+from eskin.rtl.program.register_files import Entry, entries, system_rdl, written
 from eskin.rtl.top.bus_top import Bus
 
 DRIVER = sorted((Path(host.__file__).parent / "driver").glob("eskin.*"))
@@ -74,10 +73,10 @@ def generate(
     ---------- accelerator.sv (module accelerator), with a converter sensing.sv (module sensing: the
     accelerator behind its pins), config.json, memories/*.hex (one word a line, as MEMORY_SELECT addresses
     them), load.hex (bus writes that load the model: address and word), registers.json, registers.h,
-    eskin.rdl, eskin.svd, component.xml (`eskin.rtl.program.register_files`); with vectors: testbench.sv and
+    eskin.rdl (`eskin.rtl.program.register_files`); with vectors: testbench.sv and
     vectors/*.hex; behind a bus eskin_BUS.sv (module eskin_BUS), eskin.h and eskin.c (its driver), load.h
     (load.hex for it); with streams alone eskin_axis.sv. Of these modules the one that a system takes, the
-    last one named here that is there, is in filelist.f, eskin.core (FuseSoC) and component.xml; waiver.vlt
+    last one named here that is there, is in filelist.f and eskin.core (FuseSoC); waiver.vlt
     has what Verilator's lint shall pass over.
 
     Raises
@@ -126,9 +125,6 @@ def _write_all(
     release = version("eskin")
     (folder / "registers.h").write_text(c_header(config, registers))
     (folder / "eskin.rdl").write_text(system_rdl(registers))
-    (folder / "eskin.svd").write_text(svd(registers, release))
-    component = ip_xact(registers, release, top=top, ports=ports_of(verilog, top), bus=bus)
-    (folder / "component.xml").write_text(component)
     if bus:
         for source in DRIVER:
             (folder / source.name).write_text(source.read_text())
@@ -173,13 +169,6 @@ def register_map(config: AcceleratorConfig) -> Record:
         "lanes": config.hardware.lanes,
         "mask_words": -(-config.sensor.taxels // 16),
     }
-
-
-def ports_of(verilog: str, top: str) -> dict[str, tuple[str, int]]:
-    """Direction (``in``, ``out``) and bits of the ports of module ``top``, by name."""
-    body = verilog.partition(f"module {top}(")[2].partition("endmodule")[0]
-    ports = re.findall(r"^ *(in|out)put (?:\[(\d+):0\] )?(\w+);", body, re.MULTILINE)
-    return {name: (way, int(high or 0) + 1) for way, high, name in ports}
 
 
 def waiver(files: Iterable[str]) -> str:

@@ -561,7 +561,6 @@ export @ --to c --out keep --data ../in/recordings.npz
 energy @ --data ../in/recordings.npz
 stability @ --data ../in/recordings.npz
 build @ --target icebreaker
-build @ --synthesis-only $ --lanes #
 build @ --target # --converter $ --standalone
 build @ --target icebreaker --converter ads7953 --standalone --flash
 asic @ --pdk ihp-sg13g2 --liberty ../in/cells.lib

@@ -18,9 +18,9 @@ from tests.test_matrix import IMAGES, KINDS, TOUCHES
 DESIGNS = {
     "linear": ("linear", {}),
     "lstm behind Wishbone": ("lstm", {"bus": "wishbone"}),
-    "image behind APB": ("image", {"bus": "apb"}),
+    "image behind Wishbone": ("image", {"bus": "wishbone"}),
     "prototypes": ("prototypes", {}),
-    "DSP lanes behind AXI4-Lite": ("dsp", {"bus": "axi4lite"}),
+    "early behind AXI4-Lite": ("early", {"bus": "axi4lite"}),
     "rom with AXI streams": ("rom", {"axis": True}),
     "behind a converter": ("converter", {}),
     "thesis": ("thesis", {}),
@@ -48,7 +48,7 @@ def linted(folder, *waiver):
 QUICK = (
     "lstm behind Wishbone",
     "prototypes",
-    "image behind APB",
+    "image behind Wishbone",
     "rom with AXI streams",
     "behind a converter",
 )
