@@ -354,8 +354,12 @@ class QuantiseRequest(Grouped):
         bool, option("Train on in integer arithmetic of these widths; needs --data.", "--quantisation-aware")
     ] = False
     readout: Annotated[
-        Readout, option("What decides: the dense layer, or the nearest stored trajectory; that needs --data.")
-    ] = "dense"
+        Readout | None,
+        option(
+            "What decides: the dense layer, or the nearest stored trajectory; that needs --data. Default: as the "
+            "model's config.json says."
+        ),
+    ] = None
     group: Annotated[
         str | None,
         option(

@@ -85,7 +85,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "quantise": ("quantise {model}", ("linear", "image")),
     "quantise --readout": (
-        "quantise {model} --data {data} --readout prototypes --group person --unknown 0.1",
+        "quantise {model} --data {data} --readout prototypes --group person",
         ("linear", "lstm", "image"),
     ),
     "evaluate": ("evaluate {model} --data {data}", ("early", "image")),
@@ -169,6 +169,13 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("export --to c",), ("prototypes",), "field readout: is 'prototypes', which C does not have"),
     (("import onnx",), ("prototypes", "image"), "--config: is missing"),
     (("enrol",), ("prototypes",), "field readout: is 'prototypes', which weights trained on would not fit"),
+    (("quantise --readout",), ("early",), "field early_margin: is 64 in config.json, of logits"),
+    (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
+    (
+        ("quantise --logit-error",),
+        ("prototypes",),
+        "field readout: is 'prototypes', and logit_error is of logits",
+    ),
     (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
     (
         ("enrol", "enrol --teach", "asic"),

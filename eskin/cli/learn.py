@@ -230,7 +230,7 @@ def quantise(asked: QuantiseRequest) -> None:
     from eskin.training.quantise import quantise as to_integers
 
     of_readout = asked.of_readout
-    if asked.readout == "dense":
+    if asked.readout != "prototypes":
         for name in of_readout:
             raise InputError(
                 f"--{name.removesuffix('s').replace('_', '-')}: needs --readout prototypes; give both"
@@ -243,7 +243,7 @@ def quantise(asked: QuantiseRequest) -> None:
         raise InputError("--lean chooses the bits of a feature; give it or --feature-bits")
     recordings = None if asked.data is None else recordings_for(asked.data, load_config(asked.model))
     if asked.quantisation_aware:
-        if recordings is None or asked.lean or asked.readout != "dense":
+        if recordings is None or asked.lean or asked.readout:
             raise InputError(
                 "--quantisation-aware: trains on with the recordings of the training; give --data with it, and "
                 "neither --lean nor --readout"
@@ -252,12 +252,11 @@ def quantise(asked: QuantiseRequest) -> None:
             integer = train_in_integers(
                 asked.model, recordings, partial(report, "training in integers"), **asked.widths
             )
-    elif asked.readout == "prototypes":
-        if recordings is not None and recordings.image_shape:
-            raise InputError("--readout: is for models that read recordings; leave it out for one of images")
-        integer = to_integers(asked.model, recordings, readout=of_readout, lean=asked.lean, **asked.widths)
     else:
-        integer = to_integers(asked.model, recordings, lean=asked.lean, **asked.widths)
+        if asked.readout and recordings is not None and recordings.image_shape:
+            raise InputError("--readout: is for models that read recordings; leave it out for one of images")
+        decided_by = of_readout if asked.readout == "prototypes" else asked.readout
+        integer = to_integers(asked.model, recordings, readout=decided_by, lean=asked.lean, **asked.widths)
     show("quantise", formats=describe_formats(integer.config))
 
 

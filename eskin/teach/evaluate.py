@@ -16,7 +16,7 @@ from eskin.teach.enrol import Pair, fit, right
 from eskin.training.datasets import Dataset, find_dataset, touch_rows
 from eskin.training.fit import fit_networks, one_thread, post_training
 from eskin.training.losses import Progress
-from eskin.training.prototypes import group_numbers, teach_touches, with_prototypes
+from eskin.training.prototypes import by_last_step, group_numbers, teach_touches, with_prototypes
 from eskin.training.recipe import choose_recipe
 
 DRAWS = {"dense": 1, "prototypes": 10}
@@ -213,7 +213,7 @@ def _taught(
         rows = where[whole]
         ready.append(
             with_prototypes(
-                pair.integer,
+                by_last_step(pair.integer),
                 data.touches.take(whole),
                 labels[rows],
                 groups[rows],

@@ -8,14 +8,15 @@ import numpy as np
 
 from eskin.golden.core import Record
 from eskin.golden.data import Recordings, check_fit
-from eskin.golden.model import FloatModel, IntegerModel, images_of, load_config, load_training
+from eskin.golden.model import FloatModel, IntegerModel, images_of, load_config
 from eskin.training.datasets import find_dataset, touch_rows
 from eskin.training.fit import fine_tune, one_thread
 from eskin.training.image_formats import check_weight_bits, profile_images
 from eskin.training.losses import Progress
-from eskin.training.quantise import check_widths, load_trained, profile, range_records
+from eskin.training.quantise import check_widths, profile, range_records
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.train_images import ImageRecipe, tune_network
+from eskin.training.trained import load_trained, written_by
 
 
 def train_in_integers(
@@ -41,7 +42,8 @@ def train_in_integers(
     """
     if load_config(model_dir).is_image:
         return _images(model_dir, recordings, widths.get("weight_bits") or 8, progress)
-    model, record = load_trained(model_dir)
+    trained = load_trained(model_dir)
+    model, record = trained.model, trained.record
     config, seed = model.config, int(record.get("seed", 0))
     check_widths(config, **widths)
     check_fit(recordings, config)
@@ -49,14 +51,17 @@ def train_in_integers(
     data = find_dataset(recordings, config, recipe)
     rows = touch_rows(data, np.arange(len(recordings)))
     (integer,) = fine_tune(data, recipe, [rows], [model], seed, widths, progress)
+    trained.check_kept(integer.config, widths)
     ranges = range_records(integer.config, profile(model, data.touches))
-    integer.save(model_dir, training=record | _trained_on(widths) | {"ranges": ranges})
+    record |= _trained_on(widths) | {"ranges": ranges, **written_by(config, integer)}
+    integer.save(model_dir, training=record, unchanged=trained.files)
     return integer
 
 
 def _images(model_dir: str | Path, recordings: Recordings, bits: int, progress: Progress) -> IntegerModel:
     check_weight_bits(bits)
-    model, record = FloatModel.load(model_dir, images=True), load_training(model_dir)
+    trained = load_trained(model_dir, images=True)
+    model, record = trained.model, trained.record
     model = FloatModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays, model.source)
     check_fit(recordings, model.config)
     recipe = ImageRecipe(**record["recipe"]) if "recipe" in record else ImageRecipe()
@@ -71,8 +76,10 @@ def _images(model_dir: str | Path, recordings: Recordings, bits: int, progress: 
             seed=int(record.get("seed", 0)),
             progress=progress,
         )
+    trained.check_kept(integer.config, {"weight_bits": bits})
     record |= _trained_on({"weight_bits": bits}) | {"ranges": profile_images(model, images)}
-    tuned.save(model_dir, record, integer)
+    record |= written_by(trained.model.config, integer)
+    tuned.save(model_dir, record, integer, trained.files)
     return integer
 
 

@@ -21,6 +21,7 @@ from eskin.training.losses import Callback, Told
 from eskin.training.quantise import check_widths, profile, range_records
 from eskin.training.recipe import Recipe, choose_recipe
 from eskin.training.splits import default_splits, split_folds
+from eskin.training.trained import written_by
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,6 +153,8 @@ def train(
     if notes:
         record |= notes(record)
         record["wall_s"] = time.perf_counter() - begin  # notes may take long
+    if integer:
+        record |= written_by(config, integer)
     record = json.loads(json.dumps(record))  # what the file will hold: lists, not tuples
     model.save(out, record, integer)
     return record

@@ -44,7 +44,7 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.files import exchange
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, find_touches, load_training, pipeline, write_vectors
+from eskin.golden.model import IntegerModel, find_touches, load_config, load_training, pipeline, write_vectors
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.rtl.fpga.generate import generate
@@ -381,7 +381,8 @@ class _Steps:
 
     def _quantise(self, trained: Path, folder: Path) -> None:
         shutil.copytree(trained / "model", folder / "model")
-        quantise.quantise(folder / "model")
+        prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
+        quantise.quantise(folder / "model", self.recordings if prototypes else None)
 
     def _evaluate(self, quantised: Path, folder: Path, notify: Progress) -> None:
         write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))
