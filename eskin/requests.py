@@ -69,9 +69,7 @@ def lanes_of(text: str | None) -> tuple[int | None, Any]:
     number, colon, kind = (text or "").partition(":")
     if text is None:
         return None, None
-    if not (number.isdecimal() and len(number) < 4 and int(number)) or (
-        colon and kind not in ("plain", "dsp")
-    ):
+    if not (number.isdecimal() and len(number) < 4) or (colon and kind not in ("plain", "dsp")):
         raise InputError(
             f"--lanes {text[:20]}: are no lanes; give how many, 1 or more, and maybe their type, plain or dsp: 4:dsp"
         )

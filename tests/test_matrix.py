@@ -119,15 +119,12 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("prototypes", "image"),
     ),
     "enrol --evaluate": (f"enrol --evaluate {JUDGED} -k 1", ("image",)),
-    "stability": (
-        "stability {model} --data {data} --no-cosim --no-defences --few 4 --jobs 1 --out {out}",
-        (),
-    ),
+    "stability": ("stability {model} --data {data} --no-cosim --no-defences --few 4 --out {out}", ()),
     "sweep": (
-        "sweep --data {data} {sweep} --grid {grid} --group person --folds 2 --seeds 1 --jobs 1 --out {out}",
+        "sweep --data {data} {sweep} --grid {grid} --group person --folds 2 --seeds 1 --out {out}",
         ("linear",),
     ),
-    "baselines": (f"baselines {JUDGED} --folds 2 --jobs 1 --out {{out}}", ("linear", "image")),
+    "baselines": (f"baselines {JUDGED} --folds 2 --out {{out}}", ("linear", "image")),
     "energy": (
         "energy {model} --data {data} --configuration icebreaker:{lanes} --recordings 1 --out {out}",
         (),
@@ -358,7 +355,7 @@ class Case:
         return "--mean 0 --std 255" if self.kind == "image" else f"--data {self.data()}"
 
     def sweep(self) -> str:
-        return "" if self.kind == "image" else f"--config {self.config()} --no-baselines"
+        return "" if self.kind == "image" else f"--config {self.config()}"
 
     def grid(self) -> Path:
         self.out.joinpath("grid.json").write_text(
@@ -391,6 +388,7 @@ def case_of(tmp_path_factory, tmp_path, monkeypatch) -> Callable[[str], Case]:
             archives(shop)
     monkeypatch.chdir(shop)
     monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)  # workers would begin by importing torch
     monkeypatch.setitem(recipe.RECIPES, "onset", dataclasses.replace(recipe.RECIPES["onset"], updates=100))
     return lambda kind: Case(shop, kind, tmp_path)
 

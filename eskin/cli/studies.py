@@ -34,9 +34,8 @@ def sweep(asked: SweepRequest) -> None:
             "lanes there"
         )
     config = None if recordings.image_shape else fitting_config(recordings, user_config, asked.groups).config
-    request = sweep_job.request_of(recordings, config, asked)
     with progress_bars() as report:
-        result = sweep_job.run(recordings, request, out=asked.out, dask=asked.dask, progress=report)
+        result = sweep_job.run(asked, recordings, config, progress=report)
     point = result["points"][result["recommended"]]
     size, source, first = point["config"].get("size"), asked.data, ""
     if size and size != "{}x{}".format(*(recordings.image_shape or ())):

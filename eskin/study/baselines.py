@@ -69,7 +69,8 @@ class Scene:
         """
         found = find_touches(config, recordings)
         first = found.first_touch()
-        usable = np.flatnonzero((first >= 0) & (found.completed[first] > 0))
+        usable = np.flatnonzero(first >= 0)
+        usable = usable[found.completed[first[usable]] > 0]
         if not len(usable):
             raise InputError(
                 f"{recordings.source}: no recording has a touch with a completed window; look with 'eskin inspect'"

@@ -267,8 +267,9 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     report("synthesis", 1, 1)
     placements: list[Implementation] = []
     not_taken: dict[str, str] = {}  # seed: why
+    failures = max(FAILURES_MAX, request.seeds)
     try:
-        while len(placements) < request.seeds and len(not_taken) < FAILURES_MAX:
+        while len(placements) < request.seeds and len(not_taken) < failures:
             report("placements", len(placements), request.seeds)
             seed = request.seed + len(placements) + len(not_taken)  # a failed seed is replaced by the next
             try:
@@ -288,8 +289,8 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
     report("placements", request.seeds, request.seeds)
     if not placements:
         raise BuildError(
-            f"no seed from {request.seed} to {request.seed + FAILURES_MAX - 1} gives a placement that works (seed "
-            f"{request.seed}: {not_taken[str(request.seed)]}); --seed {request.seed + FAILURES_MAX} tries others"
+            f"no seed from {request.seed} to {request.seed + failures - 1} gives a placement that works (seed "
+            f"{request.seed}: {not_taken[str(request.seed)]}); --seeds {2 * failures} tries more"
         )
     best = max(placements, key=lambda placement: placement.fmax_hz)
     by, tried = "asked" if request.lanes_asked else "fit", request.misfit

@@ -103,26 +103,21 @@ def request_of(
 
 
 def run(
+    asked: SweepRequest,
     recordings: Recordings,
-    request: sweeping.Request,
+    config: AcceleratorConfig | None,
     *,
-    out: Path,
-    dask: str | None = None,
-    workers: int | None = None,
-    cache: Path | None = None,
     progress: Progress | None = None,
 ) -> Record:
     """Sweep; write sweep.json, sweep.csv, recommended.json (configuration of the recommended point) and
-    charts into ``out``.
-
-    ``dask``, ``workers`` and ``progress`` are those of ``eskin.golden.core.jobs.Jobs``. Returns the result,
-    as in sweep.json.
+    charts. ``config`` as for `request_of`. Returns the result, as in sweep.json.
 
     Raises
     ------
     InputError
         A folder that cannot be used; before anything is trained.
     """
+    out, request = asked.out, request_of(recordings, config, asked)
     for name in (RESULT, TABLE, CONFIG):
         check_target(out / name)
     images = isinstance(request, ImageSweepRequest)
@@ -131,8 +126,8 @@ def run(
         recordings,
         request,
         cost_of=cost_of,
-        jobs=Jobs(workers=workers, dask=dask, progress=progress, version=code),
-        keep=Memo(cache or (KEPT if images else CACHE)),
+        jobs=Jobs(dask=asked.dask, progress=progress, version=code),
+        keep=Memo(KEPT if images else CACHE),
         version=json.dumps([recordings.content, code()]),
     )
     result["data"] = str(recordings.source)

@@ -25,8 +25,8 @@ from eskin.golden.model import (
     run_images,
 )
 from eskin.verbs.export_job import export_c
-from scripts.export_cost import MODELS, differences, front_end, with_failing_taxels
-from scripts.export_cost import model_of as model_on
+from tests.support.c_played import MODELS, differences, front_end, with_failing_taxels
+from tests.support.c_played import model_of as model_on
 from tests.support.image_scenes import random_image_model
 from tests.support.strategies import configurations, examples
 

@@ -2,6 +2,7 @@
 is trained."""
 
 import json
+import os
 
 import pytest
 from typer.testing import CliRunner
@@ -27,11 +28,12 @@ def archive(tmp_path, monkeypatch):
         return real(shared, piece)
 
     monkeypatch.setattr(baselines, "judge", noted)
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)
     return seen
 
 
 def call(*words):
-    common = "baselines --data data.npz --config c.json --jobs 1 --out out".split()
+    common = "baselines --data data.npz --config c.json --out out".split()
     return CliRunner().invoke(app, [*common, *words])
 
 
