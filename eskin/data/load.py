@@ -9,7 +9,7 @@ from eskin.data import hdf5
 from eskin.data.logs import is_log
 from eskin.data.matlab import load_matlab
 from eskin.data.pictures import is_picture_folder, load_picture_folder
-from eskin.data.scene import scene_of, synthetic_recordings
+from eskin.data.scene import scene_of
 from eskin.data.tables import PARQUET, SUFFIXES, is_table_folder, load_folder, load_long_table
 from eskin.data.text import Reading
 from eskin.data.turns import turn_recordings
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 FORMS = (
     "an .npz archive, a folder by class of .csv, .parquet, .lvm or .png files or logs, a long .csv or .parquet "
-    "table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic or synthetic-easy"
+    "table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic"
 )
 
-SCENES = {"synthetic": turn_recordings, "synthetic-easy": synthetic_recordings}
-"""Words for made-up scenes."""
+SCENE = "synthetic"
+"""The word for a made-up scene."""
 
 
 def load_recordings(
@@ -38,7 +38,7 @@ def load_recordings(
 ) -> Recordings:
     """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder by class of
     ``.csv``, ``.parquet``, ``.lvm`` or ``.png`` files or logs, one long table, a ``.mat`` or HDF5 file, a
-    log, or a word of SCENES.
+    log, or the word SCENE.
 
     Parameters
     ----------
@@ -63,8 +63,8 @@ def load_recordings(
         raise InputError(
             f"recordings: are of type {type(data).__name__}; give {FORMS}, or a pandas DataFrame"
         )
-    if str(data) in SCENES:
-        return SCENES[str(data)]() if config is None else scene_of(config, easy=str(data) != "synthetic")
+    if str(data) == SCENE:
+        return turn_recordings() if config is None else scene_of(config)
     path = Path(data)
     if reading.labels is not None and not is_log(path):
         raise InputError(
