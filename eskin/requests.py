@@ -461,6 +461,13 @@ class ExportRequest(OfModel, InJson):
     data: Annotated[
         str | None, option("What eskin_check.c plays, or onnxruntime is compared on; default: made-up ones.")
     ] = None
+    prefix: Annotated[
+        str | None,
+        option(
+            "With --to c: begins the names of files, types, functions and macros, so that several models go into one "
+            "program; default eskin."
+        ),
+    ] = None
 
 
 # ---------------------------------------------------------------------- studies

@@ -84,6 +84,10 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         ("linear", "gru-before", "gru-after", "image"),
     ),
     "quantise": ("quantise {model}", ("linear", "image")),
+    "quantise --quantisation-aware": (
+        "quantise {model} --data {data} --quantisation-aware --weight-bits 4",
+        ("gru-before", "image"),
+    ),
     "quantise --readout": (
         "quantise {model} --data {data} --readout prototypes --group person",
         ("linear", "lstm", "image"),

@@ -19,7 +19,7 @@ from eskin.cli.common import (
     show,
     stop,
 )
-from eskin.golden.core import InputError, Record, check_folder, check_target, replacing
+from eskin.golden.core import PREFIX, InputError, Record, check_folder, check_target, replacing
 from eskin.requests import (
     BoardRequest,
     CosimRequest,
@@ -71,8 +71,14 @@ def export(asked: ExportRequest) -> Record:
         integer_model(asked.model) if asked.to == "c" else FloatModel.load(asked.model, images=True)
     )
     recordings = None if asked.data is None else recordings_for(asked.data, exported.config)
-    write = export_c if asked.to == "c" else export_onnx
-    result: Record = {"to": asked.to} | write(exported, asked.out, recordings=recordings)
+    if asked.to == "c":
+        prefix = PREFIX if asked.prefix is None else asked.prefix
+        result: Record = export_c(exported, asked.out, recordings=recordings, prefix=prefix)
+    elif asked.prefix is not None:
+        raise InputError("--prefix: is for --to c; an ONNX file declares no names")
+    else:
+        result = export_onnx(exported, asked.out, recordings=recordings)
+    result = {"to": asked.to} | result
     show("export", **result)
     return result
 

@@ -296,6 +296,46 @@ def test_the_folder_is_a_library_of_arduino_and_a_module_of_zephyr(tmp_path):
     assert len(named) == 2 and all((place / name).exists() for name in named)
 
 
+BOTH = """#include <string.h>
+#include "left_model.h"
+#include "Right2_model.h"
+int main(void)
+{
+    static left_state state;
+    left_decision decision;
+    Right2_decision of_image;
+    const int32_t codes[LEFT_TAXELS] = { 0 };
+    const uint8_t pixels[RIGHT2_HEIGHT * RIGHT2_WIDTH] = { 0 };
+    left_arm(&state);
+    left_frame(&state, codes, &decision);
+    return Right2_image(pixels, &of_image) != 3 || strcmp(left_class_name(0), "eskin_ESKIN_0");
+}
+"""
+
+
+def test_two_models_go_into_one_program(tmp_path):
+    """A network for recordings and one for images; the class's name stays what it is."""
+    names = {"left": RING.replace(class_names=("eskin_ESKIN_0", "b", "c")), "Right2": IMAGES}
+    for prefix, config in names.items():
+        folder = tmp_path / prefix
+        result = export_c(model_of(config, 3), folder, prefix=prefix)
+        sources = [f"{prefix}_model.c", f"{prefix}_check.c"]
+        subprocess.run([*SANITIZED, *sources, "-o", "check"], cwd=folder, check=True)
+        said = subprocess.run(["./check"], cwd=folder, capture_output=True, text=True).stdout
+        assert said == f"{result['decisions']} decisions compared, 0 different\n"
+        assert f"includes={prefix}_model.h" in (folder / "library.properties").read_text().splitlines()
+        assert f"../{prefix}_model.c" in (folder / "zephyr" / "CMakeLists.txt").read_text()
+    (tmp_path / "main.c").write_text(BOTH)
+    sources = [f"{prefix}/{prefix}_model.c" for prefix in names]
+    command = [*SANITIZED, "-Ileft", "-IRight2", "main.c", *sources, "-o", "both"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "both"]).returncode == 0
+    for wrong in ("", "2left", "a b", "a;x", "é", "x" * 41):
+        with pytest.raises(InputError, match="--prefix .*: begins names in C"):
+            export_c(model_of(RING, 3), tmp_path / "no", prefix=wrong)
+    assert not (tmp_path / "no").exists()
+
+
 def test_sizes_are_those_of_the_tables(tmp_path):
     model = model_of(RING.replace(fault_frames=0), 1)
     result = export_c(model, tmp_path / "c")
