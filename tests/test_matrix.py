@@ -169,14 +169,13 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("export --to onnx",), ("prototypes",), "field readout: is 'prototypes', which ONNX does not have"),
     (("export --to c",), ("prototypes",), "field readout: is 'prototypes', which C does not have"),
     (("import onnx",), ("prototypes", "image"), "--config: is missing"),
-    (("enrol",), ("prototypes",), "field readout: is 'prototypes', which weights trained on would not fit"),
+    (
+        ("enrol", "quantise --quantisation-aware"),
+        ("prototypes",),
+        "field readout: is 'prototypes', which weights trained on would not fit",
+    ),
     (("quantise --readout",), ("early",), "field early_margin: is 64 in config.json, of logits"),
     (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
-    (
-        ("quantise --logit-error",),
-        ("prototypes",),
-        "field readout: is 'prototypes', and logit_error is of logits",
-    ),
     (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
     (
         ("enrol", "enrol --teach", "asic"),

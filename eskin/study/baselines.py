@@ -139,7 +139,7 @@ Cost = Callable[[Any, np.ndarray, int], tuple[int, int, int]]
 @dataclass(frozen=True)
 class Classifier:
     """A classifier of scikit-learn on all windows of a touch. ``grid``: what an inner cross-validation chooses
-    from."""
+    from; whole numbers there count touches."""
 
     name: str
     label: str
@@ -157,7 +157,12 @@ class Classifier:
             return Fitted(lambda rows: np.full(len(rows), scene.labels[part[0]]), 1, 0)
         windows = scene.windows(part)
         x = windows.reshape(len(windows), -1)
-        model = fitted(self.make(seed), x[part], scene.labels[part], self.grid, seed)
+        # whole numbers count touches: no more than an inner fold leaves
+        grid = {
+            name: [value for value in values if not isinstance(value, int) or value <= max(1, len(part) // 3)]
+            for name, values in self.grid.items()
+        }
+        model = fitted(self.make(seed), x[part], scene.labels[part], grid, seed)
         return Fitted(lambda rows: model.predict(x[rows]), *self.cost(model, x[part], scene.classes))
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.golden.core import Record
+from eskin.golden.core import InputError, Record
 from eskin.golden.data import Recordings, check_fit
 from eskin.golden.model import FloatModel, IntegerModel, images_of, load_config
 from eskin.training.datasets import find_dataset, touch_rows
@@ -45,6 +45,11 @@ def train_in_integers(
     trained = load_trained(model_dir)
     model, record = trained.model, trained.record
     config, seed = model.config, int(record.get("seed", 0))
+    if config.has_prototypes:
+        raise InputError(
+            f"model '{model_dir}', field readout: is 'prototypes', which weights trained on would not fit; quantise "
+            "it with --readout dense first"
+        )
     check_widths(config, **widths)
     check_fit(recordings, config)
     recipe = Recipe(**record["recipe"]) if "recipe" in record else choose_recipe(config)
