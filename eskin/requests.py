@@ -193,7 +193,6 @@ class ConvertRequest:
     rate: Annotated[float | None, option("Frames a second; default: of the time column.", metavar="HZ")] = (
         None
     )
-    time: Annotated[str | None, option("The time column, by name or number from 1.", metavar="COLUMN")] = None
     columns: Annotated[
         str | None,
         option("The taxels: names or numbers from 1, such as 2-17; default: all else.", metavar="A,B.."),
@@ -204,13 +203,10 @@ class ConvertRequest:
     class_: Annotated[
         str | None,
         option(
-            "Long table: the class of a row. .mat, .h5: the array of classes. Log: the topic of classes.",
+            "The class: a column, an attribute, of .mat and .h5 the array of classes, of a log their topic.",
             "--class",
             metavar="NAME",
         ),
-    ] = None
-    group: Annotated[
-        str | None, option("Long table: columns that are groups. .mat, .h5: arrays.", metavar="A,B..")
     ] = None
     delimiter: Annotated[str | None, option("What separates the cells: a character, or tab, blank.")] = None
     samples: Annotated[
@@ -220,6 +216,10 @@ class ConvertRequest:
         Path | None,
         option("Log: a .csv table of start, end (s) and class, a row a recording.", metavar="FILE"),
     ] = None
+    clock: Annotated[
+        Literal["log", "header"],
+        option("Log: whose times frames and labels have, the log's or their headers'."),
+    ] = "log"
     scale: Annotated[
         float | None, option("What one code is worth; default: whole numbers are codes, others get a scale.")
     ] = None
@@ -576,6 +576,14 @@ class GenerateRequest(OnLanes):
     fifo: Annotated[int | None, option("With --bus: decisions that may wait, 0, 2 or 4; default 2.")] = None
     streams: Annotated[
         Literal["axis"] | None, option("Frames under AXI-Stream names; without --bus decisions too.")
+    ] = None
+    top: Annotated[
+        str | None,
+        option(
+            "Name of the topmost module; all other modules and the driver begin with it, so that several designs go into "
+            "one system.",
+            metavar="NAME",
+        ),
     ] = None
 
 

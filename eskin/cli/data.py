@@ -48,14 +48,13 @@ def convert(asked: ConvertRequest) -> None:
     check_target(asked.out)
     reading = Reading(
         rate_hz=asked.rate,
-        time=asked.time,
         columns=tuple(names_of(asked.columns or "")),
         recording=asked.recording,
         label=asked.class_,
-        groups=tuple(names_of(asked.group or "")),
         delimiter=asked.delimiter,
         samples=asked.samples,
         labels=asked.labels,
+        clock=asked.clock,
         scale=asked.scale,
     )
     recordings = load_recordings(asked.source, reading=reading)

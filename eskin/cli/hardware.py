@@ -54,6 +54,7 @@ def generate(asked: GenerateRequest) -> None:
         "bus": asked.bus,
         "axis": asked.streams is not None,
         "depth": depth,
+        "top": asked.top,
     }
     folder = generate_design(integer, asked.out, recordings=recordings, **design)
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")

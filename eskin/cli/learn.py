@@ -33,7 +33,7 @@ def train(asked: TrainRequest) -> None:
     from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
     from eskin.training.image_models import KEPT
-    from eskin.training.splits import split_folds
+    from eskin.training.splits import check_split
     from eskin.verbs.cost import market
 
     check_units(asked.cell, asked.hidden, None)
@@ -42,7 +42,7 @@ def train(asked: TrainRequest) -> None:
     recordings, user_config = load_data(asked.data, asked.config)
     groups = asked.groups
     if groups is not None and asked.folds:
-        split_folds(recordings, groups, asked.folds, None)  # an unknown group is refused at once
+        check_split(recordings, groups, asked.folds)  # an unknown group is refused at once
     plan = (
         None
         if recordings.image_shape

@@ -20,7 +20,7 @@ from eskin.golden.data import Recordings
 from eskin.requests import BaselinesRequest
 from eskin.study import baselines
 from eskin.training import LEARNING
-from eskin.training.splits import default_splits, split_folds
+from eskin.training.splits import check_split, default_splits
 
 CACHE = Path("build/baseline_runs")
 """Finished runs by content, safe to delete."""
@@ -50,7 +50,7 @@ def run(
     check_target(asked.out / RESULT)
     splits = default_splits(recordings, config) if asked.groups is None else [asked.groups]
     for groups in splits:
-        split_folds(recordings, groups, asked.folds, None)
+        check_split(recordings, groups, asked.folds)
     result = baselines.results(
         recordings,
         config,

@@ -54,7 +54,7 @@ from eskin.rtl.program.schedule import frame_cycles
 from eskin.study.leak import known_without_touch
 from eskin.training import LEARNING, evaluate, quantise
 from eskin.training.image_models import KEPT, chosen_config
-from eskin.training.splits import split_folds
+from eskin.training.splits import check_split
 from eskin.verbs import cost
 from eskin.verbs.build_job import weights_sentence
 from eskin.verbs.cost import CODE as COST
@@ -163,7 +163,7 @@ def run(
                 check_alike(held, loaded)
                 held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
             if group:
-                split_folds(loaded, group, 5, None)
+                check_split(loaded, group, 5)
             if loaded.image_shape:
                 chosen_config(loaded, user_config, cell)
             plan = (

@@ -30,7 +30,7 @@ from eskin.study.baselines import SWEPT
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.training import LEARNING
 from eskin.training.image_models import KEPT
-from eskin.training.splits import default_splits, split_folds
+from eskin.training.splits import check_split, default_splits
 from eskin.training.train_images import CODE as IMAGE_CODE
 from eskin.verbs.cost import estimated
 
@@ -81,7 +81,7 @@ def request_of(
     grid, source = asked.grid, f"grid '{asked.grid}'"
     splits = default_splits(recordings, config) if asked.groups is None and config else [asked.groups or []]
     for groups in splits:
-        split_folds(recordings, groups, asked.folds, None)
+        check_split(recordings, groups, asked.folds)
     bounds = {name: getattr(asked, name) for name in ("accuracy_floor", "latency_budget", "energy_budget")}
     common: Record = {"folds": asked.folds, "bounds": sweeping.Bounds(**bounds)}
     if config is not None:
