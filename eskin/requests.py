@@ -588,7 +588,7 @@ class GenerateRequest(OnLanes):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CosimRequest(ModelOnData, OnLanes, InJson):
+class CosimRequest(ModelOnData, OnLanes, InJson, OnCluster):
     recordings: Count = "all"
     simulator: Annotated[
         Literal["verilator", "icarus", "compiled"] | None,

@@ -104,6 +104,10 @@ def cosim(asked: CosimRequest) -> Record:
         raise InputError(
             "--clock lowest: budgets are met or missed at the sensor's pace; add --pace declared"
         )
+    if lowest and asked.dask:
+        raise InputError(
+            "--dask: the lowest clock is looked for in one run after the other, here; leave --dask out"
+        )
     simulator = asked.simulator or (
         "compiled" if asked.target == "asic" and not (asked.stalls or lowest) else "verilator"
     )
@@ -128,11 +132,11 @@ def cosim(asked: CosimRequest) -> Record:
             }
         options |= {"lowest": True} if lowest else {"pace": asked.pace, "clock_hz": hertz}
         played = loaded.subset(numbers)
-        if lowest or len(numbers) <= cosim_job.PART[simulator]:
+        if lowest or (asked.dask is None and len(numbers) <= cosim_job.PART[simulator]):
             frames = partial(report, "simulated frames")
             result = cosimulate(integer, played, numbers=numbers, work=work, progress=frames, **options)
         else:
-            where = Jobs(progress=report, version=cosim_job.CODE)
+            where = Jobs(dask=asked.dask, progress=report, version=cosim_job.CODE)
             result = cosim_job.cosimulate(integer, played, numbers, work=work, jobs=where, **options)
         if result["waves"]:
             result["waves"] = _keep(Path(result["waves"]), work)

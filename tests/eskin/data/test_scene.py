@@ -146,7 +146,7 @@ def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, clas
         (
             PRESETS["pvdf"],
             "field class_names: is Cube3, .*; the synthetic scene of 5 classes has brush-east-medium, .*, "
-            "and the synthetic scene on, left, back, right",
+            "or on, left, back, right",
         ),
         (
             SYNTHETIC.replace(class_names=("slide", "brush")),
