@@ -1,6 +1,7 @@
 """Recordings written as other people's tools write them, each with the format's own library."""
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,34 @@ for store in (STORE, STORE1):
     )
 PAUSE_S = 1.0
 """Between two recordings of a log."""
+
+
+def lvm(segments: list[np.ndarray], clocks: str = "One", step: str = "0.01", comma: bool = False,
+        runs_on: bool = False) -> str:  # fmt: skip
+    """A file of LabVIEW with a head a segment, at 100 Hz. clocks: its ``X_Columns``; step: ``Delta_X``.
+    runs_on: the clock of a segment goes on from the one before."""
+    count, begin = segments[0].shape[1], 0
+    lines = ["LabVIEW Measurement\t", "Writer_Version\t2", "Separator\tTab", f"Decimal_Separator\t{',' if comma else '.'}",
+             f"Multi_Headings\t{'Yes' if len(segments) > 1 else 'No'}", f"X_Columns\t{clocks}", "***End_of_Header***\t", ""]  # fmt: skip
+    for segment in segments:
+        each = lambda text: "\t".join([text] * count)
+        lines += [f"Channels\t{count}", f"Samples\t{each(str(len(segment)))}", f"Y_Unit_Label\t{each('Volts')}",
+                  f"X0\t{each(f'{begin / 100:.2f}')}", *([f"Delta_X\t{each(step)}"] if step else []),
+                  f"***End_of_Header***\t{each('')}"]  # fmt: skip
+        names = each("X_Value\tVoltage") if clocks == "Multi" else f"X_Value\t{each('Voltage')}"
+        lines.append(f"{names}\tComment")
+        for k, row in enumerate(segment.tolist(), begin):
+            time = "" if clocks == "No" else f"{k / 100:.4f}"
+            cells = [
+                cell
+                for value in row
+                for cell in ([time, f"{value:.4f}"] if clocks == "Multi" else [f"{value:.4f}"])
+            ]
+            lines.append("\t".join(cells if clocks == "Multi" else [time, *cells]))
+        lines.append("")
+        begin += len(segment) if runs_on else 0
+    text = "\r\n".join(lines)
+    return re.sub(r"(?<=\d)\.(?=\d)", ",", text) if comma else text
 
 
 def write_hdf5(recordings: Recordings, path: Path) -> None:
