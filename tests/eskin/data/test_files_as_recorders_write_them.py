@@ -1,7 +1,6 @@
 """Files as recorders write them, which were read wrongly once: understood, or refused by the option's name."""
 
 import bz2
-import json
 import struct
 
 import h5py
@@ -83,19 +82,7 @@ def test_channels_without_a_common_clock_are_refused(tmp_path):
 
 # ---------------------------------------------------------------------- HDF5
 def trials(path, **more):
-    """Trials at the top of a file: a table and a clock each, the class by ``label``; what else stands there."""
-    with h5py.File(path, "w") as file:
-        for number, signal in enumerate(SIGNALS):
-            trial = file.create_group(f"trial{number}")
-            trial["skin"], trial["time"] = signal, np.arange(FRAMES) / 100
-            for name, value in more.items():
-                where, _, leaf = name.rpartition("__")
-                value = value(number) if callable(value) else value
-                if where:
-                    trial.attrs[leaf] = value
-                else:
-                    trial[leaf] = value
-    return path
+    return doors.write_trials(SIGNALS, [CLASSES[n % 2] for n in range(4)], path, **more)
 
 
 @each_row("how", [{"on__label": lambda n: CLASSES[n % 2]}, {"label": lambda n: CLASSES[n % 2]}])
@@ -160,29 +147,10 @@ def test_a_virtual_dataset_is_refused_by_name(tmp_path):
 
 
 # ---------------------------------------------------------------------- logs
-def log(path, off=0.0, zero=0, stamp=("sec", "nanosec"), stamped_labels=False):
-    """Eight touches of a second in turn, felt at 100 and silk at 200; the header's clock is ``off``, and of
-    ``zero`` messages 0. Labels by topic."""
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        schema = writer.register_schema("TactileState", "jsonschema", b"{}")
-        skin, label = (writer.register_channel(name, "json", schema) for name in ("/skin", "/touched"))
-
-        def header(at):
-            return {"header": {"stamp": dict(zip(stamp, divmod(at, 10**9), strict=True))}}
-
-        for frame in range(8 * FRAMES):
-            at = 10**18 + frame * 10**7
-            touch = frame // FRAMES
-            moved = 0 if frame < zero else at + int(off * 1e9)
-            if frame % FRAMES == 0:
-                told = {"data": CLASSES[touch % 2]} | (header(moved) if stamped_labels else {})
-                writer.add_message(label, at, json.dumps(told).encode(), at)
-            value = {**header(moved), "sensors": [{"values": [100 + 100 * (touch % 2), frame % 7]}]}
-            writer.add_message(skin, at, json.dumps(value).encode(), at)
-        writer.finish()
-    return path
+def log(path, **form):
+    """Eight touches in turn, felt at 100 and silk at 200."""
+    touches = [np.tile([100 + 100 * (number % 2), number % 7], (FRAMES, 1)) for number in range(8)]
+    return doors.write_touches(touches, list(CLASSES) * 4, path, **form)
 
 
 def pure(recordings) -> bool:
