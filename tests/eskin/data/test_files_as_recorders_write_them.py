@@ -92,6 +92,14 @@ def test_a_trials_label_is_an_attribute_or_a_dataset(tmp_path, how):
     assert recordings.taxels == 3 and recordings.sample_rate_hz == 100
 
 
+def test_a_clock_has_the_unit_of_its_name(tmp_path):
+    path = trials(tmp_path / "a.h5", label=lambda n: CLASSES[n % 2], time_ms=np.arange(FRAMES) * 10)
+    with h5py.File(path, "a") as file:
+        for trial in file.values():
+            del trial["time"]
+    assert load_recordings(path).sample_rate_hz == 100
+
+
 def test_a_rate_of_the_trials_group(tmp_path):
     path = trials(tmp_path / "a.h5", label=lambda n: CLASSES[n % 2], on__sampling_rate=100.0)
     with h5py.File(path, "a") as file:
