@@ -254,7 +254,10 @@ def test_what_config_json_says_stays(tmp_path):
             {"weight_format": QFormat(1, 7)},
             r"field weight_format: is SQ\(1,7\) in config.json, and the integers",
         ),
-        ({"hop": 9, "window": 18}, r"field hop: is 9 .*, and so are the noted ranges; give recordings \(--data\)"),
+        (
+            {"hop": 9, "window": 18},
+            r"field hop: is 9 .*, and so are the noted ranges; give recordings \(--data\)",
+        ),
         ({"taught": 2, "readout": "prototypes"}, "field readout: is 'prototypes', which are made of"),
     ],
 )
