@@ -116,6 +116,18 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
     ]
 
 
+def leaks(recordings: int, accuracy: float, limit: float) -> list[str]:
+    """A sentence where a network knows the class of recordings whose touch was taken out: ``accuracy`` above
+    ``limit``."""
+    if accuracy <= limit:
+        return []
+    return [
+        f"the network decides {percent(accuracy)} of {recordings} recordings rightly whose touch was taken out: "
+        "it knows the class from the rest level, the onset's time or the length, so record the classes in turn, "
+        "under one condition"
+    ]
+
+
 def missed_onsets(touched: int, count: int) -> list[str]:
     """A sentence where more than MOST_MISSED of the recordings show no onset."""
     if count - touched <= MOST_MISSED * count:

@@ -51,9 +51,10 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
+from eskin.study.leak import known_without_touch
 from eskin.training import LEARNING, evaluate, quantise
 from eskin.training.image_models import KEPT, chosen_config
-from eskin.training.splits import split_folds
+from eskin.training.splits import check_split
 from eskin.verbs import cost
 from eskin.verbs.build_job import weights_sentence
 from eskin.verbs.cost import CODE as COST
@@ -162,7 +163,7 @@ def run(
                 check_alike(held, loaded)
                 held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
             if group:
-                split_folds(loaded, group, 5, None)
+                check_split(loaded, group, 5)
             if loaded.image_shape:
                 chosen_config(loaded, user_config, cell)
             plan = (
@@ -313,7 +314,7 @@ class _Steps:
             "data": self._data(),
             "configuration": {"name": config.name, "reasons": training.get("reasons", [])},
             "baselines": baselines,
-            "warnings": self._warnings(training, baselines, tested, judged),
+            "warnings": self._warnings(training, baselines, tested, judged, model),
             "test": tested,
             "cosimulated": [int(number) for number in numbers],
             "checks": checks,
@@ -405,7 +406,12 @@ class _Steps:
             )
 
     def _warnings(
-        self, training: Record, baselines: list[Record], tested: Record | None, evaluated: Record
+        self,
+        training: Record,
+        baselines: list[Record],
+        tested: Record | None,
+        evaluated: Record,
+        model: IntegerModel,
     ) -> list[str]:
         """Those of the training, those that the yardsticks bring, and those of the recordings held back."""
         sentences, things = list(training.get("warnings", [])), "recordings"
@@ -429,6 +435,8 @@ class _Steps:
                 "training data too, so their "
                 f"figure says little: give --test {things} that are not in --data"
             )
+        leak = None if self.config.is_image else known_without_touch(model, self.recordings)
+        sentences += doubts.leaks(**vars(leak)) if leak else []
         return sentences + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
     def _generate(self, model: IntegerModel, folder: Path) -> None:

@@ -524,7 +524,6 @@ evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @ --out page
 cosim ../in/model --data @
 sweep --data @ --folds 2 --seeds 1
-leak-check --data @
 baselines --data @ --out made
 generate ../in/model --data @ --out design
 stability ../in/model --data @
@@ -533,10 +532,10 @@ enrol ../in/prototypes --teach @ --out taught
 evaluate ../in/prototypes --data @
 quantise model --data @ --readout prototypes
 quantise model --data @ --readout prototypes --group person --unknown # --spare-classes #
-enrol --evaluate --readout prototypes --data @ --config ../in/config.json --group person -k # --seeds 1 --jobs 1
+enrol --evaluate --readout prototypes --data @ --config ../in/config.json --group person -k # --seeds 1
 run --data @ --config ../in/config.json
 energy ../in/model --data @
-watch ../in/model --data @ --terminal --speed max --recordings #
+watch ../in/model --data @ --host-port #
 import ../in/model/float.npz --out made --config ../in/config.json --data @
 """
 CONVERTED = f"""{RECORDED}convert @ --out made.npz --rate 100
@@ -565,8 +564,8 @@ build @ --target icebreaker
 build @ --target # --converter $ --standalone
 build @ --target icebreaker --converter ads7953 --standalone --flash
 asic @ --pdk ihp-sg13g2 --liberty ../in/cells.lib
-replay @ --port /dev/null --baud 2000000 --data ../in/recordings.npz
-watch @ --data ../in/recordings.npz --terminal --speed # --shape $
+replay @ --port /dev/null --data ../in/recordings.npz
+watch @ --data ../in/recordings.npz
 quantise model
 quantise model --data ../in/recordings.npz
 quantise model --weight-bits #
@@ -576,7 +575,6 @@ train --data ../in/recordings.npz --out made --config @
 sweep --data ../in/recordings.npz --config @
 import ../in/keras.npz --out made --config @ --mean 0 --std 9
 run --data ../in/recordings.npz --config @
-leak-check --data ../in/recordings.npz --config @
 inspect synthetic --config @
 """
 IMAGES = """inspect @ --json look.json
@@ -590,8 +588,8 @@ compare ../in/image_model --data @ --out page
 stability ../in/image_model --data @ --out stable
 cosim ../in/image_model --data @
 run --data @
-watch ../in/image_model --data @ --terminal --speed max
-replay ../in/image_model --port /dev/null --baud 2000000 --data @
+watch ../in/image_model --data @
+replay ../in/image_model --port /dev/null --data @
 """
 READERS = {
     "recordings.npz": RECORDED,
@@ -609,8 +607,8 @@ READERS = {
     "times.csv": "convert ../in/log.mcap --out made.npz --labels @\nconvert ../in/log.mcap --out made.npz --labels @ --group $",
     "model": MODEL,
     "prototypes": f"{MODEL}enrol @ --teach ../in/recordings.npz --out taught",
-    "taught.npz": "replay ../in/prototypes --port /dev/null --baud 2000000 --data ../in/recordings.npz --save-taught @\n"
-    "replay ../in/prototypes --port /dev/null --baud 2000000 --data ../in/recordings.npz --save-taught @ --teach $",
+    "taught.npz": "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @\n"
+    "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @ --teach $",
     "config.json": CONFIGURED,
     "grid.json": "sweep --data ../in/recordings.npz --grid @\nsweep --data ../in/recordings.npz --grid @ "
     "--config ../in/config.json",
