@@ -5,17 +5,20 @@ parallel test processes share it. Every run has a wall-clock limit, its output i
 message that ends with the last lines of that log.
 """
 
+import contextlib
 import hashlib
 import importlib.metadata
 import importlib.util
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,6 +44,8 @@ COMPILE_OPTIONS = "OPT_FAST=-O2 OPT_SLOW=-O0 OPT_GLOBAL=-O2"
 QUICKLY_COMPILED = "OPT_FAST=-O1 OPT_SLOW=-O0 OPT_GLOBAL=-O1"
 """For a flat netlist with its own clock divider and delays: one function of 20 000 lines, over which g++ -O2
 sits for minutes, -O1 for half a minute of processor time."""
+PLAIN = re.compile(r"[\w/.,+@=~-]*", re.ASCII)
+"""Paths that make takes: none with a blank, for one."""
 RUNTIME_OBJECTS = tuple(
     f"verilated{part}.o" for part in ("", "_vpi", "_timing", "_random", "_threads", "_vcd_c")
 )
@@ -191,7 +196,8 @@ def kept(root: Path, kind: str, described: Any, make: Callable[[Path], None]) ->
         if not (folder / "finished.json").exists():
             shutil.rmtree(folder, ignore_errors=True)
             folder.mkdir(parents=True)
-            make(folder)
+            with _where_make_works(folder) as work:
+                make(work)
             (folder / "finished.json").write_text(text)
     return folder
 
@@ -200,12 +206,56 @@ def _absolute(path: Path) -> str:
     return str(path.resolve())
 
 
+@contextlib.contextmanager
+def _where_make_works(folder: Path) -> Iterator[Path]:
+    """``folder``; where make takes no such path (it has a blank, say) another one, whose content moves there."""
+    if PLAIN.fullmatch(str(folder)):
+        yield folder
+        return
+    with tempfile.TemporaryDirectory(dir=plain_folder()) as temporary:
+        work = Path(temporary, "build")
+        work.mkdir()
+        try:
+            yield work
+        finally:
+            for entry in work.iterdir():
+                shutil.move(entry, folder / entry.name)
+
+
+def plain_folder() -> str:
+    """A folder for temporary files whose path make takes.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    for folder in (tempfile.gettempdir(), "/tmp", "/var/tmp"):
+        if PLAIN.fullmatch(folder) and os.access(folder, os.W_OK):
+            return folder
+    raise InputError(
+        f"co-simulation: make takes no path with a blank or sign as in '{tempfile.gettempdir()}'; set TMPDIR to a "
+        "folder without"
+    )
+
+
+def _plain(path: Path, work: Path) -> str:
+    """``path``, or a link to it in ``work`` where make takes no such path."""
+    if PLAIN.fullmatch(str(path.resolve())):
+        return _absolute(path)
+    link = work / hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16] / path.name
+    if not link.exists():
+        link.parent.mkdir(exist_ok=True)
+        link.symlink_to(path.resolve())
+    return str(link)
+
+
 def _build_verilator(
     folder: Path, sources: Sequence[Path], options: Sequence[str], waves: bool, top: str, compiling: str
 ) -> None:
     libraries = cocotb_tools.config.libs_dir
-    flags = f"-Wl,-rpath,{libraries} -L{libraries} -lcocotbvpi_verilator"
-    files = [_absolute(MAIN), *map(_absolute, sources)]
+    flags = f"-Wl,-rpath,{shlex.quote(str(libraries))} -L{_plain(libraries, folder)} -lcocotbvpi_verilator"
+    files = [_plain(path, folder) for path in (MAIN, *sources)]
     tracing = ["--trace"] if waves else []
     _verilate(folder, top, top, *VERILATOR_OPTIONS, *tracing, *options, "-LDFLAGS", flags, *files)
     _make(folder, (waves,), compiling, f"VM_TRACE={int(waves)}")
@@ -213,9 +263,17 @@ def _build_verilator(
 
 def _verilate(folder: Path, top: str, program: str, *words: str) -> None:
     """Let Verilator write the C++ of a design into ``folder``."""
-    verilator, environment = verilator_command()
+    verilator, environment = _verilator_in(folder)
     names = ["-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", program]
     _build_step([str(verilator), "-cc", "--exe", *names, *words], folder, environment)
+
+
+def _verilator_in(folder: Path) -> tuple[Path, dict[str, str]]:
+    """`verilator_command` for a build in ``folder``."""
+    verilator, environment = verilator_command()
+    if root := environment.get("VERILATOR_ROOT"):
+        environment["VERILATOR_ROOT"] = _plain(Path(root), folder)
+    return verilator, environment
 
 
 def _make(folder: Path, kind: tuple, compiling: str = COMPILE_OPTIONS, *arguments: str) -> None:
@@ -224,7 +282,7 @@ def _make(folder: Path, kind: tuple, compiling: str = COMPILE_OPTIONS, *argument
     Verilator's own runtime compiles the same for every design of a ``kind``; compiling it once saves most of
     a build.
     """
-    verilator, environment = verilator_command()
+    verilator, environment = _verilator_in(folder)
     described = repr((str(verilator), *kind, compiling))
     runtime = folder.parent / f"runtime-{hashlib.sha256(described.encode()).hexdigest()[:16]}"
     make = ["make", "-j", str(os.cpu_count() or 1), "-f", "Vtop.mk", *arguments, *compiling.split()]
@@ -287,7 +345,7 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: st
 
     def make(folder: Path) -> None:
         (folder / "design.sv").write_text(design)
-        _verilate(folder, top, "device.so", *LIBRARY_OPTIONS, "design.sv", _absolute(kernel))
+        _verilate(folder, top, "device.so", *LIBRARY_OPTIONS, "design.sv", _plain(kernel, folder))
         ports = PORT.findall((folder / "Vtop.h").read_text())
         rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in ports)
         (folder / "ports.h").write_text("".join(rows))

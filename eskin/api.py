@@ -450,7 +450,9 @@ class Model(Estimator):
             index: index for index in range(len(names))
         }
         unknown = [
-            label for label in array.ravel().tolist() if not isinstance(label, Hashable) or label not in place
+            label
+            for label in array.ravel().tolist()
+            if not isinstance(label, Hashable) or isinstance(label, bool) or label not in place
         ]
         if unknown:
             raise InputError(

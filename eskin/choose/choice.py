@@ -17,7 +17,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -296,7 +295,7 @@ def unseen(plan: Plan, terms: Terms, wish: Wish, split: Sequence[str]) -> Record
         for copy in range(len(seeds))
         for candidate, part, test in zip(chosen, parts, tests, strict=True)
     ]
-    runs = judge_pieces(terms.datasets, pieces, seeds[0], terms.widths, terms.progress)
+    runs = judge_pieces(terms.datasets, pieces, seeds[0], terms.progress)
     correct = share_right(recordings.labels, [piece.test for piece in pieces], runs)
     names = [held_out(recordings, split, test) for test in tests]
     of_fold = [runs[fold :: len(tests)] for fold in range(len(tests))]
@@ -374,13 +373,13 @@ def train_chosen(
     seed: int = 0,
     seeds: int | None = None,
     protocol: str = "default",
-    quantisation_aware: bool = False,
-    widths: Record | None = None,
+    cell: str | None = None,
+    hidden: int | None = None,
+    reset: str | None = None,
     plan: Plan | None = None,
     progress: Progress | None = None,
     callback: Callback | None = None,
     of_images: Record | None = None,
-    **of_network: Any,
 ) -> Record:
     """Choose what was not asked for, train it, and write the model folder.
 
@@ -397,11 +396,9 @@ def train_chosen(
     of_images:
         ``keep`` and ``workers`` of `eskin.training.image_models.train_image_model`; of recordings they
         say nothing.
-    of_network:
-        cell, hidden: ``auto``: the network is chosen. None: as ``auto`` where neither configuration nor
-        ``hidden`` was asked for, else the configuration's own (a GRU where there is none). weight_sets: of a
-        linear cell, ``one`` or ``window``; None: as the configuration has it. reset, steps: as
-        ``with_network`` takes them.
+    cell, hidden, reset:
+        ``auto``: the network is chosen. None: as ``auto`` where neither configuration nor ``hidden`` nor
+        ``reset`` was asked for, else the configuration's own (a GRU where there is none).
 
     All else as for ``eskin.training.train.train``, whose record it returns, with ``front_end`` (where
     it was chosen), ``candidates`` (where the network was), ``reasons``, ``baselines`` (a linear classifier on
@@ -413,42 +410,34 @@ def train_chosen(
     InputError
         As ``train``; ``hidden`` with a cell that has none or is chosen.
     """
-    wish = Wish(**of_network, protocol=protocol)
+    wish = Wish(cell=cell, hidden=hidden, reset=reset, protocol=protocol)
     check_model_target(out)
-    check_units(wish.cell, wish.hidden, wish.weight_sets)
-    common: Record = {"folds": folds, "seed": seed, "quantisation_aware": quantisation_aware}
+    check_units(cell, hidden)
+    common: Record = {"folds": folds, "seed": seed}
     if recordings.image_shape:
         if callback:
             raise InputError("fit, callback: is for networks that read recordings; leave it out for images")
-        options = common | {"out": out, "cell": wish.cell, "group": group, "seeds": seeds or 1}
-        return _train_on_images(
-            recordings, asked, market, wish, dict(widths or {}), options | (of_images or {}), progress
-        )
-    if wish.cell in NETWORKS:
+        options = common | {"out": out, "cell": cell, "group": group, "seeds": seeds or 1}
+        return _train_on_images(recordings, asked, market, wish, options | (of_images or {}), progress)
+    if cell in NETWORKS:
         raise InputError(
-            f"--cell {wish.cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
+            f"--cell {cell}: takes images, and '{recordings.source}' holds recordings; use gru, lstm, "
             "linear or auto"
         )
-    if wish.cell == AUTO and not folds:
+    if cell == AUTO and not folds:
         raise InputError(
             "--cell auto: needs folds to judge networks on; leave --folds 0 out or name --cell gru, lstm or "
             "linear"
         )
     plan = plan or configure(recordings, asked, market, groups=group, folds=folds, progress=progress)
-    is_open = wish.cell == AUTO or (asked is None and (wish.cell, wish.hidden, wish.reset) == (None,) * 3)
+    is_open = cell == AUTO or (asked is None and (cell, hidden, reset) == (None,) * 3)
     wish = dataclasses.replace(wish, open=bool(is_open and folds))
-    if wish.weight_sets is not None and not is_open and wish.network(plan.config).recurrent:
-        raise InputError(
-            f"--weight-sets {wish.weight_sets}: only a linear cell has them; leave it out, or name "
-            "--cell linear"
-        )
     terms = Terms(
         recordings=recordings,
         groups=plan.split,
         datasets=Datasets(recordings),
         seeds=range(seed, seed + (seeds or 3)),
         folds=folds,
-        widths=dict(widths or {}),
         progress=progress,
     )
     tests = split_folds(recordings, plan.split, folds, None) if folds else []
@@ -457,7 +446,7 @@ def train_chosen(
     )
     ((taken, tried),) = side_by_side([choice], [Part(np.arange(len(recordings)), tests)], terms)
     judged = {one.candidate: cross_validation_of(one, terms, tests) for one in tried}
-    whole = taken in judged and len(judged[taken]["seeds"]) == len(terms.seeds) and not quantisation_aware
+    whole = taken in judged and len(judged[taken]["seeds"]) == len(terms.seeds)
     rows = [candidate_row(one, judged[one.candidate], one.candidate == taken, market) for one in tried]
     notes: Record = {"reasons": [*plan.reasons, *_reasons(plan, taken, rows)]}
     if plan.screened:
@@ -478,7 +467,6 @@ def train_chosen(
             seeds=len(terms.seeds),
             protocol=protocol,
             recipe=taken.recipe,
-            widths=terms.widths,
             known=[judged[taken]] if whole else [],
         ),
         out=out,
@@ -539,14 +527,12 @@ def _train_on_images(
     requested: AcceleratorConfig | None,
     market: Market,
     wish: Wish,
-    widths: Record,
     options: Record,
     progress: Progress | None,
 ) -> Record:
     """`eskin.training.image_models.train_image_model`, where nothing was asked for that networks for
     images do not have."""
-    bits = widths.pop("weight_bits", None)
-    asked = dataclasses.asdict(wish) | widths
+    asked = dataclasses.asdict(wish)
     asked |= {"fits": market.named or None, "prefer": market.prefer != "energy" or None}
     asked |= {"protocol": wish.protocol if wish.protocol != "default" else None}
     for name, value in asked.items():
@@ -555,4 +541,4 @@ def _train_on_images(
                 f"--{name.replace('_', '-')}: networks for images have none, and '{recordings.source}' holds "
                 "images; leave it out"
             )
-    return train_image_model(recordings, requested, weight_bits=bits, progress=progress, **options)
+    return train_image_model(recordings, requested, progress=progress, **options)

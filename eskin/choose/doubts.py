@@ -128,6 +128,19 @@ def lost_in_integers(splits: Sequence[dict[str, Any]], evaluated: Mapping[str, A
     ]
 
 
+def leaks(recordings: int, accuracy: float, limit: float) -> list[Record]:
+    """A doubt where a network knows the class of recordings whose touch was taken out: ``accuracy`` above
+    ``limit``."""
+    if accuracy <= limit:
+        return []
+    text = (
+        f"the network decides {percent(accuracy)} of {recordings} recordings rightly whose touch was taken out: "
+        "it knows the class from the rest level, the onset's time or the length, so record the classes in turn, "
+        "under one condition"
+    )
+    return [doubt("leaks", text)]
+
+
 def missed_onsets(touched: int, count: int) -> list[Record]:
     """A doubt where more than MOST_MISSED of the recordings show no onset."""
     if count - touched <= MOST_MISSED * count:

@@ -96,9 +96,7 @@ class Wish:
 
     cell: str | None = None
     hidden: int | None = None
-    weight_sets: str | None = None
     reset: str | None = None
-    steps: int | None = None
     protocol: str = "default"
     open: bool = False
 
@@ -128,11 +126,9 @@ class Wish:
         self, on: AcceleratorConfig, cell: str | None = None, hidden: int | None = None
     ) -> AcceleratorConfig:
         """The network asked for on a front end, or another one in its place."""
-        sets = {} if self.weight_sets is None else {"weight_sets": self.weight_sets}
-        config = with_network(on, steps=self.steps).replace(**sets)
         cell = cell or (None if self.cell == AUTO else self.cell)
         hidden = hidden or self.hidden
-        config = network(config, cell, hidden) if cell else with_network(config, hidden=hidden)
+        config = network(on, cell, hidden) if cell else with_network(on, hidden=hidden)
         return with_network(config, reset=self.reset) if config.recurrent else config
 
 
@@ -294,7 +290,7 @@ def _judged(asked: Mapping[int, Round], parts: Sequence[Part], terms: Terms) -> 
         ]
         try:
             runs = judge_pieces(
-                terms.datasets, pieces, int(seeds[0]), terms.widths, terms.called(candidate.network["cell"])
+                terms.datasets, pieces, int(seeds[0]), terms.called(candidate.network["cell"])
             )
         except InputError:
             if candidate.config.recurrent:
@@ -319,15 +315,10 @@ def shortened(candidate: Candidate, share: int) -> Recipe:
     return dataclasses.replace(recipe, updates=max(recipe.updates // share, 1))
 
 
-def check_units(cell: str | None, hidden: int | None, weight_sets: str | None = None) -> None:
-    """Refuse a number of units with a cell that has none, or that is to be chosen, and sets of weights with a
-    cell that has one."""
+def check_units(cell: str | None, hidden: int | None) -> None:
+    """Refuse a number of units with a cell that has none, or that is to be chosen."""
     if hidden is not None and cell in (AUTO, "linear", *NETWORKS):
         raise InputError(
             f"--hidden {hidden}: --cell {cell} takes no number of units; leave --hidden out, or name --cell "
             "gru or lstm"
-        )
-    if weight_sets is not None and (hidden is not None or cell not in (None, AUTO, "linear")):
-        raise InputError(
-            f"--weight-sets {weight_sets}: only a linear cell has them; leave it out, or name --cell linear"
         )

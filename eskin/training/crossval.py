@@ -196,8 +196,7 @@ class Folds:
 class Terms:
     """What all networks of a choice are judged on.
 
-    groups: what is left out. seeds: of the networks of a fold. widths: bits, as
-    ``eskin.training.quantise.choose_formats`` takes them.
+    groups: what is left out. seeds: of the networks of a fold.
     """
 
     recordings: Recordings
@@ -205,7 +204,6 @@ class Terms:
     datasets: Datasets
     seeds: Sequence[int] = (0, 1, 2)
     folds: int = 5
-    widths: Record = dataclasses.field(default_factory=dict)
     progress: Progress | None = None
 
     def called(self, name: str) -> Progress | None:
@@ -232,7 +230,7 @@ class Piece:
 
 
 def judge_pieces(
-    datasets: Datasets, pieces: Sequence[Piece], seed: int, widths: Record, progress: Progress | None = None
+    datasets: Datasets, pieces: Sequence[Piece], seed: int, progress: Progress | None = None
 ) -> list[FoldDecisions]:
     """The decisions of each network on its test.
 
@@ -251,9 +249,7 @@ def judge_pieces(
         curves = LossCurves(data, config, recipe, [touch_rows(data, first[key].test) for key in keys])
         report = named(progress, "cross-validation")
         models = fit_networks(data, config, recipe, parts, seed, report, curves)
-        integers = [
-            post_training(model, data, rows, widths) for model, rows in zip(models, parts, strict=True)
-        ]
+        integers = [post_training(model, data, rows, {}) for model, rows in zip(models, parts, strict=True)]
         for number in numbers:
             at = keys.index(pieces[number].key)
             run = _judge(models[at], integers[at], data, pieces[number].test)

@@ -52,6 +52,7 @@ from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
+from eskin.study.leak import known_without_touch
 from eskin.training import LEARNING, evaluate, quantise
 from eskin.training.image_models import KEPT, chosen_config
 from eskin.training.splits import check_split
@@ -309,7 +310,7 @@ class _Steps:
             outcomes.setdefault("cosim_lowest", None)
         judged = json.loads((evaluated / "evaluate.json").read_text())
         checks = _checks(judged, outcomes)
-        found = self._doubts(training, baselines, tested, judged)
+        found = self._doubts(training, baselines, tested, judged, model)
         record = {
             "name": self.name,
             "data": self._data(),
@@ -408,7 +409,12 @@ class _Steps:
             )
 
     def _doubts(
-        self, training: Record, baselines: list[Record], tested: Record | None, evaluated: Record
+        self,
+        training: Record,
+        baselines: list[Record],
+        tested: Record | None,
+        evaluated: Record,
+        model: IntegerModel,
     ) -> list[Record]:
         """Those of the training, those that the yardsticks bring, and those of the recordings held back."""
         found, things = list(training.get("doubts", [])), "recordings"
@@ -427,6 +433,8 @@ class _Steps:
                 f"training data too, so their figure says little: give --test {things} that are not in --data"
             )
             found.append(doubts.doubt("seen_in_training", text))
+        leak = None if self.config.is_image else known_without_touch(model, self.recordings)
+        found += doubts.leaks(**vars(leak)) if leak else []
         return found + doubts.lost_in_integers(training["cross_validation"], evaluated)
 
     def _generate(self, model: IntegerModel, folder: Path) -> None:

@@ -377,6 +377,16 @@ def test_a_build_is_kept_and_a_changed_source_is_another(tmp_path):
     assert runner.build("icarus", [source], {"TAXELS": 4}, tmp_path / "builds").folder != first.folder
 
 
+@pytest.mark.parametrize("simulator", runner.SIMULATORS)
+def test_folders_may_have_any_name(design, vectors, tmp_path, monkeypatch, simulator):
+    """Make takes no blank: of the work, and of the project itself."""
+    odd = tmp_path / "it's my (own) $data"
+    shutil.copytree(design, odd / "design")
+    monkeypatch.setattr(runner, "MAIN", Path(shutil.copy(runner.MAIN, odd)))
+    where = {"work": odd / "work", "builds": odd / "builds"}
+    assert flow.cosim(odd / "design", vectors, simulator=simulator, **where)["bit_exact"]
+
+
 def test_a_failing_build_shows_the_end_of_its_log_and_is_tried_again(tmp_path):
     source = tmp_path / "accelerator.sv"
     source.write_text("module accelerator (input clk;\n")

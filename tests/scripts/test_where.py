@@ -23,7 +23,6 @@ VERBS = {
     "cosim": "eskin/verbs/cosim_job",
     "run": "eskin/verbs/main_job",
     "sweep": "eskin/study/sweep",
-    "leak-check": "eskin/study/leak_check",
     "schedule": "rtl/program/schedule",
     "quantise": "eskin/training/quantise",
 }

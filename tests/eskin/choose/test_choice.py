@@ -66,22 +66,11 @@ def test_everything_is_chosen_and_noted(gripped, quick, tmp_path):
 
 
 def test_cell_and_units_fix_the_network_and_the_front_end_is_chosen(gripped, quick, tmp_path):
-    record = trained(gripped, None, tmp_path, hidden=5, steps=3)
+    record = trained(gripped, None, tmp_path, hidden=5)
     network = record["config"]["network"]
     assert "candidates" not in record and (network["cell"], network["hidden"]) == ("gru", 5)
     assert record["front_end"]["chosen"]["rest"] == "none"
-    assert record["config"]["windows"]["steps"] == 3
     assert any("try --cell auto" in sentence for sentence in record["warnings"])  # 6 updates teach it nothing
-
-
-def test_one_set_of_weights_for_all_windows_on_request(gripped, quick, tmp_path):
-    record = trained(gripped, CONFIG, tmp_path, cell="linear", weight_sets="one")
-    assert record["config"]["network"]["weight_sets"] == "one" and record["parameters"] == 12 * 3 + 3
-    assert FloatModel.load(tmp_path / "m").arrays["V"].shape == (1, 3, 12)
-    for options in (dict(cell="gru"), dict(hidden=4), {}):  # CONFIG's own cell is a GRU
-        with pytest.raises(InputError, match="--weight-sets one: only a linear cell has them"):
-            trained(gripped, CONFIG, tmp_path / "n", weight_sets="one", **options)
-    assert not (tmp_path / "n").exists()
 
 
 def test_a_configuration_stays_and_its_cell_can_be_chosen(gripped, quick, tmp_path):

@@ -266,12 +266,7 @@ def test_auto_takes_the_smallest_that_is_level():
     [
         ({"cell": "gru"}, "--cell gru: reads recordings, and shapes holds images; use tactnet, "),
         ({"cell": "tactnet", "hidden": 8}, "--hidden 8: --cell tactnet takes no number of units"),
-        ({"cell": "tactnet", "steps": 3}, "--steps: networks for images have none"),
-        ({"cell": "tactnet", "widths": {"state_bits": 8}}, "--state-bits: networks for images have none"),
-        (
-            {"cell": "tactnet", "widths": {"weight_bits": 6}},
-            "--weight-bits 6: networks for images have weights of 4 or 8 bits",
-        ),
+        ({"cell": "tactnet", "reset": "before"}, "--reset: networks for images have none"),
         ({"market": priced(named=True)}, "--fits: networks for images have none"),
         ({"market": priced(prefer="cells")}, "--prefer: networks for images have none"),
         ({"cell": "auto", "folds": 0}, "--cell auto: needs folds"),

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from eskin.golden.core import AcceleratorConfig, InputError, Jobs, QFormat
+from eskin.golden.model import preprocess
 from eskin.pages.stability_page import figure_in_words, write_page
 from eskin.pages.views import words
+from eskin.study.stability import sensor
 from eskin.study.stability import suite as stability
 from eskin.study.stability.core import GROUPS, Bench, Curve, Outcome
 from eskin.study.stability.memory import Upset, flipped
@@ -382,3 +384,15 @@ def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
         held[f"one dead taxel, {which}"] and held[f"one taxel stuck at full scale, masked, {which}"]
         for which in ("mean", "worst")
     )
+
+
+def test_the_spread_of_the_features_is_looked_for_once(monkeypatch):
+    fresh, real, calls = (
+        dataclasses.replace(stability_case.linear_bench(), memo={}),
+        preprocess.find_touches,
+        [],
+    )
+    monkeypatch.setattr(
+        preprocess, "find_touches", lambda *given, **options: calls.append(given) or real(*given, **options)
+    )
+    assert len(sensor.disturbed(fresh, sensor.clipped(fresh, 1.0))) == 24 and len(calls) == 3

@@ -1,31 +1,21 @@
-"""The exported C on all recordings of a data set, compared with the golden model; what it takes on a
-microcontroller; one table.
+"""The exported C on recordings: models of every kind on a front end, compiled for this computer, each call compared
+with the golden model."""
 
-``python -m scripts.export_cost DATA ... [--emulate N]`` prints it. DATA: archives of recordings or images, or
-NAME=ARCHIVE; the word synthetic. Where a preset has that name and array it is the front end, else one is derived.
-Weights are random: neither what is compared nor what it costs depends on them. Instructions are counted on an
-emulated Cortex-M0+ over the first N recordings with a touch.
-"""
-
-import argparse
 import ctypes
 import math
 import subprocess
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from eskin.data import load_recordings
-from eskin.exchange import compiled, emulated, plain_c
+from eskin.exchange import plain_c
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, images_of, random_integer_model, run, run_images
 from eskin.training.derive import derive_config, for_recordings
 from eskin.verbs.export_job import export_c
 
-CORE = "Cortex-M0+"
 WIDE = {"state_format": QFormat(4, 12)}
 MODELS: dict[str, Record] = {
     "linear, all kinds": {
@@ -40,19 +30,6 @@ MODELS: dict[str, Record] = {
 }  # fmt: skip
 """Kinds of model: cells, decisions, kinds of feature. With ``fault_frames`` a taxel of each recording
 fails."""
-COLUMNS = (
-    "data",
-    "model",
-    "recordings",
-    "decisions",
-    "different",
-    "code",
-    "tables",
-    "state",
-    "quiet frame",
-    "frame",
-    "step",
-)
 PLAY = """#include "eskin_model.c"
 int play(const int32_t *codes, int frames, int32_t *calls)
 {
@@ -147,52 +124,3 @@ def differences(model: IntegerModel, recordings: Recordings, folder: Path) -> di
         compared += len(due | made)
         different += len(due ^ made)
     return {"recordings": len(recordings), "decisions": compared, "different": different}
-
-
-def rows(name: str, archive: str, most: int) -> list[tuple[str, ...]]:
-    """Rows of `COLUMNS` of one data set."""
-    recordings = load_recordings(archive)
-    table = []
-    if recordings.image_shape:
-        from tests.support.image_scenes import random_image_model
-
-        config = AcceleratorConfig.of_image(
-            *recordings.image_shape, ("conv 5 8", "pool", "conv 3 16", "pool", "conv 3 32", "pool",
-            f"dense {len(recordings.class_names)}"), recordings.class_names)  # fmt: skip
-        models = {"TactNet4": random_image_model(config, 1)}
-    else:
-        config = front_end(name, recordings)
-        models = {kind: model_of(config, kind) for kind in MODELS}
-    for kind, model in models.items():
-        with tempfile.TemporaryDirectory() as work:
-            folder = Path(work) / "c"
-            result = differences(model, recordings, folder)
-            counted = ["-"] * 6
-            if compiled.there():
-                sizes = compiled.sizes(folder, CORE, model.config.is_image)
-                counted[:3] = (str(sizes[part]) for part in ("code", "tables", "state"))
-                if most and not model.config.is_image:
-                    played = emulated.play(model, recordings.subset(recordings.evenly(most)), CORE, folder)
-                    assert not played["different"]
-                    counted[3:] = (
-                        f"{played['instructions'][part]:.0f}" for part in ("quiet", "frame", "step")
-                    )
-        table.append((name, kind, *(str(value) for value in result.values()), *counted))
-        print("| " + " | ".join(table[-1]) + " |", flush=True)
-    return table
-
-
-def main() -> None:
-    """The table, row by row."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("data", nargs="+")
-    parser.add_argument("--emulate", type=int, default=1, metavar="N")
-    asked = parser.parse_args()
-    print("| " + " | ".join(COLUMNS) + " |\n|" + " --- |" * len(COLUMNS))
-    for text in asked.data:
-        name, _, archive = text.rpartition("=")
-        rows(name or archive, archive, asked.emulate)
-
-
-if __name__ == "__main__":
-    main()
