@@ -48,7 +48,7 @@ def check_tools(path: Path, python: str, *more: str) -> tuple[int, str]:
     """Exit status and standard error of the check with ``path`` as the only folder of programs."""
     command = ["/bin/sh", str(ROOT / "scripts" / "check_tools.sh"), python, *more]
     environment = {"PATH": str(path), "ESKIN_NO_APT": os.environ.get("ESKIN_NO_APT", "")}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=600)
     assert done.stdout == ""
     return done.returncode, done.stderr
 

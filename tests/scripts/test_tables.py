@@ -93,7 +93,7 @@ class NoBus(Chain):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ("loadable", "chain", "begins"),
     [

@@ -443,7 +443,7 @@ def test_bad_input_in_training_leaves_nothing(chain, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_the_first_run_over_a_sensor_that_nobody_tuned_for_succeeds(tmp_path):
     """40 taxels at 200 Hz with a few counts each, in contact from the first frame on: no option but
     --data."""
