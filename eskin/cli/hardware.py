@@ -1,5 +1,6 @@
 """Verbs that make hardware and compare it with the model."""
 
+import contextlib
 import math
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -298,13 +299,12 @@ def schedule(asked: ScheduleRequest) -> None:
 
 
 def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:
-    """Write each file whole into ``folder``; every name is checked before the first is written."""
-
+    """Write all files into ``folder``, or none."""
     for name in files:
         check_target(folder / name)
-    for name, write in files.items():
-        with replacing(folder / name) as temporary:
-            write(temporary)
+    with contextlib.ExitStack() as stack:
+        for name, write in files.items():
+            write(stack.enter_context(replacing(folder / name)))
 
 
 @app.command(

@@ -135,6 +135,12 @@ def make_corpus(folder: Path) -> Path:
     )
     doors.write_hdf5(few, folder / "r.h5")
     doors.write_hdf5_by_dataset(few, folder / "sets.h5")
+    signals, labels = (
+        [few.recording(index) for index in range(4)],
+        [few.class_names[each] for each in few.labels],
+    )
+    doors.write_trials(signals, labels, folder / "nested.h5", "{label}/trial{n}", on__person=lambda n: n // 2)
+    doors.write_touches(signals, labels, folder / "clocks.mcap", off=-1.5, zero=3)
     doors.long_table(few).to_parquet(folder / "table.parquet")
     for plugin in StoragePlugin:
         doors.write_bag(few, folder / "bag", "tactile_msgs/msg/TactileState", plugin)
@@ -188,22 +194,19 @@ def _tables(folder: Path, loaded: Recordings) -> None:
     cells, long = np.empty((1, 4), dtype=object), ["recording,person,class,time,a,b,c,d"]
     for index in range(4):
         samples, name = loaded.recording(index)[:60], loaded.class_names[loaded.labels[index]]
-        volts = [
-            f"{frame / 500:.4f}\t" + "\t".join(f"{code / 1000:.6f}" for code in row)
-            for frame, row in enumerate(samples)
-        ]
+        form = {"clocks": ("One", "Multi", "No", "One")[index], "comma": index == 3}
         rows = [
             f"{frame / 500:.4f}," + ",".join(str(code / 7 if index > 1 else code) for code in row)
             for frame, row in enumerate(samples)
         ]
-        headers = {
-            "lvm": "LabVIEW Measurement\n***End_of_Header***\nX_Value\tV0\tV1\tV2\tV3",
-            "csv": "time,a,b,c,d",
+        texts = {
+            "lvm": doors.lvm(np.split(samples / 1000, 2), **form).replace("\r", ""),
+            "csv": "\n".join(["time,a,b,c,d", *rows]) + "\n",
         }
-        for kind, lines in (("lvm", volts), ("csv", rows)):
+        for kind, text in texts.items():
             path = folder / kind / name / f"p{index}_t1.{kind}"
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text("\n".join([headers[kind], *lines]) + "\n")
+            path.write_text(text)
         long += [f"{index},{index // 2},{name},{row}" for row in rows]
         cells[0, index] = samples.astype(float)
     (folder / "table.csv").write_text("\n".join(long) + "\n")
@@ -539,15 +542,16 @@ watch ../in/model --data @ --host-port #
 import ../in/model/float.npz --out made --config ../in/config.json --data @
 """
 CONVERTED = f"""{RECORDED}convert @ --out made.npz --rate 100
-convert @ --out made.npz --time # --columns #
-convert @ --out deep/made.npz --columns a,b,c,d --group $ --class $
-convert @ --out keep --recording $ --group person --delimiter $
+convert @ --out made.npz --columns #
+convert @ --out deep/made.npz --columns a,b,c,d --class $
+convert @ --out keep --recording $ --delimiter $
 convert @ --out made.npz --samples $ --scale # --class labels
 """
 LOG = """convert @ --out made.npz --class /touched
 convert @ --out made.npz --class /touched --samples /skin --rate 500
 convert @ --out made.npz --labels ../in/times.csv --columns $
 convert @ --out made.npz --class $ --samples $
+convert @ --out made.npz --class /touched --samples /skin --clock header
 inspect @
 """
 MODEL = """evaluate @ --data ../in/recordings.npz
@@ -599,12 +603,14 @@ READERS = {
     "r.mat": CONVERTED,
     "r.h5": CONVERTED,
     "sets.h5": CONVERTED,
+    "nested.h5": CONVERTED,
+    "clocks.mcap": LOG,
     "table.parquet": CONVERTED,
     "log.mcap": LOG,
     "log.db3": LOG,
     "log.bag": LOG,
     "bag": LOG,
-    "times.csv": "convert ../in/log.mcap --out made.npz --labels @\nconvert ../in/log.mcap --out made.npz --labels @ --group $",
+    "times.csv": "convert ../in/log.mcap --out made.npz --labels @\nconvert ../in/log.mcap --out made.npz --labels @ --columns $",
     "model": MODEL,
     "prototypes": f"{MODEL}enrol @ --teach ../in/recordings.npz --out taught",
     "taught.npz": "replay ../in/prototypes --port /dev/null --data ../in/recordings.npz --save-taught @\n"
