@@ -244,7 +244,7 @@ class Model(Estimator):
         InputError
             The recordings break a rule, or do not fit the configuration that was asked for.
         """
-        from eskin.choose.choose_network import train_chosen
+        from eskin.choose.choice import train_chosen
         from eskin.training.quantise import quantise
         from eskin.verbs.cost import market
 

@@ -44,7 +44,7 @@ from typing import Any
 
 import numpy as np
 
-from eskin.choose.choose_network import network
+from eskin.choose.networks import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import random_integer_model, random_recordings

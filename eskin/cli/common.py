@@ -193,30 +193,22 @@ def show_text(text: str) -> None:
             say(part)
 
 
-def fitting_config(
-    recordings, user_config, groups=None, folds: int = 5, *, nested: bool = False, prices=None
-):
+def fitting_config(recordings, user_config, groups=None, folds: int = 5, *, prices=None):
     """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are
     printed."""
+    from eskin.choose.choice import configure
     from eskin.choose.choice_table import front_end_table, front_end_words
-    from eskin.choose.choose_front_end import configure
     from eskin.verbs.cost import market
 
     with progress_bars() as report:
         front_end = configure(
-            recordings,
-            user_config,
-            prices or market(),
-            groups=groups,
-            folds=folds,
-            nested=nested,
-            progress=report,
+            recordings, user_config, prices or market(), groups=groups, folds=folds, progress=report
         )
     for reason in front_end.reasons:
         warn(f"configuration: {reason}")
-    if front_end.record:
-        rows = [row | {"words": front_end_words(row)} for row in front_end_table(front_end.record)]
-        show("front_ends", **front_end.record, rows=rows)
+    if record := front_end.record():
+        rows = [row | {"words": front_end_words(row)} for row in front_end_table(record)]
+        show("front_ends", **record, rows=rows)
     return front_end
 
 

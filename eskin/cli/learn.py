@@ -28,15 +28,16 @@ if TYPE_CHECKING:
 def train(asked: TrainRequest) -> None:
     """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write
     its folder."""
+    from eskin.choose.choice import train_chosen
     from eskin.choose.choice_table import network_name, windows_brief
-    from eskin.choose.choose_network import check_units, train_chosen
+    from eskin.choose.networks import check_units
     from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
     from eskin.training.image_models import KEPT
     from eskin.training.splits import check_split
     from eskin.verbs.cost import market
 
-    check_units(asked.cell, asked.hidden, None)
+    check_units(asked.cell, asked.hidden)
     prices = market(asked.prefer, asked.fits)
     check_model_target(asked.out)
     recordings, user_config = load_data(asked.data, asked.config)
@@ -46,7 +47,7 @@ def train(asked: TrainRequest) -> None:
     plan = (
         None
         if recordings.image_shape
-        else fitting_config(recordings, user_config, groups, asked.folds, nested=True, prices=prices)
+        else fitting_config(recordings, user_config, groups, asked.folds, prices=prices)
     )
     with progress_bars() as report:
         record = train_chosen(

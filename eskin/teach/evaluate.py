@@ -7,14 +7,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from eskin.choose.choose_front_end import cheapest, field_of
+from eskin.choose.choice import search_inside
 from eskin.choose.cost import Market
+from eskin.choose.front_ends import FrontEnds
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
 from eskin.golden.data import Recordings, grouped_folds
 from eskin.golden.model import IntegerModel
 from eskin.teach.enrol import Pair, fit, right
 from eskin.training.datasets import Dataset, find_dataset, touch_rows
-from eskin.training.fit import fit_networks, one_thread, post_training
+from eskin.training.fit import fit_networks, post_training
 from eskin.training.losses import Progress
 from eskin.training.prototypes import by_last_step, group_numbers, teach_touches, with_prototypes
 from eskin.training.recipe import choose_recipe
@@ -51,14 +52,12 @@ def front_ends_without(
     Values are dealt to CHOICES parts; what is chosen without a part serves all of its values, and their
     networks train at once. The other values are left out in turn where there are two at least.
     """
-    field = field_of(recordings)
+    front_ends, everything = FrontEnds(recordings), np.arange(len(recordings))
     parts = [list(values)[first::CHOICES] for first in range(min(CHOICES, len(values)))]
     chosen: dict[str, AcceleratorConfig] = {}
     for part in parts:
-        rows = np.flatnonzero(~np.isin(field.numbers, np.concatenate([values[value] for value in part])))
-        with one_thread():
-            (judged,) = field.judged(rows, groups)
-        chosen |= dict.fromkeys(part, cheapest(judged, market).config)
+        rest = np.setdiff1d(everything, np.concatenate([values[value] for value in part]))
+        chosen |= dict.fromkeys(part, search_inside(front_ends, rest, groups, market).taken)
     return [chosen[value] for value in values]
 
 

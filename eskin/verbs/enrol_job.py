@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.choose.choose_front_end import configure
+from eskin.choose.choice import configure
 from eskin.golden.core import AcceleratorConfig, Jobs, Memo, Progress, Record, code_version, content_key
 from eskin.golden.data import Recordings
 from eskin.requests import EnrolRequest

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from amaranth.lib import wiring
 
-from eskin.choose.choose_network import network
+from eskin.choose.networks import network
 from eskin.golden.core import PRESETS
 from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.synthesis import Chain, make_accelerator
@@ -93,7 +93,7 @@ class NoBus(Chain):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ("loadable", "chain", "begins"),
     [

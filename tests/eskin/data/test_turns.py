@@ -9,7 +9,7 @@ from sklearn.model_selection import GroupKFold, cross_val_predict
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from eskin.choose.choose_network import network
+from eskin.choose.networks import network
 from eskin.data import load_recordings, piezo_array, turns
 from eskin.data.turns import turn_recordings
 from eskin.golden.core import InputError

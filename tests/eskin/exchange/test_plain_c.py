@@ -217,7 +217,7 @@ CLANG_AVR = (
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("compiler", [CLANG_AVR, AVR], ids=["clang", "gcc"])
 @pytest.mark.parametrize("kind", WITH_16_BIT_INT)
 def test_a_processor_with_an_int_of_16_bits_decides_the_same(kind, compiler, tmp_path):
@@ -362,7 +362,7 @@ def test_all_recordings_decide_the_same(name, kind, shared_data, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_all_images_decide_the_same(shared_data, tmp_path):
     images = load_recordings(str(shared_data / "tactile_images" / "recordings.npz"))
     layers = (*NETWORKS["tactnet"], f"dense {len(images.class_names)}")

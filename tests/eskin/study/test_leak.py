@@ -98,7 +98,10 @@ def test_a_clean_scene_passes_and_touches_left_in_do_not():
     assert doubts.leaks(**vars(clean)) == []
     for left_in in (40, 10**6):
         leaking = checked(recordings, left_in=left_in)
-        assert leaking.accuracy > leaking.limit and "it knows the class" in doubts.leaks(**vars(leaking))[0]
+        assert (
+            leaking.accuracy > leaking.limit
+            and "it knows the class" in doubts.leaks(**vars(leaking))[0]["text"]
+        )
 
 
 def test_a_class_that_shows_before_the_touch_is_found():

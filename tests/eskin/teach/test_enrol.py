@@ -354,12 +354,6 @@ def test_front_ends_are_chosen_without_the_values_they_serve(monkeypatch):
     assert configs[0] == configs[2]
     labels = np.where(mounting == 1, np.random.default_rng(0).permutation(three.labels), three.labels)
     mixed = dataclasses.replace(three, labels=labels)
-    field = evaluating.field_of(three)
-    monkeypatch.setattr(
-        evaluating,
-        "field_of",
-        lambda mixed: dataclasses.replace(field, recordings=mixed.subset(field.numbers)),
-    )
     assert evaluating.front_ends_without(mixed, values, ["mounting"], priced())[1] == configs[1]
 
 

@@ -48,7 +48,7 @@ def test_what_images_do_not_have_is_refused_before_any_work(case, tmp_path, conf
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 def test_the_activity_of_images_is_counted_in_the_netlist(case, tmp_path):
     """The lanes multiply in nearly every cycle of an image, and not while rows come; the maps' memories are
     one read, one written."""

@@ -29,7 +29,7 @@ from tests.rtl.host.test_driver import CONFIG
 from tests.support.driver_board import Board
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(1800)
 def test_every_field_does_what_its_description_says(tmp_path):
     """Each field is written and read in simulation, with what else its access does."""
     config = random_integer_model(

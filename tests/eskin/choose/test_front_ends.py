@@ -6,27 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eskin.choose import choose_front_end as choosing
+from eskin.choose.candidate import Candidate, Judged, choose
+from eskin.choose.choice import choose_front_end, choose_split, configure, inner_folds, search_inside
 from eskin.choose.choice_table import ROWS, front_end_table, front_end_words
-from eskin.choose.choose_front_end import (
-    PENALTIES,
-    TIE,
-    Judge,
-    Judged,
-    behind,
-    blocked_ridge,
-    cheapest,
-    choose_front_end,
-    choose_split,
-    features,
-    is_level,
-    price_of,
-    shortlist_of,
-)
+from eskin.choose.front_ends import PENALTIES, FrontEnds, Judge, Screen, blocked_ridge, features, listed
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches, first_touches
 from eskin.golden.model.preprocess import cut_windows
+from eskin.training.level import TIE
+from eskin.training.splits import split_folds
 from tests.support.gripped_scene import gripped_recordings
 from tests.support.prices import priced
 from tests.support.table import each_row
@@ -147,7 +136,7 @@ def test_windows_cut_from_touches_found_once_are_those_of_the_whole_search(chang
     decisions = find_touches(config, recordings)
     first = decisions.first_touch()
     rows = first[first >= 0]
-    again = cut_windows(config, Judge(recordings, []).touches(config))
+    again = cut_windows(config, Screen(recordings).touches(config))
     assert len(rows) >= 10
     for name in ("recording", "onset_frame", "start_frame", "completed", "sums"):
         assert np.array_equal(getattr(decisions, name)[rows], getattr(again, name)), name
@@ -155,74 +144,63 @@ def test_windows_cut_from_touches_found_once_are_those_of_the_whole_search(chang
     assert np.array_equal(own.partial, decisions.partial[rows])
 
 
-def test_missed_touches_count_as_wrong():
+def test_missed_touches_count_as_wrong_and_a_gate_that_finds_nothing_decides_nothing():
     silent = (0, 7, 11, 30)
     recordings = touched_at_random(silent=silent)
-    judged = Judge(recordings, choosing.split_folds(recordings, ["day"], 5, None))(BASE)
+    screen, folds = Screen(recordings), split_folds(recordings, ["day"], 5, None)
+    judged = screen.judged(BASE, folds)
     assert judged.missed == len(silent) and not judged.correct[list(silent)].any()
     assert judged.accuracy == judged.correct.mean() <= 1 - len(silent) / len(recordings)
     assert judged.correct.sum() >= 0.9 * (len(recordings) - len(silent))
+    nothing = screen.judged(BASE.replace(onset_threshold=5000), folds)
+    assert nothing.missed == 48 and nothing.accuracy == 0
 
 
-def test_a_gate_that_finds_nothing_decides_nothing():
-    recordings = touched_at_random(12)
-    judged = Judge(recordings, [np.arange(6), np.arange(6, 12)])(BASE.replace(onset_threshold=5000))
-    assert judged.missed == 12 and judged.accuracy == 0 and judged.standard_error == 0
-
-
-# ---------------------------------------------------------------------- ties
-def judged(right: int, of: int = 100, wrong_at: int = 0, **changes) -> Judged:
+def judged(right: int, of: int = 100, **changes) -> Judged:
     correct = np.zeros(of, dtype=bool)
     correct[:right] = True
-    return Judged(BASE.replace(**changes), np.roll(correct, wrong_at), 0)
+    return Judged(Candidate.screened(BASE.replace(**changes)), correct)
 
 
-def test_level_is_a_shortfall_of_at_most_a_standard_error_of_the_paired_difference():
-    best = judged(90)
-    close = judged(89, wrong_at=5)  # 5 recordings are won and 6 lost: 0.01 behind, standard error 0.033
-    shortfall, error = behind(best, close)
-    assert shortfall == pytest.approx(0.01)
-    difference = best.correct.astype(float) - close.correct
-    assert error == pytest.approx(np.sqrt(difference.var(ddof=1) / 100)) and shortfall < TIE * error
-    assert is_level(best, close)
-    nested = judged(89)  # the same recordings but one: 0.01 behind, standard error 0.01
-    assert behind(best, nested)[1] == pytest.approx(0.01) and is_level(best, nested)
-    assert not is_level(best, judged(88))  # two lost, none won: 0.02 behind, 0.014
-
-
-def test_of_level_ones_the_cheapest_is_taken_and_a_worse_one_never():
-    best = judged(90, feature_kinds=("mean", "activity"), hop=8, window=16)
-    level = judged(89, wrong_at=5)
-    cheap_but_worse = judged(60, steps=3)
-    assert cheapest([cheap_but_worse, level, best], priced()) is level
-    assert cheapest([cheap_but_worse, best], priced()) is best
-    small = priced(fits=lambda config: config.kinds == 2)
-    assert cheapest([level, best], small) is best
-
-
-def test_the_shortlist_has_the_best_and_the_cheapest_of_fewer_kinds():
+def test_networks_are_tried_on_the_best_and_the_cheapest_of_fewer_kinds_and_the_best_of_other_gates():
     kinds = ("mean", "activity", "integral")
-    best = judged(95, feature_kinds=kinds)
-    level = judged(94, feature_kinds=kinds, steps=4)
+    best, level = judged(95, feature_kinds=kinds), judged(94, feature_kinds=kinds, steps=4)
     two = judged(92, feature_kinds=kinds[:2])
     one, cheap, hopeless = judged(88), judged(88, steps=4), judged(60, steps=2)
-    everything = [best, level, two, one, cheap, hopeless]
-    assert cheapest(everything, priced()) is level
-    listed = shortlist_of(everything, level, priced())
-    assert set(listed) == {candidate.config for candidate in (best, level, two, cheap)}
-    assert list(listed) == sorted(listed, key=lambda config: price_of(config, priced()))
-    far = [best, level, judged(60)]
-    assert set(shortlist_of(far, level, priced())) == {best.config, level.config}
+    at_once = dict(onset="immediate", rest="none", rest_frames=0)
+    gate, cheaper, shut = judged(80, **at_once), judged(79, steps=2, **at_once), judged(50, rest="initial")
+    everything = [best, level, two, one, cheap, hopeless, gate, cheaper, shut]
+    assert choose(everything, priced()) is level
+    found = listed(everything, priced())
+    taken, *smaller = (one.candidate.front_end for one in (level, cheap, level, two, best))
+    assert found.taken == taken and list(found.smaller) == smaller
+    assert found.rivals == (gate.candidate.front_end,)
+    assert found.for_recurrent == [taken, smaller[0], *found.rivals, smaller[2]]
+
+
+def test_a_part_is_searched_as_if_it_were_all_there_is():
+    """Features come from all recordings; labels of the others are not looked at."""
+    recordings = touched_at_random()
+    part = np.flatnonzero(recordings.groups["day"] != 1)
+    inside = search_inside(FrontEnds(recordings), part, ["day"], priced())
+    labels = recordings.labels.copy()
+    labels[recordings.groups["day"] == 1] = 0
+    assert search_inside(FrontEnds(replace(recordings, labels=labels)), part, ["day"], priced()) == inside
+    front_ends, folds = FrontEnds(recordings), inner_folds(recordings, ["day"])
+    for config in (BASE, inside.taken):
+        of_all = front_ends.screen.judged(config, folds)
+        of_part = Judge(front_ends, front_ends.part(np.arange(len(recordings))), folds)(config)
+        assert (of_part.correct == of_all.correct).all() and of_part.missed == of_all.missed
 
 
 # ---------------------------------------------------------------------- choices whose truth is known
 def test_a_level_that_carries_the_class_is_left_in_and_the_gate_opens_at_once():
     front_end = choose_front_end(gripped_recordings(persons=4, trials=2, classes=4), priced())
     assert (front_end.config.rest_level.rest, front_end.config.onset_rule.onset) == ("none", "immediate")
-    chosen = front_end.record["chosen"]
+    chosen = front_end.record()["chosen"]
     without = max(
         row["accuracy"]
-        for row in front_end.record["rivals"]
+        for row in front_end.record()["rivals"]
         if row["rest"] == "initial" and row["onset"] == "immediate"
     )
     assert chosen["accuracy"] > 0.9 and without < chosen["accuracy"] - 0.3
@@ -235,28 +213,27 @@ def test_a_level_that_tells_the_class_is_doubted_also_where_it_is_taken_off():
     recordings = touched_at_random()
     shifted = recordings.samples + 3000 * np.repeat(recordings.labels, recordings.lengths)[:, None]
     recordings = replace(recordings, samples=shifted.astype(recordings.samples.dtype))
-    folds = choosing.split_folds(recordings, ["day"], 4, None)
-    at_once = BASE.replace(rest="none", rest_frames=0, onset="immediate")
-    for config, fix in ((at_once, "--config with rest 'initial'"), (BASE, "record classes in turn")):
-        chosen = Judged(config, np.ones(len(recordings), bool), 0)
-        (sentence,) = choosing._cautions(Judge(recordings, folds), chosen, folds, {})
-        assert "frames alone tells the class of" in sentence and fix in sentence
+    front_end = choose_front_end(recordings, priced())
+    (sentence,) = (reason for reason in front_end.reasons if "frames alone tells the class of" in reason)
+    off = front_end.config.rest_level.rest != "none"
+    assert ("record classes in turn" if off else "--config with rest 'initial'") in sentence
+    assert front_end.record()["level_alone"] > 0.8
 
 
 def test_touches_at_random_times_want_an_onset():
     front_end = choose_front_end(touched_at_random(), priced())
     assert front_end.config.onset_rule.onset == "baseline" and front_end.config.rest_level.rest != "none"
-    chosen = front_end.record["chosen"]
-    at_once = max(row["accuracy"] for row in front_end.record["rivals"] if row["onset"] == "immediate")
+    chosen = front_end.record()["chosen"]
+    at_once = max(row["accuracy"] for row in front_end.record()["rivals"] if row["onset"] == "immediate")
     assert chosen["accuracy"] > 0.9 and at_once < chosen["accuracy"] - 0.1
-    assert front_end.record["split"] == ["day"] and front_end.record["folds"] == 4
+    assert front_end.record()["split"] == ["day"] and front_end.record()["folds"] == 4
 
 
 def test_classes_that_only_move_differently_want_activity():
     front_end = choose_front_end(moving(), priced())
     assert "activity" in front_end.config.features.feature_kinds
-    means = max(row["accuracy"] for row in front_end.record["rivals"] if row["feature_kinds"] == ["mean"])
-    assert front_end.record["chosen"]["accuracy"] > 0.9 > means
+    means = max(row["accuracy"] for row in front_end.record()["rivals"] if row["feature_kinds"] == ["mean"])
+    assert front_end.record()["chosen"]["accuracy"] > 0.9 > means
 
 
 def test_the_record_says_what_was_judged_and_how():
@@ -269,7 +246,7 @@ def test_the_record_says_what_was_judged_and_how():
         folds=3,
         progress=lambda what, done, total: steps.append((done, total)),
     )
-    record = front_end.record
+    record = front_end.record()
     rows = [record["chosen"], *record["rivals"]]
     assert (
         record["split"] == ["label", "day"]
@@ -311,7 +288,7 @@ def test_a_preset_of_the_same_sensor_is_one_of_the_candidates():
     wide = replace(
         recordings, samples=np.tile(recordings.samples, (1, 2))[:, :8] + 15000, sample_rate_hz=2000.0
     )
-    record = choose_front_end(wide, priced()).record
+    record = choose_front_end(wide, priced()).record()
     assert [row["name"] for row in [record["chosen"], *record["rivals"]]].count("pvdf") == 1
 
 
@@ -330,7 +307,7 @@ def test_the_first_group_that_can_be_left_out_is_taken():
     assert choose_split(recordings, None) == (["day"], "the archive's first group")
     assert choose_split(recordings, ["other"])[0] == ["other"]
     bare = replace(recordings, groups={})
-    assert choose_split(bare, None)[0] == [] and choose_front_end(bare, priced()).record["split"] == []
+    assert choose_split(bare, None)[0] == [] and choose_front_end(bare, priced()).record()["split"] == []
 
 
 def test_kinds_that_need_too_many_inputs_are_no_candidates():
@@ -348,12 +325,12 @@ def test_what_cannot_be_judged_or_built_is_said(make_recordings):
     with pytest.raises(InputError, match="every taxel is constant"):
         choose_front_end(replace(make_recordings(), samples=np.full((220, 4), 9, np.int32)), priced())
     few = choose_front_end(make_recordings(lengths=[60, 60, 60]), priced())
-    assert few.record is None and "too few recordings to judge front ends on" in few.reasons[-1]
+    assert few.record() is None and "too few recordings to judge front ends on" in few.reasons[-1]
 
 
 def test_very_short_recordings_are_judged_too(make_recordings):
     front_end = choose_front_end(make_recordings(lengths=[3] * 12), priced())
-    assert front_end.config.last_frame <= 3 and front_end.record["chosen"]["missed"] == 0
+    assert front_end.config.last_frame <= 3 and front_end.record()["chosen"]["missed"] == 0
 
 
 def test_a_preset_asked_for_is_not_judged():
@@ -362,7 +339,6 @@ def test_a_preset_asked_for_is_not_judged():
         samples=np.tile(touched_at_random(6).samples, (1, 2))[:, :8],
         sample_rate_hz=2000.0,
     )
-    front_end = choosing.configure(recordings, PRESETS["pvdf"], priced())
-    assert front_end.record is None and front_end.config == PRESETS["pvdf"].replace(
-        class_names=recordings.class_names
-    )
+    front_end = configure(recordings, PRESETS["pvdf"], priced())
+    named = PRESETS["pvdf"].replace(class_names=recordings.class_names)
+    assert front_end.record() is None and front_end.config == named
