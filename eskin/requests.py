@@ -511,7 +511,10 @@ class StabilityRequest(ModelOnData, OnCluster):
     )
     mode: Annotated[list[str] | None, option("Only this mode; may be given again.")] = None
     cosim: Annotated[bool, option("Confirm the weakest cases in co-simulation.")] = True
-    defences: Annotated[bool, option("Train with and without defences, cross-validated.")] = True
+    defences: Annotated[
+        bool | None,
+        option("Train with and without defences, cross-validated; default: where no --mode is named."),
+    ] = None
     few: Annotated[int, option("Recordings of each point of a curve; the figures take all.", min=1)] = 100
 
 

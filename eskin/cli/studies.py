@@ -61,20 +61,10 @@ def stability(asked: StabilityRequest) -> Record:
     save and cost."""
     from eskin.golden.model import load_config
     from eskin.pages.stability_page import PAGE, figure_in_words
-    from eskin.verbs.stability_job import run as stability_job
+    from eskin.verbs import stability_job
 
     recordings = recordings_for(asked.data, load_config(asked.model))
     with progress_bars() as report:
-        result = stability_job(
-            asked.model,
-            recordings,
-            out=asked.out,
-            names=asked.mode or None,
-            cosim=asked.cosim,
-            compare=asked.defences and not asked.mode,
-            few=asked.few,
-            dask=asked.dask,
-            progress=report,
-        )
+        result = stability_job.run(asked, recordings, progress=report)
     show("stability", **result, figure=figure_in_words, page=asked.out / PAGE)
     return result

@@ -155,16 +155,23 @@ def _npy(path: Path, refuse: Refuse) -> Group:
 
 
 def _parquet(path: Path, refuse: Refuse) -> Table:
-    import pandas as pd
     from pyarrow import parquet
 
     check_regular(path, refuse)
     try:
         with parquet.ParquetFile(path) as file:
             groups = [file.metadata.row_group(number) for number in range(file.metadata.num_row_groups)]
-            cells = file.metadata.num_rows * file.metadata.num_columns
+            cells, schema = file.metadata.num_rows * file.metadata.num_columns, file.schema_arrow
         check_unpacked(path, max(8 * cells, sum(group.total_byte_size for group in groups)), refuse)
-        return table_of(pd.read_parquet(path), f"'{path}'")
+        texts = [
+            each.name for each in schema if str(each.type).removeprefix("large_") in ("string", "binary")
+        ]
+        columns = parquet.read_table(path, read_dictionary=texts)
+        for name in texts:  # a long text that a dictionary holds once
+            for part in columns[name].chunks:
+                longest = max(map(len, filter(None, part.dictionary.to_pylist())), default=0)
+                check_unpacked(path, longest * len(part), refuse)
+        return table_of(columns.to_pandas(), f"'{path}'")
     except InputError:
         raise
     except Exception as error:  # a damaged file can fail anywhere inside the library

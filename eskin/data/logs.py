@@ -187,7 +187,12 @@ def _marks(log: _Log, reading: Reading, refuse: Refuse) -> pd.DataFrame:
     import pandas as pd
 
     topic = str(reading.label)
-    read = [(when, _stamp(message), str(message.data).strip()) for when, message in log.read(topic)]
+    read = [
+        (when, _stamp(message), str(getattr(message, "data", None)).strip())
+        for when, message in log.read(topic)
+    ]
+    if any(label == "None" for *_, label in read):
+        refuse(f"--class {topic}: a message has no data, so no label; name another topic, or give --labels")
     if not read:
         refuse(f"--class {topic}: has no message, so no label")
     starts = _clock(_Times(*np.array([each[:2] for each in read], dtype=np.int64).T), topic, reading, refuse)

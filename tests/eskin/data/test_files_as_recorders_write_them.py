@@ -66,12 +66,13 @@ def test_lvm_says_its_scale_and_columns(tmp_path):
     check(some, 1, tolerance=0.0051)
 
 
-def test_segments_are_recordings_unless_the_clock_runs_on(tmp_path):
-    for runs_on, count in ((True, 4), (False, 8)):
-        write = lambda path, number: path.write_text(doors.lvm(np.split(SIGNALS[number], 2), runs_on=runs_on))  # noqa: B023
-        recordings = load_recordings(files(tmp_path / str(runs_on), ".lvm", write))
-        assert len(recordings) == count and recordings.frames == 4 * FRAMES
-        assert recordings.sample_rate_hz == 100
+@each_row(("clocks", "runs_on"), [("One", True), ("One", False), ("No", True), ("No", False)])
+def test_segments_are_recordings_unless_the_clock_runs_on(tmp_path, clocks, runs_on):
+    form = {"clocks": clocks, "runs_on": runs_on}
+    write = lambda path, number: path.write_text(doors.lvm(np.split(SIGNALS[number], 2), **form))
+    recordings = load_recordings(files(tmp_path, ".lvm", write))
+    assert len(recordings) == (4 if runs_on else 8) and recordings.frames == 4 * FRAMES
+    assert recordings.sample_rate_hz == 100
 
 
 def test_channels_without_a_common_clock_are_refused(tmp_path):
@@ -220,6 +221,40 @@ def test_a_log_that_unpacks_to_far_more_is_refused(tmp_path, monkeypatch, make_r
     for name in ("a.mcap", "a.bag"):
         with pytest.raises(InputError, match=rf"{name}': has \d+ bytes and unpacks to"):
             load_recordings(tmp_path / name, reading=Reading(rate_hz=100))
+
+
+def test_a_parquet_file_of_one_long_text_is_refused_before_it_is_unpacked(tmp_path, monkeypatch):
+    import pandas as pd
+
+    monkeypatch.setattr("eskin.data.table.UNPACKED_BYTES", 1 << 20)
+    frame = pd.DataFrame({"class": ["x" * 10_000] * 200, "t0": range(200)})
+    frame.to_parquet(tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a.parquet': has \d+ bytes and unpacks to 2 MB"):
+        load_recordings(tmp_path / "a.parquet")
+
+
+@pytest.mark.parametrize("mode", ["MESSAGE", "FILE"])
+def test_a_packed_ros_2_bag(tmp_path, monkeypatch, make_recordings, mode):
+    """It is read, and refused where it unpacks to far more."""
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode
+    from rosbags.rosbag2 import Writer as BagWriter
+
+    kept = BagWriter.__init__
+
+    def packed(self, *arguments, **more):
+        kept(self, *arguments, **more)
+        self.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
+
+    monkeypatch.setattr(BagWriter, "__init__", packed)
+    known = make_recordings([30, 30], labels=[0, 1], sample_rate_hz=100.0)
+    doors.write_bag(known, tmp_path / "bag", plugin=doors.StoragePlugin.SQLITE3)
+    assert np.array_equal(
+        load_recordings(tmp_path / "bag", reading=Reading(label="/touched")).samples, known.samples
+    )
+    monkeypatch.setattr("eskin.data.table.UNPACKED_BYTES", 1000)
+    monkeypatch.setattr("eskin.data.table.MOST_TIMES", 0)
+    with pytest.raises(InputError, match="bag': has .* unpacks to"):
+        load_recordings(tmp_path / "bag", reading=Reading(label="/touched"))
 
 
 # ---------------------------------------------------------------------- text
