@@ -356,6 +356,13 @@ def test_no_group_is_on_both_sides(monkeypatch):
         assert sorted(i for test in judged[10 * seed : 10 * seed + 5] for i in test) == list(range(60))
 
 
+def test_each_split_has_the_record_that_it_has_alone():
+    recordings, linear = scene(60, seed=5), with_network(SMALL, cell="linear")
+    plain = replace(RECIPES["linear"], **recipes.AS_RECORDED)  # drawn by no seed
+    judged = lambda *splits: cross_validate(recordings, linear, splits, (0, 1), recipe=plain)
+    assert judged(["person"], []) == judged(["person"]) + judged([])
+
+
 def test_scaling_comes_from_the_training_part_only(monkeypatch):
     recordings = scene(30, seed=6)
     loud = replace(recordings, groups={"half": (np.arange(30) >= 15).astype(int)})
