@@ -2,4 +2,4 @@
 
 from eskin.golden.data.archive import load_archive, save_archive
 from eskin.golden.data.folds import grouped_folds, no_group
-from eskin.golden.data.recordings import Recordings, check_fit
+from eskin.golden.data.recordings import Recordings, check_fit, rescaled
