@@ -443,7 +443,7 @@ def test_cosim_needs_neither_torch_nor_amaranth():
     code = (
         "import sys, eskin.cosim.flow; sys.exit(any(name in sys.modules for name in ('torch', 'amaranth')))"
     )
-    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, timeout=60, check=False).returncode == 0
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, timeout=600, check=False).returncode == 0
 
 
 # ---------------------------------------------------------------- generated folder
@@ -454,7 +454,7 @@ def test_generated_testbench_passes_alone_and_fails_on_one_changed_word(model, t
         command = "iverilog -g2012 -s testbench -o testbench.vvp testbench.sv accelerator.sv && vvp -n testbench.vvp"
         assert f"$ {command}" in (folder / "testbench.sv").read_text()
         return subprocess.run(
-            command, shell=True, cwd=folder, capture_output=True, text=True, timeout=100, check=False
+            command, shell=True, cwd=folder, capture_output=True, text=True, timeout=600, check=False
         )
 
     done = simulate()
@@ -500,7 +500,7 @@ def test_c_header_compiles_and_agrees_with_the_json(tmp_path):
     asserts = "".join(f'_Static_assert({check}, "{check}");\n' for check in checks)
     (tmp_path / "check.c").write_text(f'#include "registers.h"\n{asserts}')
     command = ["gcc", "-std=c11", "-Wall", "-Werror", "-fsyntax-only", "check.c"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
 
 
@@ -534,7 +534,7 @@ def test_a_folder_with_other_files_is_refused_and_an_earlier_one_replaced(model,
 
 # ---------------------------------------------------------------- larger
 @pytest.mark.slow
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(("name", "lanes"), [("thesis", 4), ("synthetic", 1)])
 def test_presets_are_exact_with_stalls_and_a_refused_write(name, lanes, tmp_path):
     config = AcceleratorConfig.load(name)
