@@ -35,7 +35,6 @@ from eskin.golden.model.preprocess import (
     normalise,
     real_features,
 )
-from eskin.golden.model.stage_error import logit_error, stage_errors
 from eskin.golden.model.stream import Stream
 from eskin.golden.model.vectors import (
     completing_frames,
