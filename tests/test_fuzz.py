@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 import eskin
+from eskin import data as reader
 from eskin.cli import data
 from eskin.data import load_recordings, scene
 from eskin.exchange.import_network import read_layers
-from eskin.golden import data as reader
 from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, read_arrays
 from eskin.golden.core.files import MOST_UNPACKED_BYTES
 from eskin.golden.model import IntegerModel, load_training, random_integer_model

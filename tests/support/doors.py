@@ -31,22 +31,22 @@ PAUSE_S = 1.0
 """Between two recordings of a log."""
 
 
-def lvm(segments: list[np.ndarray], clocks: str = "One", step: str = "0.01", comma: bool = False,
-        runs_on: bool = False) -> str:  # fmt: skip
-    """A file of LabVIEW with a head a segment, at 100 Hz. clocks: its ``X_Columns``; step: ``Delta_X``.
+def lvm(segments: list[np.ndarray], clocks: str = "One", step: str | None = None, comma: bool = False,
+        runs_on: bool = False, hz: int = 100) -> str:  # fmt: skip
+    """A file of LabVIEW with a head a segment, of ``hz``. clocks: its ``X_Columns``; step: ``Delta_X``.
     runs_on: the clock of a segment goes on from the one before."""
-    count, begin = segments[0].shape[1], 0
+    count, begin, step = segments[0].shape[1], 0, f"{1 / hz:g}" if step is None else step
     lines = ["LabVIEW Measurement\t", "Writer_Version\t2", "Separator\tTab", f"Decimal_Separator\t{',' if comma else '.'}",
              f"Multi_Headings\t{'Yes' if len(segments) > 1 else 'No'}", f"X_Columns\t{clocks}", "***End_of_Header***\t", ""]  # fmt: skip
     for segment in segments:
         each = lambda text: "\t".join([text] * count)
         lines += [f"Channels\t{count}", f"Samples\t{each(str(len(segment)))}", f"Y_Unit_Label\t{each('Volts')}",
-                  f"X0\t{each(f'{begin / 100:.2f}')}", *([f"Delta_X\t{each(step)}"] if step else []),
+                  f"X0\t{each(f'{begin / hz:.4f}')}", *([f"Delta_X\t{each(step)}"] if step else []),
                   f"***End_of_Header***\t{each('')}"]  # fmt: skip
         names = each("X_Value\tVoltage") if clocks == "Multi" else f"X_Value\t{each('Voltage')}"
         lines.append(f"{names}\tComment")
         for k, row in enumerate(segment.tolist(), begin):
-            time = "" if clocks == "No" else f"{k / 100:.4f}"
+            time = "" if clocks == "No" else f"{k / hz:.4f}"
             cells = [
                 cell
                 for value in row

@@ -194,13 +194,12 @@ def _tables(folder: Path, loaded: Recordings) -> None:
     cells, long = np.empty((1, 4), dtype=object), ["recording,person,class,time,a,b,c,d"]
     for index in range(4):
         samples, name = loaded.recording(index)[:60], loaded.class_names[loaded.labels[index]]
-        form = {"clocks": ("One", "Multi", "No", "One")[index], "comma": index == 3}
         rows = [
             f"{frame / 500:.4f}," + ",".join(str(code / 7 if index > 1 else code) for code in row)
             for frame, row in enumerate(samples)
         ]
         texts = {
-            "lvm": doors.lvm(np.split(samples / 1000, 2), **form).replace("\r", ""),
+            "lvm": doors.lvm(np.split(samples / 1000, 2), runs_on=True, hz=500).replace("\r", ""),
             "csv": "\n".join(["time,a,b,c,d", *rows]) + "\n",
         }
         for kind, text in texts.items():
