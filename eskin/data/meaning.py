@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from eskin.data.folds import no_group
 from eskin.data.table import TIME, Reading, Table
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data import no_group
 from eskin.golden.data.codes import to_codes
 from eskin.golden.data.recordings import Recordings, natural, recordings_of
 
