@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, InputError, Jobs, Memo, Record, content_key
+from eskin.golden.core import AcceleratorConfig, InputError, Memo, Record, content_key
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     FloatModel,
@@ -28,6 +28,7 @@ from eskin.golden.model import (
     real_features,
     with_network,
 )
+from eskin.jobs import Jobs
 from eskin.training.datasets import Datasets, scaling
 from eskin.training.fit import fit_networks, one_thread
 from eskin.training.recipe import Recipe, choose_recipe
