@@ -460,7 +460,7 @@ class ImportRequest:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ExportRequest(OfModel, InJson):
+class ExportRequest(OfModel):
     to: Annotated[
         Literal["c", "onnx"],
         option("c: the integer model as plain C99 for a microcontroller; onnx: the float network."),
@@ -584,7 +584,6 @@ class GenerateRequest(OnLanes):
         Literal["wishbone", "axi4lite"] | None,
         option("For a CPU: registers, samples, decisions and an interrupt behind this bus, a driver in C."),
     ] = None
-    fifo: Annotated[int | None, option("With --bus: decisions that may wait, 0, 2 or 4; default 2.")] = None
     streams: Annotated[
         Literal["axis"] | None, option("Frames under AXI-Stream names; without --bus decisions too.")
     ] = None
@@ -653,13 +652,6 @@ class BoardRequest(OfModel):
     link: Annotated[
         bool, option("With the serial link; without it: onset to decision alone, for its figures.")
     ] = True
-    class_pins: Annotated[
-        Literal["each", "binary", "none"] | None,
-        option(
-            "A pin for each class, the class as a binary number, or none; default: each, or binary where "
-            "pins are too few."
-        ),
-    ] = None
     converter: Annotated[
         str | None,
         option(
@@ -684,9 +676,6 @@ class BoardRequest(OfModel):
             "--flash",
         ),
     ] = False
-    baud: Annotated[
-        float | None, option("Of the serial link; default: up to 2000000, as the clock allows.", min=300)
-    ] = None
     clock: Annotated[
         float | None, option("The clock to reach; default: the board's oscillator.", min=1e3, metavar="HZ")
     ] = None

@@ -242,7 +242,7 @@ def test_a_model_goes_through_quantise_generate_and_evaluate(call, folder, model
     assert AcceleratorConfig.load("design/config.json").hardware.lanes == 2
     plain = {"accelerator.sv", "registers.h", "registers.json", "testbench.sv"}
     assert plain | {"eskin.rdl", "filelist.f", "eskin.core", "waiver.vlt"} <= set(os.listdir("design"))
-    status, out, err = call(*"generate model --out design --bus wishbone --fifo 0".split())
+    status, out, err = call(*"generate model --out design --bus wishbone".split())
     more = {"eskin_wishbone.sv", "eskin.h", "eskin.c", "load.h"}
     assert status == 0 and more <= set(os.listdir("design")), err
     assert call(*"generate model --out design --streams axis".split())[0] == 0
@@ -385,8 +385,6 @@ REFUSED = [
     ("cosim model --data data.npz --clock {0}", "lowest", "at the sensor's pace; add --pace declared"),
     (PLAYED, "700", "--clock 700: is too slow for 4 taxels at 200 Hz"),
     ("generate model --out design --lanes {0}", "0", "field lanes: is 0; it must lie in 1..64"),
-    ("generate model --out design --fifo {0}", "2", "--fifo: is of a bus"),
-    ("generate model --out design --bus wishbone --fifo {0}", "3", "--fifo: is 3; give 0, 2 or 4"),
 ]
 
 
