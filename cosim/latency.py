@@ -15,10 +15,8 @@ REFERENCES = {"reference: LSTM on a GPU": 5e-3, "reference: SVM on an FPGA": 0.3
 
 
 def standstill_cycles(config: AcceleratorConfig) -> int:
-    """Cycles without progress after which a run has come to a standstill; a bit-serial lane takes a cycle a
-    bit of a weight."""
-    bits = config.weight_bits if config.hardware.lane_type == "serial" else 1
-    return 20 * (config.step_ideal * bits + 1000)
+    """Cycles without progress after which a run has come to a standstill."""
+    return 20 * (config.step_ideal + 1000)
 
 
 class Measured:

@@ -19,10 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from eskin.api import Model, train
+    from eskin.data import load_recordings as load
     from eskin.golden.core import AcceleratorConfig as Config
     from eskin.golden.core import InputError
     from eskin.golden.data import Recordings
-    from eskin.golden.data import load_recordings as load
     from eskin.golden.model import Stream, Trace
     from eskin.golden.model.stream import Decision
 
@@ -49,7 +49,7 @@ _PLACES = {
     "Recordings": ("golden.data.recordings", "Recordings"),
     "Stream": ("golden.model.stream", "Stream"),
     "Trace": ("golden.model.pipeline", "Trace"),
-    "load": ("golden.data.load", "load_recordings"),
+    "load": ("data.load", "load_recordings"),
     "train": ("api", "train"),
 }
 """Where each public name comes from."""

@@ -17,9 +17,11 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from eskin.choose.cost import Prefer
+from eskin.data import load_recordings
 from eskin.estimator import Estimator, probabilities
-from eskin.golden.core import AcceleratorConfig, InputError, Prefer, Record, array_of
-from eskin.golden.data import Recordings, check_fit, load_recordings
+from eskin.golden.core import AcceleratorConfig, InputError, Record, array_of
+from eskin.golden.data import Recordings, check_fit
 from eskin.golden.data.recordings import recordings_of
 from eskin.golden.model import (
     FloatModel,
@@ -202,9 +204,7 @@ class Model(Estimator):
     def save(self, folder: str | Path) -> None:
         """Write a model folder, new or in place of an earlier model's, for the command line and for
         `load`."""
-        self.real.save(folder, self.training_)
-        if self._integer is not None:
-            self._integer.save(folder)
+        self.real.save(folder, self.training_, self._integer)
 
     def fit(
         self,
@@ -244,8 +244,8 @@ class Model(Estimator):
         InputError
             The recordings break a rule, or do not fit the configuration that was asked for.
         """
-        from eskin.golden.training.choose_network import train_chosen
-        from eskin.golden.training.quantise import quantise
+        from eskin.choose.choose_network import train_chosen
+        from eskin.training.quantise import quantise
         from eskin.verbs.cost import market
 
         if isinstance(recordings, str | Path) or type(recordings).__name__ == "DataFrame":
@@ -481,7 +481,7 @@ class Model(Estimator):
         InputError
             As `score`; a model that cannot be taught; no whole touch.
         """
-        from eskin.golden.training.prototypes import teach_recordings
+        from eskin.training.prototypes import teach_recordings
 
         self._reads_recordings()
         recordings = self.recordings(frames := self._of_table(frames))

@@ -6,10 +6,9 @@ registers such a function. All properties look at one clock edge at a time; what
 in registers of the harness. The reset input is low from the first cycle on.
 """
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, TypeVar
 
 from amaranth.asserts import AnyConst, AnySeq
 from amaranth.hdl import (
@@ -23,9 +22,9 @@ from amaranth.hdl import (
     Value,
     ValueLike,
 )
-from amaranth.hdl._ast import SignalDict
 from amaranth.lib import stream, wiring
 
+Block = TypeVar("Block", bound=wiring.Component)
 Method = Literal["induction", "gate induction", "bounded", "any state"]
 """k-induction proves for every cycle of every run, of words, or gate by gate by a SAT solver where words take
 too long; bounded for the first ``depth`` cycles after reset; any
@@ -43,8 +42,6 @@ class Bug:
         What is broken, in words.
     old, new:
         In ``file`` ``old`` is replaced by ``new``; it must be there.
-    depth:
-        Cycles after reset within which it must be found.
     eager:
         Look for it only where senders and receivers never pause, which makes a deep search quick.
     file:
@@ -54,7 +51,6 @@ class Bug:
     name: str
     old: str
     new: str
-    depth: int = 20
     eager: bool = False
     file: str = ""
 
@@ -139,13 +135,6 @@ def free(*signals: Value, m: Module | None = None) -> None:
         (m or HARNESS).d.comb += value.eq(AnySeq(value.shape()))
 
 
-def free_inputs(block: wiring.Component, *, but: tuple[str, ...] = ()) -> None:
-    """Any values at all inputs of ``block``, except its members of these names."""
-    for (name, *_), member, value in block.signature.flatten(block):
-        if member.flow is wiring.In and name not in but:
-            free(value)
-
-
 def any_number(shape, name: str) -> Signal:
     """Any value, the same in every cycle."""
     signal = Signal(shape, name=name)
@@ -201,7 +190,7 @@ def free_sink(port: stream.Interface) -> None:
         assume(port.ready)
 
 
-# ---------------------------------------------------------------------- a block's inside
+# ---------------------------------------------------------------------- the block
 
 
 class _Elaborated(Elaboratable):
@@ -212,63 +201,33 @@ class _Elaborated(Elaboratable):
         return self._fragment
 
 
-class Inside:
-    """A block's inside, for what induction must know of a state that no port shows.
-
-    An attribute is a local variable of the block's ``elaborate`` (or another of its methods) when that
-    returned, so a signal has the name it has in the source; one that is renamed fails the proof with an
-    AttributeError.
-
-    Attributes
-    ----------
-    registers:
-        Every register of the block and its parts, in a fixed order.
-    parts:
-        The insides of its parts by class name; of several of a class the last.
-    """
-
-    def __init__(self, names: dict[str, dict], top: str, registers: list[Signal]) -> None:
-        self._names, self.registers = names[top], registers
-        self.parts = {name: Inside({name: found}, name, []) for name, found in names.items() if name != top}
-
-    def __getattr__(self, name: str):
-        if name.startswith("__") or name not in self._names:
-            raise AttributeError(f"the block's methods have no variable {name}")
-        return self._names[name]
-
-
-def opened_up(block: wiring.Component, name: str = "dut", reset: Signal | None = None) -> Inside:
-    """Put ``block`` into the harness as submodule ``name``, with a ``reset`` of its own where it is given;
-    its inside."""
-    names: dict[str, dict] = {type(block).__name__: {}}
-
-    def look(frame, event, argument) -> None:
-        local = frame.f_locals
-        if (
-            event == "return"
-            and isinstance(local.get("self"), wiring.Component)
-            and frame.f_globals["__name__"].startswith("eskin.rtl.")
-        ):
-            values = names.setdefault(type(local["self"]).__name__, {})
-            values |= {key: value for key, value in local.items() if key != "self"}
-
-    sys.setprofile(look)
-    try:
-        fragment = Fragment.get(block, None)
-    finally:
-        sys.setprofile(None)
-    inner: Elaboratable = _Elaborated(fragment)
+def placed(block: Block, name: str = "dut", reset: Signal | None = None) -> Block:
+    """``block``, put into the harness as submodule ``name``, with a ``reset`` of its own where it is given. It
+    is elaborated here, so the signals of its inside that it has as attributes are there."""
+    inner: Elaboratable = _Elaborated(Fragment.get(block, None))
     HARNESS.submodules[name] = inner if reset is None else ResetInserter(reset)(inner)
-    registers: dict[Signal, None] = SignalDict()
+    return block
+
+
+def placed_free(block: Block, name: str = "dut", *, but: tuple[str, ...] = ()) -> Block:
+    """`placed`, with any values at all inputs of it, except its members of the names ``but``."""
+    for (port, *_), member, value in block.signature.flatten(block):
+        if member.flow is wiring.In and port not in but:
+            free(value)
+    return placed(block, name)
+
+
+def registers(name: str = "dut") -> list[Signal]:
+    """Every register of the submodule and its parts, in a fixed order."""
+    found: dict[int, Signal] = {}
 
     def collect(part: Fragment) -> None:
         for domain, statements in part.statements.items():
             if domain != "comb":
                 for statement in statements:
-                    for signal in statement._lhs_signals():
-                        registers[signal] = None
+                    found.update({id(signal): signal for signal in statement._lhs_signals()})
         for inner, _, _ in part.subfragments:
             collect(inner)
 
-    collect(fragment)
-    return Inside(names, type(block).__name__, list(registers))
+    collect(getattr(HARNESS.submodules, name).elaborate(None))
+    return list(found.values())

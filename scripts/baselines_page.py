@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from eskin.golden.baselines.rows import nearest, orders
 from eskin.golden.core import InputError, Record, replacing, template
 from eskin.pages.baselines_chart import chart
 from eskin.rtl.views.schedule_view import save_figure
+from eskin.study.baselines.rows import nearest, orders
 
 PAGE = Path("docs/baselines.md")
 BEGIN, END = "<!-- figures: begin -->", "<!-- figures: end -->"
@@ -26,7 +26,7 @@ BEGIN, END = "<!-- figures: begin -->", "<!-- figures: end -->"
 
 @dataclass(frozen=True)
 class Scene:
-    """One scene's results: name (of the chart's file), title, rows (``eskin.golden.baselines.rows.row_of``),
+    """One scene's results: name (of the chart's file), title, rows (``eskin.study.baselines.rows.row_of``),
     recordings, and what was left out (method, split, reason)."""
 
     name: str

@@ -17,11 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
+from eskin.data import load_recordings
+from eskin.exchange import compiled, emulated, plain_c
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, Record
-from eskin.golden.data import Recordings, load_recordings
-from eskin.golden.export import compiled, emulated, plain_c
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, images_of, random_integer_model, run, run_images
-from eskin.golden.training.derive import derive_config, for_recordings
+from eskin.training.derive import derive_config, for_recordings
 from eskin.verbs.export_job import export_c
 
 CORE = "Cortex-M0+"

@@ -1,15 +1,59 @@
-"""How large a checkout is, folder by folder: ``python -m scripts.house [ROOT]`` prints the table of
-docs/changing.md. A token is what Python's tokenizer gives, comments, line ends and indentation left out."""
+"""How large a checkout is: ``python -m scripts.house [ROOT]`` prints the table of docs/changing.md, folder by
+folder; ``--budget`` (``make budget``) holds this checkout against the caps of budget.toml. A token is what
+Python's tokenizer gives, comments, line ends and indentation left out."""
 
 import argparse
 import ast
 import io
+import re
 import subprocess
+import sys
 import tokenize
+import tomllib
 from pathlib import Path
 
 COLUMNS = "folder | files | lines | tokens | longest file | longest function | lines over 110 (%) | tests"
 SHAPE = {"COMMENT", "NL", "NEWLINE", "INDENT", "DEDENT", "ENCODING", "ENDMARKER"}
+BUDGET = "budget.toml"
+BYTES = {
+    "templates": ("*/templates/*",),
+    "sv": ("*.sv", "*.svh", "*.v"),
+    "cpp": ("*.cpp", "*.c", "*.h"),
+    "toml": ("*.toml",),
+}
+"""What else is counted, in bytes: git's patterns."""
+LONG_STRING = 200
+"""Characters of a string from which on it is counted, a docstring never."""
+
+
+def tracked(root: Path, *patterns: str) -> list[Path]:
+    """The files that git knows, relative to ``root``; links left out."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", *patterns], cwd=root, capture_output=True, text=True, check=True
+    )
+    names = [Path(name) for name in listed.stdout.split("\0") if name]
+    return [name for name in names if (root / name).is_file() and not (root / name).is_symlink()]
+
+
+def tokens(text: str) -> int:
+    """Tokens of a Python file."""
+    each = tokenize.generate_tokens(io.StringIO(text).readline)
+    return sum(tokenize.tok_name[token.type] not in SHAPE for token in each)
+
+
+def long_strings(text: str) -> int:
+    """Characters of the strings of a Python file that are longer than LONG_STRING."""
+    tree = ast.parse(text)
+    skipped = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    lengths = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            parts = [part for part in node.values if isinstance(part, ast.Constant)]
+            skipped |= set(map(id, parts))
+            lengths.append(sum(len(str(part.value)) for part in parts))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in skipped:
+            lengths.append(len(node.value))
+    return sum(length for length in lengths if length > LONG_STRING)
 
 
 def row(texts: list[str]) -> tuple[float, ...]:
@@ -17,13 +61,12 @@ def row(texts: list[str]) -> tuple[float, ...]:
     functions = [
         node for text in texts for node in ast.walk(ast.parse(text)) if isinstance(node, ast.FunctionDef)
     ]
-    tokens = [token for text in texts for token in tokenize.generate_tokens(io.StringIO(text).readline)]
     lines = [text.splitlines() for text in texts]
     over = sum(len(line) > 110 for file in lines for line in file)
     return (
         len(texts),
         sum(map(len, lines)),
-        sum(tokenize.tok_name[token.type] not in SHAPE for token in tokens),
+        sum(map(tokens, texts)),
         max(map(len, lines)),
         max((node.end_lineno or 0) - node.lineno + 1 for node in functions),
         round(100 * over / sum(map(len, lines)), 1),
@@ -31,20 +74,89 @@ def row(texts: list[str]) -> tuple[float, ...]:
     )
 
 
+def options() -> int:
+    """Options and arguments of all verbs and their sub-commands, ``--help`` not counted."""
+    import typer
+
+    from eskin.cli.main import app
+
+    def count(command) -> int:
+        return len(command.params) + sum(map(count, getattr(command, "commands", {}).values()))
+
+    whole = typer.main.get_command(app)
+    return count(whole) - len(whole.params)
+
+
+def fields() -> int:
+    """Fields of a configuration."""
+    from eskin.golden.core.groups import GROUP_OF
+
+    return len(GROUP_OF)
+
+
+def figures(root: Path, texts: dict[str, list[str]]) -> dict[str, dict[str, int]]:
+    """What budget.toml caps, table by table, as it is today."""
+    every = [text for folder in texts.values() for text in folder]
+    sizes = {
+        kind: sum((root / name).stat().st_size for name in tracked(root, *patterns))
+        for kind, patterns in BYTES.items()
+    }
+    return {
+        "tokens": {folder: sum(map(tokens, files)) for folder, files in texts.items()},
+        "bytes": sizes | {"long_strings": sum(map(long_strings, every))},
+        "counts": {"options": options(), "fields": fields()},
+    }
+
+
+def over_budget(today: dict[str, dict[str, int]], caps: dict[str, dict[str, int]]) -> list[str]:
+    """A sentence for each figure above its cap; what has no cap may not be there."""
+    return [
+        f"{table}.{name} is {figure}, above its cap of {cap}"
+        for table, have in today.items()
+        for name, figure in have.items()
+        if figure > (cap := caps.get(table, {}).get(name, 0))
+    ]
+
+
+def lowered(text: str, today: dict[str, dict[str, int]]) -> str:
+    """budget.toml with every cap lowered to today's figure: up to the next hundred, of counts exactly."""
+    table, lines = "", []
+    for line in text.splitlines():
+        if heading := re.match(r"\[(\w+)\]", line):
+            table = heading[1]
+        if (cap := re.fullmatch(r"(\w+) = (\d+)", line)) and (have := today[table].get(cap[1])) is not None:
+            step = 1 if table == "counts" else 100
+            line = f"{cap[1]} = {min(int(cap[2]), -(-have // step) * step)}"
+        lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
 def main() -> None:
-    """Print the table of the Python files that git knows, links left out."""
+    """Print the table of the Python files that git knows, links left out; or the budget."""
     parser = argparse.ArgumentParser(
         description=main.__doc__, epilog="example: scripts/house.py ../eskin-0.2.0"
     )
-    parser.add_argument("root", nargs="?", default=".", help="a checkout (default: this folder)")
-    root = parser.parse_args().root
-    listed = subprocess.run(["git", "ls-files", "*.py"], cwd=root, capture_output=True, text=True, check=True)
+    parser.add_argument("root", nargs="?", default=".", type=Path, help="a checkout (default: this folder)")
+    parser.add_argument("--budget", action="store_true", help=f"today's figures beside the caps of {BUDGET}")
+    parser.add_argument("--lower", action="store_true", help="lower the caps to today's figures first")
+    given = parser.parse_args()
     texts: dict[str, list[str]] = {}
-    for name in listed.stdout.split():
-        texts.setdefault(name.partition("/")[0], []).append((Path(root) / name).read_text())
-    print(f"| {COLUMNS} |\n| --- |" + " --: |" * COLUMNS.count("|"))
-    for folder, files in texts.items():
-        print(f"| {' | '.join(map(str, (folder, *row(files))))} |")
+    for path in tracked(given.root, "*.py"):
+        texts.setdefault(path.parts[0], []).append((given.root / path).read_text())
+    if not (given.budget or given.lower):
+        print(f"| {COLUMNS} |\n| --- |" + " --: |" * COLUMNS.count("|"))
+        for folder, files in texts.items():
+            print(f"| {' | '.join(map(str, (folder, *row(files))))} |")
+        return
+    today, budget = figures(given.root, texts), given.root / BUDGET
+    if given.lower:
+        budget.write_text(lowered(budget.read_text(), today))
+    caps = tomllib.loads(budget.read_text())
+    for table, have in today.items():
+        for name, figure in have.items():
+            print(f"{table:7}{name:14}{figure:8} of {caps.get(table, {}).get(name, 0):8}")
+    if wrong := over_budget(today, caps):
+        sys.exit("\n".join(wrong))
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ checks
     Checksum and watchdog, placed once, with the link, which tells the faults.
 readouts
     Prototypes in place of the dense layer's decision, preset ``pvdf`` on one lane, placed once; three places to be
-    taught; then, by Yosys, what a board without a host has beside it. Teaching: cycles of one touch's pass
+    taught. Teaching: cycles of one touch's pass
     over the memory, and as many cycles of a step in joules. With ``--liberty`` chips with 4 lanes, loadable, that a
     recording made up was played into: teaching as it was counted there.
 
@@ -41,19 +41,14 @@ from typing import Any
 
 import numpy as np
 
+from eskin.choose.choose_network import network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import random_integer_model, random_recordings
-from eskin.golden.studies.energy import estimate, scheduled_activity
-from eskin.golden.training.choose_network import network
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import place
-from eskin.rtl.fpga.synthesis import ICE40_DSP, Chain, Harness, PoweredOn, counted, synthesise
+from eskin.rtl.fpga.synthesis import ICE40, Chain, Harness, PoweredOn, counted, synthesise
 from eskin.rtl.fpga.targets import target
-from eskin.rtl.host.flash_loader import FlashLoader
-from eskin.rtl.host.taught_log import TaughtLog
-from eskin.rtl.interface.teach_buttons import TeachButtons
-from eskin.rtl.program.flash_image import log_layout
 from eskin.rtl.program.memory_map import prototype_words
 from eskin.rtl.program.schedule import (
     decision_cycles,
@@ -64,6 +59,7 @@ from eskin.rtl.program.schedule import (
     step_cycles,
 )
 from eskin.rtl.top.bus_top import Bus, BusTop
+from eskin.study.energy import estimate, scheduled_activity
 from eskin.verbs import asic_job, build_job, defence_cost, energy_job
 
 BOARD, LANES, FRAMES = "icebreaker", 4, 300
@@ -129,7 +125,7 @@ def scene(text: str) -> tuple[str, AcceleratorConfig, list[Record]]:
 def cells_of(design: Any) -> dict[str, int]:
     """Cells by kind."""
     with tempfile.TemporaryDirectory() as folder:
-        return counted(synthesise(design, ICE40_DSP, Path(folder)).cells)
+        return counted(synthesise(design, ICE40, Path(folder)).cells)
 
 
 # ---------------------------------------------------------------------- cells
@@ -246,7 +242,7 @@ def clock_mhz(design: Any) -> str:
     sites = (board.clock_pin, *board.pins)
     pins = dict(zip(("clk", "shift_in", "capture", "shift_out"), sites, strict=False))
     with tempfile.TemporaryDirectory() as folder:
-        netlist = synthesise(PoweredOn(Harness(design)), ICE40_DSP, Path(folder))
+        netlist = synthesise(PoweredOn(Harness(design)), ICE40, Path(folder))
         return f"{place(netlist, board, pins, Path(folder) / 'placed', seed=1).fmax_hz / 1e6:.1f}"
 
 
@@ -323,16 +319,6 @@ def readout_rows(asked: argparse.Namespace) -> Iterator[Row]:
         yield name, cells, memories, mhz, f"{step}, {decision}", touch, teaching, waiting
         if asked.liberty:
             yield f"{name}, chip", *taught_chip(base, asked.pdk, asked.liberty)
-    log = log_layout(PRESETS["pvdf"].with_readout(prototypes=3, **TAUGHT))
-    if log and not asked.rows:
-        blocks = {
-            "loader of the flash": FlashLoader(0, 1 << 14, wake_cycles=1200),
-            "with the log of touches": TaughtLog(0, 1 << 14, log=log, wake_cycles=1200),
-            "buttons": TeachButtons(240_000),
-        }
-        for name, block in blocks.items():
-            cells = cells_of(block)
-            yield name, f"{cells['lut']} LUT, {cells['ff']} flip-flops", *"------"
 
 
 def taught_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) -> Row:

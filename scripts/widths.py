@@ -9,18 +9,10 @@ import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
+from eskin.choose.choose_front_end import configure
+from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.data import load_recordings
-from eskin.golden.training.choose_front_end import configure
-from eskin.golden.training.widths import (
-    LeftOut,
-    Tried,
-    feature_headroom,
-    fold_cases,
-    integers_of,
-    ladder,
-    measure,
-)
+from eskin.training.widths import LeftOut, Tried, feature_headroom, fold_cases, integers_of, ladder, measure
 from eskin.verbs.cost import market
 
 SETS = (

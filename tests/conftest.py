@@ -26,7 +26,6 @@ NO_RECORDINGS = "no real recordings beside the checkout"
 NAMED_SKIPS = (
     NO_RECORDINGS,
     "no Liberty files of SG13G2 beside the checkout",
-    "icebox_vlog is not installed",
     "ziglang (extra soc) is not installed",
 )
 """Why a test may be skipped where CI is set: what a fresh checkout cannot have. For any other reason the run

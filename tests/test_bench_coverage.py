@@ -26,7 +26,6 @@ from eskin.rtl.host.control import HostControl
 from eskin.rtl.program.memory_map import Control, Fault, Measure, Memory, Register
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
-from eskin.rtl.program.timing import is_compact
 from tests.rtl.top import test_accelerator as chain
 from tests.support.stream_bench import Bench, simulate, unpack
 
@@ -157,7 +156,7 @@ class _Points:
     def __init__(self, config, seen: Counter[str]) -> None:
         self.config, self.seen = config, seen
         self.frame = frame_layout(config)
-        self.words = None if is_compact(config) else control_layout(Microcode(schedule(config)))
+        self.words = control_layout(Microcode(schedule(config)))
         self.before: tuple[int, int, int, int] | None = None
         self.loading = 0
 
@@ -172,7 +171,7 @@ class _Points:
         self.states(now)
         self.streams(now)
         self.bus(now)
-        if self.words is not None and now["engine.sequencer.enable"]:
+        if now["engine.sequencer.enable"]:
             self.slot(now)
 
     def states(self, now: dict[str, int]) -> None:

@@ -18,15 +18,15 @@ from hypothesis.extra.numpy import array_shapes, arrays
 
 import eskin
 from eskin.cli import data
+from eskin.data import load_recordings, scene
+from eskin.exchange.import_network import read_layers
 from eskin.golden import data as reader
 from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, read_arrays
 from eskin.golden.core.files import MOST_UNPACKED_BYTES
-from eskin.golden.data import load_recordings, scene
 from eskin.golden.model import IntegerModel, load_training, random_integer_model
-from eskin.golden.studies.sweep import read_grid
-from eskin.golden.training.import_network import read_layers
-from eskin.golden.training.quantise import SIGNALS, quantise
 from eskin.pages.report import write_report
+from eskin.study.sweep import read_grid
+from eskin.training.quantise import SIGNALS, quantise
 from eskin.verbs.generate_job import generate_design
 from tests.support import watched
 from tests.support.fuzz_inputs import commands, damaged, header, interfaces, lying_zip, make_case, make_corpus

@@ -15,10 +15,11 @@ WAY = (
         ["golden.core"],
         ["golden.data"],
         ["golden.model"],
-        ["golden.export"],
-        ["golden.training"],
-        ["golden.baselines"],
-        ["golden.studies", "golden.stability"],
+        ["data"],
+        ["training"],
+        ["choose", "exchange"],
+        ["teach"],
+        ["study"],
         ["pages"],
     ],
     [
@@ -36,28 +37,10 @@ WAY = (
 """Models and hardware, each in the order in which a folder may import from those before it, and from none
 beside it."""
 
-TORCH_MODULES = {
-    f"eskin.golden.{name}"
-    for name in (
-        "model.straight_through",
-        "training.network",
-        "training.batches",
-        "training.descent",
-        "training.fit",
-        "training.losses",
-        "training.train",
-        "training.train_images",
-        "training.enrol",
-        "training.quantise",
-        "training.import_network",
-        "training.import_onnx",
-        "training.torch_files",
-        "baselines.simple",
-        "baselines.tiles",
-        "baselines.transfer",
-        "studies.sweep",
-    )
-}
+TORCH_MODULES = {"eskin.golden.model.straight_through"}
+"""Modules of the golden model that import torch."""
+TORCH_FOLDERS = ("training", "choose", "teach", "exchange", "study")
+"""Folders of eskin/ that may import torch."""
 
 
 @cache
@@ -152,11 +135,11 @@ def breaches(name: str, used: frozenset[str] | None = None) -> list[str]:
             other.partition(".")[0] in ("tests", "scripts") and own != "scripts"
         ):
             broken.append(f"{other} is imported past the package: it would be a second copy of the module")
-        if other == "torch" or other.startswith("torch."):
-            if own.startswith("golden") and name not in TORCH_MODULES:
-                broken.append("imports torch")
-            if own.startswith("rtl"):
-                broken.append("rtl imports torch")
+        if own in ("data", *TORCH_FOLDERS) and its.startswith(("rtl", "cosim")):
+            broken.append(f"{own} imports {other}: learning knows no hardware")
+        torch = other == "torch" or other.startswith("torch.")
+        if torch and own not in ("", "scripts", *TORCH_FOLDERS) and name not in TORCH_MODULES:
+            broken.append(f"{own} imports torch")
     if own.startswith("rtl"):
         broken += [f"rtl loads {other}" for other in reached(name) if other.partition(".")[0] == "torch"]
     if own == "cosim":
@@ -222,7 +205,7 @@ def test_no_module_has_two_names():
 
 def test_the_walk_sees_what_it_should():
     assert "eskin.golden.core.formats" in imports("eskin.golden.core.config") and "torch" in reached(
-        "eskin.golden.training.train"
+        "eskin.training.train"
     )
     tree = ast.parse(
         "import torch.nn\nfrom eskin.golden.model import model\ndef f():\n    from eskin.rtl.engine.engine "
@@ -235,7 +218,7 @@ def test_the_walk_sees_what_it_should():
     }
     against = {
         "eskin.golden.data.recordings": ["torch", "eskin.golden.model.model", "golden.core.config"],
-        "eskin.golden.training.train": ["eskin.cosim.flow", "eskin.pages.report"],
+        "eskin.training.train": ["eskin.cosim.flow", "eskin.pages.report"],
         "eskin.rtl.engine.engine": [
             "eskin.golden.model.model",
             "eskin.rtl.frontend.normaliser",
@@ -251,7 +234,7 @@ def test_the_walk_sees_what_it_should():
 
 def test_help_is_quick_because_nothing_heavy_is_loaded():
     code = (
-        "import sys, eskin.cli.main, eskin.golden.data.load\n"
+        "import sys, eskin.cli.main, eskin.data.load\n"
         "heavy = {'torch', 'amaranth', 'matplotlib', 'cocotb', 'sklearn', 'scipy', 'pandas'} & "
         "set(sys.modules)\n"
         "sys.exit(', '.join(heavy) or 0)"

@@ -20,11 +20,11 @@ import numpy as np
 import pytest
 
 from eskin.cli import main as command_line
+from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, QFormat
 from eskin.golden.core.memo import locked
-from eskin.golden.data import load_recordings
 from eskin.golden.model import IntegerModel
-from eskin.golden.training import recipe
+from eskin.training import recipe
 from eskin.verbs import energy_job
 from tests.support.link_device import Device, golden_decisions
 from tests.support.tiny_cells import liberty_files
@@ -57,7 +57,6 @@ KINDS: dict[str, dict[str, Any]] = {
     "gru-after": {"reset": "after", **WIDE},
     "lstm": {"cell": "lstm", **WIDE},
     "early": {"decision": "early", "early_steps": 1, "early_margin": 64},
-    "serial": {"lanes": 1, "lane_type": "serial"},
     "rom": {"loadable": False},
     "converter": {"converter": "matrix", "rows": 2, "columns": 2},
     "prototypes": {},
@@ -79,7 +78,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "import {weights} --config {config} {scale} --out {out}/model",
         ("linear", "gru-before", "gru-after", "image"),
     ),
-    "quantise": ("quantise {model}", ("linear", "serial", "image")),
+    "quantise": ("quantise {model}", ("linear", "image")),
     "quantise --readout": (
         "quantise {model} --data {data} --readout prototypes --group person --unknown 0.1",
         ("linear", "lstm", "image"),
@@ -93,7 +92,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "export --to c": ("export {model} --to c --out {out}/c", ("linear", "image")),
     "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "image")),
     "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
-    "schedule": ("schedule {model} --out {out}", ("serial", "image")),
+    "schedule": ("schedule {model} --out {out}", ("gru-before", "image")),
     "schedule --table": ("schedule {model} --table", ("image",)),
     "schedule --complexity": ("schedule {model} --complexity --out {out}", ("image",)),
     "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear", "converter")),
@@ -109,7 +108,6 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
         "build {model} --target icebreaker --converter ads7953 --standalone --flash --out {out}/board",
         ("image",),
     ),
-    "build icestick": ("build {model} --target icestick --out {out}/board", ("image",)),
     "replay": ("replay {model} --data {data} --port {port} --baud 2000000", ("early", "image")),
     "watch": ("watch {model} --data {data} --terminal --speed max --once", ("rom", "image")),
     "watch --simulate": (
@@ -170,7 +168,6 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         ("image",),
         "field interface: has a converter or position, which images do not have",
     ),
-    (("build icestick",), ("image",), "field lane_type: is 'serial'; a network for images needs multipliers"),
     (
         ("enrol --teach",),
         tuple(kind for kind in KINDS if kind not in ("prototypes", "image")),
@@ -195,7 +192,7 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
 ]
 """Rows, kinds, and what the sentence says with which they end."""
 
-MISSED = {"run": "FAILED", "stability": "FAILED", "build icestick": "does not fit the iCE40HX1K of icestick"}
+MISSED = {"run": "FAILED", "stability": "FAILED"}
 """Rows that check something which a tiny model may miss, and what is said then; they end with 1."""
 
 
@@ -347,7 +344,7 @@ class Case:
         return self.out / "grid.json"
 
     def lanes(self) -> str:
-        return {"serial": "1:serial", "image": "4"}.get(self.kind, "1")
+        return "4" if self.kind == "image" else "1"
 
     def liberty(self) -> str:
         return " ".join(f"--liberty {path}" for path in liberty_files("tiny", self.out))
@@ -405,7 +402,7 @@ def test_every_verb_takes_every_kind_of_model_or_says_why_not(row, kind, case_of
     if refusal:
         assert status == 2 and refusal in shown.err and shown.err.count("eskin: ") == 1, shown
     else:
-        # a check that a tiny model misses is said: a bound, as the bit-serial lane at 1 MHz, or a small part
+        # a check that a tiny model misses is said: a bound
         missed = MISSED.get(row)
         assert status == 0 or (missed and status == 1 and missed in shown.out + shown.err), shown
 

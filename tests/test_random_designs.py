@@ -6,43 +6,13 @@ from pathlib import Path
 
 import pytest
 from hypothesis import event, given
-from hypothesis import strategies as st
 
-from eskin.golden.model.prototypes import taught_in_use
-from eskin.golden.model.taught_log import played
-from eskin.golden.model.taught_log import sizes as log_sizes
 from eskin.rtl.frontend import moving_sums
-from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_contents, log_layout
-from tests.cosim.test_button_teaching import CHOOSE, HELD, TEACH, Session, button_board, plays
 from tests.cosim.test_teaching import taught_at_random
-from tests.rtl.host.test_taught_log import by_age
-from tests.support.strategies import (
-    LONG,
-    Design,
-    designs,
-    differences,
-    examples,
-    taught_boards,
-    taught_designs,
-    touched,
-)
+from tests.support.strategies import LONG, Design, designs, differences, examples, taught_designs, touched
 
 FAILED = json.loads((Path(__file__).parent / "failing_designs.json").read_text())
 """What was wrong -> the design."""
-DEEDS = {
-    "touch": lambda session, kind, again: session.touch(kind, again, session.whole),
-    "teach": lambda session, kind, again: session.press(TEACH),
-    "choose": lambda session, kind, again: session.press(CHOOSE),
-    "the next one": lambda session, kind, again: session.press(TEACH, HELD),
-    "forget": lambda session, kind, again: session.press(CHOOSE, HELD),
-    "touch, teach": lambda session, kind, again: session.touch_and_teach(kind, again, session.whole),
-}
-DAY = st.lists(
-    st.tuples(st.sampled_from([*DEEDS, "touch", "teach", "teach"]), st.integers(0, 3)),
-    min_size=6,
-    max_size=14,
-)
-"""What is done to a board from power-on: a deed, and the object that is touched."""
 SHOWN = (
     *("cell", "lane_type", "onset", "window_mode", "decision", "feature_kinds", "converter", "clock_gate"),
     *("readout", "taught", "spare_classes"),
@@ -68,27 +38,6 @@ def test_a_drawn_design_is_taught_as_the_stream_is(tmp_path_factory, part, desig
     folder = tmp_path_factory.mktemp("design")
     both = taught_at_random(design.model, touched(design, (3, 3, 1, 2, 3, 2)), folder, design.seed)
     event(f"taught {both.taught > 0}, refused {both.refused > 0}, decided {both.decisions > 0}")
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(0 if LONG else 1200)
-@examples(1, 12)
-@given(model=taught_boards(), days=st.lists(DAY, min_size=2, max_size=2))
-def test_a_drawn_board_without_a_host_is_taught_by_its_buttons(tmp_path_factory, model, days):
-    """What the pins show, the lamp, and the log in the flash, from which the next day begins."""
-    folder, config = tmp_path_factory.mktemp("board"), model.config
-    hardware, flash = button_board("rtl", config, folder), flash_contents(config, model.arrays)
-    first, half = log_layout(config).offset - FLASH_OFFSET, log_sizes(config)[0]
-    log = b"\xff" * 2 * half
-    for number, day in enumerate(days):
-        session = Session(played(model, log))
-        for again, (act, kind) in enumerate(day):
-            DEEDS[act](session, kind, again)
-        board = plays(hardware, session, flash[:first] + log, folder / f"day{number}")
-        log = board.flash[first : first + 2 * half]
-        assert by_age(played(model, log)) == by_age(session.stream.model)
-        assert len(board.refused) == sum(session.refused) - max(session.nameless - 1, 0)
-        event(f"refused {any(session.refused)}, in use {taught_in_use(session.stream.model).sum()}")
 
 
 @pytest.mark.timeout(300)

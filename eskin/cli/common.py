@@ -12,7 +12,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from eskin.golden.core import InputError, Prefer, Progress, Record, check_target, write_json
+from eskin.choose.cost import Prefer
+from eskin.golden.core import InputError, Progress, Record, check_target, write_json
 from eskin.pages.views import Rows, parts, words
 from eskin.verbs.milestones import Milestones
 
@@ -216,8 +217,8 @@ def warn(sentence: str) -> None:
 
 def load_data(data: str, config: str | None = None):
     """Recordings, and the configuration that was asked for, if one was."""
+    from eskin.data import load_recordings
     from eskin.golden.core import AcceleratorConfig
-    from eskin.golden.data import load_recordings
 
     chosen = AcceleratorConfig.load(config) if config else None
     return load_recordings(data, config=chosen), chosen
@@ -244,8 +245,8 @@ def fitting_config(
 ):
     """The front end that was asked for, or a chosen one with the table of its rivals; the reasons are
     printed."""
-    from eskin.golden.training.choice_table import front_end_table, front_end_words
-    from eskin.golden.training.choose_front_end import configure
+    from eskin.choose.choice_table import front_end_table, front_end_words
+    from eskin.choose.choose_front_end import configure
     from eskin.verbs.cost import market
 
     with progress_bars() as report:
@@ -275,7 +276,8 @@ def integer_model(folder: Path):
 
 def recordings_for(data: str, config):
     """Recordings that fit a model's configuration."""
-    from eskin.golden.data import check_fit, load_recordings
+    from eskin.data import load_recordings
+    from eskin.golden.data import check_fit
 
     recordings = load_recordings(data, config=config)
     if config.is_image == bool(recordings.image_shape):  # else check_fit says what they are
@@ -320,7 +322,7 @@ CountOption = Annotated[
 ]
 
 
-LaneType = Literal["plain", "dsp", "serial"]
+LaneType = Literal["plain", "dsp"]
 """Lanes of one design."""
 
 
@@ -328,9 +330,7 @@ ClassPins = Literal["each", "binary", "none"]
 """How a board shows the class."""
 
 
-LaneTypeOption = Annotated[
-    LaneType | None, option("plain; dsp: the iCE40's DSP blocks; serial: one lane without a multiplier.")
-]
+LaneTypeOption = Annotated[LaneType | None, option("plain; dsp: the iCE40's DSP blocks.")]
 
 
 def how_many(text: str) -> int | None:

@@ -103,7 +103,8 @@ def convert(
     ] = None,
 ) -> None:
     """Write an archive of recordings in another form, and say what was understood of them."""
-    from eskin.golden.data import Reading, image_size, load_recordings, resized, save_archive
+    from eskin.data import Reading, image_size, load_recordings, resized
+    from eskin.golden.data import save_archive
 
     if out.suffix != ".npz":
         raise InputError(f"--out {out}: is no archive's name; end it in .npz")

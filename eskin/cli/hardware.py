@@ -39,7 +39,7 @@ Simulator = Literal["verilator", "icarus", "compiled"]
 """Simulators."""
 
 
-Level = Literal["rtl", "netlist", "bitstream"]
+Level = Literal["rtl", "netlist"]
 """What is simulated."""
 
 
@@ -130,11 +130,9 @@ def cosim(
             "else verilator."
         ),
     ] = None,
-    level: Annotated[
-        Level, option("Generated Verilog, its netlist, or what its bitstream reads back as.")
-    ] = "rtl",
+    level: Annotated[Level, option("Generated Verilog, or its netlist.")] = "rtl",
     target: Annotated[
-        str | None, option("Not with --level rtl: the board, such as icebreaker, icestick, ulx3s; or asic.")
+        str | None, option("Not with --level rtl: the board, such as icebreaker, ulx3s; or asic.")
     ] = None,
     pdk: Annotated[str | None, option("With --target asic: ihp-sg13g2 or sky130hd.", metavar="NAME")] = None,
     liberty: Annotated[
@@ -247,15 +245,10 @@ def _clock(text: str | None) -> float | None:
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
 def build(
     model: ModelArgument,
-    target: Annotated[
-        str | None,
-        option("icebreaker, upduino, ulx3s, icestick, icesugar-nano or tangnano9k.", metavar="NAME"),
-    ] = None,
+    target: Annotated[str | None, option("icebreaker, upduino, ulx3s or tangnano9k.", metavar="NAME")] = None,
     lanes: Annotated[
         int | None,
-        option(
-            "Multipliers that work at once; default: the model's, fewer where they do not fit, 1 where the part has none."
-        ),
+        option("Multipliers that work at once; default: the model's, fewer where they do not fit."),
     ] = None,
     lane_type: Annotated[LaneType | None, option("Default: what suits the part.")] = None,
     link: Annotated[
@@ -317,9 +310,9 @@ def build(
 ) -> None:
     """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the
     clock each budget needs."""
-    from eskin.golden.studies.converter_power import in_words
     from eskin.rtl.fpga.synthesis import counted_family
     from eskin.rtl.fpga.targets import target as board
+    from eskin.study.converter_power import in_words
     from eskin.verbs import build_job as job
 
     if synthesis_only is not None:
@@ -604,8 +597,8 @@ def energy(
 ) -> Record:
     """Estimate energy of a touch and power of waiting, from activity counted in co-simulated netlists;
     minutes a configuration."""
-    from eskin.golden.studies.converter_power import in_words
     from eskin.pages.energy_page import PAGE
+    from eskin.study.converter_power import in_words
     from eskin.verbs.energy_job import RESULT, job
 
     check_target(out / RESULT)

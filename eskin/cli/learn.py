@@ -108,12 +108,12 @@ def train(
 ) -> None:
     """Choose what was not asked for, cross-validate, then train a model on all recordings of DATA and write
     its folder."""
+    from eskin.choose.choice_table import network_name, windows_brief
+    from eskin.choose.choose_network import check_units, train_chosen
     from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
-    from eskin.golden.training.choice_table import network_name, windows_brief
-    from eskin.golden.training.choose_network import check_units, train_chosen
-    from eskin.golden.training.image_models import KEPT
-    from eskin.golden.training.splits import split_folds
+    from eskin.training.image_models import KEPT
+    from eskin.training.splits import split_folds
     from eskin.verbs.cost import market
 
     check_units(cell, hidden, weight_sets)
@@ -160,7 +160,7 @@ def train(
 
 
 def _widths(*bits: int | None) -> dict[str, int]:
-    """The widths that were asked for, by the names of ``eskin.golden.training.quantise.choose_formats``."""
+    """The widths that were asked for, by the names of ``eskin.training.quantise.choose_formats``."""
     names = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
     return {name: count for name, count in zip(names, bits, strict=True) if count is not None}
 
@@ -303,14 +303,14 @@ def enrol(
             f"eskin enrol, {'MODEL' if model is None else 'option --out'}: is missing; or judge enrolment "
             "with --evaluate"
         )
-    from eskin.golden.data import load_recordings
+    from eskin.data import load_recordings
     from eskin.golden.model import check_model_target, load_config
-    from eskin.golden.training.enrol import enrol as train_on
+    from eskin.teach.enrol import enrol as train_on
 
     check_model_target(out)
     config_of_model = load_config(model)
     if teach is not None:
-        from eskin.golden.training.enrol import teach_folder
+        from eskin.teach.enrol import teach_folder
 
         for name, given in (
             ("--data", data is not None),
@@ -385,11 +385,18 @@ def import_(
     mean: Annotated[float | None, option("Codes taken off every window mean in its training.")] = None,
     std: Annotated[float | None, option("Codes that became 1 in its training.")] = None,
     data: Annotated[str | None, option("Without --mean and --std: measure them on these recordings.")] = None,
-) -> None:
+    check: Annotated[
+        Path | None,
+        option(
+            "An .npz of reference inputs (touches, steps, inputs), normalised, and outputs (logits, of the last step or of "
+            "every step) that the model must give; else nothing is written, status 1."
+        ),
+    ] = None,
+) -> Record:
     """Make a model folder of a network trained elsewhere; then quantise it with --data."""
+    from eskin.exchange.import_network import import_network
     from eskin.golden.core import AcceleratorConfig
     from eskin.golden.model import check_model_target
-    from eskin.golden.training.import_network import import_network
 
     check_model_target(out)
     recordings: Recordings | None = None
@@ -408,23 +415,24 @@ def import_(
     elif data is not None and recordings is None:
         recordings = recordings_for(data, chosen)
     record = import_network(
-        file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings
+        file, chosen, out=out, cell=cell, reset=reset, mean=mean, std=std, recordings=recordings, check=check
     )
     scale = {
         name: ", ".join(f"{value:.6g}" for value in np.atleast_1d(record["normalisation"].get(name, ())))
         for name in ("mean", "std")
     }
-    show("import", **record, **scale, out=out, images=chosen.is_image)
+    show("import", **{"check": None, "passed": True} | record, **scale, out=out, images=chosen.is_image)
+    return record
 
 
 def _imported_config(file: Path, data: str | None) -> tuple[AcceleratorConfig, Recordings | None]:
     """Configuration for an .onnx file without --config, and the recordings it is derived from, if it is."""
-    from eskin.golden.training.derive import derive_config
-    from eskin.golden.training.import_network import ONNX_SUFFIX
+    from eskin.exchange.import_network import ONNX_SUFFIX
+    from eskin.training.derive import derive_config
 
     if file.suffix != ONNX_SUFFIX:
         raise InputError("--config: is missing; a file of weights does not say which array it is for")
-    from eskin.golden.training.import_onnx import configuration_of
+    from eskin.exchange.import_onnx import configuration_of
 
     configuration = configuration_of(file)
     if configuration is not None:
@@ -505,7 +513,7 @@ def quantise(
 ) -> None:
     """Write the integer model into a model folder, a format for each signal."""
     from eskin.golden.model import describe_formats, load_config
-    from eskin.golden.training.quantise import quantise as to_integers
+    from eskin.training.quantise import quantise as to_integers
 
     widths: Record = {**_widths(weight_bits, state_bits, feature_bits, gate_bits, table_entries)}
     if logit_error is not None and (data is None or lean or widths):
@@ -554,8 +562,8 @@ def quantise(
 
 def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group: str | None) -> None:
     from eskin.golden.model import describe_formats
-    from eskin.golden.training.splits import split_folds
-    from eskin.golden.training.widths import FOLDS, quantise_by_error
+    from eskin.training.splits import split_folds
+    from eskin.training.widths import FOLDS, quantise_by_error
 
     groups = groups_of(group)
     if groups is not None:
@@ -570,7 +578,7 @@ def evaluate(model: ModelArgument, data: DataOption, json: JsonOption = None) ->
     """Set float against integer: accuracy, agreement, per class, per step; on training data this is no
     accuracy on unseen recordings."""
     from eskin.golden.model import load_config
-    from eskin.golden.training.evaluate import evaluate as compare
+    from eskin.training.evaluate import evaluate as compare
 
     result = compare(model, recordings_for(data, load_config(model)))
     show("evaluate", **result)
@@ -591,9 +599,9 @@ def compare(
     its format."""
     from eskin.golden.model import load_config, random_images, random_recordings
     from eskin.golden.model.image_network import image_recordings
-    from eskin.golden.training.evaluate import compare_stages
     from eskin.pages.compare_page import PAGE, render
     from eskin.pages.views import write_text
+    from eskin.training.evaluate import compare_stages
 
     page = out / PAGE
     check_target(page)

@@ -74,7 +74,7 @@ def watch(
     lanes: Annotated[
         int | None, option("Lanes of the simulated hardware (default 4), or with --baud the board's.")
     ] = None,
-    lane_type: Annotated[LaneType | None, option("plain, dsp or serial, likewise.")] = None,
+    lane_type: Annotated[LaneType | None, option("plain or dsp, likewise.")] = None,
 ) -> Record:
     """Watch a model at work in the browser: taxels, windows, features, hidden state, logits and decisions as
     they come."""

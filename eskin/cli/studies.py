@@ -83,7 +83,7 @@ def sweep(
                 f"{name} {value}: is out of range; give a number above 0"
                 + (f" and at most {most:g}" if most == 1.0 else "")
             )
-    from eskin.golden.studies.sweep import Bounds, split_name, spread_of
+    from eskin.study.sweep import Bounds, split_name, spread_of
     from eskin.verbs import sweep_job
 
     recordings, user_config = load_data(data, config)
@@ -190,9 +190,9 @@ def leak_check(
 ) -> list[Record]:
     """Take the touch out of every unseen recording: networks that still know its class know it from
     elsewhere."""
-    from eskin.golden.studies.leak_check import leak_check as check
-    from eskin.golden.studies.sweep import split_name
-    from eskin.golden.training.splits import default_splits
+    from eskin.study.leak_check import leak_check as check
+    from eskin.study.sweep import split_name
+    from eskin.training.splits import default_splits
 
     recordings, user_config = load_data(data, config)
     chosen = fitting_config(recordings, user_config, groups_of(group)).config

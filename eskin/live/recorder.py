@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from eskin.data.frames import SUFFIX, arrays_of, row_type
 from eskin.golden.core import AcceleratorConfig, InputError, check_target, replacing
-from eskin.golden.data.frames import SUFFIX, arrays_of, row_type
 
 
 class Recorder:

@@ -70,7 +70,7 @@ def draw_profiles(signals: Sequence[Record]) -> Figure:
 
 
 def render(result: Record) -> str:
-    """The page of a result of ``eskin.golden.training.evaluate.compare_stages``."""
+    """The page of a result of ``eskin.training.evaluate.compare_stages``."""
     with rc_context(STYLE):
         chart = svg(draw_profiles(result["signals"]))
     return page("compare.html.j2", result=result, chart=chart, findings=parts(words("findings", **result)))

@@ -102,7 +102,7 @@ def draw_waiting(rows: list[Record]) -> Figure:
 
 
 def render(result: Record) -> str:
-    """The page of a result of eskin.golden.studies.energy.compare, with ``chips`` where there are any."""
+    """The page of a result of eskin.study.energy.compare, with ``chips`` where there are any."""
     rows, chips, thing = result["configurations"], list(result.get("chips", ())), result["what"]
     curves = [row for row in rows if row.get("waiting")]
     with rc_context(STYLE):

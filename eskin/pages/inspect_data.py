@@ -13,8 +13,8 @@ from eskin.golden.core.images import network, stages_of
 from eskin.golden.data import Recordings
 from eskin.golden.data.rate import wrong_rate
 from eskin.golden.model import find_onsets, images_of
-from eskin.golden.training.derive import derive_config
 from eskin.pages.charts import draw_events
+from eskin.training.derive import derive_config
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

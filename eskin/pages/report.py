@@ -33,19 +33,7 @@ from matplotlib.text import Annotation
 from matplotlib.ticker import MaxNLocator, PercentFormatter
 from matplotlib.transforms import Bbox
 
-from eskin.golden.core import (
-    AcceleratorConfig,
-    ArchiveError,
-    InputError,
-    QFormat,
-    Record,
-    pareto,
-    read_arrays,
-    replacing,
-)
-from eskin.golden.data import Recordings
-from eskin.golden.model import Trace, describe_formats
-from eskin.golden.training.choice_table import (
+from eskin.choose.choice_table import (
     front_end_brief,
     front_end_table,
     front_end_words,
@@ -54,6 +42,18 @@ from eskin.golden.training.choice_table import (
     unseen,
     windows_brief,
 )
+from eskin.choose.cost import pareto
+from eskin.golden.core import (
+    AcceleratorConfig,
+    ArchiveError,
+    InputError,
+    QFormat,
+    Record,
+    read_arrays,
+    replacing,
+)
+from eskin.golden.data import Recordings
+from eskin.golden.model import Trace, describe_formats
 from eskin.pages.charts import CLASS_COLOURS, STYLE, cost_axis, draw_events, panel_row, share_bars, svg
 from eskin.pages.views import GAP, page, percent, short_name, tables, words, write_text
 

@@ -10,9 +10,10 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from eskin.golden.core import Record, pareto
-from eskin.golden.studies.sweep import cell_name, network_name, split_name
+from eskin.choose.cost import pareto
+from eskin.golden.core import Record
 from eskin.pages.charts import STYLE, cost_axis, share_bars
+from eskin.study.sweep import cell_name, network_name, split_name
 
 COLOURS = (
     "#4477aa",

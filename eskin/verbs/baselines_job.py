@@ -8,12 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.baselines import judge as judging
-from eskin.golden.baselines.judge import Judging
-from eskin.golden.baselines.registry import METHODS, choose_methods
-from eskin.golden.baselines.rows import nearest, orders, row_of
-from eskin.golden.baselines.scene import Scene, array_shape
-from eskin.golden.baselines.transfer import LEARNT_NOT, read_weights
+from eskin.choose.choose_front_end import configure
 from eskin.golden.core import (
     AcceleratorConfig,
     InputError,
@@ -28,19 +23,25 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.data import Recordings
-from eskin.golden.training.choose_front_end import configure
-from eskin.golden.training.splits import default_splits, split_folds
 from eskin.pages.baselines_chart import chart
 from eskin.rtl.views.schedule_view import save_figure
+from eskin.study.baselines import judge as judging
+from eskin.study.baselines.judge import Judging
+from eskin.study.baselines.registry import METHODS, choose_methods
+from eskin.study.baselines.rows import nearest, orders, row_of
+from eskin.study.baselines.scene import Scene, array_shape
+from eskin.study.baselines.transfer import LEARNT_NOT, read_weights
+from eskin.training import LEARNING
+from eskin.training.splits import default_splits, split_folds
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
 
 CACHE = Path("build/baseline_runs")
 """Finished runs by content, safe to delete."""
-CODE = partial(code_version, "golden")
+CODE = partial(code_version, *LEARNING)
 RESULT, CHART = "baselines.json", "baselines"
-COMMON = ("golden/core", "golden/data", "golden/model", "golden/training")
-"""What every run depends on, beside ``golden/baselines/judge.py``, ``scene.py`` and the file of its
+COMMON = ("golden", "data", "training", "choose")
+"""What every run depends on, beside ``eskin/study/baselines/judge.py``, ``scene.py`` and the file of its
 family."""
 FILES: dict[str, tuple[str, ...]] = {
     "ours": ("recurrent",),
@@ -50,7 +51,7 @@ FILES: dict[str, tuple[str, ...]] = {
     "tiles": ("tiles",),
     "transfer": ("transfer", "tiles"),
 }
-"""Modules of ``golden/baselines`` by family: another method there trains only its own family again."""
+"""Modules of ``eskin/study/baselines`` by family: another method there trains only its own family again."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +105,7 @@ def keys_of(pieces: Sequence[Judging], shared: Shared) -> dict[str, Judging]:
     code = {}
     for family, modules in FILES.items():
         code[family] = code_version(
-            *(f"golden/baselines/{name}.py" for name in ("judge", "scene", "method", *modules))
+            *(f"study/baselines/{name}.py" for name in ("judge", "scene", "method", *modules))
         )
     if shared.weights is not None:
         code["transfer"] += content_key(*(part for named in shared.weights.items() for part in named))
@@ -150,7 +151,7 @@ def run(
         Group names of the one split; None: every split that the configuration names.
     shape, weights:
         Rows and columns of the array (``4x4``); a file for ``dcnn``
-        (``eskin.golden.baselines.transfer.read_weights``).
+        (``eskin.study.baselines.transfer.read_weights``).
     full:
         Every number of windows, and every seed for methods that are otherwise judged with one.
     seed, seeds, folds:
@@ -158,7 +159,7 @@ def run(
 
     Returns
     -------
-    As in baselines.json: rows (``eskin.golden.baselines.rows.row_of``), nearest, orders, left_out (method,
+    As in baselines.json: rows (``eskin.study.baselines.rows.row_of``), nearest, orders, left_out (method,
     split, reason), notes, reasons,
         data, recordings, classes, shape, config, seeds, folds, wall_s.
 

@@ -33,7 +33,6 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
 from eskin.golden.model import IntegerModel
-from eskin.golden.studies.energy import PARTS, estimate, scheduled_activity
 from eskin.pages.views import words, write_text
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
@@ -45,8 +44,7 @@ from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.fpga.tools import need_tool
 from eskin.rtl.fpga.wiring import Wiring
 from eskin.rtl.host.uart import DIVISOR_MIN, uart_divisor
-from eskin.rtl.program.compact_program import CompactSchedule
-from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_contents
+from eskin.rtl.program.flash_image import FLASH_OFFSET, flash_image
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import (
     decision_cycles,
@@ -56,10 +54,10 @@ from eskin.rtl.program.schedule import (
     schedule,
     step_cycles,
 )
-from eskin.rtl.program.timing import is_compact
 from eskin.rtl.top.board_top import BAUD, ClassPins
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.top.skin_top import refuse_standalone
+from eskin.study.energy import PARTS, estimate, scheduled_activity
 
 CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""
@@ -84,8 +82,6 @@ TABLE_ROWS = (
     ("icebreaker", 4, False),
     ("icebreaker", 6, False),
     ("ulx3s", 12, False),
-    ("icestick", 1, False),
-    ("icesugar-nano", 1, False),
 )
 """(board, lanes, with the link) of the rows of ``--table``."""
 
@@ -111,8 +107,6 @@ class BuildError(RuntimeError):
 def suited_lane_type(config: AcceleratorConfig, target: Target) -> str:
     """The lane type that suits the board's part. Sums of very many inputs do not fit the accumulators of its
     DSP blocks; plain lanes take those."""
-    if target.family.dsp is None:
-        return "serial"
     narrow = config.is_image or config.accumulator_bits <= WIDEST_DSP_ACCUMULATOR
     return "dsp" if "dsp" in LANE_TYPES and target.family.dsp == "SB_MAC16" and narrow else "plain"
 
@@ -120,17 +114,15 @@ def suited_lane_type(config: AcceleratorConfig, target: Target) -> str:
 def suited(
     config: AcceleratorConfig, target: Target, lanes: int | None = None, lane_type: str | None = None
 ) -> AcceleratorConfig:
-    """``config`` on the lanes asked for; by default on its own number of them, 1 where the part has no
-    multiplier, of the type that suits the part.
+    """``config`` on the lanes asked for; by default on its own number of them, of the type that suits the
+    part.
 
     Raises
     ------
     InputError
         Lanes that there are not, or not for images.
     """
-    suited_config = config.with_lanes(
-        lanes or (None if target.family.dsp else 1), lane_type or suited_lane_type(config, target)
-    )
+    suited_config = config.with_lanes(lanes, lane_type or suited_lane_type(config, target))
     if suited_config.is_image:
         refuse_hardware(suited_config)
     return suited_config
@@ -335,7 +327,7 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
         }
         result |= {"stimulator": interface.stimulator != "none", "wiring": wiring.table()}
     if request.flash:
-        result["flash_image"] = image = flash_contents(config, request.arrays)
+        result["flash_image"] = image = flash_image(config, request.arrays)
         result["flash"] = {"image": FLASH_IMAGE, "offset": FLASH_OFFSET, "bytes": len(image)}
     return result, best.bitstream, netlist.verilog
 
@@ -352,9 +344,7 @@ def synthesis_only(
         Lanes that there are not.
     """
     if lane_type == "dsp":
-        raise InputError(
-            "--lane-type dsp: is made of an iCE40's multipliers; leave it out, or give plain or serial"
-        )
+        raise InputError("--lane-type dsp: is made of an iCE40's multipliers; leave it out, or give plain")
     config = model.config.with_lanes(
         lanes, lane_type or ("plain" if model.config.hardware.lane_type == "dsp" else None)
     )
@@ -549,9 +539,7 @@ def misfit_sentence(
     short = misfit.shortage
     lacks = _lacks(short)
     helps = []
-    if target.family.dsp is None and config.hardware.lane_type != "serial":
-        helps.append("--lane-type serial multiplies without multipliers")
-    elif config.is_image and "block memories" in short:
+    if config.is_image and "block memories" in short:
         helps.append("a network with fewer weights in its convolutions needs fewer")
     elif not config.recurrent and "block memories" in short:
         helps += _fewer_weights(config, target, *short["block memories"])
@@ -559,16 +547,11 @@ def misfit_sentence(
         fewer = max(1, config.hardware.lanes - _over(short, "multipliers")) if "multipliers" in short else 1
         helps.append(f"--lanes {fewer} needs {'fewer' if 'multipliers' in short else 'least'}")
     if target.name != LARGEST:
-        helps.append(f"--target {LARGEST if target.family.dsp else 'icebreaker'} has a larger part")
+        helps.append(f"--target {LARGEST} has a larger part")
     elif not helps:
         helps.append("fewer taxels or hidden units need less")
     if link and not alone:
         helps.append("--no-link leaves out what talks to the host")
-    one_memory = set(short) == {"block memories"} and _over(short, "block memories") == 1
-    if one_memory and is_compact(config) and config.formats.table_entries == 512:
-        helps.append(
-            "table_entries 256 in the model's config.json needs one less (eskin evaluate tells what it costs)"
-        )
     design = "with the link" if link else "without the link"
     return (
         f"{design}, does not fit the {target.device} of {target.name}: it needs {lacks}; {', '.join(helps)}"
@@ -634,12 +617,8 @@ def _fewer_weights(config: AcceleratorConfig, target: Target, needed: int, avail
 
 def _weight_blocks(config: AcceleratorConfig, target: Target) -> int:
     """Block memories of all weights, each memory cut into blocks of the shape that needs fewest."""
-    plan = schedule(config)
-    if isinstance(plan, CompactSchedule):
-        words, bits, memories = plan.compact.weight_words, plan.compact.weight_word_bits, 1
-    else:
-        words, bits = plan.weight_depth, config.weight_bits
-        memories = config.hardware.lanes - lanes_in_large_memories(config, target.family.name, words)
+    words, bits = schedule(config).weight_depth, config.weight_bits
+    memories = config.hardware.lanes - lanes_in_large_memories(config, target.family.name, words)
     return memories * min(-(-words // depth) * -(-bits // width) for depth, width in target.family.blocks)
 
 

@@ -20,7 +20,6 @@ from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, run
 from eskin.golden.model.pipeline import find_touches
-from eskin.golden.studies.energy import BATTERY_J, TOUCHES_PER_S
 from eskin.rtl.asic.blocks import OTHERS, TRUNK, blocks_of
 from eskin.rtl.asic.energy import BAND, costs
 from eskin.rtl.asic.liberty import WireLoad
@@ -29,6 +28,7 @@ from eskin.rtl.asic.nets import Nets
 from eskin.rtl.fpga.generate import boot_writes, pack_decision
 from eskin.rtl.program.memory_map import Control, Register, TeachRegister
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
+from eskin.study.energy import BATTERY_J, TOUCHES_PER_S
 
 SEED = 1
 """Seed of the random contents that registers and memories begin with."""

@@ -14,9 +14,9 @@ from pathlib import Path
 
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, replacing_folder, write_json
 from eskin.golden.model import IntegerModel, random_integer_model
-from eskin.golden.studies.sweep import AWARE, HARDWARE, NETWORK, Point, make_points
 from eskin.pages.views import words
 from eskin.rtl.asic.synthesis import process_of
+from eskin.study.sweep import AWARE, HARDWARE, NETWORK, Point, make_points
 from eskin.verbs import asic_job
 
 MARK, PAGE = "fit.json", "fit.md"

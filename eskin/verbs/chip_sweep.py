@@ -20,8 +20,9 @@ import numpy as np
 from rich.console import Console
 
 from eskin.cosim.gate_flow import SIMULATOR
+from eskin.data import load_recordings
 from eskin.golden.core import Memo, Record, code_version, content_key
-from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel
 from eskin.pages.views import Rows, tables, words
 from eskin.verbs import asic_job

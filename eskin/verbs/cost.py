@@ -3,20 +3,20 @@
     E(touch) = frames * cycles of a frame * (e_clock + (FRAME_TOGGLES + ONSET_TOGGLES) * e_toggle)
              + steps * (cycles of a step * (e_clock + STEP_TOGGLES * e_toggle) + multiplies * e_multiply)
 
-Cycles are those of the schedule, e_... those of `eskin.golden.studies.energy`. Cells are a sum over what the
+Cycles are those of the schedule, e_... those of `eskin.study.energy`. Cells are a sum over what the
 design has (`parts_of`). These constants are fitted to counted netlists by ``python -m scripts.cost_model``,
 which prints how far they are off (docs/energy.md). Block memories are those of the elaborated design.
 """
 
 from functools import lru_cache, partial
 
-from eskin.golden.core import AcceleratorConfig, InputError, Market, Prefer, Record
-from eskin.golden.core.cost import PREFERENCES, Cost
-from eskin.golden.studies.energy import estimate, scheduled_activity
+from eskin.choose.cost import PREFERENCES, Cost, Market, Prefer
+from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
 from eskin.rtl.views.complexity import block_memories
+from eskin.study.energy import estimate, scheduled_activity
 from eskin.verbs.build_job import suited
 
 CODE = ("rtl", "verbs/cost.py")
@@ -62,9 +62,9 @@ def on_board(config: AcceleratorConfig, target: Target) -> AcceleratorConfig:
 
 
 def estimated(config: AcceleratorConfig, part: str) -> Record:
-    """`eskin.golden.studies.energy.estimate` of a design on its own lanes, by the cycles of its schedule."""
-    multipliers = 0 if config.hardware.lane_type == "serial" else config.hardware.lanes
-    activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), multipliers)
+    """`eskin.study.energy.estimate` of a design on its own lanes, by the cycles of its schedule."""
+    lanes = config.hardware.lanes
+    activity = scheduled_activity(config, step_cycles(config), *mean_frame_cycles(config), lanes)
     return estimate(config, part, activity, config.hardware.clock_hz)
 
 

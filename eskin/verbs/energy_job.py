@@ -18,11 +18,10 @@ import numpy as np
 from eskin.cosim import flow
 from eskin.cosim.activity import instrument, read_count
 from eskin.cosim.latency import needed_clock
+from eskin.exchange import compiled, emulated
 from eskin.golden.core import AcceleratorConfig, InputError, Progress, Record, write_json
 from eskin.golden.data import Recordings
-from eskin.golden.export import compiled, emulated
 from eskin.golden.model import IntegerModel
-from eskin.golden.studies import energy
 from eskin.pages.energy_page import PAGE, render
 from eskin.pages.views import write_text
 from eskin.rtl.fpga.blocks import block_of
@@ -31,12 +30,13 @@ from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import mean_frame_cycles
 from eskin.rtl.program.timing import logit_to_decision
 from eskin.rtl.top.image_accelerator import refuse_hardware
+from eskin.study import energy
 from eskin.verbs.build_job import suited_lane_type
 from eskin.verbs.chip_energy import chip_row, with_touches
 from eskin.verbs.export_job import export_c
 from eskin.verbs.flow import BUILD, expected_of, netlist_of
 
-CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "icestick:1:serial", "ulx3s:12")
+CONFIGURATIONS = ("icebreaker:1", "icebreaker:4", "icebreaker:6", "ulx3s:12")
 """What is compared without other wishes: board, lanes, lane type."""
 IMAGE_CONFIGURATIONS = ("icebreaker:4", "icebreaker:8", "ulx3s:16")
 """The same of images."""
@@ -54,7 +54,7 @@ def parse_configuration(text: str) -> tuple[str, int, str | None]:
     if not re.fullmatch(r"\d{1,4}", lanes):
         raise InputError(
             f"--configuration {text[:40]}: is not of the form TARGET:LANES[:TYPE], such as icebreaker:6 or "
-            "icestick:1:serial"
+            "icebreaker:1:dsp"
         )
     find_target(target)
     return target, int(lanes), kind or None
@@ -70,7 +70,7 @@ def measure(
     *,
     work: Path,
 ) -> Record:
-    """Activity and estimate of one configuration: the keys of eskin.golden.studies.energy.estimate, and
+    """Activity and estimate of one configuration: the keys of eskin.study.energy.estimate, and
     target, lanes, lane_type, cells, bit_exact.
 
     Parameters
@@ -166,7 +166,7 @@ def _images(recordings: Recordings, count: int) -> tuple[np.ndarray, Recordings]
 
 def in_software(model: IntegerModel, recordings: Recordings, work: Path) -> list[Record]:
     """The same model as plain C, a row a microcontroller: name, core, instructions and cycles of
-    `eskin.golden.export.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images
+    `eskin.exchange.emulated.play`, bit_exact, and the keys of `energy.run_in_software`. Empty of images
     and prototypes, which C does not have, and where compiler (ziglang) or emulator (unicorn) is not installed."""
     available = compiled.there() and importlib.util.find_spec("unicorn")
     if model.config.is_image or model.config.has_prototypes or not available:

@@ -8,18 +8,19 @@ from pathlib import Path
 
 import numpy as np
 
+from eskin.choose.choose_front_end import configure
 from eskin.golden.core import AcceleratorConfig, Jobs, Memo, Record, code_version, content_key
 from eskin.golden.data import Recordings
 from eskin.golden.model import with_network
-from eskin.golden.training import enrol
-from eskin.golden.training.choose_front_end import configure
-from eskin.golden.training.enrol import Question
+from eskin.teach import enrol
+from eskin.teach.enrol import Question
+from eskin.training import LEARNING
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
 
 CACHE = Path("build/enrolments")
 """Finished seeds by content, safe to delete."""
-CODE = partial(code_version, "golden", *COST)
+CODE = partial(code_version, *LEARNING, *COST)
 
 
 def judge(recordings: Recordings, question: Question) -> list[Record]:
@@ -54,7 +55,7 @@ def evaluate(
     cache: Path = CACHE,
 ) -> Record:
     """What enrolment brings on each value of ``group``, left out of the first training
-    (``eskin.golden.training.enrol.judge``).
+    (``eskin.teach.enrol.judge``).
 
     Parameters
     ----------
@@ -77,7 +78,7 @@ def evaluate(
 
     Returns
     -------
-    ``eskin.golden.training.enrol.summary``, with seeds, layers, old, setting, set_aside, data, wall_s.
+    ``eskin.teach.enrol.summary``, with seeds, layers, old, setting, set_aside, data, wall_s.
 
     Raises
     ------

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from eskin.exchange import compiled, plain_c
 from eskin.golden.core import InputError, Record, replacing_folder
 from eskin.golden.data import Recordings
-from eskin.golden.export import compiled, plain_c
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,
@@ -76,7 +76,7 @@ def export_onnx(
         file, parameters, recordings (compared; None: random features), touches (of them, by default 100),
         difference (largest of a logit; None: not compared), limit, passed.
     """
-    from eskin.golden.export.onnx_file import largest_difference, write_onnx
+    from eskin.exchange.onnx_file import largest_difference, write_onnx
 
     check_folder(out, ONNX_FILE)
     config = model.config

@@ -10,7 +10,7 @@ import numpy as np
 
 from eskin.cosim import flow, gate_flow
 from eskin.cosim.gates import Chip
-from eskin.cosim.netlist import Hardware, netlist_hardware, recovered_hardware
+from eskin.cosim.netlist import Hardware, netlist_hardware
 from eskin.cosim.runner import locked
 from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Memo, Record, code_version, content_key
 from eskin.golden.data import Recordings
@@ -28,7 +28,6 @@ from eskin.rtl.fpga.export import TOP
 from eskin.rtl.fpga.generate import boot_writes, generate, register_map
 from eskin.rtl.fpga.synthesis import Chain, Netlist, synthesise
 from eskin.rtl.fpga.targets import target as find_target
-from eskin.rtl.fpga.tools import run_tool
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.verbs import asic_job
@@ -77,8 +76,7 @@ def cosimulate(
         Look for the lowest clock that meets every budget, at the declared pace; it is the result's
         ``clock_hz``.
     level, target:
-        ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets; ``bitstream``: what icebox_vlog reads back
-        (`bitstream_of`).
+        ``rtl``; ``netlist`` for a board of eskin.rtl.fpga.targets.
     converter:
         Begin at a converter's pins: this one, or None for the configuration's (``none``: frames as they were
         recorded). The golden model reads what the converter gives of the recordings. Frames then come at the
@@ -117,9 +115,7 @@ def cosimulate(
             else "is for chips; add --target asic, or take verilator"
         )
         raise InputError(f"--simulator {gate_flow.SIMULATOR}: {reason}")
-    if target is not None and level == "bitstream":
-        options["hardware"] = bitstream_of(config, model.arrays, target)
-    elif chip is not None:
+    if chip is not None:
         config = asic_job.chip_config(config, None, chip["rom"])
         chips, placed = _chip_parts(config, model.arrays, chip, options)
     elif target is not None:
@@ -282,32 +278,3 @@ def netlist_of(
     )
     netlist = Netlist.of(folder, family, TOP)
     return netlist_hardware(netlist.verilog, family.name, target, probes=probes), netlist.cells
-
-
-def bitstream_of(config: AcceleratorConfig, arrays: Arrays, target: str) -> Hardware:
-    """The netlist without probes, placed, routed and read back from its bitstream.
-
-    It is placed on an HX8K in a package of 206 pads, the same family and cells as the boards' HX1K and LP1K,
-    whose packages have fewer pads than the chain has ports. An unchanged one is taken from the build folder.
-
-    Raises
-    ------
-    InputError
-        Another family, a design with multiplier cells, or icebox_vlog is not installed.
-    """
-    family = find_target(target).family
-    if family.name != "ice40" or family.dsp:
-        raise InputError(
-            f"--level bitstream: reads back iCE40 parts without multipliers; --target {target} is none, "
-            "take icestick"
-        )
-    hardware, _ = netlist_of(config, arrays, target, probes=False)
-    folder = hardware.sources[0].parent
-    with locked(folder.with_suffix(".lock")):
-        if not (folder / "placed.json").exists():
-            clock = f"--freq {config.hardware.clock_hz / 1e6:g} --timing-allow-fail -q"
-            files = f"--json {TOP}.json --asc {TOP}.asc --write placing.json"
-            command = f"--hx8k --package ct256 --seed 1 {clock} {files}"
-            run_tool("nextpnr-ice40", command.split(), folder)
-            (folder / "placing.json").rename(folder / "placed.json")
-        return recovered_hardware(folder / f"{TOP}.asc", folder / "placed.json", target)

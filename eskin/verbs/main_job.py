@@ -25,13 +25,16 @@ from rich.console import Console
 from rich.progress import BarColumn, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bars
 
+from eskin.choose import choose_network, doubts, yardsticks
+from eskin.choose.choice_table import left_out, unseen
+from eskin.choose.choose_front_end import Plan, configure
+from eskin.choose.cost import Market, Prefer
 from eskin.cosim import flow, latency
+from eskin.data import load_recordings
 from eskin.golden.core import (
     AcceleratorConfig,
     InputError,
-    Market,
     Memo,
-    Prefer,
     Progress,
     Record,
     check_folder,
@@ -40,19 +43,17 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.core.files import exchange
-from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, load_training, pipeline, write_vectors
-from eskin.golden.training import choose_network, doubts, evaluate, quantise, yardsticks
-from eskin.golden.training.choice_table import left_out, unseen
-from eskin.golden.training.choose_front_end import Plan, configure
-from eskin.golden.training.image_models import KEPT, chosen_config
-from eskin.golden.training.splits import split_folds
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.targets import TARGETS
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
+from eskin.training import LEARNING, evaluate, quantise
+from eskin.training.image_models import KEPT, chosen_config
+from eskin.training.splits import split_folds
 from eskin.verbs import cost
 from eskin.verbs.build_job import weights_sentence
 from eskin.verbs.cost import CODE as COST
@@ -74,7 +75,7 @@ PER_CLASS of each class at most."""
 FEWEST_WINDOWS = 3
 """Windows that it sees at least: steps one after the other, with hops between them."""
 RESULT_MARK = "run.json"
-GOLDEN = ("golden",)
+GOLDEN = LEARNING
 
 
 def run(
@@ -101,7 +102,7 @@ def run(
     data:
         An archive, a folder of .lvm files, or ``synthetic``.
     config:
-        A preset or a JSON file; None: the front end is chosen (``eskin.golden.training.choose_front_end``).
+        A preset or a JSON file; None: the front end is chosen (``eskin.choose.choose_front_end``).
     recordings:
         How many are co-simulated at full pace, spread evenly over the classes; None: all of a small set, else
         PER_CLASS of each class.
@@ -112,7 +113,7 @@ def run(
     group:
         Groups that stay on one side of a split; None: ``choose_split`` and the splits of the sensor's preset.
     cell, hidden:
-        The network; None: chosen too where ``config`` is None (``eskin.golden.training.choose_network``).
+        The network; None: chosen too where ``config`` is None (``eskin.choose.choose_network``).
     seeds:
         How many the cross-validation takes, from ``seed`` on; None: 3, of images 1.
     prefer, fits:

@@ -31,12 +31,13 @@ from eskin.golden.core import (
 from eskin.golden.core.jobs import Function
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, IntegerModel, load_config
-from eskin.golden.stability import suite as stability
-from eskin.golden.stability.core import GROUPS, Bench, Case, Mode, Outcome
-from eskin.golden.stability.images import ImageBench
-from eskin.golden.studies import defences
-from eskin.golden.training.splits import default_splits
 from eskin.pages.stability_page import PAGE, write_page
+from eskin.study import defences
+from eskin.study.stability import suite as stability
+from eskin.study.stability.core import GROUPS, Bench, Case, Mode, Outcome
+from eskin.study.stability.images import ImageBench
+from eskin.training import LEARNING
+from eskin.training.splits import default_splits
 from eskin.verbs import flow
 from eskin.verbs import upset_campaign as campaign_steps
 from eskin.verbs.defence_cost import hardware_cost
@@ -51,7 +52,7 @@ hardware."""
 STREAMED = 3
 """Recordings of the modes that need the hardware."""
 
-CODE = partial(code_version, "golden", "rtl", "cosim")
+CODE = partial(code_version, *LEARNING, "rtl", "cosim")
 """What records depend on beside their data and model."""
 
 UPSETS = 600
@@ -88,7 +89,7 @@ def run(
         Train and judge the defences by cross-validation, which networks for images have none of; with
         ``cosim``, what each costs in hardware too (``hardware`` of its record).
     few, bench_options:
-        As for ``eskin.golden.stability.core.Bench``, or `eskin.golden.stability.images.ImageBench`.
+        As for ``eskin.study.stability.core.Bench``, or `eskin.study.stability.images.ImageBench`.
     seeds:
         Seeds of the comparison of defences.
     workers, dask:
@@ -117,7 +118,7 @@ def run(
         )
     own = [bench.real, bench.points, bench.long] if isinstance(bench, Bench) else []
     content = content_key(
-        bench.model, recordings, code_version("golden"), [few, bench.flips, bench.seed], *own
+        bench.model, recordings, code_version(*LEARNING), [few, bench.flips, bench.seed], *own
     )
     keep = _Records(cache, content, Jobs(workers=workers, dask=dask, progress=progress, version=CODE))
     hardware = _Hardware(bench, keep, progress) if cosim else None
@@ -178,8 +179,8 @@ def _defences(
 
 
 def watched(config: AcceleratorConfig) -> AcceleratorConfig:
-    """``config`` with watchdog and checksum; the bit-serial lane is built without the latter."""
-    return config.replace(checksum=config.hardware.lane_type != "serial", watchdog=True)
+    """``config`` with watchdog and checksum."""
+    return config.replace(checksum=True, watchdog=True)
 
 
 def undefended(config: AcceleratorConfig) -> AcceleratorConfig:

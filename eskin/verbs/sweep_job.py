@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.baselines.rows import SWEPT
 from eskin.golden.core import (
     AcceleratorConfig,
     InputError,
@@ -21,21 +20,23 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.data import Recordings
-from eskin.golden.studies import sweep as sweeping
-from eskin.golden.studies.image_sweep import ImageSweepRequest, default_grid, make_image_points
-from eskin.golden.training.image_models import KEPT
-from eskin.golden.training.splits import default_splits, split_folds
-from eskin.golden.training.train_images import CODE as IMAGE_CODE
 from eskin.pages import sweep_charts
 from eskin.rtl.program.schedule import decision_cycles, step_cycles
 from eskin.rtl.top.image_accelerator import refuse_hardware
 from eskin.rtl.views.schedule_view import save_figure, write_csv
+from eskin.study import sweep as sweeping
+from eskin.study.baselines.rows import SWEPT
+from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points
+from eskin.training import LEARNING
+from eskin.training.image_models import KEPT
+from eskin.training.splits import default_splits, split_folds
+from eskin.training.train_images import CODE as IMAGE_CODE
 from eskin.verbs.cost import estimated
 
 CACHE = Path("build/sweep_points")
 """Finished trainings by content; shared by all sweeps, safe to delete."""
 
-CODE = partial(code_version, "golden")
+CODE = partial(code_version, *LEARNING)
 """What a training depends on beside its data."""
 
 PART = "iCE40UP5K"
@@ -46,7 +47,7 @@ RESULT, TABLE, CONFIG = "sweep.json", "sweep.csv", "recommended.json"
 
 
 def cost_of(config: AcceleratorConfig) -> dict[str, float]:
-    """Cycles and energies (joule) of a point, as ``eskin.golden.studies.sweep.sweep`` takes them.
+    """Cycles and energies (joule) of a point, as ``eskin.study.sweep.sweep`` takes them.
 
     compute_j: of the steps of a touch, or of an image. energy_j: of an image the same, waiting for it left
     out; of a touch from its first frame to its last, waiting included, with an outside clock that runs, at
@@ -82,8 +83,8 @@ def request_of(
     config:
         Sensor, windows, clock, and what the grid leaves open; of images None.
     grid:
-        A name (``eskin.golden.studies.sweep.GRIDS``) or a JSON file
-        (``eskin.golden.studies.sweep.read_grid``).
+        A name (``eskin.study.sweep.GRIDS``) or a JSON file
+        (``eskin.study.sweep.read_grid``).
     group:
         Group names of the one split; None: every split the configuration names, judged by the first, and
         random folds of images.

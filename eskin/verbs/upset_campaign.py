@@ -22,7 +22,6 @@ from eskin.cosim.device import Design
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, find_touches, run
-from eskin.golden.stability.core import rebuilt
 from eskin.rtl.fpga.generate import boot_writes, pack_decision, register_map
 from eskin.rtl.fpga.upsets import Site, with_upsets
 from eskin.rtl.program.memory_map import Fault
@@ -30,6 +29,7 @@ from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import constant_addends
 from eskin.rtl.top.watchdog import bound, longest_wait
+from eskin.study.stability.core import rebuilt
 
 SLACK = 256
 """Cycles beyond the watchdog's bound before a wait counts as a hang: the bench sees idle late."""

@@ -15,8 +15,9 @@ from soc import CORE, LICENCE, LOADED_WORDS, Soc
 
 from eskin.cosim.flow import converter_parameters
 from eskin.cosim.netlist import netlist_hardware
+from eskin.data import load_recordings
 from eskin.golden.core import AcceleratorConfig, InputError, write_json
-from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Stream, through_converter
 from eskin.golden.model.decision_word import decision_word
 from eskin.rtl.fpga.export import _verilog

@@ -6,7 +6,7 @@ from amaranth.lib import enum
 from eskin.golden.core import PRESETS
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.program.timing import holds_two_largest
-from formal.proof import Bug, assume, free, keeps_its_beat, opened_up, proof, prove
+from formal.proof import Bug, assume, free, keeps_its_beat, placed, proof, prove
 
 CLASSES, STEPS = 3, 3
 CONFIG = PRESETS["thesis"].replace(
@@ -18,8 +18,7 @@ HOLDING = CONFIG.replace(lanes=4)
 
 def _decisions(m: Module, config) -> None:
     """Drives the classifier as the engine does, and counts what it gives against what it was given."""
-    dut = Classifier(config)
-    inside = opened_up(dut)
+    dut = placed(Classifier(config))
     free(dut.logit.valid, dut.logit.value, dut.o.ready, dut.finish)
     logits = Signal(range(CLASSES))  # of the step under way
     m.d.sync += logits.eq(Mux(dut.logit.valid, Mux(logits == CLASSES - 1, 0, logits + 1), logits))
@@ -59,15 +58,12 @@ def _decisions(m: Module, config) -> None:
         )
     # ---- for the induction: where the classifier is, step by step
     phase = Signal(Phase)
-    vote, number = config.network.decision == "vote", inside.number
+    vote, number = config.network.decision == "vote", dut.search.number
     final = locals_ + 1 == STEPS
     given = globals_ != 0
     # the two largest are held as the scores come: a score is compared in the cycle after it
     once = holds_two_largest(config)
-    search, search_inside = (
-        Phase.READ if once else Phase.SEARCH,
-        inside.parts["SearchOnce" if once else "SearchTwice"],
-    )
+    search, searching = dut.search, Phase.READ if once else Phase.SEARCH
     with m.Switch(phase):
         with m.Case(Phase.IDLE):
             with m.If(dut.logit.valid):
@@ -75,11 +71,11 @@ def _decisions(m: Module, config) -> None:
             with m.Elif(dut.finish & (steps != 0)):
                 m.d.sync += phase.eq(Phase.FINISH)
         with m.Case(Phase.LOGITS), m.If(stepped):
-            m.d.sync += phase.eq(search)
+            m.d.sync += phase.eq(searching)
         with m.Case(Phase.FINISH):
             m.d.sync += phase.eq(Mux(given, Phase.IDLE, Phase.TALLY if vote else Phase.OFFER))
         with m.Case(Phase.TALLY), m.If(number == CLASSES - 1):
-            m.d.sync += phase.eq(search)
+            m.d.sync += phase.eq(searching)
         with m.Case(Phase.SEARCH), m.If(number == CLASSES - 1):
             m.d.sync += phase.eq(Phase.READ)
         read = Phase.SUBTRACT if once else Phase.COMPARE
@@ -94,71 +90,69 @@ def _decisions(m: Module, config) -> None:
             closes = (
                 ~dut.o.p.is_global
                 & ~given
-                & (final | (inside.decides if config.network.decision == "early" else 0))
+                & (final | (dut.decides if config.network.decision == "early" else 0))
             )
             m.d.sync += phase.eq(Mux(closes, Phase.TALLY if vote else Phase.OFFER, Phase.IDLE))
     searched = (
         (phase == Phase.SEARCH) | (phase == Phase.READ) | (phase == Phase.COMPARE) | (phase == Phase.SUBTRACT)
     )
-    owed = (searched & ~inside.voting) | ((phase == Phase.OFFER) & ~inside.is_global)
-    prove(inside.busy == (phase != Phase.IDLE), "busy")
-    prove(inside.offered == (phase == Phase.OFFER), "offered")
+    owed = (searched & ~dut.voting) | ((phase == Phase.OFFER) & ~dut.o.p.is_global)
+    prove(dut.idle == (phase == Phase.IDLE), "idle")
+    prove(dut.o.valid == (phase == Phase.OFFER), "offered")
     if once:
-        arrives, of = search_inside.arriving, search_inside.compared
+        arrives, of = search.arriving, search.compared
         prove((arrives & (of == CLASSES - 1)) == (phase == Phase.READ), "the last score is compared")
         prove(~arrives | (of == CLASSES - 1) | (number == of + 1), "a score of the class before")
         prove(
             ~arrives | (phase == Phase.READ) | (phase == Phase.LOGITS) | (phase == Phase.TALLY),
             "a score of this step or vote",
         )
-        prove(~search_inside.judged | inside.busy, "a lead of this step or vote")
+        prove(~search.judged | ~dut.idle, "a lead of this step or vote")
     else:
-        prove(search_inside.searching == (phase == Phase.SEARCH), "searching")
-    prove(inside.tallying == (phase == Phase.TALLY), "tallying")
-    ending = search_inside.ending if once else search_inside.subtracting
-    prove(ending == (phase == Phase.SUBTRACT), "ending")
-    prove(inside.finished == (phase == Phase.FINISH), "finished")
+        prove(search.searching == (phase == Phase.SEARCH), "searching")
+    prove(dut.tallying == (phase == Phase.TALLY), "tallying")
+    prove(search.found == (phase == Phase.SUBTRACT), "ending")
+    prove(dut.finished == (phase == Phase.FINISH), "finished")
     counts = (phase == Phase.LOGITS) | (phase == Phase.TALLY) | (phase == Phase.SEARCH)
     prove(Mux(counts, number < CLASSES, number == 0), "class numbers in range")
     prove((phase != Phase.LOGITS) | (number == logits), "the class of a logit")
     prove((phase == Phase.LOGITS) == (logits != 0), "logits of a step come before anything else")
-    prove(~inside.is_global | (phase == Phase.OFFER) | given, "global while it is offered")
-    prove(inside.best < CLASSES, "the best is a class")
+    prove(~dut.o.p.is_global | (phase == Phase.OFFER) | given, "global while it is offered")
+    prove(dut.o.p["class"] < CLASSES, "the best is a class")
     if vote:
-        prove(inside.voting <= ((phase == Phase.TALLY) | searched | (phase == Phase.OFFER)), "voting")
-        prove((phase != Phase.TALLY) | inside.voting, "tallies for the vote")
-        prove((phase != Phase.OFFER) | (inside.is_global == inside.voting), "the vote is the global decision")
-        prove(sum(inside.votes) == locals_, "as many votes as local decisions")
+        prove(dut.voting <= ((phase == Phase.TALLY) | searched | (phase == Phase.OFFER)), "voting")
+        prove((phase != Phase.TALLY) | dut.voting, "tallies for the vote")
+        prove((phase != Phase.OFFER) | (dut.o.p.is_global == dut.voting), "the vote is the global decision")
+        prove(sum(dut.votes) == locals_, "as many votes as local decisions")
     else:
-        prove(~inside.voting & (phase != Phase.TALLY), "no vote")
-    prove(inside.begun == (steps != 0), "begun")
-    prove((steps == 0) | (inside.step == steps - 1), "the step of the last logits")
-    prove((steps != 0) | (inside.step == 0), "the first step")
+        prove(~dut.voting & (phase != Phase.TALLY), "no vote")
+    prove(dut.begun == (steps != 0), "begun")
+    prove(dut.o.p.step == Mux(steps == 0, 0, steps - 1), "the step of the last logits")
     prove((steps <= STEPS) & (logits < CLASSES), "steps in range")
     prove(steps == locals_ + owed, "a local decision is owed to the last step at most")
     prove(
         globals_ <= (config.network.decision == "early"),
         "no touch goes on after its global decision, but for an early one",
     )
-    prove(finished == (inside.finished | inside.partial), "partial")
+    prove(finished == (dut.finished | dut.o.p.partial), "partial")
     prove(~finished | ~owed, "all local decisions are out when the recording ends")
     prove(
         ~finished
         | (phase == Phase.FINISH)
         | (phase == Phase.TALLY)
-        | (searched & inside.voting)
+        | (searched & dut.voting)
         | (phase == Phase.OFFER),
         "then the last",
     )
-    prove((phase != Phase.FINISH) | ((steps != 0) & ~inside.partial), "finish")
+    prove((phase != Phase.FINISH) | ((steps != 0) & ~dut.o.p.partial), "finish")
     prove((steps != STEPS) | (phase != Phase.IDLE), "the last step ends the touch")
     prove((steps != STEPS) | (phase != Phase.LOGITS), "no logits after the last step")
-    prove((steps == STEPS) | finished | ~inside.voting, "a vote at the end")
+    prove((steps == STEPS) | finished | ~dut.voting, "a vote at the end")
     if config.network.decision == "early":
-        prove(inside.given == given, "given")
-        prove(~(inside.is_global & given & (phase == Phase.OFFER)), "one global decision")
+        prove(dut.given == given, "given")
+        prove(~(dut.o.p.is_global & given & (phase == Phase.OFFER)), "one global decision")
     else:
-        prove((steps == STEPS) | finished | ~inside.is_global, "a global decision at the end")
+        prove((steps == STEPS) | finished | ~dut.o.p.is_global, "a global decision at the end")
 
 
 class Phase(enum.Enum, shape=4):
@@ -176,19 +170,13 @@ class Phase(enum.Enum, shape=4):
 
 
 BUGS = (
-    Bug(
-        "the touch ends with its first decision",
-        "self.ended.eq(taken & is_global)",
-        "self.ended.eq(taken)",
-        depth=16,
-    ),
+    Bug("the touch ends with its first decision", "self.ended.eq(taken & is_global)", "self.ended.eq(taken)"),
     Bug(
         "an offer is withdrawn",
         "with m.If(taken):\n            m.d.sync += offered.eq(0)",
         "with m.If(offered):\n            m.d.sync += offered.eq(0)",
-        depth=16,
     ),
-    Bug("the step counter is not cleared", "(is_global, step, partial,", "(is_global, partial,", depth=60),
+    Bug("the step counter is not cleared", "(is_global, step, partial,", "(is_global, partial,"),
 )
 
 
@@ -203,7 +191,6 @@ BUGS = (
             "a margin at the threshold is unsure",
             "config.network.margin_threshold - 1)",
             "config.network.margin_threshold)",
-            depth=60,
         ),
     ),
 )
@@ -226,7 +213,6 @@ def vote(m: Module) -> None:
             "a bit of the votes is not compared",
             "margin[: config.windows.steps.bit_length()]",
             "margin[: config.windows.steps.bit_length() - 1]",
-            depth=60,
         ),
     ),
 )
@@ -266,7 +252,6 @@ def unsure_vote(m: Module) -> None:
             "an early decision ends the touch",
             "(taken & is_global & (final | partial))",
             "(taken & is_global)",
-            depth=40,
         ),
     ),
 )
@@ -285,7 +270,6 @@ def early(m: Module) -> None:
             "arriving & (compared == last_class)",
             "arriving & (compared == last_class - 1)",
             file="rtl/decision/score_search.py",
-            depth=16,
         ),
     ),
 )

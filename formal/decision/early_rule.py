@@ -4,7 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.decision.early_rule import EarlyRule
-from formal.proof import Bug, free, opened_up, proof, prove
+from formal.proof import Bug, free, placed, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(
     taxels=4,
@@ -30,8 +30,7 @@ CONFIG = PRESETS["thesis"].replace(
     ),
 )
 def three_in_a_row(m: Module) -> None:
-    dut = EarlyRule(CONFIG, 4)
-    inside = opened_up(dut)
+    dut = placed(EarlyRule(CONFIG, 4))
     free(dut.best, dut.margin, dut.taken, dut.ended)
     enough = dut.margin >= 5
     # the newest decision first: it is there, with margin enough
@@ -42,5 +41,5 @@ def three_in_a_row(m: Module) -> None:
     with m.If(dut.ended):
         m.d.sync += [count.eq(0) for count in good]
     prove(dut.met == (enough & good[0] & good[1] & (dut.best == best[0]) & (best[0] == best[1])), "met")
-    prove(~good[0] | (inside.before == best[0]), "the class before")
-    prove(inside.agreed == Mux(good[0], Mux(good[1] & (best[0] == best[1]), 2, 1), 0), "decisions in a row")
+    prove(~good[0] | (dut.before == best[0]), "the class before")
+    prove(dut.agreed == Mux(good[0], Mux(good[1] & (best[0] == best[1]), 2, 1), 0), "decisions in a row")

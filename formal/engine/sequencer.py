@@ -10,7 +10,7 @@ from eskin.rtl.engine.sequencer import Sequencer
 from eskin.rtl.program.microcode import ADDRESSES, CONTROLS, Microcode
 from eskin.rtl.program.schedule import schedule
 from formal import proof as words
-from formal.proof import Bug, Inside, assume, free, opened_up, proof, prove
+from formal.proof import Bug, assume, free, placed, proof, prove
 
 SMALL = PRESETS["thesis"].replace(
     taxels=4,
@@ -64,9 +64,7 @@ class Program:
         """Slot with whose end ``restart`` is looked at."""
 
 
-def follows(
-    m: Module, program: Program, dut: Sequencer, inside: Inside, reset: Value | int = 0
-) -> SimpleNamespace:
+def follows(m: Module, program: Program, dut: Sequencer, reset: Value | int = 0) -> SimpleNamespace:
     """Prove that the sequencer is in the slot of the program in which it should be; ``slot``: that slot's
     number, ``restarts``: after the last the program begins anew.
 
@@ -85,22 +83,18 @@ def follows(
         m.d.sync += slot.eq(0)
     repeats, primed, size = (
         [program.words[number]["repeat"] for number in program.word_of],
-        inside.primed,
+        dut.primed,
         len(program.words),
     )
     word, before_last = table(m, program.word_of, slot, "word"), size - 2
     prove(slot <= last, "a slot of the program")
+    prove(primed | (slot == 0) & (dut.pc == 0) & (dut.count == 0) & ~dut.turn & ~dut.ends, "the first slot")
     prove(
-        primed | (slot == 0) & (inside.pc == 0) & (inside.count == 0) & ~inside.turn & ~inside.ends,
-        "the first slot",
-    )
-    prove(
-        ~primed | (inside.turn == ((word == before_last) & ~restarts)),
-        "turns back behind the last word but one",
+        ~primed | (dut.turn == ((word == before_last) & ~restarts)), "turns back behind the last word but one"
     )
     back = Mux(restarts, 0, program.word_of[program.again])
-    prove(~primed | (inside.pc == Mux(slot == last, back, word + 1)), "the word to fetch")
-    prove(~primed | (inside.count == table(m, program.count_of, slot, "count")), "the repetition")
+    prove(~primed | (dut.pc == Mux(slot == last, back, word + 1)), "the word to fetch")
+    prove(~primed | (dut.count == table(m, program.count_of, slot, "count")), "the repetition")
     fields = [getattr(dut.word, name) for name in (*ADDRESSES, *CONTROLS)]
     words, turns = [], [int(number == size - 3) for number in program.word_of]
     for instruction in program.unrolled:
@@ -111,16 +105,16 @@ def follows(
     prove(~primed | (Cat(fields) == table(m, words, slot, "fields")), "all fields of the slot")
     repetitions = [max(0, repeat - 1) for repeat in repeats]
     prove(
-        ~primed | (inside.field("repeat") == table(m, repetitions, slot, "repeat")),
+        ~primed | (dut.fetch.data.repeat == table(m, repetitions, slot, "repeat")),
         "the word's last repetition but one",
     )
     once = [int(not repeat) for repeat in repeats]
     ends = [int(0 < repeat == count) for repeat, count in zip(repeats, program.count_of, strict=True)]
-    prove(~primed | (inside.fetch.data.once == table(m, once, slot, "once")), "the words without repetitions")
-    prove(~primed | (inside.ends == table(m, ends, slot, "last_ones")), "a repeated word's last slot")
-    prove(~primed | (inside.fetch.data.turns == table(m, turns, slot, "turns")), "the word that turns back")
-    prove(~primed | (inside.field("wait") == (slot == program.wait)), "the waiting slot")
-    prove(~primed | (inside.field("end") == (slot == last)), "the last slot")
+    prove(~primed | (dut.fetch.data.once == table(m, once, slot, "once")), "the words without repetitions")
+    prove(~primed | (dut.ends == table(m, ends, slot, "last_ones")), "a repeated word's last slot")
+    prove(~primed | (dut.fetch.data.turns == table(m, turns, slot, "turns")), "the word that turns back")
+    prove(~primed | (dut.fetch.data.wait == (slot == program.wait)), "the waiting slot")
+    prove(~primed | (dut.fetch.data.end == (slot == last)), "the last slot")
     return SimpleNamespace(slot=slot, restarts=restarts)
 
 
@@ -135,31 +129,23 @@ def follows(
             "a repeated word that does not count",
             "(count if name in self._code.counted else 0)",
             "0",
-            depth=60,
             eager=True,
         ),
         Bug("waits at every word", '(~field("wait") | self.go)', "self.go"),
-        Bug(
-            "a word too few",
-            'count == field("repeat")',
-            'count >= (field("repeat") >> 1)',
-            depth=60,
-            eager=True,
-        ),
+        Bug("a word too few", 'count == field("repeat")', 'count >= (field("repeat") >> 1)', eager=True),
         Bug("the word before a reset turns back the program", "turn.eq(primed & fetch", "turn.eq(fetch"),
     ),
 )
 def order(m: Module) -> None:
-    dut = Sequencer(Microcode(schedule(SMALL)))
-    program, reset = Program(dut._code), Signal(name="reset_sequencer")
-    inside = opened_up(dut, reset=reset)
+    code, reset = Microcode(schedule(SMALL)), Signal(name="reset_sequencer")
+    program, dut = Program(code), placed(Sequencer(code), reset=reset)
     free(dut.go, dut.restart, reset)
     if words.EAGER:
         assume(dut.go & ~reset)
-    slot = follows(m, program, dut, inside, reset).slot
-    prove(dut.waiting == (inside.primed & (slot == program.wait)), "waits at one slot only")
+    slot = follows(m, program, dut, reset).slot
+    prove(dut.waiting == (dut.primed & (slot == program.wait)), "waits at one slot only")
     prove(~(dut.waiting & ~dut.go) | ~dut.enable, "waits until go")
-    prove(dut.enable == (inside.primed & (dut.go | ~dut.waiting)), "everything else goes on")
+    prove(dut.enable == (dut.primed & (dut.go | ~dut.waiting)), "everything else goes on")
     prove(dut.ended == (dut.enable & (slot == program.last)), "ends with the last slot")
     away = Signal(range(2 * len(program.slots)))  # slots since it waited, or was reset
     with m.If(dut.enable):

@@ -1,24 +1,13 @@
 """The onset detector: every whole frame goes through once, in order, whatever comes in; levels and counters
 stay in range."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import enum
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.frontend.onset_detector import OnsetDetector
 from eskin.rtl.program.timing import STATE_BEATS
-from formal.proof import (
-    Bug,
-    Inside,
-    before,
-    free,
-    free_sink,
-    free_source,
-    keeps_its_beat,
-    opened_up,
-    proof,
-    prove,
-)
+from formal.proof import Bug, before, free, free_sink, free_source, keeps_its_beat, placed, proof, prove
 
 FILE, ALIGNER, MARKS, STATE = (
     f"rtl/frontend/{name}.py" for name in ("onset_detector", "frame_aligner", "frame_marks", "touch_state")
@@ -52,29 +41,30 @@ FORGOTTEN = Bug(
     "| ~reaches(count, config.windows.pretrigger_frames)",
     "",
     file=STATE,
-    depth=30,
     eager=True,
 )
 
 
-def _stages(m: Module, dut: OnsetDetector, inside: Inside, gone: Signal):
+def _stages(dut: OnsetDetector, gone: Signal):
     """Prove that the stages of the pipeline, the last first, hold taxel after taxel; how many hold one.
     ``gone``: the next to leave."""
-    registers = {signal.name: signal for signal in inside.registers}
     taxels = dut.config.sensor.taxels
     ahead = Const(0)
-    for stage in ("clipped", "deviation", "taken")[-dut.latency :]:
-        valid, index, last = (registers[f"{stage}_{key}"] for key in ("valid", "index", "last"))
-        prove(~valid | (index == (gone + ahead) % taxels), f"the taxel in stage {stage}")
-        prove(~valid | (last == (index == taxels - 1)), f"the last one in stage {stage}")
-        ahead = ahead + valid
+    for name, stage in reversed(dut.stages.items()):
+        prove(~stage.valid | (stage.index == (gone + ahead) % taxels), f"the taxel in stage {name}")
+        prove(~stage.valid | (stage.last == (stage.index == taxels - 1)), f"the last one in stage {name}")
+        ahead = ahead + stage.valid
     return ahead
+
+
+def _last(dut: OnsetDetector):
+    """The last of its stages."""
+    return [*dut.stages.values()][-1]
 
 
 def _frames(m: Module, config) -> None:
     """Any beats at all come in, well framed or not; whole frames go out."""
-    dut = OnsetDetector(config)
-    inside = opened_up(dut)
+    dut = placed(OnsetDetector(config))
     free_source(dut.i)
     free_sink(dut.o)
     free(dut.mask)
@@ -82,9 +72,10 @@ def _frames(m: Module, config) -> None:
     keeps_its_beat(dut.o, "o")
     left = dut.o.valid & dut.o.ready
     # a beat of a frame goes into the pipeline, the sender's or a repeated one
-    made = inside.advance & inside.offered
+    aligner = dut.aligner
+    made = aligner.advance & aligner.offered
     taken = dut.i.valid & dut.i.ready
-    good = inside.good & inside.advance
+    good = aligner.fresh & aligner.advance
     entered = Signal(range(taxels))
     gone = Signal(range(taxels))
     with m.If(made):
@@ -93,19 +84,18 @@ def _frames(m: Module, config) -> None:
         m.d.sync += gone.eq(Mux(gone == taxels - 1, 0, gone + 1))
     held = Signal(range(8))  # beats in the pipeline
     m.d.sync += held.eq(held + made - left)
-    ahead = _stages(m, dut, inside, gone)
+    ahead = _stages(dut, gone)
     prove(held == ahead, "as many beats as stages that hold one")
-    prove(inside.index == entered, "taxels in order")
+    prove(aligner.index == entered, "taxels in order")
     prove((gone < taxels) & (entered < taxels), "the reference's own taxels")
-    aligner = inside.parts["FrameAligner"]
-    prove(aligner.inside == (inside.index != 0), "inside a frame")
+    prove(aligner.inside == (aligner.index != 0), "inside a frame")
     prove(~aligner.filling | aligner.inside, "what is filled up has begun")
     prove((gone + held) % taxels == entered, "frames leave whole: as many beats as came in")
     if taxels <= STATE_BEATS:
         clear = before(held == 0, "clear")
-        begins = made & (inside.index == 0)
+        begins = made & (aligner.index == 0)
         prove(~begins | clear & (held == 0), "a frame begins 2 cycles after the one before has left")
-        prove(inside.empty == Cat(held == 0, clear), "empty stages")
+        prove(dut.empty == Cat(held == 0, clear), "empty stages")
     prove(good <= taken, "what goes in was taken")
     # of a sender that frames as it should every beat goes in, and none is repeated
     expects = Signal(range(taxels))
@@ -117,16 +107,17 @@ def _frames(m: Module, config) -> None:
     m.d.sync += ever.eq(unfit)
     prove(unfit | (taken == made), "of whole frames every beat goes in once")
     prove(unfit | ~dut.framing_fault, "of whole frames none is called wrong")
-    prove(unfit | (inside.index == expects), "and the taxel is the sender's")
+    prove(unfit | (aligner.index == expects), "and the taxel is the sender's")
     prove(unfit | ~aligner.filling, "and nothing is filled in")
     prove(~(taken & ~fits & ~ever) | dut.framing_fault, "a wrong beat is called wrong")
     if config.onset_rule.onset == "baseline":
-        now = inside.now
-        sums, decided = inside.parts["MovingSums"], inside.decided
+        now = _last(dut)
+        sums = dut.sums
         prove(
-            ~decided | (now.valid & now.last & now.block_end), "a verdict is of the frame that waits for it"
+            ~sums.decided | (now.valid & now.last & now.block_end),
+            "a verdict is of the frame that waits for it",
         )
-        prove(~(decided & (sums.fresh | sums.added | sums.moved_last)), "one verdict a frame")
+        prove(~(sums.decided & (sums.fresh | sums.added | sums.moved_last)), "one verdict a frame")
         waits = Signal(range(8))
         m.d.sync += waits.eq(Mux(now.valid & ~dut.o.valid, waits + 1, 0))
         prove(waits <= 3, "the verdict takes three cycles")
@@ -134,7 +125,7 @@ def _frames(m: Module, config) -> None:
         refused = Signal(range(4 * taxels))  # cycles in which the sender waits and the next stage does not
         m.d.sync += refused.eq(Mux(taken | ~dut.i.valid, 0, refused + dut.o.ready))
         prove(
-            Mux(aligner.filling, refused <= inside.index + 1, (inside.index == 0) | (refused == 0)),
+            Mux(aligner.filling, refused <= aligner.index + 1, (aligner.index == 0) | (refused == 0)),
             "a frame is filled up at once",
         )
         wait = 2 if taxels <= STATE_BEATS else 0
@@ -177,7 +168,6 @@ def frames_band(m: Module) -> None:
             "faults.i.valid.eq(advance & offered)",
             "faults.i.valid.eq(offered)",
             file=FILE,
-            depth=40,
         ),
     ),
 )
@@ -191,12 +181,7 @@ def frames_faults(m: Module) -> None:
     reduced=REDUCED,
     bugs=(
         Bug(
-            "the verdict's wait loses the beat",
-            "now.valid & ~waiting)",
-            "now.valid)",
-            file=FILE,
-            depth=40,
-            eager=True,
+            "the verdict's wait loses the beat", "now.valid & ~waiting)", "now.valid)", file=FILE, eager=True
         ),
     ),
 )
@@ -245,8 +230,7 @@ def three_taxels(m: Module) -> None:
 def _touches(m: Module, config) -> None:
     """ARMED, TOUCH, REARM by docs/specification.md section 2, the rule's verdict on each frame taken as it
     comes."""
-    dut = OnsetDetector(config)
-    inside = opened_up(dut)
+    dut = placed(OnsetDetector(config))
     free_source(dut.i)
     free_sink(dut.o)
     free(dut.mask)
@@ -254,11 +238,12 @@ def _touches(m: Module, config) -> None:
     with m.If(dut.o.valid & dut.o.ready):
         m.d.sync += gone.eq(Mux(gone == config.sensor.taxels - 1, 0, gone + 1))
     prove(
-        inside.index == ((gone + _stages(m, dut, inside, gone)) & (config.sensor.taxels - 1)),
+        dut.aligner.index == ((gone + _stages(dut, gone)) & (config.sensor.taxels - 1)),
         "the taxel that comes in",
     )
-    left = dut.o.valid & dut.o.ready & inside.now.last
-    judged, met = Value.cast(inside.judged), inside.met
+    left = dut.o.valid & dut.o.ready & _last(dut).last
+    touches = dut.state
+    judged, met = touches.judged, touches.met
     check = config.onset_rule.onset_check_frames if config.onset_rule.onset == "baseline" else 1
     at_once, hop = config.opens_at_once, config.windows.hop
     # frames since arm or the last touch, as many as count
@@ -309,22 +294,17 @@ def _touches(m: Module, config) -> None:
     else:
         prove(~left | ((dut.o.p.touch == in_touch) & (dut.o.p.onset == onset)), "the marks of the frame")
     # ---- for the induction
-    touches = inside.parts["TouchState"]
     needed = -(-config.onset_rule.rearm_frames // check)
     prove((state != State.REARM) | (quiet <= (needed - 1) * check) & ((quiet % check) == 0), "quiet frames")
     prove((place < hop) & (hops != 3) & (state.as_value() != 3), "place")
     if free_mode:
-        registers = {signal.name: signal for signal in inside.registers}
-        stages = [stage for stage in ("clipped", "deviation", "taken") if f"{stage}_valid" in registers]
-        at, done, marks = place, hops != 0, inside.parts["FrameMarks"]
-        for stage in stages:  # each frame in the pipeline carries its place; its beats leave one by one
-            valid, index = registers[f"{stage}_valid"], registers[f"{stage}_index"]
-            mark = registers[f"{stage}_hop_last"], registers[f"{stage}_boundary"]
-            prove(
-                ~valid | (mark[0] == (at == hop - 1)) & (mark[1] == ((at == hop - 1) & done)),
-                f"hop of stage {stage}",
-            )
-            ends_frame = valid & (index == config.sensor.taxels - 1)
+        at, done, marks = place, hops != 0, dut.marks
+        # each frame in the pipeline carries its place; its beats leave one by one
+        for name, stage in reversed(dut.stages.items()):
+            at_end = at == hop - 1
+            hop_marks = (stage.hop_last == at_end) & (stage.boundary == (at_end & done))
+            prove(~stage.valid | hop_marks, f"hop of stage {name}")
+            ends_frame = stage.valid & (stage.index == config.sensor.taxels - 1)
             done = done | (ends_frame & (at == hop - 1))
             at = Mux(ends_frame, Mux(at == hop - 1, 0, at + 1), at)
         prove((marks.hop_frame == at) & (marks.hop_zero == ~done), "the frame that comes in")
@@ -366,7 +346,6 @@ TOUCHES = (
             "(count, config.last_frame - 1)",
             "(count, config.last_frame)",
             file=STATE,
-            depth=45,
             eager=True,
         ),
         FORGOTTEN,
@@ -396,7 +375,6 @@ def touches_baseline(m: Module) -> None:
             "boundary.eq(hop_last & ~hop_zero)",
             "boundary.eq(hop_last)",
             file=MARKS,
-            depth=20,
             eager=True,
         ),
     ),

@@ -12,7 +12,7 @@ from eskin.golden.core import PRESETS
 from eskin.rtl.frontend.pretrigger_ring import PreTriggerRing
 from eskin.rtl.program.timing import STATE_BEATS
 from formal.memory import opened
-from formal.proof import Bug, assume, before, free, free_sink, keeps_its_beat, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free, free_sink, keeps_its_beat, placed, proof, prove
 
 SLACK = 2
 """Frames that the ring holds beyond its history and the onset's; 8 in the design."""
@@ -29,22 +29,10 @@ SLACK = 2
             "a frame of history too few",
             "(config.windows.pretrigger_frames + 1) * frame",
             "config.windows.pretrigger_frames * frame",
-            depth=30,
             eager=True,
         ),
-        Bug(
-            "a frame is dropped twice",
-            "surplus & ~dropped & ~touch",
-            "surplus & ~touch",
-            depth=30,
-            eager=True,
-        ),
-        Bug(
-            "a beat is fetched over a waiting one",
-            "(~fetched | (self.o.ready & ~self.touch_last))",
-            "1",
-            depth=24,
-        ),
+        Bug("a frame is dropped twice", "surplus & ~dropped & ~touch", "surplus & ~touch", eager=True),
+        Bug("a beat is fetched over a waiting one", "(~fetched | (self.o.ready & ~self.touch_last))", "1"),
     ),
 )
 def frames_of_a_touch(m: Module) -> None:
@@ -60,7 +48,6 @@ def frames_of_a_touch(m: Module) -> None:
             "the mask is not kept",
             "*([self.i.p.masked] if config.faults.fault_frames else ()))",
             ")",
-            depth=30,
             eager=True,
         ),
     ),
@@ -80,21 +67,16 @@ def masked_with_their_beats(m: Module) -> None:
             "passing goes on over a beat that waits at the output",
             "& (held == counted) & (~fetched | self.o.ready)",
             "& (held == counted)",
-            depth=14,
         ),
         Bug(
-            "passing goes on behind a beat that was written",
-            "~push & (held == counted)",
-            "(held == counted)",
-            depth=14,
+            "passing goes on behind a beat that was written", "~push & (held == counted)", "(held == counted)"
         ),
         Bug(
             "a beat passes that the reader does not take",
             "passing & self.i.valid & self.o.ready",
             "passing & self.i.valid",
-            depth=14,
         ),
-        Bug("what passes is written too", "written & ~passes", "written", depth=14),
+        Bug("what passes is written too", "written & ~passes", "written"),
     ),
 )
 def passing_by(m: Module) -> None:
@@ -110,7 +92,6 @@ def passing_by(m: Module) -> None:
             "the frame of an onset is too many itself",
             "frame + (frame // 2 or 1) - 1",
             "frame + frame // 2 - 1",
-            depth=24,
             eager=True,
         ),
     ),
@@ -128,7 +109,6 @@ def one_taxel(m: Module) -> None:
             "a frame of history too few",
             "(config.windows.pretrigger_frames + 1) * frame",
             "config.windows.pretrigger_frames * frame",
-            depth=30,
             eager=True,
         ),
     ),
@@ -156,8 +136,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
             one_port=one_port,
         )
         with opened(eskin.rtl.frontend.pretrigger_ring) as memories:
-            dut = PreTriggerRing(config)
-            inside = opened_up(dut)
+            dut = placed(PreTriggerRing(config))
         assert config.ring_frames == 2 + slack
         ring_frames = config.ring_frames
     (ring,) = memories
@@ -165,7 +144,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     keeps_its_beat(dut.o, "o")
     free_sink(dut.o)
     push, taken = dut.i.valid & dut.i.ready, dut.o.valid & dut.o.ready
-    passes = inside.passes if one_port else Const(0, 1)
+    passes = dut.passes if one_port else Const(0, 1)
 
     # Beats are numbered modulo 256, frame * taxels + taxel. What the ring is given to keep is how many it kept
     # before, those that passed it by not counted: it never looks at it.
@@ -228,20 +207,20 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     m.d.comb += dut.touch_last.eq(wanted == end)
     prove(~dut.o.valid | reading, "nothing leaves but a touch")
     prove(~dut.o.valid | ((dut.o.p.complement & 255) == wanted_word), "the next beat of the touch")
-    prove(~push | (inside.held < (1 << len(inside.held)) - 1), "the ring never overflows")
+    prove(~push | (dut.held < (1 << len(dut.held)) - 1), "the ring never overflows")
 
     # ---- for the induction
-    held, frame = Signal.like(inside.held, name="in_the_ring"), taxels
-    m.d.comb += held.eq(inside.held - inside.counted)
-    prove(inside.held >= inside.counted, "a beat that was fetched was there")
+    held, frame = Signal.like(dut.held, name="in_the_ring"), taxels
+    m.d.comb += held.eq(dut.held - dut.counted)
+    prove(dut.held >= dut.counted, "a beat that was fetched was there")
     oldest, first = Signal(8, name="oldest_word"), Signal(8, name="first_held")
     m.d.comb += [oldest.eq(word - held), first.eq(oldest + passed)]
     mask = ring.depth - 1
-    prove(inside.write.addr == (word & mask), "where it writes")
-    prove(inside.read.addr == (oldest & mask), "where it reads")
+    prove(dut.write.addr == (word & mask), "where it writes")
+    prove(dut.read.addr == (oldest & mask), "where it reads")
     capacity = ring_frames * taxels
     prove(held <= capacity + 1, "the most it holds")
-    prove((held <= capacity) | inside.full, "full in time")
+    prove((held <= capacity) | dut.full, "full in time")
     for address, content in enumerate(ring.words):
         place = Signal(8, name=f"place_{address}")
         m.d.comb += place.eq((address - oldest) & mask)
@@ -249,27 +228,26 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
         m.d.comb += beat.eq(oldest + place)
         kept = Cat(beat, beat.xor()) if fault_frames else beat
         prove((place >= held) | (content == kept), "what it holds")
-    dut_touch, starting, fetched = inside.touch, inside.starting, inside.fetched
-    earlier = SimpleNamespace(held=Signal.like(inside.held), push=Signal(), fetch=Signal(), starting=Signal())
+    dut_touch, starting, fetched = dut.touch, dut.starting, dut.fetched
+    earlier = SimpleNamespace(held=Signal.like(dut.held), push=Signal(), fetch=Signal(), starting=Signal())
     m.d.sync += [
-        earlier.held.eq(inside.held),
+        earlier.held.eq(dut.held),
         earlier.push.eq(push & ~passes),
-        earlier.fetch.eq(inside.fetch),
+        earlier.fetch.eq(dut.read.en),
         earlier.starting.eq(starting),
     ]
-    prove(inside.counted == earlier.fetch, "a beat fetched is counted a cycle late")
-    prove(~inside.counted | dut_touch & inside.fetched, "only in a touch")
+    prove(dut.counted == earlier.fetch, "a beat fetched is counted a cycle late")
+    prove(~dut.counted | dut_touch & dut.fetched, "only in a touch")
     uncounted = Signal()  # of the fetch two cycles ago
-    m.d.sync += uncounted.eq(inside.counted)
+    m.d.sync += uncounted.eq(dut.counted)
     prove(
-        earlier.held + earlier.push == inside.held + Mux(inside.dropped, frame, 0) + uncounted,
-        "what a cycle did",
+        earlier.held + earlier.push == dut.held + Mux(dut.dropped, frame, 0) + uncounted, "what a cycle did"
     )
-    prove(inside.surplus == (earlier.held >= history * frame + (frame // 2 or 1)), "surplus, a cycle late")
-    prove(inside.some == (earlier.held > uncounted + earlier.fetch), "something to fetch, a cycle late")
-    prove(~(dut_touch & inside.dropped), "nothing is dropped as a touch begins")
+    prove(dut.surplus == (earlier.held >= history * frame + (frame // 2 or 1)), "surplus, a cycle late")
+    prove(dut.some == (earlier.held > uncounted + earlier.fetch), "something to fetch, a cycle late")
+    prove(~(dut_touch & dut.dropped), "nothing is dropped as a touch begins")
     prove(~fetched | dut_touch, "fetched in a touch")
-    begun = inside.begun if taxels == 1 else Const(0)
+    begun = dut.begun if taxels == 1 else Const(0)
     prove(~(starting & dut_touch) & ~(begun & (starting | dut_touch)), "starting ends with the touch's begin")
     prove(~(onset & reading), "a touch is read to its end before the next onset")
     frame_start, to_end, after_end = (
@@ -295,12 +273,12 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     prove(reading == (begun | starting | dut_touch), "a touch is read from its onset on")
     prove(~dut_touch | (oldest == (wanted_word + fetched)[:8]), "the next beat that is read")
     if one_port:
-        idle = (inside.held == 0) & ~inside.counted & ~fetched & ~inside.full
-        prove(~inside.passing | (dut_touch & idle), "the memory is empty where beats pass it by")
-        prove(~(inside.read.en & inside.write.en), "one port")
-    prove(~fetched | (inside.read.data[:8] == wanted_word), "the beat that was read")
+        idle = (dut.held == 0) & ~dut.counted & ~fetched & ~dut.full
+        prove(~dut.passing | (dut_touch & idle), "the memory is empty where beats pass it by")
+        prove(~(dut.read.en & dut.write.en), "one port")
+    prove(~fetched | (dut.read.data[:8] == wanted_word), "the beat that was read")
     if fault_frames:
-        prove(~fetched | (inside.read.data[8] == wanted.xor()), "and its mask")
+        prove(~fetched | (dut.read.data[8] == wanted.xor()), "and its mask")
     prove(dut_touch | ((first & (taxels - 1)) == 0), "whole frames are dropped")
     # without a touch: nothing is dropped that a touch could want which begins with the frame under way
     at = number & (taxels - 1)
@@ -323,4 +301,4 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
         ~opening | (ahead[:8] <= history * frame + (earlier.starting if taxels > STATE_BEATS else 0)),
         "one beat more at most before a touch begins",
     )
-    prove(~(starting & earlier.starting) | inside.full, "no beat while frames are dropped for a touch")
+    prove(~(starting & earlier.starting) | dut.full, "no beat while frames are dropped for a touch")

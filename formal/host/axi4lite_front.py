@@ -3,7 +3,7 @@
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.rtl.host.axi4lite_front import Axi4LiteFront
-from formal.proof import Bug, assume, before, free, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free, placed, proof, prove
 
 
 @proof(
@@ -33,8 +33,7 @@ from formal.proof import Bug, assume, before, free, opened_up, proof, prove
     ),
 )
 def one_access_one_response(m: Module) -> None:
-    dut = Axi4LiteFront()
-    inside = opened_up(dut)
+    dut = placed(Axi4LiteFront())
     request = dut.request
     channels = {"aw": ("awaddr",), "w": ("wdata", "wstrb"), "ar": ("araddr",)}
     port = lambda name: getattr(dut, f"s_axi_{name}")
@@ -93,6 +92,6 @@ def one_access_one_response(m: Module) -> None:
             ~under_way | ~port(f"{response}valid") & ~port(f"{asked}ready"),
             f"{response}: none is owed under way",
         )
-    prove(inside.busy == open_, "busy")
-    prove(~open_ | (inside.chosen == before(request.write, "was_chosen")), "chosen")
-    prove((passed == 0) | ~could | ~(inside.busy & inside.chosen), "turn")
+    prove(dut.busy == open_, "busy")
+    prove(~open_ | (dut.chosen == before(request.write, "was_chosen")), "chosen")
+    prove((passed == 0) | ~could | ~(dut.busy & dut.chosen), "turn")

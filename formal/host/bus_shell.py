@@ -6,7 +6,7 @@ from eskin.golden.core import PRESETS
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.decision_queue import decision_word
 from eskin.rtl.program.memory_map import Register, ShellRegister
-from formal.proof import Bug, assume, before, free, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free, placed, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=(), margin_threshold=1)
 ASKED = ("write", "whole", "address", "w_data")
@@ -59,8 +59,7 @@ def _is(request, register, write):
     ),
 )
 def answered_once(m: Module) -> None:
-    dut = BusShell(CONFIG, depth=0)
-    inside = opened_up(dut)
+    dut = placed(BusShell(CONFIG, depth=0))
     _asks(m, dut)
     request, bus, frame = dut.request, dut.bus, dut.frame
     done = before(request.done, "done_before")
@@ -103,12 +102,12 @@ def answered_once(m: Module) -> None:
         ~before(request.valid & ~request.done & ~single & ~pair, "other") | request.done,
         "others take a cycle",
     )
-    queue = inside.parts["DecisionQueue"]
+    queue = dut.queue
     prove(~dut.queue.asked | ~queue.shown & ~dut.queue.clear, "the queue's own rules")
     # ---- for the induction
-    prove(~(inside.arming | queue.shown) | request.done, "with an answer")
-    prove((inside.taxel == taxel) & (inside.refusing == refused) & (taxel <= LAST), "reference")
-    prove(inside.second == ((had == 1) & ~request.done & ~refused & pair & (taxel != 0)), "second")
+    prove(~(queue.clear | queue.shown) | request.done, "with an answer")
+    prove((dut.taxel == taxel) & (dut.refusing == refused) & (taxel <= LAST), "reference")
+    prove(dut.second == ((had == 1) & ~request.done & ~refused & pair & (taxel != 0)), "second")
     prove((had <= 2) & (request.valid | request.done | ((had == 0) & ~struck)), "between accesses")
     prove((had != 2) | request.done, "two are enough")
     prove(~struck | request.done, "strobed, so answered")
@@ -151,8 +150,7 @@ def answered_once(m: Module) -> None:
     ),
 )
 def decisions_and_interrupt(m: Module) -> None:
-    dut = BusShell(CONFIG, depth=0)
-    inside = opened_up(dut)
+    dut = placed(BusShell(CONFIG, depth=0))
     _asks(m, dut)
     request, decision = dut.request, dut.decision
     enable, only = Signal(4, name="enabled"), Signal(name="only")
@@ -166,12 +164,11 @@ def decisions_and_interrupt(m: Module) -> None:
     prove(~answers | (request.r_data == Mux(waits, word, 0xFFFF_FFFF)), "the word, or none")
     prove(~waits | (decision.ready == answers), "taken with its answer and only then")
     prove(waits | ~decision.valid | decision.ready, "dropped at once")
-    space = dut.frame.ready & ~inside.refusing
+    space = dut.frame.ready & ~dut.refusing
     events = Cat(waits, waits & decision.p.is_global, space, dut.any_fault)
-    shown = inside.parts["DecisionQueue"].shown
-    prove(shown == answers, "shown with its answer")
+    prove(dut.queue.shown == answers, "shown with its answer")
     prove(dut.irq == before((events & enable).any(), "due"), "interrupt")
-    prove((inside.enable == enable) & (inside.global_only == only), "reference")
+    prove((dut.enable == enable) & (dut.queue.global_only == only), "reference")
     read = request.done & ~request.write
     prove(~(read & _is(request, ShellRegister.EVENTS, 0)) | (request.r_data == events), "EVENTS")
     prove(

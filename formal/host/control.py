@@ -5,7 +5,7 @@ from amaranth.hdl import Module, Mux, Signal
 from eskin.golden.core import PRESETS
 from eskin.rtl.host.control import INPUTS, HostControl
 from eskin.rtl.program.memory_map import Control, Fault, Register, TeachRegister
-from formal.proof import Bug, assume, before, free, free_inputs, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free, placed, placed_free, proof, prove, registers
 
 STATE, LOADER = "rtl/host/recording_state.py", "rtl/host/memory_loader.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
@@ -67,29 +67,25 @@ def _undecided(m: Module, dut: HostControl) -> tuple[Signal, Signal]:
     ),
 )
 def no_write_during_a_touch(m: Module) -> None:
-    dut = HostControl(CONFIG)
-    inside = opened_up(dut)
-    free_inputs(dut)
+    dut = placed_free(HostControl(CONFIG))
     undecided, over = _undecided(m, dut)
     open_for_a_cycle = before(undecided != 0, "open") & (undecided != 0)
-    prove(~open_for_a_cycle | inside.touch, "a touch is known a cycle after its onset")
+    prove(~open_for_a_cycle | dut.state.touch, "a touch is known a cycle after its onset")
     prove(
         ~dut.load.enable | ~open_for_a_cycle,
         "no write while a touch is undecided, but for the cycle of its onset",
     )
-    state = inside.parts["RecordingState"]
+    state = dut.state
     prove(over | (state.undecided == undecided), "the count is the number of undecided touches")
     prove(~state.finished | over, "only finish ends the recording")
     prove((undecided <= UNDECIDED) & (~over | (undecided == 0)), "the reference's own state")
 
 
 def _twins(m: Module):
-    """Two of the same inputs, of which the second gets a write more where ``more`` is high, to any address;
-    their insides. All that they give is the same, and so is their state, but for what is read and the
+    """Two of the same inputs, of which the second gets a write more where ``more`` is high, to any address.
+    All that they give is the same, and so is their state, but for what is read and the
     faults."""
-    left, right = HostControl(CONFIG), HostControl(CONFIG)
-    inside, beside = opened_up(left, "one"), opened_up(right, "other")
-    free_inputs(left)
+    left, right = placed_free(HostControl(CONFIG), name="one"), placed(HostControl(CONFIG), "other")
     more = Signal()
     free(more)
     m.d.comb += [getattr(right, name).eq(getattr(left, name)) for name in INPUTS]
@@ -98,11 +94,11 @@ def _twins(m: Module):
     for name in ("clear", "restart", "finish", "mask", "busy", "due"):
         prove(getattr(left, name) == getattr(right, name), f"{name} is the same")
     prove(left.load.enable == right.load.enable, "the same writes reach the memories")
-    differ = {id(inside.sticky), id(left.bus.r_data)}
-    for mine, its in zip(inside.registers, beside.registers, strict=True):
+    differ = {id(left.sticky), id(left.bus.r_data)}
+    for mine, its in zip(registers("one"), registers("other"), strict=True):
         if id(mine) not in differ:
             prove(mine == its, "the same state")
-    return left, right, inside, beside, more
+    return left, right, more
 
 
 @proof(
@@ -119,8 +115,8 @@ def _twins(m: Module):
     ),
 )
 def refused_write_changes_nothing(m: Module) -> None:
-    left, right, inside, _, refused = _twins(m)
-    assume(~refused | (inside.touch & ~left.bus.w_stb & (right.bus.addr == Register.MEMORY_DATA)))
+    left, right, refused = _twins(m)
+    assume(~refused | (left.state.touch & ~left.bus.w_stb & (right.bus.addr == Register.MEMORY_DATA)))
     prove(
         ~left.load.enable | ((left.load.select == right.load.select) & (left.load.data == right.load.data)),
         "the same memory and word",
@@ -153,18 +149,18 @@ def refused_write_changes_nothing(m: Module) -> None:
     ),
 )
 def no_register_no_effect(m: Module) -> None:
-    left, right, inside, beside, stray = _twins(m)
+    left, right, stray = _twins(m)
     nowhere = (left.bus.addr > Register.MEMORY_DATA) & (left.bus.addr != Register.MASK)
     assume(~stray | (nowhere & ~left.bus.w_stb & ~left.bus.r_stb))
     prove(~before(left.bus.r_stb & nowhere, "read_nothing") | (left.bus.r_data == 0), "it reads 0")
-    flag = beside.bits[Fault.ADDRESS]
+    flag = right.bits[Fault.ADDRESS]
     prove(
         ~before(stray | right.bus.r_stb & nowhere & ~_commands(right, Control.CLEAR_FAULTS), "astray") | flag,
         "and sets its flag",
     )
-    for fault, bit in inside.bits.items():
+    for fault, bit in left.bits.items():
         if fault != Fault.ADDRESS:
-            prove(bit == beside.bits[fault], f"{fault.name} is the same")
+            prove(bit == right.bits[fault], f"{fault.name} is the same")
 
 
 TAUGHT = CONFIG.replace(cell="linear", decision="last").with_readout(
@@ -193,26 +189,24 @@ TAUGHT = CONFIG.replace(cell="linear", decision="last").with_readout(
     ),
 )
 def words_of_places(m: Module) -> None:
-    dut = HostControl(TAUGHT)
-    inside = opened_up(dut)
-    free_inputs(dut)
-    loader = inside.parts["MemoryLoader"]
+    dut = placed_free(HostControl(TAUGHT))
+    loader = dut.loader
     asked = dut.bus.r_stb & (dut.bus.addr == TeachRegister.PLACES)
     # what the readout holds: the word at the place looked at last, while it was free
-    held, at = Signal(name="held"), Signal(len(loader.address), name="looked_at")
+    held, at = Signal(name="held"), Signal(len(loader.load.address), name="looked_at")
     written = dut.bus.w_stb | dut.load.enable
-    m.d.sync += held.eq((held | dut.look) & ~inside.loader.locked & ~written)
+    m.d.sync += held.eq((held | dut.look) & ~dut.loader.locked & ~written)
     with m.If(dut.look):
-        m.d.sync += at.eq(loader.address)
+        m.d.sync += at.eq(loader.load.address)
     prove(
-        ~inside.given | (held & ~dut.look & ~inside.loader.locked & (at == loader.address)),
+        ~dut.given | (held & ~dut.look & ~dut.loader.locked & (at == loader.load.address)),
         "the word of the place",
     )
     # ---- for the induction
-    prove(held == inside.fresh, "the reference's own state")
-    prove(~held | dut.look | (at == loader.address), "the place stays")
-    was = Signal(len(loader.address), name="place_before")
-    m.d.sync += was.eq(loader.address)
-    moved = loader.address != was
-    acted = before(asked & inside.given, "gave") | before(written, "wrote")
+    prove(held == dut.fresh, "the reference's own state")
+    prove(~held | dut.look | (at == loader.load.address), "the place stays")
+    was = Signal(len(loader.load.address), name="place_before")
+    m.d.sync += was.eq(loader.load.address)
+    moved = loader.load.address != was
+    acted = before(asked & dut.given, "gave") | before(written, "wrote")
     prove(~moved | acted, "the place goes on with a word given")

@@ -3,8 +3,8 @@
 from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core import PRESETS
-from eskin.rtl.host.decision_queue import DecisionQueue, decision_word
-from formal.proof import Bug, assume, before, free, opened_up, proof, prove
+from eskin.rtl.host.decision_queue import DecisionQueue, _places, decision_word
+from formal.proof import Bug, assume, before, free, placed, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(), margin_threshold=1)
 WORD_MASK = 0x0FFF_8F83 | 0xF000_0000
@@ -35,8 +35,7 @@ BUGS = (
     bugs=BUGS,
 )
 def once_and_in_order(m: Module) -> None:
-    dut = DecisionQueue(CONFIG, DEPTH)
-    inside = opened_up(dut)
+    dut = placed(DecisionQueue(CONFIG, DEPTH))
     free(dut.i.valid, dut.i.payload, dut.global_only, dut.clear, dut.take, dut.asked)
     asked = before(dut.asked, "asked")
     assume(~dut.asked | ~asked & ~dut.clear)
@@ -58,14 +57,12 @@ def once_and_in_order(m: Module) -> None:
     offered = dut.i.valid & dut.i.p.is_global
     prove(dut.global_waits == (sum(globals_) + offered != 0), "a global one")
     # ---- for the induction: the ring holds them from its oldest on
-    prove(
-        (inside.shows == shown) & (~shown | (count != 0) & (inside.index == inside.oldest)), "what is shown"
-    )
-    prove(shown | (inside.index == asked), "none")
-    prove((count <= DEPTH) & (inside.newest == (inside.oldest + count)[:2]), "count")
+    prove((dut.shows == shown) & (~shown | (count != 0) & (dut.index == dut.oldest)), "what is shown")
+    prove(shown | (dut.index == asked), "none")
+    prove((count <= DEPTH) & (dut.newest == (dut.oldest + count)[:2]), "count")
     for place in range(DEPTH):
         for k in range(DEPTH):
-            holds = inside.oldest == (place - k) % DEPTH
-            prove(~holds | (inside.full[place] == (count > k)), "full")
-            wide = sum(inside.entries[place][n] << bit for n, bit in enumerate(inside.places))
+            holds = dut.oldest == (place - k) % DEPTH
+            prove(~holds | (dut.full[place] == (count > k)), "full")
+            wide = sum(dut.entries[place][n] << bit for n, bit in enumerate(_places(CONFIG)))
             prove(~holds | (count <= k) | (wide == kept[k]), "kept")

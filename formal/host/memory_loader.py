@@ -4,7 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.host.memory_loader import MemoryLoader
-from formal.proof import Bug, assume, before, free_inputs, opened_up, proof, prove
+from formal.proof import Bug, assume, before, placed_free, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), checksum=True)
 
@@ -26,11 +26,9 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), checksum=True
     ),
 )
 def in_order(m: Module) -> None:
-    dut = MemoryLoader(CONFIG)
-    inside = opened_up(dut)
-    free_inputs(dut)
+    dut = placed_free(MemoryLoader(CONFIG))
     assume(~(dut.chosen & dut.written))  # one register a write
-    taken = Signal.like(inside.address, name="words_taken")
+    taken = Signal.like(dut.load.address, name="words_taken")
     m.d.sync += taken.eq(Mux(dut.chosen, 0, taken + dut.load.enable))
     prove(~dut.load.enable | (dut.written & ~dut.locked), "only what is written, and not while locked")
     prove(dut.load.enable | (dut.refused == dut.written), "what is not taken is told")

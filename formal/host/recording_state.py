@@ -4,7 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.host.recording_state import RecordingState
-from formal.proof import Bug, before, free_inputs, opened_up, proof, prove
+from formal.proof import Bug, before, placed_free, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
 
@@ -15,7 +15,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
     depth=24,
     reduced="4 taxels",
     bugs=(
-        Bug("finish never ends", "finishing.eq(0), finished.eq(0)", "finished.eq(0)", depth=30),
+        Bug("finish never ends", "finishing.eq(0), finished.eq(0)", "finished.eq(0)"),
         Bug("finish does not wait for the decision", "& ~moving & self.decider_idle", "& ~moving"),
         Bug(
             "the next recording's finish is lost in its clear",
@@ -25,16 +25,14 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9))
     ),
 )
 def finish_ends(m: Module) -> None:
-    dut = RecordingState(CONFIG)
-    inside = opened_up(dut)
-    free_inputs(dut)
+    dut = placed_free(RecordingState(CONFIG))
     still = ~dut.moving & ~dut.engine_busy & dut.decider_idle & ~dut.finish_asked & ~dut.clear
     calm = Signal(range(21))  # cycles without anything under way and without a command
     m.d.sync += calm.eq(Mux(still, Mux(calm == 20, 20, calm + 1), 0))
     prove((calm < 20) | ~still | ~dut.busy, "busy falls")
     worked = before(dut.engine_busy, "worked")
     prove(~dut.finish | (dut.decider_idle & ~worked), "finish comes when engine and classifier are idle")
-    prove(~before(dut.finish_asked, "asked_now") | inside.finishing, "what is asked for is begun")
+    prove(~before(dut.finish_asked, "asked_now") | dut.finishing, "what is asked for is begun")
     asked = Signal()
     given = Signal()
     m.d.sync += [
@@ -42,7 +40,7 @@ def finish_ends(m: Module) -> None:
         given.eq((given | dut.finish) & dut.busy & ~dut.finish_asked),
     ]
     prove(~dut.finish | asked, "finish only after it was asked for")
-    prove(~inside.finishing | asked, "what goes on was asked for")
-    prove(~given | ~inside.finishing | inside.finished, "what was given is known")
-    prove(~inside.finished | inside.finishing, "finished only while it goes on")
+    prove(~dut.finishing | asked, "what goes on was asked for")
+    prove(~given | ~dut.finishing | dut.finished, "what was given is known")
+    prove(~dut.finished | dut.finishing, "finished only while it goes on")
     prove(~(dut.finish & given), "finish pulses once")

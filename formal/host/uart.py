@@ -3,7 +3,7 @@
 from amaranth.hdl import Array, Cat, Const, Module, Signal
 
 from eskin.rtl.host.uart import UartReceiver
-from formal.proof import Bug, any_number, assume, free, opened_up, proof, prove
+from formal.proof import Bug, any_number, assume, free, placed, proof, prove
 
 DIVISOR, BITS = 4, 10
 BYTE = DIVISOR * BITS
@@ -20,23 +20,12 @@ HISTORY, LATENCY = 15, 3
     depth=HISTORY + 2 * BYTE + 14,
     reduced="4 clocks a bit",
     bugs=(
-        Bug(
-            "a break is a start bit",
-            "active.eq(before & ~line)",
-            "active.eq(~line)",
-            depth=HISTORY + 2 * BYTE + 14,
-        ),
-        Bug(
-            "what ends with a low stop bit is a byte",
-            "~shift[0] & line)",
-            "~shift[0])",
-            depth=HISTORY + 2 * BYTE + 14,
-        ),
+        Bug("a break is a start bit", "active.eq(before & ~line)", "active.eq(~line)"),
+        Bug("what ends with a low stop bit is a byte", "~shift[0] & line)", "~shift[0])"),
     ),
 )
 def byte_after_a_break(m: Module) -> None:
-    dut = UartReceiver(DIVISOR)
-    opened_up(dut)
+    dut = placed(UartReceiver(DIVISOR))
     cycle = Signal(8)
     m.d.sync += cycle.eq(cycle + 1)
     # break, high line, byte

@@ -11,18 +11,7 @@ from eskin.golden.core import PRESETS
 from eskin.rtl.host.packet_transmitter import PacketTransmitter
 from eskin.rtl.host.uart_link import UartLink
 from formal import proof as words
-from formal.proof import (
-    Bug,
-    any_number,
-    assume,
-    before,
-    free,
-    free_inputs,
-    keeps_its_beat,
-    opened_up,
-    proof,
-    prove,
-)
+from formal.proof import Bug, any_number, assume, before, free, keeps_its_beat, placed_free, proof, prove
 
 TRANSMITTER = "rtl/host/packet_transmitter.py"
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=())
@@ -51,19 +40,14 @@ class AnyBytes(wiring.Component):
             "the next sample does not wait",
             "forward.eq(~command.is_frame | self.frame.ready)",
             "forward.eq(1)",
-            depth=24,
         ),
-        Bug(
-            "a frame a taxel too long", "last.eq(word == taxels + 1)", "last.eq(word == taxels + 2)", depth=24
-        ),
+        Bug("a frame a taxel too long", "last.eq(word == taxels + 1)", "last.eq(word == taxels + 2)"),
     ),
 )
 def frames_and_writes(m: Module) -> None:
-    dut = UartLink(CONFIG, 4)
     with mock.patch.object(eskin.rtl.host.uart_link, "UartReceiver", AnyBytes):
-        inside = opened_up(dut)
-    free_inputs(dut)
-    taxels, word = CONFIG.sensor.taxels, inside.word
+        dut = placed_free(UartLink(CONFIG, 4))
+    taxels, word = CONFIG.sensor.taxels, dut.word
     keeps_its_beat(dut.frame, "frame")
     beats = Signal(range(taxels + 1))
     taken = dut.frame.valid & dut.frame.ready
@@ -90,8 +74,8 @@ def frames_and_writes(m: Module) -> None:
     prove(~ended | counted | moves, "nothing acts that was not counted")
     prove(~moves | (dut.expected == (was + 1)[:8]), "one by one")
     # ---- for the induction
-    answers = inside.transmitter.answer
-    header = inside.acting & ~dut.frame.valid & ~dut.bus.w_stb & ~answers
+    answers = dut.transmitter.answer
+    header = dut.acting & ~dut.frame.valid & ~dut.bus.w_stb & ~answers
     prove(~header | (word <= 1) & (counted | moves), "header")
     prove(~moves | header & (word == 0), "the count goes on when a packet begins to act")
     prove(~dut.bus.w_stb | (word == 2) & counted, "write")
@@ -111,15 +95,12 @@ def frames_and_writes(m: Module) -> None:
             "with m.If(self.decision.ready & self.decision.valid):",
             "with m.If(self.decision.ready):",
             file=TRANSMITTER,
-            depth=100,
             eager=True,
         ),
     ),
 )
 def decisions_counted(m: Module) -> None:
-    dut = PacketTransmitter(CONFIG, 1)
-    inside = opened_up(dut)
-    free_inputs(dut)
+    dut = placed_free(PacketTransmitter(CONFIG, 1))
     if words.EAGER:  # one decision of zeros, withdrawn once: no escapes, no answers
         fall, cycle = any_number(7, "fall"), Signal(7, name="cycle")
         m.d.sync += cycle.eq(cycle + 1)
@@ -131,6 +112,6 @@ def decisions_counted(m: Module) -> None:
         )
     count = Signal(7, name="taken")
     m.d.sync += count.eq(count + (dut.decision.valid & dut.decision.ready))
-    prove(inside.decisions == count, "decisions sent")
-    prove(~(inside.is_decision & inside.is_answer), "either")
+    prove(dut.decisions == count, "decisions sent")
+    prove(~(dut.is_decision & dut.is_answer), "either")
     prove(~(dut.decision.ready & dut.answered), "one at a time")

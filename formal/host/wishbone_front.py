@@ -6,7 +6,7 @@ from amaranth.lib.wiring import connect
 from eskin.golden.core import PRESETS
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.wishbone_front import WishboneFront
-from formal.proof import Bug, before, free, opened_up, proof, prove
+from formal.proof import Bug, before, free, placed, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=())
 
@@ -39,9 +39,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=())
     ),
 )
 def one_acknowledge(m: Module) -> None:
-    dut, shell = WishboneFront(), BusShell(CONFIG, depth=0)
-    opened_up(dut)
-    queue = opened_up(shell, "shell").parts["DecisionQueue"]
+    dut, shell = placed(WishboneFront()), placed(BusShell(CONFIG, depth=0), "shell")
     connect(m, dut.request, shell.request)
     free(dut.wb_cyc, dut.wb_stb, dut.wb_we, dut.wb_adr, dut.wb_sel, dut.wb_dat_w)
     free(shell.bus.r_data, shell.any_fault, shell.decision.valid, shell.decision.payload, shell.frame.ready)
@@ -56,7 +54,7 @@ def one_acknowledge(m: Module) -> None:
         ~(shell.decision.ready & shell.decision.valid & ~shell.queue.global_only) | dut.wb_ack, "a decision"
     )
     prove(~shell.frame.valid | asked & dut.wb_we, "a sample")
-    prove(~queue.shown | shell.request.done, "shown with an answer")
+    prove(~shell.queue.shown | shell.request.done, "shown with an answer")
     begun = Signal(name="begun")
     m.d.sync += begun.eq(Mux(dut.wb_ack, 0, asked & (address < 0x40)))
     prove(~(begun & asked & before(asked & ~dut.wb_ack, "same")) | dut.wb_ack, "registers take two cycles")

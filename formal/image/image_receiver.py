@@ -4,7 +4,7 @@ from amaranth.hdl import Module, Signal
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.image.image_receiver import ImageReceiver
-from formal.proof import Bug, free, free_source, opened_up, proof, prove
+from formal.proof import Bug, free, free_source, placed, proof, prove
 
 CONFIG = AcceleratorConfig.of_image(4, 4, ["dense 2"], ("a", "b"))
 PIXELS = 16
@@ -21,22 +21,19 @@ PIXELS = 16
             "a pixel is written over the image",
             "aligner.offered & ~self.over",
             "aligner.offered & ~self.waiting",
-            depth=30,
         ),
-        Bug("an image is one pixel short", "address == pixels - 1", "address == pixels - 2", depth=30),
+        Bug("an image is one pixel short", "address == pixels - 1", "address == pixels - 2"),
         Bug(
             "the engine is started while the classifier is not free",
             "self.waiting & self.free",
             "self.waiting",
-            depth=30,
         ),
-        Bug("the engine is started again", "self.waiting.eq(0)", "self.waiting.eq(1)", depth=30),
+        Bug("the engine is started again", "self.waiting.eq(0)", "self.waiting.eq(1)"),
     ),
     quick=True,
 )
 def pixels_in_order(m: Module) -> None:
-    dut = ImageReceiver(CONFIG)
-    inside = opened_up(dut)
+    dut = placed(ImageReceiver(CONFIG))
     free_source(dut.i)
     free(dut.free)
     count = Signal(range(PIXELS + 2))
@@ -52,5 +49,5 @@ def pixels_in_order(m: Module) -> None:
         (dut.over == (count == PIXELS)) & (dut.waiting == ((count == PIXELS) & ~started)), "over and waiting"
     )
     prove(dut.open == ((count != 0) & (count != PIXELS)), "open")
-    prove((inside.address == (count & PIXELS - 1)) & (count <= PIXELS), "address")
+    prove((dut.fill.address == (count & PIXELS - 1)) & (count <= PIXELS), "address")
     prove(~started | dut.over, "started")

@@ -7,7 +7,7 @@ from eskin.golden.core import Conv, Dense, QFormat
 from eskin.golden.core.images import stages_of
 from eskin.rtl.image.map_memory import MapMemory
 from eskin.rtl.program.image_passes import make_plan
-from formal.proof import Bug, any_number, assume, free_inputs, proof, prove
+from formal.proof import Bug, any_number, assume, placed_free, proof, prove
 
 PLAN = make_plan(
     stages_of(2, 4, [Conv(1, 1), Dense(2)]),
@@ -42,8 +42,7 @@ PLAN = make_plan(
     ),
 )
 def values_stay(m: Module) -> None:
-    m.submodules.dut = dut = MapMemory(PLAN)
-    free_inputs(dut)
+    dut = placed_free(MapMemory(PLAN))
     assume((dut.read_address < 8) & (dut.write_address < 8))
     place, memory = any_number(3, "place"), any_number(1, "memory")
     there = Signal()

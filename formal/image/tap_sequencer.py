@@ -30,17 +30,14 @@ LONGEST = 44
     depth=LONGEST + 4,
     reduced="passes of 2 x 2 at most, one lane",
     bugs=(
-        Bug(
-            "a kernel's row above the map is not skipped", "beyond(above + dy)", "beyond(above + 1)", depth=30
-        ),
+        Bug("a kernel's row above the map is not skipped", "beyond(above + dy)", "beyond(above + 1)"),
         Bug(
             "a kernel's column beside the map is not skipped",
             "beyond(right - (dx | pairs))",
             "beyond(right + 1)",
-            depth=30,
         ),
-        Bug("a group's weights begin late", "weights + now.group)", "weights + now.group + 1)", depth=46),
-        Bug("a pool's second row is left out", "dy | (below == 0)", "dy | (below == 1)", depth=46),
+        Bug("a group's weights begin late", "weights + now.group)", "weights + now.group + 1)"),
+        Bug("a pool's second row is left out", "dy | (below == 0)", "dy | (below == 1)"),
     ),
 )
 def small_passes(m: Module) -> None:
@@ -116,15 +113,9 @@ LONGEST_PAIRS = 40
             "the right place reaches no further than the left one",
             "beyond(right - (dx | pairs))",
             "beyond(right - dx)",
-            depth=40,
         ),
-        Bug(
-            "a place alone is counted as a pair",
-            "current.alone.eq(right == 0)",
-            "current.alone.eq(0)",
-            depth=40,
-        ),
-        Bug("the right place has a sum of its own", "(right == 0) | pairs,", "(right == 0),", depth=40),
+        Bug("a place alone is counted as a pair", "current.alone.eq(right == 0)", "current.alone.eq(0)"),
+        Bug("the right place has a sum of its own", "(right == 0) | pairs,", "(right == 0),"),
     ),
 )
 def passes_in_pairs(m: Module) -> None:

@@ -5,7 +5,7 @@ from amaranth.hdl import Module, Mux, Signal
 
 from eskin.golden.core import PRESETS
 from eskin.rtl.interface.frame_guard import FrameGuard
-from formal.proof import Bug, before, free_inputs, opened_up, proof, prove
+from formal.proof import Bug, before, placed_free, proof, prove
 
 CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=())
 
@@ -21,34 +21,27 @@ CONFIG = PRESETS["thesis"].replace(taxels=5, feature_shift=())
             "a bad frame is handed on",
             "self.finished & (self.bad | spoilt | self.handing)",
             "self.finished & (spoilt | self.handing)",
-            depth=8,
         ),
         Bug(
             "a late frame is handed on",
             "self.finished & (self.bad | spoilt | self.handing)",
             "self.finished & (self.bad | self.handing)",
-            depth=30,
         ),
         Bug(
-            "a sample is written while the frame is read",
-            "self.put.valid & ~self.handing",
-            "self.put.valid",
-            depth=10,
+            "a sample is written while the frame is read", "self.put.valid & ~self.handing", "self.put.valid"
         ),
-        Bug("the next beat does not wait", "m.Elif(self.o.ready)", "m.Elif(1)", depth=10),
-        Bug("a frame stops a taxel early", "place == taxels - 1", "place == taxels - 2", depth=20),
+        Bug("the next beat does not wait", "m.Elif(self.o.ready)", "m.Elif(1)"),
+        Bug("a frame stops a taxel early", "place == taxels - 1", "place == taxels - 2"),
     ),
 )
 def whole_frames(m: Module) -> None:
-    dut = FrameGuard(CONFIG)
-    inside = opened_up(dut)
-    free_inputs(dut)
+    dut = placed_free(FrameGuard(CONFIG))
     taxels = CONFIG.sensor.taxels
     stalled = before(dut.o.valid & ~dut.o.ready, "stalled")
     marks = before(dut.o.p.first | dut.o.p.last << 1, "marks")
     prove(~stalled | dut.o.valid & ((dut.o.p.first | dut.o.p.last << 1) == marks), "offered beat stays")
-    prove(~inside.write.en | ~dut.handing, "nothing is written while a frame is handed on")
-    prove(~(stalled & inside.read.en), "nothing is read while a beat waits")
+    prove(~dut.write.en | ~dut.handing, "nothing is written while a frame is handed on")
+    prove(~(stalled & dut.read.en), "nothing is read while a beat waits")
     beats = Signal(range(taxels + 1))
     taken = dut.o.valid & dut.o.ready
     with m.If(taken):
@@ -65,6 +58,6 @@ def whole_frames(m: Module) -> None:
     prove(dut.broken == (dut.finished & ~good), "broken where a frame is not handed on")
     prove(~dut.o.valid | owed, "only good frames, once")
     prove(~owed | dut.handing, "a good frame is handed on")
-    prove((inside.spoilt == late) & (owed == dut.handing), "reference")
-    prove(Mux(dut.handing, inside.place == beats, beats == 0), "place")
+    prove((dut.spoilt == late) & (owed == dut.handing), "reference")
+    prove(Mux(dut.handing, dut.place == beats, beats == 0), "place")
     prove(beats < taxels, "beats")

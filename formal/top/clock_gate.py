@@ -13,9 +13,10 @@ from amaranth.hdl import Cat, Fragment, MemoryInstance, Module, Signal, Value
 from amaranth.lib import wiring
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat
+from eskin.rtl.decision.score_search import SearchOnce
 from eskin.rtl.engine import lanes
 from eskin.rtl.top.accelerator import Accelerator
-from formal.proof import Bug, assume, before, free, keeps_its_beat, opened_up, proof, prove
+from formal.proof import Bug, assume, before, free, keeps_its_beat, placed, proof, prove, registers
 
 ACCELERATOR, CONTROL = "rtl/top/accelerator.py", "rtl/host/control.py"
 CONFIG = PRESETS["thesis"].replace(
@@ -67,14 +68,14 @@ class _AnyLane(wiring.Component):
 
 class _Ungated(Accelerator):
     def elaborate(self, platform):
-        return self.wired()[0]
+        m, self.edge = self.wired()
+        return m
 
 
 def _stands_still(m: Module, config: AcceleratorConfig) -> None:
-    dut = _Ungated(config)
     with mock.patch.dict(lanes.LANE_TYPES, plain=_AnyLane):
-        inside = opened_up(dut)
-    needed = inside.needed
+        dut = placed(_Ungated(config))
+    needed = dut.edge
     memories: list[MemoryInstance] = []
 
     def collect(part: Fragment) -> None:
@@ -84,12 +85,12 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
 
     collect(m.submodules.dut.elaborate(None))
     # What the classifier's own proof says of a classifier that is not busy.
-    decider, twice, once = (inside.parts.get(name) for name in ("Classifier", "SearchTwice", "SearchOnce"))
-    searching = (twice.searching, twice.subtracting) if twice else (once.arriving, once.judged, once.ending)
-    under_way = Cat(decider.offered, decider.tallying, decider.finished, *searching)
-    assume(decider.busy | ~(under_way.any() | decider.number.any()))
+    decider, search = dut.classifier, dut.classifier.search
+    scores = (search.arriving, search.judged) if isinstance(search, SearchOnce) else (search.searching,)
+    under_way = Cat(decider.o.valid, decider.tallying, decider.finished, search.found, *scores)
+    assume(~decider.idle | ~(under_way.any() | search.number.any()))
     # And the recording's state of its own.
-    assume(~inside.parts["RecordingState"].finished | inside.parts["RecordingState"].finishing)
+    assume(~dut.control.state.finished | dut.control.state.finishing)
     free(dut.i.valid, dut.i.payload)
     keeps_its_beat(dut.i, "i", assume)
     free(dut.o.ready)
@@ -98,7 +99,7 @@ def _stands_still(m: Module, config: AcceleratorConfig) -> None:
         free(getattr(dut.bus, name))
     stopped = before(~needed, "stopped")
     prove(needed | ~(dut.i.valid | dut.bus.w_stb | dut.bus.r_stb), "what comes in has its edge")
-    for number, signal in enumerate(inside.registers):
+    for number, signal in enumerate(registers()):
         prove(
             ~stopped | (signal == before(signal, f"was_{number}")),
             f"{signal.name} would have kept its value ({number})",

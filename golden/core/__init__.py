@@ -3,7 +3,6 @@
 from eskin.golden.core.activation import sigmoid_table, tanh_table
 from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.converters import ConverterFault, SpiPlan, converter_plan
-from eskin.golden.core.cost import Market, Prefer, pareto
 from eskin.golden.core.errors import InputError, SimulationError, array_of
 from eskin.golden.core.files import (
     ArchiveError,

@@ -235,13 +235,6 @@ class AcceleratorConfig:
                 f"is 'dsp', whose accumulator has {WIDEST_DSP_ACCUMULATOR} bits, and these formats need "
                 f"{bits}; take plain lanes, or narrow the weights",
             )
-        if not self.recurrent and lane == "serial" and self.kept_low_bits > 15:
-            yield (
-                "dense_format",
-                f"{formats.dense_format} and features of {formats.feature_format} need sums of {bits} bits "
-                f"with {self.logit_shift} below a logit; the bit-serial lane keeps 31 with 15 below: narrow "
-                "the weights",
-            )
 
     def _recurrent_refusals(self) -> Iterator[Refusal]:
         cell, reset = self.network.cell, self.network.reset
@@ -887,12 +880,6 @@ class AcceleratorConfig:
         return max(18, signed_bits(self.accumulator_bound))
 
     @property
-    def kept_low_bits(self) -> int:
-        """Bits of the low one of the two words in which the bit-serial lane keeps a linear cell's sums; the
-        high one has 16."""
-        return max(self.logit_shift, self.accumulator_bits - 16)
-
-    @property
     def addend_parts(self) -> int:
         """16-bit words in which the host loads one addend, low word first: two, three where the accumulator
         has more than 32 bits."""
@@ -944,8 +931,7 @@ class AcceleratorConfig:
         return cls(**own, image=image, **groups)
 
     def with_lanes(self, lanes: int | None = None, lane_type: str | None = None) -> AcceleratorConfig:
-        """A copy on other lanes. None keeps what is there, except that ``serial`` means one lane."""
-        lanes = 1 if lanes is None and lane_type == "serial" else lanes
+        """A copy on other lanes. None keeps what is there."""
         fields = {"lanes": lanes, "lane_type": None if lane_type is None else str(lane_type)}
         return self.replace(**{field: value for field, value in fields.items() if value is not None})
 

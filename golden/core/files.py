@@ -9,7 +9,7 @@ import secrets
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -66,11 +66,12 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def replacing_folder(folder: str | Path) -> Iterator[Path]:
+def replacing_folder(folder: str | Path, check: Callable[[], None] = lambda: None) -> Iterator[Path]:
     """A new folder beside ``folder`` (its parent made if missing) that takes its name when the block ends
     without an error; who may read it is as for any new folder of the process (its umask).
 
-    What may be replaced is for the caller to decide.
+    What may be replaced is for the caller to decide. ``check`` is called right before, while no other process
+    replaces a folder beside it; where it raises, ``folder`` stays as it is.
 
     Raises
     ------
@@ -84,13 +85,14 @@ def replacing_folder(folder: str | Path) -> Iterator[Path]:
     try:
         fresh.mkdir()
         yield fresh
-        exchange(fresh, folder, old)
+        exchange(fresh, folder, old, check)
     finally:
         shutil.rmtree(work, ignore_errors=True)
 
 
-def exchange(fresh: Path, folder: Path, old: Path) -> None:
+def exchange(fresh: Path, folder: Path, old: Path, check: Callable[[], None] = lambda: None) -> None:
     """Let ``fresh`` take the name ``folder``; what had it is ``old`` from then on. All on one file system.
+    ``check``: as of `replacing_folder`.
 
     Raises
     ------
@@ -102,6 +104,7 @@ def exchange(fresh: Path, folder: Path, old: Path) -> None:
     parent = os.open(folder.absolute().parent, os.O_RDONLY)
     try:
         fcntl.flock(parent, fcntl.LOCK_EX)
+        check()
         if folder.exists():
             os.replace(folder, old)
         try:

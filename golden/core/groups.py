@@ -49,7 +49,7 @@ Reset = Literal["before", "after"]
 GateActivation = Literal["sigmoid", "hard_sigmoid"]
 Decision = Literal["vote", "last", "early"]
 Readout = Literal["dense", "prototypes"]
-LaneType = Literal["plain", "dsp", "serial"]
+LaneType = Literal["plain", "dsp"]
 Stimulator = Literal["none", "decisions", "positions"]
 # a type checker cannot read a Literal that is made of a table; pydantic needs one
 if TYPE_CHECKING:
@@ -489,13 +489,13 @@ class Formats(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Hardware(Group):
-    """How it is built: lanes; lane_type (serial: one lane); loadable (weights and constants written over the
+    """How it is built: lanes; lane_type; loadable (weights and constants written over the
     host bus; False: ROM); clock_hz; decide_within_s (the latency budget from a window's last sample to its
     decision; 0: one frame, of images one image); checksum (memories and registers are checked as they are
     used, a fault raises a flag); watchdog (a chain that hangs goes back to idle); one_port (no memory of the
     pre-trigger ring is read and written in one cycle, as a chip's macros of one port want); one_phase (a
     recurrent cell's rows are computed when the features are there and not partly before, which spares the
-    memory of partial sums and makes decisions later; dsp and serial lanes always do so); clock_gate (the
+    memory of partial sums and makes decisions later; dsp lanes always do so); clock_gate (the
     clock stops while nothing is under way: for chips; not with dsp lanes); spare_blocks (dsp lanes' weights
     in the large memories of an iCE40 UP5K, fewer block memories; ``eskin build`` does so by itself where
     these run out)."""
@@ -513,20 +513,12 @@ class Hardware(Group):
     decide_within_s: Annotated[Real, Ge(0)] = 0.0
 
     def refusals(self) -> Iterator[Refusal]:
-        if self.lane_type == "serial" and self.lanes > 1:
-            yield (
-                "lanes",
-                f"is {self.lanes} and lane_type is 'serial', of which one lane is built; take lanes 1, or "
-                "plain or dsp lanes",
-            )
         if self.lane_type == "dsp" and self.clock_gate:
             yield (
                 "clock_gate",
                 "stops the clock of a chip, and lane_type is 'dsp', a part of FPGAs; take plain lanes or "
                 "leave it out",
             )
-        if self.lane_type == "serial" and self.checksum:
-            yield "checksum", "is not built for the bit-serial lane; leave it out, or take plain or dsp lanes"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,6 +18,7 @@ from eskin.golden.model.model import (
     describe_formats,
     load_config,
     load_training,
+    model_files,
     network_formats,
     network_shapes,
     normaliser_constants,

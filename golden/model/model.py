@@ -41,6 +41,9 @@ quietest taxel may have a scale four times as small.
 """
 MODEL_FILES = (CONFIG_FILE, FLOAT_FILE, INTEGER_FILE, TRAINING_FILE)
 
+Files = Mapping[str, bytes]
+"""Files of a model folder, name -> content."""
+
 
 # ---------------------------------------------------------------------- names, shapes, formats
 def network_shapes(config: AcceleratorConfig, *, real: bool) -> dict[str, tuple[int, ...]]:
@@ -167,16 +170,24 @@ class FloatModel:
         """(hidden (n, K, H), logits (n, K, C)), float64, of real features (n, K, D)."""
         return _run(Float(self.config), self.config, self.arrays, features)
 
-    def save(self, folder: str | Path, training: Mapping[str, Any]) -> None:
-        """Make ``folder`` (new, or a model folder, which is replaced) of config.json, float.npz and
-        training.json, in one exchange."""
+    def save(
+        self,
+        folder: str | Path,
+        training: Mapping[str, Any],
+        integer: IntegerModel | None = None,
+        unchanged: Files | None = None,
+    ) -> None:
+        """Make ``folder`` (new, or a model folder, which is replaced) of config.json, float.npz, training.json
+        and, of its integer model, weights.npz, in one exchange.
+
+        unchanged: refuse where the folder's files are no longer these (`model_files`).
+        """
 
         def write(temporary: Path) -> None:
-            (temporary / CONFIG_FILE).write_text(self.config.to_json())
             np.savez(temporary / FLOAT_FILE, allow_pickle=False, **self.arrays)
-            (temporary / TRAINING_FILE).write_text(json.dumps(training, indent=1) + "\n")
+            _write(temporary, self.config, integer, training)
 
-        replace_folder(folder, write)
+        replace_folder(folder, write, unchanged)
 
     @classmethod
     def load(cls, folder: str | Path, *, images: bool = False) -> FloatModel:
@@ -279,23 +290,35 @@ class IntegerModel:
         config, arrays, source = _load(folder, INTEGER_FILE, "quantise the model in it", images)
         return cls(config, arrays, source)
 
-    def save(self, folder: str | Path, *, training: Mapping[str, Any] | None = None) -> None:
+    def save(
+        self, folder: str | Path, *, training: Mapping[str, Any] | None = None, unchanged: Files | None = None
+    ) -> None:
         """Write config.json, weights.npz and, when given, a new training record into ``folder``, new or a
         model folder, in one exchange.
 
-        The folder's other files are kept.
+        The folder's other files are kept. unchanged: refuse where its files are no longer these
+        (`model_files`).
         """
 
         def write(temporary: Path) -> None:
             for name in (FLOAT_FILE, TRAINING_FILE):
                 if (Path(folder) / name).exists():
                     shutil.copyfile(Path(folder) / name, temporary / name)
-            if training is not None:
-                (temporary / TRAINING_FILE).write_text(json.dumps(training, indent=1) + "\n")
-            (temporary / CONFIG_FILE).write_text(self.config.to_json())
-            np.savez(temporary / INTEGER_FILE, allow_pickle=False, **self.arrays)
+            _write(temporary, self.config, self, training)
 
-        replace_folder(folder, write)
+        replace_folder(folder, write, unchanged)
+
+
+def _write(
+    folder: Path, config: AcceleratorConfig, integer: IntegerModel | None, training: Mapping[str, Any] | None
+) -> None:
+    """The configuration, and of integers and training record what there is."""
+    if integer is not None:
+        config = integer.config
+        np.savez(folder / INTEGER_FILE, allow_pickle=False, **integer.arrays)
+    (folder / CONFIG_FILE).write_text(config.to_json())
+    if training is not None:
+        (folder / TRAINING_FILE).write_text(json.dumps(training, indent=1) + "\n")
 
 
 def _run(arithmetic: Float | Fixed, config: AcceleratorConfig, arrays: Arrays, features: np.ndarray):
@@ -427,19 +450,32 @@ def check_model_target(folder: str | Path) -> None:
         )
 
 
-def replace_folder(folder: str | Path, write: Callable[[Path], None]) -> None:
+def model_files(folder: str | Path) -> Files:
+    """What a model folder holds now, name -> content."""
+    paths = (Path(folder) / name for name in MODEL_FILES)
+    return {path.name: path.read_bytes() for path in paths if path.is_file()}
+
+
+def replace_folder(folder: str | Path, write: Callable[[Path], None], unchanged: Files | None = None) -> None:
     """Make a model folder in one exchange: ``write`` fills a temporary folder beside it, which then takes the
-    name.
+    name. ``unchanged``: only where the folder's files are still these (`model_files`).
 
     Raises
     ------
     InputError
-        When ``folder`` may not be replaced (``check_model_target``) or cannot be written.
+        When ``folder`` may not be replaced (``check_model_target``) or cannot be written, or was changed.
     """
     folder = Path(folder)
     check_model_target(folder)
+
+    def check() -> None:
+        if unchanged is not None and model_files(folder) != unchanged:
+            raise InputError(
+                f"model '{folder}': was changed by another program meanwhile, and is as that left it; begin again"
+            )
+
     try:
-        with replacing_folder(folder) as fresh:
+        with replacing_folder(folder, check) as fresh:
             write(fresh)
     except OSError as error:
         raise InputError(

@@ -66,21 +66,21 @@ class Classifier(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config = self._config
-        m.submodules.search = search = make_search(config)
+        m.submodules.search = search = self.search = make_search(config)
         number, best, margin = search.number, search.best, search.margin
         last = number == config.classes - 1
         step = Signal(range(config.windows.steps))  # of the last logits
         busy = Signal()
-        begun = Signal()
+        begun = self.begun = Signal()
         partial = Signal()
         offered = Signal()
         is_global = Signal()
-        tallying = Signal()  # votes become the scores
-        voting = Signal()  # the scores are votes
-        votes = Array(
+        tallying = self.tallying = Signal()  # votes become the scores
+        voting = self.voting = Signal()  # the scores are votes
+        votes = self.votes = Array(
             Signal(range(config.windows.steps + 1), name=f"votes_{k}") for k in range(config.classes)
         )
-        finished = Signal()  # one cycle after `finish`, which comes late in its cycle
+        finished = self.finished = Signal()  # one cycle after `finish`, which comes late in its cycle
         step_done = self.logit.valid & last
         taken = offered & self.o.ready
         closes = Signal()
@@ -88,9 +88,9 @@ class Classifier(wiring.Component):
         final = Signal()
         ends = finished | (local_taken & final)
         if config.network.decision == "early":
-            given = Signal()  # the touch has had its global decision, early
+            given = self.given = Signal()  # the touch has had its global decision, early
             m.submodules.early_rule = early = EarlyRule(config, len(margin))
-            decides = early.met
+            decides = self.decides = early.met
             m.d.comb += [
                 early.best.eq(best),
                 early.margin.eq(margin),

@@ -39,8 +39,10 @@ class EarlyRule(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         steps = self._config.network.early_steps
-        agreed = Signal(range(steps))  # decisions just before this one that count, early_steps - 1 at most
-        before = Signal.like(self.best)
+        agreed = self.agreed = Signal(
+            range(steps)
+        )  # decisions just before this one that count, early_steps - 1 at most
+        before = self.before = Signal.like(self.best)
         counts = Signal()
         m.d.comb += counts.eq((agreed == steps - 1) & ((self.best == before) | (steps == 1)))
         enough = self.margin >= self._config.network.early_margin

@@ -215,7 +215,7 @@ class PrototypeReadout(wiring.Component):
         if teaches:
             asked, reads = loads | (self.look & self.idle), reading | (self.look & self.idle)
         beyond = Signal()  # the host's address is that of a class's number
-        written = Signal()
+        written = self.written = Signal()
         at = Signal(range(words))
         target = Signal()  # of a pass that teaches, the place under way
         sound: Value = Const(1, 1)

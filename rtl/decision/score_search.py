@@ -64,10 +64,10 @@ class SearchTwice(wiring.Component):
         )
         write, read = scores.write_port(), scores.read_port()
         reading = Signal.like(number, reset_less=True)
-        compared = Signal.like(number, reset_less=True)
+        compared = self.compared = Signal.like(number, reset_less=True)
         last, compared_last = number == classes - 1, compared == classes - 1
         # the second pass
-        searching = Signal()
+        searching = self.searching = Signal()
         reading_others = Signal()
         others = Signal()
         subtracting = Signal()
@@ -132,15 +132,15 @@ class SearchOnce(wiring.Component):
         last_class = self._classes - 1
         best = Signal.like(self.best, reset_less=True)
         margin = Signal.like(self.margin, reset_less=True)
-        compared = Signal.like(number, reset_less=True)
-        arriving = Signal()
+        compared = self.compared = Signal.like(number, reset_less=True)
+        arriving = self.arriving = Signal()
         ending = Signal()
         new = Signal.like(score.value, reset_less=True)
         below = Signal.like(score.value, reset_less=True)
         above = Signal.like(score.value, reset_less=True)
         larger = Signal()
         unseen = Signal()
-        judged = Signal()
+        judged = self.judged = Signal()
         m.d.sync += [new.eq(score.value), compared.eq(number), arriving.eq(score.valid)]
         with m.If(score.valid):
             m.d.sync += number.eq(Mux(number == last_class, 0, number + 1))

@@ -90,7 +90,7 @@ def element_lane_signature(config: AcceleratorConfig, plan: Schedule) -> LaneSig
 class Engine(wiring.Component):
     """Computes one recurrent step and its logits for every window of centred sums.
 
-    For the serial lane `eskin.rtl.engine.compact_engine` takes its place. Sums are taken as they come into
+    Sums are taken as they come into
     one of two buffers, so the next window fills while a step is computed. The program is
     `eskin.rtl.program.schedule.schedule(config)`, encoded by `eskin.rtl.program.microcode.Microcode`.
 
@@ -153,7 +153,7 @@ class Engine(wiring.Component):
         config, plan, images = self._config, self.plan, self._images
         code = Microcode(plan)
         layout = code.layout
-        m.submodules.sequencer = sequencer = Sequencer(code)
+        m.submodules.sequencer = sequencer = self.sequencer = Sequencer(code)
         word, enable = sequencer.word, sequencer.enable
 
         # ---------------------------------------------------------------- windows waiting for their step
@@ -283,7 +283,7 @@ class Engine(wiring.Component):
             shape=signed(16), depth=window_words, init=[], attrs=NO_COLLISION
         )
         slot_write, slot_read = windows.write_port(), windows.read_port()
-        m.submodules.queue = queue = WindowQueue(config, layout.window_bits)
+        m.submodules.queue = queue = self.queue = WindowQueue(config, layout.window_bits)
         wiring.connect(m, wiring.flipped(self.i), queue.i)
         m.d.comb += [
             queue.released.eq(released),

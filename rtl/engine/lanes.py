@@ -1,7 +1,4 @@
-"""Multiply-accumulate lanes behind one interface (docs/specification.md, section 4).
-
-The bit-serial lane is an engine of its own: `eskin.rtl.engine.compact_engine`.
-"""
+"""Multiply-accumulate lanes behind one interface (docs/specification.md, section 4)."""
 
 from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
@@ -96,7 +93,7 @@ class PlainLane(wiring.Component):
 
 
 LANE_TYPES: Record = {"plain": PlainLane, "dsp": DspLane}
-"""Lane of each ``config.hardware.lane_type`` of which there may be several."""
+"""Lane of each ``config.hardware.lane_type``."""
 
 
 def make_lane(config: AcceleratorConfig, signature: LaneSignature) -> wiring.Component:

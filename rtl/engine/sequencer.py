@@ -83,7 +83,7 @@ class Sequencer(wiring.Component):
         m.submodules.program = program = Memory(
             shape=data.StructLayout(fields), depth=len(init), init=init, attrs=program_memory(platform)
         )
-        fetch = program.read_port()
+        fetch = self.fetch = program.read_port()
 
         def field(name: str):
             return (
@@ -95,11 +95,11 @@ class Sequencer(wiring.Component):
         if self._code.plan.config.hardware.checksum:
             m.d.comb += self.wrong.eq(Value.cast(fetch.data).xor())
 
-        turn = Signal()
-        pc = Signal(range(len(init)))  # the word to fetch next
-        count = Signal(range(1 + max(word["repeat"] for word in words)))
-        primed = Signal()  # the first word after a reset takes one cycle to arrive
-        ends = Signal()
+        turn = self.turn = Signal()
+        pc = self.pc = Signal(range(len(init)))  # the word to fetch next
+        count = self.count = Signal(range(1 + max(word["repeat"] for word in words)))
+        primed = self.primed = Signal()  # the first word after a reset takes one cycle to arrive
+        ends = self.ends = Signal()
         last = Signal()
         fetching = Signal()
         m.d.sync += primed.eq(1)

@@ -53,13 +53,13 @@ class WindowQueue(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        full = Signal(2)
+        full = self.full = Signal(2)
         writing = self.writing
         reading = self.reading
         taxel = self.taxel
         take = self.take
         lengths = Signal(data.ArrayLayout(self.length.shape(), 2))
-        finals = Signal(2)
+        finals = self.finals = Signal(2)
         # Registered, because it stalls everything in front: one cycle late, and low while the buffers change.
         room = Signal()
         computing = self.computing

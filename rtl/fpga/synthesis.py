@@ -25,14 +25,14 @@ from eskin.rtl.top.image_accelerator import make_accelerator
 class Family:
     """What distinguishes one family of parts for Yosys.
 
-    synth: the command. dsp: the cell with a multiplier (None: there is none). library: files of its cell
+    synth: the command. dsp: the cell with a multiplier. library: files of its cell
     models in Yosys' share folder (``+``), the first for simulation. power_on_s: seconds of reset that the
     part needs once it is configured. blocks: shapes (words, bits) of a block memory.
     """
 
     name: str
     synth: str
-    dsp: str | None
+    dsp: str
     library: str
     blocks: tuple[tuple[int, int], ...] = ((256, 16), (512, 8), (1024, 4), (2048, 2))
     power_on_s: float = 0.0
@@ -48,24 +48,10 @@ BLOCK_MEMORY_S = 15e-6
 nothing tells (YosysHQ/icestorm issue 76); five times as long, as amaranth's platform for these parts
 waits."""
 
-ICE40_DSP = Family(
+ICE40 = Family(
     name="ice40",
     synth="synth_ice40 -device u -dsp",
     dsp="SB_MAC16",
-    library="+/ice40/cells_sim.v",
-    power_on_s=BLOCK_MEMORY_S,
-)
-ICE40_HX = Family(
-    name="ice40",
-    synth="synth_ice40 -device hx",
-    dsp=None,
-    library="+/ice40/cells_sim.v",
-    power_on_s=BLOCK_MEMORY_S,
-)
-ICE40_LP = Family(
-    name="ice40",
-    synth="synth_ice40 -device lp",
-    dsp=None,
     library="+/ice40/cells_sim.v",
     power_on_s=BLOCK_MEMORY_S,
 )
@@ -336,7 +322,7 @@ write_verilog -noattr {top}.v
 """
     (folder / "synth.ys").write_text(script)
     run_tool("yosys", ["-q", "-l", "yosys.log", "synth.ys"], folder)
-    requested = _count(folder / "asked.json").get(hard_cell, 0) if hard_cell else 0
+    requested = _count(folder / "asked.json").get(hard_cell, 0)
     result = Netlist.of(folder, family, top)
     if result.multipliers < requested:
         raise ToolError(

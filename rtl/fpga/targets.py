@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from amaranth.build import ResourceError
 
 from eskin.golden.core import InputError, Record
-from eskin.rtl.fpga.synthesis import ECP5, GOWIN, ICE40_DSP, ICE40_HX, ICE40_LP, Family
+from eskin.rtl.fpga.synthesis import ECP5, GOWIN, ICE40, Family
 
 
 class Room(NamedTuple):
@@ -43,13 +43,8 @@ class Target:
     pack: tuple[str, ...] = ()
 
 
-# On the nearly full 1280-cell parts nextpnr's usual router (one net after the other, tearing out what is in
-# its way) may go on for ever.
-_SMALL = ("--router", "router2")
 _PARTS: dict[tuple[str, str], tuple[Family, Room | None, tuple[str, ...]]] = {
-    ("iCE40UP5K", "SG48"): (ICE40_DSP, Room(5280, 30, 8), ("--up5k", "--package", "sg48")),
-    ("iCE40HX1K", "TQ144"): (ICE40_HX, Room(1280, 16, 0), ("--hx1k", "--package", "tq144", *_SMALL)),
-    ("iCE40LP1K", "CM36"): (ICE40_LP, Room(1280, 16, 0), ("--lp1k", "--package", "cm36", *_SMALL)),
+    ("iCE40UP5K", "SG48"): (ICE40, Room(5280, 30, 8), ("--up5k", "--package", "sg48")),
     ("LFE5U-25F", "BG381"): (ECP5, Room(24288, 56, 28), ("--25k", "--package", "CABGA381", "--speed", "6")),
     ("GW1NR-9C", "QN88P"): (GOWIN, None, ("--device", "GW1NR-LV9QN88PC6/I5", "--vopt", "family=GW1N-9C")),
 }
@@ -107,7 +102,6 @@ def _pmod(number: int, *pins: int) -> tuple[str, ...]:
 
 
 _PMOD_0, _PMOD_1 = (_pmod(number, 1, 2, 3, 4, 7, 8, 9, 10) for number in (0, 1))
-_J1 = tuple(f"j_1:{pin}" for pin in range(3, 11))
 
 _BOARDS: dict[str, Record] = {
     "icebreaker": dict(module="icebreaker", platform="ICEBreakerPlatform", connector=_PMOD_0 + _PMOD_1),
@@ -125,12 +119,6 @@ _BOARDS: dict[str, Record] = {
         platform="ULX3S_25F_Platform",
         connector=tuple(f"gpio_0:{pin}{side}" for pin in range(14) for side in "+-"),
     ),
-    "icestick": dict(module="icestick", platform="ICEStickPlatform", connector=_PMOD_0 + _J1),
-    "icesugar-nano": dict(
-        module="icesugar_nano",
-        platform="ICESugarNanoPlatform",
-        connector=(*_pmod(2, 1, 2, 3, 4, 7, 8, 9, 10), "pmod_0:1"),
-    ),
     # Pins at 3.3 V along the board's edges that nothing else on it uses but a display's connector; the flash is on
     # pins that configure the part.
     "tangnano9k": dict(
@@ -143,7 +131,7 @@ _BOARDS: dict[str, Record] = {
 """What `_target` is given of each board."""
 
 TARGETS = tuple(_BOARDS)
-"""Names of the boards: UP5K (2), ECP5-25F, HX1K, LP1K, GW1NR-9C."""
+"""Names of the boards: UP5K (2), ECP5-25F, GW1NR-9C."""
 
 
 def target(name: str) -> Target:

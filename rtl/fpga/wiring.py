@@ -16,7 +16,6 @@ STIMULATOR_PIN = 8
 """Of a board's free pins: the first of the second connector, where there are two of 8."""
 FLASH_PORTS = ("flash__cs_n", "flash__sclk", "flash__mosi", "flash__miso")
 """In the order of `Target.flash`."""
-TEACH_PORTS = ("choose_n", "teach_n", "refused")
 SAID = {
     "clk": "the board's oscillator",
     "led": "lamp: a frame was broken",
@@ -26,9 +25,6 @@ SAID = {
     "unsure": "and not confident",
     **dict.fromkeys(("rx", "tx"), "the board's serial port"),
     **dict.fromkeys(FLASH_PORTS, "the board's flash"),
-    "choose_n": "button to ground: the next class; held: forget it",
-    "teach_n": "button to ground: the touch was of that class; held: the next one is",
-    "refused": "it was not taught",
 }
 """What each port but the converter's is wired to."""
 
@@ -79,7 +75,7 @@ class Wiring:
 
     def sites(self) -> dict[str, str]:
         """Site of each port: the converter on the first free pins, in the order of a Pmod with SPI (select,
-        data out, data in, clock; then more data in and selects; then buttons), stimulator and decisions from
+        data out, data in, clock; then more data in and selects), stimulator and decisions from
         `STIMULATOR_PIN` on; without one decisions on the first pins.
 
         Raises
@@ -92,7 +88,7 @@ class Wiring:
             return own | dict(zip(("shift_in", "capture", "shift_out"), target.pins, strict=False))
         line = dict(zip(("rx", "tx"), target.uart, strict=True)) if self.link else {}
         memory = dict(zip(FLASH_PORTS, target.flash, strict=False)) if self.flash else {}
-        wires, place = [*self._wires(), *self._buttons()], 0
+        wires, place = list(self._wires()), 0
         ports = self._decisions(self.shown)
         if self.sensing:
             ports = [*["stim_tx"] * (self.config.interface.stimulator != "none"), *ports]
@@ -121,9 +117,6 @@ class Wiring:
             f"--target {other.name} has {len(other.pins)}" for other in boards if len(other.pins) >= needed
         ]
         return f" and {classes}; {', '.join([*helps, '--no-link needs none'])}"
-
-    def _buttons(self) -> tuple[str, ...]:
-        return TEACH_PORTS if self.flash and self.config.readout_rule.taught else ()
 
     def _wires(self) -> dict[str, str]:
         return converter_plan(self.config).wires(self.config.interface.converter) if self.sensing else {}

@@ -46,8 +46,8 @@ class FrameAligner(wiring.Component):
         m = Module()
         index, advance = self.index, self.advance
         # a frame is completed by itself; a frame has begun: the index is not 0
-        filling = Signal()
-        inside = Signal()
+        filling = self.filling = Signal()
+        inside = self.inside = Signal()
         at_last = reaches(index, self._taxels - 1)
         early = self.i.valid & self.i.p.first & inside
         stray = ~self.i.p.first & ~inside

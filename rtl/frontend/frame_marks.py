@@ -56,8 +56,8 @@ class FrameMarks(wiring.Component):
                 m.d.sync += check.eq(check + 1)
             m.d.comb += self.block_end.eq(check.all() if len(check) else Const(1, 1))
         if config.windows.window_mode == "free":
-            hop_frame = Signal(range(config.windows.hop))
-            hop_zero = Signal(init=1)
+            hop_frame = self.hop_frame = Signal(range(config.windows.hop))
+            hop_zero = self.hop_zero = Signal(init=1)
             hop_last = reaches(hop_frame, config.windows.hop - 1)
             with m.If(self.taken):
                 m.d.sync += [hop_frame.eq(Mux(hop_last, 0, hop_frame + 1)), hop_zero.eq(hop_zero & ~hop_last)]
@@ -95,8 +95,8 @@ class TouchMarks(wiring.Component):
         m = Module()
         hop_frames, frames = self._config.windows.hop, self._config.last_frame
         odd = self._config.windows.window > 2 * hop_frames
-        hop = Signal(range(max(2, -(-frames // hop_frames))))
-        place = Signal(range(hop_frames))
+        hop = self.hop = Signal(range(max(2, -(-frames // hop_frames))))
+        place = self.place = Signal(range(hop_frames))
         turns = self.hop_last
         # of the next frame: it is its hop's last; a window ends with it, the last frame of two hops or the
         # first after them; the touch ends

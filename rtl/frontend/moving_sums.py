@@ -68,8 +68,8 @@ class MovingSums(wiring.Component):
         slot = Signal(range(blocks))
         wrapped = Signal()
 
-        fresh = Signal()
-        added = Signal()
+        fresh = self.fresh = Signal()
+        added = self.added = Signal()
         moved_valid = Signal()
         decided = self.decided
         total = Signal(signed(bits))
@@ -89,7 +89,7 @@ class MovingSums(wiring.Component):
             m.d.sync += total.eq(Mux(self.settling, 0, total_read.data - ~self.complement))
             m.d.sync += [register.eq(getattr(self, key)) for key, register in held.items()]
         past = Mux(wrapped, past_read.data, 0)
-        moved_last = Signal()
+        moved_last = self.moved_last = Signal()
         m.d.sync += [
             moved.eq(total - past),  # modulo 2**bits, and |moved| < 2**(bits-1)
             moved_valid.eq(added & held["block_end"] & ~held["masked"]),

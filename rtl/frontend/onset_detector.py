@@ -83,6 +83,7 @@ class OnsetDetector(wiring.Component):
         has_rest = config.rest_level.rest != "none"
         advance = Signal()
         held: list[Signal] = []  # valid of each stage
+        self.stages: dict[str, SimpleNamespace] = {}
 
         def stage(name: str, **fields) -> SimpleNamespace:
             """Registers that follow ``fields`` whenever the pipeline advances."""
@@ -93,13 +94,16 @@ class OnsetDetector(wiring.Component):
             with m.If(advance):
                 m.d.sync += [registers[key].eq(value) for key, value in fields.items()]
             held.append(registers["valid"])
+            self.stages[name] = SimpleNamespace(**registers)
             return SimpleNamespace(**registers)
 
-        m.submodules.aligner = aligner = FrameAligner(config)
+        m.submodules.aligner = aligner = self.aligner = FrameAligner(config)
         index, offered, good = aligner.index, aligner.offered, aligner.fresh
         small = config.sensor.taxels <= STATE_BEATS
         if small:
-            empty = Signal(2)  # the stages, in this cycle and the one before: all state is written
+            empty = self.empty = Signal(
+                2
+            )  # the stages, in this cycle and the one before: all state is written
             open_now = (index != 0) | empty.all()
             m.d.comb += [
                 aligner.i.p.eq(self.i.p),
@@ -110,7 +114,7 @@ class OnsetDetector(wiring.Component):
             wiring.connect(m, wiring.flipped(self.i), aligner.i)
         m.d.comb += [aligner.advance.eq(advance), self.framing_fault.eq(aligner.framing_fault)]
 
-        m.submodules.marks = marks = FrameMarks(config)
+        m.submodules.marks = marks = self.marks = FrameMarks(config)
         m.d.comb += marks.taken.eq(aligner.frame_taken)
         frame = {name: getattr(marks, name) for name in marks_of(config)}
 
@@ -235,7 +239,7 @@ class OnsetDetector(wiring.Component):
         judged = Const(1, 1)
         waiting = Const(0, 1)
         if config.onset_rule.onset == "baseline":
-            m.submodules.sums = sums = MovingSums(config, complement.shape())
+            m.submodules.sums = sums = self.sums = MovingSums(config, complement.shape())
             over, decided = sums.over, sums.decided
             m.d.comb += [
                 sums.advance.eq(advance),
@@ -270,7 +274,7 @@ class OnsetDetector(wiring.Component):
     def _touches(self, m: Module, now: SimpleNamespace, frame_left, judged, met) -> Signal:
         """The detector's state and the marks of the frame that leaves; whether it is armed."""
         config = self.config
-        m.submodules.state = state = TouchState(config)
+        m.submodules.state = state = self.state = TouchState(config)
         m.d.comb += [
             state.frame_left.eq(frame_left),
             state.last.eq(now.last),

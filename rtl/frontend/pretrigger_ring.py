@@ -86,25 +86,26 @@ class PreTriggerRing(wiring.Component):
             shape=word, depth=1 << address_bits, init=[], attrs=before_an_adder(platform)
         )
         write, read = ring.write_port(), ring.read_port()
+        self.write, self.read = write, read
         # beats in the ring, one fetched in the cycle before included; the beat at the output is not counted
-        held = Signal(address_bits)
+        held = self.held = Signal(address_bits)
         push = Signal()
         fetch = Signal()
         drop = Signal()
-        fetched = Signal()
-        counted = Signal()
+        fetched = self.fetched = Signal()
+        counted = self.counted = Signal()
 
         # The flags made of `held` are registered, because its sum comes late.
         # surplus: a frame has begun beyond those that a touch begins with. The oldest one goes in any case.
         # full: only one more beat fits, or frames must be dropped before a touch begins and more beats would
         # upset the count. some: there is something to fetch.
-        surplus = Signal()
-        dropped = Signal()
-        full = Signal()
-        some = Signal()
+        surplus = self.surplus = Signal()
+        dropped = self.dropped = Signal()
+        full = self.full = Signal()
+        some = self.some = Signal()
         # frame f has come in, frame s - 1 may have to go; from then to frame e
-        starting = Signal()
-        touch = Signal()
+        starting = self.starting = Signal()
+        touch = self.touch = Signal()
         m.d.sync += [
             surplus.eq(exceeds(held, (config.windows.pretrigger_frames + 1) * frame + (frame // 2 or 1) - 1)),
             dropped.eq(drop),
@@ -119,8 +120,8 @@ class PreTriggerRing(wiring.Component):
         if config.hardware.one_port:
             # The touch has caught up: what the reader takes at once is never written. Such a beat is offered
             # only where it is taken, so what waits is always the memory's output.
-            passing = Signal()
-            passes = Signal()
+            passing = self.passing = Signal()
+            passes = self.passes = Signal()
             m.d.comb += passes.eq(passing & self.i.valid & self.o.ready)
             word_out, shown = Mux(passing, word_in, read.data), fetched | passing
             offered, written = fetched | passes, written & ~passes
@@ -135,7 +136,8 @@ class PreTriggerRing(wiring.Component):
         ]
         begins = push & self.i.p.onset & ~touch
         if frame == 1:  # ``surplus`` is of the beats before this one, and it may be the one too many
-            m.d.sync += (begun := Signal()).eq(begins)
+            begun = self.begun = Signal()
+            m.d.sync += begun.eq(begins)
             begins = begun
         m.d.sync += [
             starting.eq(begins | (starting & surplus)),

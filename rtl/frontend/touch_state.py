@@ -56,7 +56,7 @@ class TouchState(wiring.Component):
             # While armed: frames before this one in the touch that an onset now would open. In a touch: its
             # frames before this one. After it: quiet checks. rearm_frames exceed pretrigger_frames, so the
             # history is whole again when the detector is armed.
-            count = Signal(range(max(config.last_frame, needed)))
+            count = self.count = Signal(range(max(config.last_frame, needed)))
             counts = Signal()
             m.d.comb += [
                 end.eq(touch & reaches(count, config.last_frame - 1)),
@@ -73,8 +73,8 @@ class TouchState(wiring.Component):
                 m.d.sync += count.eq(0)
             recording_first = count == 0
         else:
-            step = Signal(range(config.windows.steps))
-            quiet = Signal(range(needed))
+            step = self.step = Signal(range(config.windows.steps))
+            quiet = self.quiet = Signal(range(needed))
             m.d.comb += [
                 self.emit.eq(touch & self.boundary),
                 end.eq(self.emit & reaches(step, config.windows.steps - 1)),

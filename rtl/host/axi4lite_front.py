@@ -45,8 +45,8 @@ class Axi4LiteFront(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         request = self.request
-        busy = Signal()
-        chosen = Signal()
+        busy = self.busy = Signal()
+        chosen = self.chosen = Signal()
         write = Signal()
         ends = Signal()
         # a request that is being taken, or whose response waits, must not act again

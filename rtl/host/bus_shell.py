@@ -96,9 +96,9 @@ class BusShell(wiring.Component):
 
         if self._samples:
             frame, last = self.frame, self._config.sensor.taxels - 1
-            taxel = Signal(range(last + 1))
-            second = Signal()
-            refusing = Signal()
+            taxel = self.taxel = Signal(range(last + 1))
+            second = self.second = Signal()
+            refusing = self.refusing = Signal()
             stuck = Signal()
             taken = Signal()
             pair = request.address[0]
@@ -127,7 +127,7 @@ class BusShell(wiring.Component):
             space = frame.ready & ~refusing
             local[ShellRegister.NEXT_TAXEL] = taxel | refusing << REFUSED
 
-        enable = Signal(len(Event))
+        enable = self.enable = Signal(len(Event))
         global_only = Signal()
         with m.If(acts & writes & own & (place == ShellRegister.ENABLE - FIRST)):
             m.d.sync += [enable.eq(request.w_data), global_only.eq(request.w_data[GLOBAL_ONLY])]

@@ -151,8 +151,8 @@ class HostControl(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         config, bus = self._config, self.bus
-        m.submodules.state = state = RecordingState(config)
-        m.submodules.loader = loader = MemoryLoader(config)
+        m.submodules.state = state = self.state = RecordingState(config)
+        m.submodules.loader = loader = self.loader = MemoryLoader(config)
         m.submodules.cycles = cycles = CycleCounter()
         wiring.connect(m, loader.load, wiring.flipped(self.load))
         # (Registered, as both reach every block.)
@@ -225,9 +225,9 @@ class HostControl(wiring.Component):
             events[Fault.TAXEL] = self.raised
         if self._fed_by == "cpu":
             del events[Fault.INPUT_STALLED]
-        sticky = Signal(len(events))
+        sticky = self.sticky = Signal(len(events))
         faults = Signal(len(Fault))
-        bits = dict(zip(events, sticky, strict=True))
+        bits = self.bits = dict(zip(events, sticky, strict=True))
         m.d.sync += sticky.eq(sticky | Cat(*events.values()))
         m.d.comb += faults.eq(Cat(bits.get(fault, Const(0, 1)) for fault in Fault))
         if self._fed_by:
@@ -261,8 +261,8 @@ class HostControl(wiring.Component):
         if config.readout_rule.taught:
             refused = Signal()
             odd = Signal(name="taught_odd")
-            fresh = Signal()
-            given = Signal()
+            fresh = self.fresh = Signal()
+            given = self.given = Signal()
             at_places = bus.addr == TeachRegister.PLACES
             asked = bus.r_stb & at_places
             m.d.sync += [

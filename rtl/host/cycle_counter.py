@@ -55,13 +55,13 @@ class CycleCounter(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        in_frame = Signal()
+        in_frame = self.in_frame = Signal()
         frame_open, frame_taken = in_frame | (self.offered & self.first), self.taken & self.last
         m.d.sync += in_frame.eq(frame_open & ~frame_taken)
         counting = Signal()
         ending = Signal()
         counts = self.counts
-        ends = Signal()
+        ends = self.ends = Signal()
         m.d.sync += [counts.eq(counting), ends.eq(ending)]
         with m.Switch(self.measure):
             with m.Case(Measure.FRAME):
@@ -71,7 +71,7 @@ class CycleCounter(wiring.Component):
             with m.Default():
                 m.d.comb += [counting.eq(self.windows_open), ending.eq(~self.windows_open)]
         # The longest grows with the current one as soon as that is as long: no comparison of sizes, no copy.
-        elapsed = Signal(COUNTER_BITS)
+        elapsed = self.elapsed = Signal(COUNTER_BITS)
         longest = self.longest
         # (Adding a bit takes one cell a bit where an addition under a condition takes two.)
         m.d.sync += [

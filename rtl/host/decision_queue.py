@@ -94,10 +94,10 @@ class DecisionQueue(wiring.Component):
         room = Signal()
         m.d.comb += self.i.ready.eq(dropped | room)
         # registers, so that of two entries one table of four inputs gives a bit: with `shows` low, `index` is it
-        shows = Signal()
-        index = Signal(range(max(self._depth, 2)))
+        shows = self.shows = Signal()
+        index = self.index = Signal(range(max(self._depth, 2)))
         if not self._depth:
-            shown = Signal()
+            shown = self.shown = Signal()
             m.d.sync += shown.eq(self.asked)
             m.d.comb += [
                 room.eq(self.take & shows),
@@ -109,10 +109,10 @@ class DecisionQueue(wiring.Component):
             head: Value = word
         else:
             # A ring, as its entries take what comes without a choice in front of them.
-            entries = [Signal(len(places), name=f"entry_{k}") for k in range(self._depth)]
-            full = [Signal(name=f"full_{k}") for k in range(self._depth)]
-            newest = Signal(range(self._depth))
-            oldest = Signal(range(self._depth))
+            entries = self.entries = [Signal(len(places), name=f"entry_{k}") for k in range(self._depth)]
+            full = self.full = [Signal(name=f"full_{k}") for k in range(self._depth)]
+            newest = self.newest = Signal(range(self._depth))
+            oldest = self.oldest = Signal(range(self._depth))
             put, takes = offered & room, self.take & shows
             m.d.comb += [self.waits.eq(Array(full)[oldest]), room.eq(~Array(full)[newest])]
             m.d.sync += [

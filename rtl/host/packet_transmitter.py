@@ -54,9 +54,9 @@ class PacketTransmitter(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        decisions = Signal(7)  # sent since reset
-        is_decision = Signal()
-        is_answer = Signal()
+        decisions = self.decisions = Signal(7)  # sent since reset
+        is_decision = self.is_decision = Signal()
+        is_answer = self.is_answer = Signal()
         # Place: 15 opening flag, 0 to 4 body, 5 and 6 check sequence, 7 closing flag.
         byte = Signal(4, init=15)
         bit = Signal(4)

@@ -62,9 +62,9 @@ class RecordingState(wiring.Component):
         # More than one touch is undecided where decisions are not taken: the next begins while the last one's
         # decision waits. At most 4: at
         # the classifier, in the engine's two buffers, on the way into them.
-        undecided = Signal(3)
-        finishing = Signal()
-        finished = Signal()
+        undecided = self.undecided = Signal(3)
+        finishing = self.finishing = Signal()
+        finished = self.finished = Signal()
         # A beat spends at most a few cycles between the offers that `moving` sees: quiet for 15 cycles means
         # nothing is under way. With a clock gate `moving` sees the detector's pipeline too, and 3 are enough.
         gated = self._config.hardware.clock_gate

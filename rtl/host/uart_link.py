@@ -72,7 +72,9 @@ class UartLink(wiring.Component):
         m.submodules.receiver = receiver = UartReceiver(self._divisor)
         m.submodules.unstuffer = unstuffer = Unstuffer()
         m.submodules.check = check = FrameCheck()
-        m.submodules.transmitter = transmitter = PacketTransmitter(self._config, self._divisor)
+        m.submodules.transmitter = transmitter = self.transmitter = PacketTransmitter(
+            self._config, self._divisor
+        )
         wiring.connect(m, wiring.flipped(self.decision), transmitter.decision)
         m.d.comb += [
             receiver.rx.eq(self.rx),
@@ -88,13 +90,13 @@ class UartLink(wiring.Component):
         # word and high: words and odd byte so far; while a packet acts, the next word. No packet has a
         # length of all ones. The buffer is written only while nothing acts and read only while something
         # does.
-        word = Signal((taxels + HEADER_WORDS + 1).bit_length())
+        word = self.word = Signal((taxels + HEADER_WORDS + 1).bit_length())
         high = Signal()
         m.submodules.buffer = buffer = Memory(
             shape=data.ArrayLayout(unsigned(8), 2), depth=1 << len(word), init=[]
         )
         write, read = buffer.write_port(granularity=1), buffer.read_port()
-        acting = Signal()
+        acting = self.acting = Signal()
         spoiled = Signal()
         in_order = Signal()
         command = Signal(data.StructLayout({"address": 6, "is_frame": 1, "is_read": 1}))

@@ -61,8 +61,9 @@ class FrameGuard(wiring.Component):
             shape=shape_of(self._config.sample_format), depth=taxels, init=[]
         )
         write, read = memory.write_port(), memory.read_port()
-        place = Signal(range(taxels))
-        spoilt = Signal()
+        self.write, self.read = write, read
+        place = self.place = Signal(range(taxels))
+        spoilt = self.spoilt = Signal()
         read_yet = Signal()
         m.d.comb += [
             write.addr.eq(self.put.place),

@@ -70,15 +70,17 @@ class StimulatorFrames(wiring.Component):
         m = Module()
         held = Signal(settings_layout)  # what the burst under way has
         channel = Signal(range(31))
-        electrode = Signal(range(24))
-        frame = Signal(range(OFF + 1))
-        place = Signal(range(69))
-        sending = Signal()
-        burst = Signal(range(ON + 2))  # frames of the burst that have begun; 0: none is under way
+        electrode = self.of_burst = Signal(range(24))
+        frame = self.frame = Signal(range(OFF + 1))
+        place = self.place = Signal(range(69))
+        sending = self.sending = Signal()
+        burst = self.burst = Signal(
+            range(ON + 2)
+        )  # frames of the burst that have begun; 0: none is under way
         offs = Signal(range(OFFS_AT_RESET + 1), init=OFFS_AT_RESET)  # still to send
-        halted = Signal()
-        locked = Signal()
-        age = Signal(range(self._on_cycles + 1))
+        halted = self.halted = Signal()
+        locked = self.locked = Signal()
+        age = self.age = Signal(range(self._on_cycles + 1))
         too_long = age == self._on_cycles
 
         # ---------------------------------------------------------------- the byte at a place

@@ -18,7 +18,6 @@ from eskin.rtl.program.microcode import Layout, Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import RowGroup
 from eskin.rtl.program.signature import check_words, parity
-from eskin.rtl.program.timing import is_compact
 
 ID_VALUE = 0xE5C1
 VERSION_VALUE = 5
@@ -302,9 +301,6 @@ def memory_images(
     shared lane the dense layer's weights too, each row from a power of two on. MEANS: one a window length, or
     one a kind or input of each (`mean_places`).
 
-    The compact engine (`eskin.rtl.program.compact_program`) has the weights' bits in the order of their use.
-    Its CONSTANTS, the start of its data memory, hold bias codes and scales; it has no ADDENDS.
-
     A network for images has the memories of `ImageMemory` and the columns of its convolutions' weights.
     ``program`` is another cell's program, with its arrays; by default the configured cell's.
     """
@@ -314,14 +310,6 @@ def memory_images(
     means = [0] * mean_count(config)
     for entry, mean in zip(mean_places(config), np.ravel(arrays["mean"]), strict=True):
         means[entry] = int(mean)
-    if is_compact(config):
-        code = plan.compact
-        return {
-            0: code.weight_image(arrays),
-            Memory.CONSTANTS: code.constant_image(arrays),
-            Memory.MEANS: means,
-            **prototype_image(config, arrays),
-        }
 
     def weight(number: int, lane: int, group: RowGroup, matrix: str, column: int) -> int:
         # of a linear cell a matrix for each set of weights
@@ -480,13 +468,6 @@ def memory_words(config: AcceleratorConfig) -> dict[int, int]:
             **dense,
         }
     plan = schedule(config)
-    if is_compact(config):
-        return {
-            0: plan.compact.weight_words,
-            Memory.CONSTANTS: plan.compact.constant_words,
-            Memory.MEANS: mean_count(config),
-            **_prototype_words(config),
-        }
     return {lane: plan.weight_depth for lane in range(config.hardware.lanes)} | {
         Memory.ADDENDS: plan.addend_words,
         Memory.CONSTANTS: Layout(config, plan.program).constant_words,

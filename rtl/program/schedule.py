@@ -1,31 +1,25 @@
 """The schedule of a configuration's step, and the clocks that follow from it."""
 
 from functools import lru_cache
-from typing import Any
 
 from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.cells import CellProgram, cell_program
-from eskin.rtl.program.compact_program import compact_schedule
 from eskin.rtl.program.image_passes import plan_of
-from eskin.rtl.program.scheduler import Scheduler, groups_of
-from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, FRAME_WAY_CYCLES, is_compact, logit_to_decision
+from eskin.rtl.program.scheduler import Schedule, Scheduler, groups_of
+from eskin.rtl.program.timing import FRAME_EXTRA_CYCLES, FRAME_WAY_CYCLES, logit_to_decision
 
 IMAGE_START_CYCLES = 2
 """From the last pixel of an image to the start of the engine."""
 
 
 @lru_cache(maxsize=64)
-def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> Any:
+def schedule(config: AcceleratorConfig, program: CellProgram | None = None) -> Schedule:
     """Place one step of ``program`` (the configured cell's by default) on ``config.hardware.lanes`` lanes and
     one element-wise lane.
 
-    A single lane does the element-wise operations too, between two dot products. A single serial lane has a
-    program of its own: a `eskin.rtl.program.compact_program.CompactSchedule` takes the place of a
-    `eskin.rtl.program.scheduler.Schedule`.
+    A single lane does the element-wise operations too, between two dot products.
     """
     program = program or cell_program(config)
-    if is_compact(config):
-        return compact_schedule(config, program)
     groups, bias_rows, partial_rows = groups_of(config, program)
     ways = (False, True) if any(op.activated for op in program.elements) else (False,)
     plans = [Scheduler(config, program, groups, bias_rows, partial_rows, yields).run() for yields in ways]

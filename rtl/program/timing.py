@@ -39,17 +39,6 @@ def readout_cycles(config: AcceleratorConfig) -> int:
     return places * values + (values + 1) * (rule.taught > 0) + 3
 
 
-def is_compact(config: AcceleratorConfig) -> bool:
-    """True for the bit-serial lane: rtl/engine/compact_engine.py does everything with one adder, cycle by
-    cycle, without slots."""
-    return config.hardware.lane_type == "serial"
-
-
-def product_cycles(config: AcceleratorConfig) -> int:
-    """Cycles that a lane needs for one product."""
-    return config.weight_bits if config.hardware.lane_type == "serial" else 1
-
-
 def shares_lane(config: AcceleratorConfig) -> bool:
     """True where one multiplier serves rows and element-wise operations."""
     return config.hardware.lanes == 1

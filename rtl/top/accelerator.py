@@ -14,8 +14,7 @@ from eskin.rtl.common.layouts import decision_layout, sample_layout
 from eskin.rtl.common.load_port import LOAD, following, load_lines
 from eskin.rtl.decision.classifier import Classifier
 from eskin.rtl.decision.prototype_readout import PrototypeReadout
-from eskin.rtl.engine.compact_engine import make_engine
-from eskin.rtl.engine.engine import probe
+from eskin.rtl.engine.engine import Engine, probe
 from eskin.rtl.frontend.front_end import FrontEnd
 from eskin.rtl.host.control import TEACHING, FedBy, HostControl, bus_signature
 from eskin.rtl.program.memory_map import Memory
@@ -125,10 +124,11 @@ class Accelerator(HostedChain):
             raise ValueError("a ROM design (loadable false) needs its memory images")
         front_end = FrontEnd(config, (self._images or {}).get(Memory.MEANS))
         engine, classifier, control = (
-            make_engine(config, self._images),
+            Engine(config, self._images),
             Classifier(config),
             HostControl(config, self._fed_by),
         )
+        self.classifier, self.control = classifier, control
         decider_idle, readout = classifier.idle, None
         if config.has_prototypes:
             readout = self._nearest(m, engine, classifier, control)

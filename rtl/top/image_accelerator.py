@@ -32,8 +32,6 @@ def refuse_hardware(config: AcceleratorConfig) -> None:
             f"is {hardware.lanes}; a network for images runs on {', '.join(map(str, LANES[:-1]))} or "
             f"{LANES[-1]} lanes",
         )
-    if hardware.lane_type == "serial":
-        refuse("lane_type", "is 'serial'; a network for images needs multipliers: 'plain' or 'dsp'")
     if not hardware.loadable:
         refuse(
             "loadable",

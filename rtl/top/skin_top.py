@@ -3,22 +3,19 @@ where asked for."""
 
 from collections.abc import Mapping
 
-from amaranth.hdl import Const, Module, Mux, Signal, Value
+from amaranth.hdl import Const, Module, Signal, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, InputError
-from eskin.rtl.common.fixed import wrapping_increment
 from eskin.rtl.host.control import bus_signature
 from eskin.rtl.host.flash_loader import WAKE_S, FlashLoader, flash_pins
-from eskin.rtl.host.taught_log import TaughtLog
 from eskin.rtl.host.uart import uart_divisor
 from eskin.rtl.host.uart_link import UartLink
 from eskin.rtl.interface.interface_registers import InterfaceRegisters
 from eskin.rtl.interface.stimulation import Stimulation, reset_settings
-from eskin.rtl.interface.teach_buttons import SAMPLE_S, TeachButtons
 from eskin.rtl.interface.touch_position import TouchPosition
-from eskin.rtl.program.flash_image import design_number, log_layout, write_count
+from eskin.rtl.program.flash_image import design_number, write_count
 from eskin.rtl.top.board_top import reaches_pins
 from eskin.rtl.top.sensing import Sensing
 
@@ -70,9 +67,6 @@ class SkinTop(wiring.Component):
         As of `eskin.rtl.top.board_top.BoardTop`.
     rx : In(1), tx : Out(1), only with a link
     flash : Out(flash_pins), only with a flash
-    choose_n, teach_n : In(1), refused : Out(1), only with a flash and taught places
-        `TeachButtons`. To choose makes the class pins show the next class, which is no decision then. What was
-        last asked, or the touch named beforehand, was not taught.
     stim_tx : Out(1), only with a stimulator
         Its line, 115200 baud.
     bus : In, o : Out(stream of decision_layout), any_fault : Out(1), only with a shell
@@ -93,7 +87,6 @@ class SkinTop(wiring.Component):
     ) -> None:
         self._config, self._clock_hz, self._flash, self._shell = config, clock_hz, flash, shell
         self._divisor = uart_divisor(clock_hz, baud) if baud else None
-        self._log = log_layout(config) if flash else None
         self.sensing = Sensing(config, images, clock_hz=clock_hz, fed_by="sensor" if shell else None)
         super().__init__(
             {
@@ -106,7 +99,6 @@ class SkinTop(wiring.Component):
             | ({"stim_tx": Out(1, init=1)} if config.interface.stimulator != "none" else {})
             | ({"rx": In(1, init=1), "tx": Out(1, init=1)} if baud else {})
             | ({"flash": Out(flash_pins)} if flash else {})
-            | ({"choose_n": In(1, init=1), "teach_n": In(1, init=1), "refused": Out(1)} if self._log else {})
             | (
                 {"bus": In(bus_signature()), "o": Out(self.sensing.o.signature), "any_fault": Out(1)}
                 if shell
@@ -140,13 +132,9 @@ class SkinTop(wiring.Component):
                 m.d.comb += self.any_fault.eq(sensing.accelerator.any_fault)
         elif self._flash:
             cycles = max(1, round(WAKE_S * self._clock_hz))
-            design = design_number(config), write_count(config)
-            loader = (
-                TaughtLog(*design, log=self._log, wake_cycles=cycles)
-                if self._log
-                else FlashLoader(*design, wake_cycles=cycles)
+            m.submodules.loader = loader = FlashLoader(
+                design_number(config), write_count(config), wake_cycles=cycles
             )
-            m.submodules.loader = loader
             wiring.connect(m, loader.bus, sensing.bus)
             wiring.connect(m, loader.pins, wiring.flipped(self.flash))
             unloaded = loader.failed
@@ -162,8 +150,6 @@ class SkinTop(wiring.Component):
             ]
             if config.network.margin_threshold:
                 m.d.sync += self.unsure.eq(sensing.o.p.unsure)
-        if self._log:
-            self._taught_by_buttons(m, loader.request)
         if interface.position:
             m.submodules.position = position = TouchPosition(config)
             m.d.comb += [
@@ -190,33 +176,3 @@ class SkinTop(wiring.Component):
             else:
                 m.d.comb += stimulation.position.eq(position.o)
         return m
-
-    def _taught_by_buttons(self, m: Module, request: wiring.PureInterface) -> None:
-        """Two buttons ask; the class is the one that the pins show."""
-        m.submodules.buttons = buttons = TeachButtons(max(2, round(SAMPLE_S * self._clock_hz)))
-        label = Signal(range(self._config.classes))
-        shown = Signal()
-        nameless = Signal()  # the last request was of no class
-        asked = buttons.taught | buttons.named | buttons.forgotten
-        with m.If(asked):
-            m.d.sync += nameless.eq(~shown)
-        with m.If(self.sensing.o.valid & reaches_pins(self._config, self.sensing.o.p, self.decision_valid)):
-            m.d.sync += [label.eq(self.sensing.o.p["class"]), shown.eq(1)]
-        with m.Elif(buttons.chosen):
-            following = Mux(shown, wrapping_increment(label, self._config.classes), 0)
-            m.d.sync += [
-                label.eq(following),
-                shown.eq(1),
-                self.decision.eq(1 << following),
-                self.decision_valid.eq(0),
-            ]
-        m.d.comb += [
-            buttons.choose_n.eq(self.choose_n),
-            buttons.teach_n.eq(self.teach_n),
-            request.teach.eq(shown & (buttons.taught | buttons.named)),
-            request.option.eq(buttons.named),
-            request.forget.eq(shown & buttons.forgotten),
-            request.label.eq(label),
-            request.look.eq(buttons.look),
-            self.refused.eq(request.refused | nameless),
-        ]

@@ -8,7 +8,7 @@ from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.program.memory_map import prototype_words
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import frame_cycles, schedule, step_cycles
-from eskin.rtl.program.timing import is_compact, readout_cycles
+from eskin.rtl.program.timing import readout_cycles
 
 QUIET_CYCLES = 64
 """Covers control's wait until nothing moves any more, and a decision's cycles apart from those per class."""
@@ -22,12 +22,8 @@ def longest_wait(config: AcceleratorConfig) -> int:
     """
     if config.is_image:  # from the last pixel to the decision
         return step_cycles(config) + frame_cycles(config) + 4 * config.classes + QUIET_CYCLES
-    plan = schedule(config)
-    if is_compact(config):
-        step = plan.prologue_cycles + plan.step_cycles
-    else:
-        code = Microcode(plan)
-        step = code.idle_words + len(code.slots)
+    code = Microcode(schedule(config))
+    step = code.idle_words + len(code.slots)
     held = (
         (config.ring_frames + 2) * frame_cycles(config)
         if config.windows.window_mode == "touch"

@@ -3,9 +3,7 @@ cycles against the ideal.
 
 Everything is read off a `eskin.rtl.program.scheduler.Schedule`, the same object that becomes the sequencer's
 microcode. Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an
-operation is issued, its memories are addressed. The compact engine (the serial lane) is shown cycle by cycle:
-a row or an element-wise operation from its first to its last, planes of its operands' bits one after the
-other.
+operation is issued, its memories are addressed.
 """
 
 import csv
@@ -17,11 +15,9 @@ from pathlib import Path
 
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.rtl.program.cells import ElementOp, RowBlock
-from eskin.rtl.program.compact_program import CompactSchedule, Kind, Op
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import lowest_clock_hz, schedule
 from eskin.rtl.program.scheduler import Schedule
-from eskin.rtl.program.timing import product_cycles
 
 UNITS = ("lanes", "element-wise lane", "row chain", "activation table", "state write", "classifier")
 LANES, ELEMENTS, CHAIN, TABLE, STATE, CLASSIFIER = UNITS
@@ -73,12 +69,11 @@ class Span:
         return self.slot + self.slots - 1
 
 
-def spans(plan: Schedule | CompactSchedule) -> tuple[Span, ...]:
+def spans(plan: Schedule) -> tuple[Span, ...]:
     """Everything every unit does in one step, each operation once: in the order of ``UNITS``, by time within
     a unit."""
     joined: list[Span] = []
-    single = _compact(plan) if isinstance(plan, CompactSchedule) else _single(plan)
-    for span in sorted(single, key=lambda span: (UNITS.index(span.unit), span.slot)):
+    for span in sorted(_single(plan), key=lambda span: (UNITS.index(span.unit), span.slot)):
         last = joined[-1] if joined else None
         # an operation of two terms stays at its index for both
         if (
@@ -91,33 +86,6 @@ def spans(plan: Schedule | CompactSchedule) -> tuple[Span, ...]:
         else:
             joined.append(span)
     return tuple(joined)
-
-
-def _compact(plan: CompactSchedule) -> Iterator[Span]:
-    """One span a row or element-wise operation, and one for each thing that it stores."""
-    unit_at = {address: unit for unit in plan.compact.units for address in range(unit.first, unit.end)}
-    inside = (entry for entry in plan.compact.step if entry.address in unit_at)
-    for (first, index), group in itertools.groupby(
-        inside, key=lambda entry: (unit_at[entry.address].first, entry.index)
-    ):
-        work, name, members = unit_at[first].work, unit_at[first].name, list(group)
-        rows, begin = isinstance(work, RowBlock), members[0].cycle
-        work_text = " + ".join(map(" ".join, work.terms)) if isinstance(work, RowBlock) else _formula(work)
-        length = members[-1].cycle + members[-1].cycles - begin
-        yield Span(LANES if rows else ELEMENTS, name, False, begin, length, 1, work_text, index, index)
-        for entry in members:
-            instruction = entry.instruction
-            if instruction.op != Op.STORE:
-                continue
-            if instruction.kind == Kind.INDEX:
-                unit, work_text = TABLE, f"{'tanh' if instruction.tanh else 'sigmoid'} of {name}"
-            elif instruction.kind == Kind.LOGIT:
-                unit, work_text = CLASSIFIER, "logit"
-            elif isinstance(work, ElementOp) and work.state and not instruction.table:
-                unit, work_text = STATE, work.state
-            else:
-                continue
-            yield Span(unit, name, False, entry.cycle, 1, 1, work_text, index, index)
 
 
 def _single(plan: Schedule) -> Iterator[Span]:
@@ -169,12 +137,9 @@ def _formula(op: ElementOp) -> str:
 
 
 # ---------------------------------------------------------------------- figures
-def summary(plan: Schedule | CompactSchedule) -> Record:
-    """The figures of a schedule. ``ideal_cycles`` = ceil(multiplies / lanes), times the cycles of a product
-    on the bit-serial lane."""
-    config = plan.config
-    ideal = config.step_ideal * product_cycles(config)
-    prologue = plan.prologue_cycles if isinstance(plan, CompactSchedule) else Microcode(plan).again
+def summary(plan: Schedule) -> Record:
+    """The figures of a schedule. ``ideal_cycles`` = ceil(multiplies / lanes)."""
+    config, ideal = plan.config, plan.config.step_ideal
     return {
         "cell": config.network.cell,
         "reset": config.network.reset if config.network.cell == "gru" else None,
@@ -194,7 +159,7 @@ def summary(plan: Schedule | CompactSchedule) -> Record:
         "busy_share": plan.busy_share,
         "element_share": plan.element_cycles / plan.step_cycles,
         "shared_multiplier": plan.shared,
-        "prologue_cycles": prologue,
+        "prologue_cycles": Microcode(plan).again,
         "lowest_clock_hz": lowest_clock_hz(config),
     }
 
@@ -248,7 +213,7 @@ def text(plan: Schedule) -> str:
 
 def figures(plan: Schedule) -> list[tuple[str, str]]:
     """The `summary` in words: (name, value with its unit)."""
-    s, product = summary(plan), product_cycles(plan.config)
+    s = summary(plan)
     prologue = (
         "clears the state, fills the chain" if plan.config.recurrent else "begins the sums with the biases"
     )
@@ -256,11 +221,7 @@ def figures(plan: Schedule) -> list[tuple[str, str]]:
         ("phase A, before the features", f"{s['phase_a_cycles']} cycles"),
         ("phase B, features to decision", f"{s['decision_cycles']} cycles"),
         ("step", f"{s['step_cycles']} cycles"),
-        (
-            "ideal",
-            f"{s['ideal_cycles']} cycles: {s['multiplies']} multiplies / {s['lanes']} "
-            f"lanes{f' x {product} cycles' * (product > 1)}",
-        ),
+        ("ideal", f"{s['ideal_cycles']} cycles: {s['multiplies']} multiplies / {s['lanes']} lanes"),
         ("ratio", f"{s['ratio']:.3f}"),
         ("lanes busy", f"{100 * s['busy_share']:.1f} % of {s['lanes']} x {s['step_cycles']} lane cycles"),
         (
@@ -273,8 +234,7 @@ def figures(plan: Schedule) -> list[tuple[str, str]]:
 
 
 def _range(span: Span) -> str:
-    lanes = "columns" if ", rows" in span.what else "rows"  # the compact engine's spans are whole rows
-    word = {LANES: lanes, ELEMENTS: "i =", STATE: "i =", CLASSIFIER: "classes"}.get(span.unit, "rows")
+    word = {LANES: "columns", ELEMENTS: "i =", STATE: "i =", CLASSIFIER: "classes"}.get(span.unit, "rows")
     return f"{word} {span.first}" + (f"..{span.last}" if span.last > span.first else "")
 
 

@@ -10,8 +10,9 @@ import pytest
 
 from eskin.cosim import flow
 from eskin.cosim.scoreboard import read_capture
+from eskin.data import synthetic_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig, ConverterFault, InputError
-from eskin.golden.data import Recordings, load_archive, synthetic_recordings
+from eskin.golden.data import Recordings, load_archive
 from eskin.golden.model import random_integer_model, random_recordings, run, through_converter, write_vectors
 from eskin.rtl.fpga.generate import generate, pack_decision
 from eskin.verbs.flow import BUILD, cosimulate

@@ -103,7 +103,6 @@ def test_defences_and_a_stopping_clock_change_no_value_and_no_cycle(small, tmp_p
 
 REFUSED = {
     "lanes": dict(lanes=6),
-    "lane_type": dict(lanes=1, lane_type="serial"),
     "loadable": dict(loadable=False),
     "one_port": dict(one_port=True),
     "one_phase": dict(one_phase=True),

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from eskin.data import load_recordings
 from eskin.golden.core import PRESETS
-from eskin.golden.data import load_recordings
 from eskin.golden.model import random_integer_model, random_recordings, run, write_vectors
 from eskin.golden.model.position import positions
 from eskin.rtl.fpga.export import export_board

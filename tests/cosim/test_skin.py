@@ -12,8 +12,9 @@ import pytest
 
 from eskin.cosim.link import Answer, Decision, Unpacker, ordered_packet, parse, read_packet
 from eskin.cosim.netlist import Hardware, netlist_hardware
+from eskin.data import synthetic_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
-from eskin.golden.data import Recordings, load_archive, synthetic_recordings
+from eskin.golden.data import Recordings, load_archive
 from eskin.golden.model import (
     IntegerModel,
     completing_frames,

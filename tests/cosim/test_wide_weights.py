@@ -54,7 +54,6 @@ def model_at_the_ends(config: AcceleratorConfig, seed: int) -> IntegerModel:
     [
         ({"lanes": 4}, "icarus"),
         ({"lanes": 1, "checksum": True}, "icarus"),
-        pytest.param({"lanes": 1, "lane_type": "serial"}, "verilator", marks=pytest.mark.slow),
         pytest.param({"lanes": 4, "cell": "lstm", "checksum": True}, "verilator", marks=pytest.mark.slow),
     ],
     ids=lambda value: value if isinstance(value, str) else " ".join(map(str, value.values())),

@@ -9,10 +9,11 @@ import pytest
 
 import eskin
 from eskin.cosim.scoreboard import DECISION_FIELDS, read_capture
+from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig
-from eskin.golden.data import load_recordings
 from eskin.golden.model import random_images, run
 from eskin.verbs.flow import cosimulate
+from tests.support.folder import exchanges
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
@@ -115,8 +116,10 @@ def test_no_decision_has_a_name_of_its_own(model):
     assert model.classes_.tolist() == ["rise", "fall", "pulse"] and len(model.classes_) == 3
 
 
-def test_a_saved_model_is_the_same(model, tmp_path):
+def test_a_saved_model_is_the_same(model, tmp_path, monkeypatch):
+    written = exchanges(monkeypatch)
     model.save(tmp_path / "model")
+    assert written == ["model"]
     again = eskin.Model.load(tmp_path / "model")
     recordings = scene(12, seed=5)
     assert again.config == model.config

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from eskin.golden.baselines.registry import METHODS
-from eskin.golden.baselines.rows import row_of
 from eskin.golden.core import InputError
+from eskin.study.baselines.registry import METHODS
+from eskin.study.baselines.rows import row_of
 from scripts import baselines_page as page
 
 COMMON = {

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 from amaranth.lib import wiring
 
+from eskin.choose.choose_network import network
 from eskin.golden.core import PRESETS
 from eskin.golden.model import random_integer_model
-from eskin.golden.training.choose_network import network
 from eskin.rtl.fpga.synthesis import Chain, make_accelerator
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.schedule import frame_cycles, mean_frame_cycles, step_cycles

@@ -11,27 +11,21 @@ from scripts import docs_site, where
 
 BLOCKS = {
     "frontend/onset_detector": "preprocess",
-    "frontend/window_averager": "preprocess",
-    "frontend/compander": "preprocess",
-    "engine/lanes": "cells",
-    "engine/compact_engine": "cells",
+    "frontend/pretrigger_ring": "preprocess",
+    "engine/engine": "cells",
     "decision/classifier": "pipeline",
     "host/uart_link": "",
 }
 """Blocks with a proof, and the file of golden/model that says the same; the link's model is its host, in
 cosim/."""
-STAGES = {
-    "feature": ["frontend/normaliser"],
-    "logit": ["engine/engine", "engine/compact_engine"],
-    "decision": ["decision/classifier"],
-}
+STAGES = {"feature": ["frontend/normaliser"], "logit": ["engine/engine"], "decision": ["decision/classifier"]}
 VERBS = {
     "cosim": "eskin/verbs/cosim_job",
     "run": "eskin/verbs/main_job",
-    "sweep": "golden/studies/sweep",
-    "leak-check": "golden/studies/leak_check",
+    "sweep": "eskin/study/sweep",
+    "leak-check": "eskin/study/leak_check",
     "schedule": "rtl/program/schedule",
-    "quantise": "golden/training/quantise",
+    "quantise": "eskin/training/quantise",
 }
 
 

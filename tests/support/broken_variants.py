@@ -10,8 +10,8 @@ from eskin.golden.core import AcceleratorConfig, QFormat, narrow
 from eskin.golden.data import Recordings
 from eskin.golden.model import Fixed, Touches, find_touches, network_formats, normalise, pipeline
 from eskin.golden.model.preprocess import by_input, shifts_by_input
-from eskin.golden.stability.core import Bench, rebuilt
-from eskin.golden.stability.table import MODES
+from eskin.study.stability.core import Bench, rebuilt
+from eskin.study.stability.table import MODES
 
 
 # ---------------------------------------------------------------------- parts that are wrong

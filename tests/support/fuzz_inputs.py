@@ -28,11 +28,11 @@ from rosbags.rosbag2 import StoragePlugin
 from scipy.io import loadmat, savemat
 
 from eskin.cli.main import app
+from eskin.exchange.onnx_file import write_onnx
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.core.converters import CONVERTERS
 from eskin.golden.core.groups import Interface
 from eskin.golden.data import Recordings
-from eskin.golden.export.onnx_file import write_onnx
 from eskin.golden.model import FloatModel, random_images, random_integer_model
 from eskin.golden.model.prototypes import save_taught
 from tests.support import doors, result_case
@@ -519,7 +519,7 @@ inspect @ --config pvdf
 train --data @ --out made
 train --data @ --out made --config ../in/config.json
 train --data @ --out made --config thesis
-train --data @ --out made --prefer cells --fits icestick
+train --data @ --out made --prefer cells --fits icebreaker
 evaluate ../in/model --data @ --json e.json
 compare ../in/model --data @ --out page
 cosim ../in/model --data @
@@ -757,12 +757,12 @@ GOOD = {
     "grid": "../in/grid.json bits default",
     "group": "person source_file person,source_file x",
     "recordings": "1 2 all -1 0",
-    "target": "icebreaker icestick ulx3s upduino icesugar-nano tangnano9k x",
+    "target": "icebreaker ulx3s upduino tangnano9k x",
     "port": "/dev/null ../in/config.json none",
     "mode": "drift x",
     "teach": "../in/recordings.npz rough smooth x",
     "save_taught": "../in/taught.npz new keep/under .",
-    "configuration": "icebreaker:4 ulx3s:1:dsp icestick:0 :::",
+    "configuration": "icebreaker:4 ulx3s:1:dsp icebreaker:0 :::",
     "clock": "12e6 lowest 1 -1 nan",
     "dask": "tcp://127.0.0.1:1 x",
     "pdk": "ihp-sg13g2 sky130hd x",

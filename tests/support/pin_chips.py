@@ -51,12 +51,12 @@ class DdcSlave:
 class MprSlave:
     """Chips on one bus, by address: ``electrodes(address)`` gives twelve codes. silent: addresses that do not
     acknowledge. ecr: register 0x5E, by address; where that is 0 electrodes read 0. written: (address,
-    register, value) in their order."""
+    register, value) in their order. shortest: cycles that the clock was low or high at least."""
 
     def __init__(self, pins, electrodes, config2=0x24) -> None:
         self.pins, self.electrodes, self.config2 = pins, electrodes, config2
         self.silent: set[int] = set()
-        self.upper = 0
+        self.upper, self.shortest = 0, 1 << 20
         self.ecr = {0x5A: 0, 0x5B: 0}
         self.written: list[tuple[int, int, int]] = []
 
@@ -70,11 +70,14 @@ class MprSlave:
 
     async def play(self, ctx) -> None:
         pins, pulls, sda_was, scl_was = self.pins, False, 1, 1
-        bits, word, address, pointer, mode, said = 0, 0, 0, -1, "off", 0
+        bits, word, address, pointer, mode, said, since = 0, 0, 0, -1, "off", 0, 1 << 20
         ticks = aiter(ctx.tick().sample(pins.scl_low, pins.sda_low))
         while True:
             _, _, scl_low, sda_low = await anext(ticks)
             scl, sda = not scl_low, not (sda_low or pulls)
+            since += 1
+            if scl != scl_was:
+                self.shortest, since = min(self.shortest, since), 0
             if scl and scl_was and sda != sda_was:
                 mode, bits, word, pulls = ("address", 0, 0, False) if not sda else ("off", 0, 0, False)
             elif scl and not scl_was and mode != "off":

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from eskin.golden.core import AcceleratorConfig, Market
-from eskin.golden.core.cost import Cost
+from eskin.choose.cost import Cost, Market
+from eskin.golden.core import AcceleratorConfig
 
 
 def cost_by_size(config: AcceleratorConfig) -> Cost:

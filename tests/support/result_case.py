@@ -17,8 +17,8 @@ from eskin.golden.model import (
     random_recordings,
     step_times,
 )
-from eskin.golden.training.quantise import profile, range_records
 from eskin.pages.report import write_trace
+from eskin.training.quantise import profile, range_records
 
 ROW_KEYS = set(
     "method split accuracy spread parameters multiplies bytes train_s decision_us hardware".split()
@@ -117,7 +117,7 @@ def training_record(loaded: Recordings) -> dict[str, Any]:
 
 
 def evaluation(count: int, *, agreement: float = 0.9954) -> dict[str, Any]:
-    """What eskin.golden.training.evaluate says."""
+    """What eskin.training.evaluate says."""
     return {
         "recordings": count,
         "float_accuracy": 0.9857,

@@ -1,7 +1,6 @@
 """A board without a host, from the converter's pins to the bytes on the stimulator's line."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -21,16 +20,13 @@ BAUD = 115200
 class Played:
     """What a recording made of the board. stim: (byte, cycle of its stop bit) on the stimulator's line, 256
     more where that was low. pins: (cycle, class or -1, valid, led) whenever one changes. violations: of the
-    converter's data sheet, and of the flash's. begun: a scan has begun. host: bytes on the line to the host. refused:
-    cycles at which that pin rises. flash: what the flash holds at the end."""
+    converter's data sheet. begun: a scan has begun. host: bytes on the line to the host."""
 
     stim: list[tuple[int, int]]
     pins: list[tuple[int, int, bool, bool]]
     violations: int
     begun: bool
     host: bytes = b""
-    refused: tuple[int, ...] = ()
-    flash: bytes = b""
 
     def model(self, config: AcceleratorConfig) -> StimulatorModel:
         """The stimulator after all of it."""
@@ -51,7 +47,6 @@ def play(
     fault_frame: int | None = None,
     fault_kind: int = 1,
     flash: bytes | None = None,
-    buttons: list[tuple[int, int]] | None = None,
     host: tuple[bytes, bytes] | None = None,
     host_clocks: int = 4,
     limit: int | None = None,
@@ -68,8 +63,6 @@ def play(
         line stays low.
     flash:
         What the board's flash holds at the image's place; the design reads its model there.
-    buttons:
-        (frame, bit 0 choose, bit 1 teach) from which on they are pressed so, of a design that has them.
     host, host_clocks:
         For a design with the link: what a host sends at the beginning and in the middle of the tail, and the
         clocks of a bit.
@@ -85,7 +78,6 @@ def play(
     parameters |= {"HOST_CLOCKS": host_clocks} if host else {}
     models, options = converter_model(config)
     macros = ["-DFLASH"] * (flash is not None) + ["-DHOST"] * (host is not None)
-    macros += ["-DTEACH"] * (buttons is not None)
     simulator = runner.build(
         "verilator",
         [*hardware.sources, *models, *[FLASH] * (flash is not None)],
@@ -103,8 +95,6 @@ def play(
     }
     if flash is not None:
         (work / "flash.bin").write_bytes(flash)
-    if buttons is not None:
-        (work / "buttons.txt").write_text("".join(f"{frame} {pressed}\n" for frame, pressed in buttons))
     if host is not None:
         (work / "host.bin").write_bytes(host[0])
         (work / "last.bin").write_bytes(host[1])
@@ -116,15 +106,12 @@ def play(
     *lines, end = (line.split() for line in (work / "pins.txt").read_text().splitlines())
     pins = [
         (int(cycle), int(one_hot, 2).bit_length() - 1, valid == "1", led == "1")
-        for cycle, one_hot, valid, led, _ in lines
+        for cycle, one_hot, valid, led in lines
     ]
-    changes = pairwise([["0"] * 5, *lines])
-    refused = tuple(int(cycle) for (*_, was), (cycle, *_, now) in changes if was < now)
     heard = (
         bytes(int(word, 16) for word in (work / "host.txt").read_text().split()) if host is not None else b""
     )
-    kept = (work / "flash_out.bin").read_bytes() if flash is not None else b""
-    return Played(stim, pins, int(end[-1]), end[3] == "1", heard, refused, kept)
+    return Played(stim, pins, int(end[-1]), end[3] == "1", heard)
 
 
 def expected_electrodes(

@@ -3,10 +3,9 @@
 // The taxels take the next frame of codes.bin (32-bit words) a tenth of a frame before it is due, counted from the first scan.
 // In:  codes.bin; plus-args frames, tail (cycles after the last frame), limit (cycle that ends it whatever happens), fault_frame and
 //      fault_kind (from when and how the converter misbehaves, by its model); with the macro FLASH
-//      flash.bin, the bytes of a flash from its byte 2^20 on; with TEACH also buttons.txt: before which frame a button changes, and to what
-//      (bit 0 choose, bit 1 teach; 1 pressed); with the macro HOST host.bin and last.bin, the bytes that a host sends from
+//      flash.bin, the bytes of a flash from its byte 2^20 on; with the macro HOST host.bin and last.bin, the bytes that a host sends from
 //      cycle 20000 on (the part is in reset before) and in the middle of the tail, HOST_CLOCKS a bit
-// Out: stim.txt  each byte on the stimulator's line, hex, and the cycle of its stop bit;  pins.txt  cycle, decision, decision_valid, led, refused;
+// Out: stim.txt  each byte on the stimulator's line, hex, and the cycle of its stop bit;  pins.txt  cycle, decision, decision_valid, led;
 //      with HOST also host.txt  each byte that the host hears, hex
 `timescale 1ns / 1ps
 
@@ -23,7 +22,7 @@ module skin_harness #(
     output wire alone  // the bench has nothing to do
 );
     assign alone = cycle > 8 & !done;
-    integer cycle = 0, changed_at = 0;
+    integer cycle = 0;
     reg done /* verilator public_flat_rd */ = 1'b0;
     `PIN_WIRES
     wire stim_tx, led, decision_valid;
@@ -33,27 +32,10 @@ module skin_harness #(
     reg [2:0] misbehaves = 3'd0;
 `ifdef FLASH
     wire flash_cs_n, flash_sclk, flash_mosi, flash_miso;
-    wire [31:0] flash_wrong;
-    spi_flash #(.CYCLE_PS(CYCLE_PS)) flash (.cs_n(flash_cs_n), .sclk(flash_sclk), .mosi(flash_mosi), .miso(flash_miso),
-        .done(done), .wrong(flash_wrong));
+    spi_flash #(.CYCLE_PS(CYCLE_PS)) flash (.cs_n(flash_cs_n), .sclk(flash_sclk), .mosi(flash_mosi), .miso(flash_miso));
 `define FLASH_PORTS .flash__cs_n(flash_cs_n), .flash__sclk(flash_sclk), .flash__mosi(flash_mosi), .flash__miso(flash_miso),
 `else
 `define FLASH_PORTS
-`endif
-`ifdef TEACH
-    reg [1:0] buttons = 2'd0;
-    integer script, at_frame = -1, next_buttons = 0;
-    initial begin
-        script = $fopen("buttons.txt", "r");
-        if ($fscanf(script, "%d %d\n", at_frame, next_buttons) != 2) at_frame = -1;
-    end
-    // contacts bounce for 5 ms
-    wire [1:0] bouncing = (cycle - changed_at) * (CYCLE_PS / 1000) < 5000000 && cycle[9] ? ~buttons : buttons;
-    wire refused;
-`define TEACH_PORTS .choose_n(~bouncing[0]), .teach_n(~bouncing[1]), .refused(refused),
-`else
-    wire refused = 1'b0;
-`define TEACH_PORTS
 `endif
 `ifdef HOST
     wire rx;
@@ -64,7 +46,7 @@ module skin_harness #(
 `define HOST_PORTS
 `endif
     accelerator dut (
-        .clk(clk), `DESIGN_PINS, `FLASH_PORTS `TEACH_PORTS `HOST_PORTS .led(led), .decision(decision),
+        .clk(clk), `DESIGN_PINS, `FLASH_PORTS `HOST_PORTS .led(led), .decision(decision),
         .decision_valid(decision_valid), .stim_tx(stim_tx)
     );
     converter #(`MODEL_PARAMETERS) model (`MODEL_PINS, .analog(analog), .fault(misbehaves), .violations(violations));
@@ -73,7 +55,7 @@ module skin_harness #(
     integer next_at = 0, end_at = 0;
     reg [31:0] frame [0:PIN_CODES-1];
     reg [7:0] heard = 8'd0;
-    reg [CLASSES+2:0] shown = 0;
+    reg [CLASSES+1:0] shown = 0;
     initial begin
         if (!$value$plusargs("frames=%d", frames)) frames = 0;
         if (!$value$plusargs("tail=%d", tail)) tail = 0;
@@ -100,13 +82,6 @@ module skin_harness #(
                 got = $fread(frame, codes);
                 for (taxel = 0; taxel < PIN_CODES; taxel = taxel + 1) analog[32*taxel +: 32] <= frame[taxel];
                 loaded = loaded + 1;
-`ifdef TEACH
-                while (at_frame == loaded) begin
-                    buttons = next_buttons[1:0];
-                    changed_at = cycle;
-                    if ($fscanf(script, "%d %d\n", at_frame, next_buttons) != 2) at_frame = -1;
-                end
-`endif
                 end_at = cycle + PERIOD + tail;
             end
         end
@@ -122,16 +97,12 @@ module skin_harness #(
             place = 0;
             timer = CLOCKS_PER_BIT + CLOCKS_PER_BIT / 2 - 1;
         end
-        if ({decision, decision_valid, refused, led} !== shown) begin
-            shown = {decision, decision_valid, refused, led};
-            $fwrite(pins, "%0d %b %b %b %b\n", cycle, decision, decision_valid, led, refused);
+        if ({decision, decision_valid, led} !== shown) begin
+            shown = {decision, decision_valid, led};
+            $fwrite(pins, "%0d %b %b %b\n", cycle, decision, decision_valid, led);
         end
         if ((loaded == frames && end_at != 0 && cycle > end_at) || cycle > limit) begin
-            $fwrite(pins, "end %0d begun %0d violations %0d\n", cycle, begun,
-`ifdef FLASH
-                flash_wrong +
-`endif
-                violations);
+            $fwrite(pins, "end %0d begun %0d violations %0d\n", cycle, begun, violations);
             $fclose(stim);
             $fclose(pins);
             done <= 1'b1;

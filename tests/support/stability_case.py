@@ -10,11 +10,11 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig
 from eskin.golden.data import Recordings
 from eskin.golden.model import with_network
-from eskin.golden.stability.core import Bench
-from eskin.golden.training import datasets
-from eskin.golden.training import fit as fitting
-from eskin.golden.training import recipe as recipes
-from eskin.golden.training.quantise import profile, quantise_model
+from eskin.study.stability.core import Bench
+from eskin.training import datasets
+from eskin.training import fit as fitting
+from eskin.training import recipe as recipes
+from eskin.training.quantise import profile, quantise_model
 
 CONFIG = AcceleratorConfig.of(
     name="tiny",

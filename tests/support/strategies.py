@@ -31,8 +31,6 @@ from eskin.golden.model import (
     samples_of,
 )
 from eskin.golden.model.image_network import image_recordings
-from eskin.golden.model.prototypes import forget
-from eskin.rtl.program.flash_image import FLASH_OFFSET, log_layout
 from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.verbs.flow import cosimulate
 from tests.support.image_scenes import random_image_model
@@ -107,7 +105,7 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
     pick = picking(draw)
     (cell, reset), lane_type = (
         pick(("gru", "before"), ("gru", "after"), ("lstm", "before"), ("linear", "before")),
-        pick("plain", "serial", "dsp"),
+        pick("plain", "dsp"),
     )
     taxels, classes = pick(4, 5, 6, 7, 8, 9, 12, 16, 17, 21, 1, 2, 3, 256), pick(2, 3, 4, 5, 7, 128)
     sample = QFormat(pick(12, 8, 10, 16, 6, 2), 0, pick(False, True))
@@ -156,8 +154,6 @@ def configurations(draw: st.DrawFn) -> AcceleratorConfig:
         early_steps=min(steps, pick(1, 2)),
         lane_type=lane_type,
     )
-    if lane_type == "serial":
-        fields["lanes"] = 1
     try:
         config = AcceleratorConfig.of(**fields)
         block = max(1, math.gcd(hop, *config.window_lengths) // pick(1, 2, 3, 64))
@@ -229,55 +225,6 @@ def taught_designs(draw: st.DrawFn) -> Design:
     except InputError:
         reject()
     return design
-
-
-@st.composite
-def taught_boards(draw: st.DrawFn) -> IntegerModel:
-    """Models for a board without a host, with two buttons and a log in its flash; nothing is taught."""
-
-    pick = picking(draw)
-    config = AcceleratorConfig.of(
-        name="random board",
-        taxels=8,
-        sample_bits=12,
-        sample_rate_hz=1000.0,
-        band_low=1900,
-        band_high=2200,
-        pretrigger_frames=10,
-        rearm_frames=20,
-        hop=25,
-        window=51,
-        steps=(steps := pick(5, 6, 8)),
-        touch_frames=25 * (steps - 1) + 50,
-        cell=pick("gru", "lstm", "linear"),
-        hidden=pick(4, 5, 6),
-        class_names=tuple("abcde"[: pick(3, 2, 5)]),
-        decision=pick("last", "vote", "early"),
-        margin_threshold=pick(0, 20),
-        early_margin=pick(9, 0),
-        lanes=pick(1, 2),
-        lane_type="dsp",
-        checksum=pick(False, True),
-        clock_hz=1.152e6,
-        converter=pick("ads7953", "mcp3208x2", "ad7476"),
-        converter_hz=1.152e6 / 4,
-        stimulator="decisions",
-        on_limit_s=5.0,
-    )
-    try:
-        config = with_prototypes(pick, config, places=(3, 1, 2))
-        log = log_layout(config)
-        model = forget(random_integer_model(config, pick(*range(1, 100))))
-    except InputError:
-        reject()
-    # what the flash's model has room for, and erases
-    if (
-        log.half != 4096
-        or log.offset + 2 * log.half > FLASH_OFFSET + (1 << 16)
-        or lowest_clock_hz(config) > 1.152e6
-    ):
-        reject()
-    return model
 
 
 def with_prototypes(

@@ -24,10 +24,10 @@ from typing import Any, NamedTuple, NoReturn
 import torch
 from matplotlib.figure import Figure
 
+from eskin.choose.choose_front_end import Judge
 from eskin.cli import main as command_line
-from eskin.golden.data import hdf5, matlab
-from eskin.golden.stability import suite as stability
-from eskin.golden.training.choose_front_end import Judge
+from eskin.data import hdf5, matlab
+from eskin.study.stability import suite as stability
 
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S, PROCESSOR_S = 150.0, 40

@@ -3,12 +3,12 @@
 from typer.main import get_command
 
 import eskin.cli.main  # noqa: F401  registers the verbs
+from eskin.choose import doubts
 from eskin.cli.common import PANELS, app
 from eskin.golden.core import PRESETS
 from eskin.golden.model import with_network
 from eskin.golden.model.stage_error import STAGES
-from eskin.golden.training import doubts
-from tests.golden.training.test_doubts import baseline, split
+from tests.eskin.choose.test_doubts import baseline, split
 from tests.support.table import each_row
 
 RIVALS = [("linear classifier on the same features", True), ("RBF-SVM on the same features", False)]

@@ -101,10 +101,10 @@ def model(folder) -> Path:
     """``model``: an untrained network, quantised on data.npz."""
     import torch
 
-    from eskin.golden.data import load_recordings
+    from eskin.data import load_recordings
     from eskin.golden.model import FloatModel
-    from eskin.golden.training.network import RecurrentClassifier
-    from eskin.golden.training.quantise import quantise
+    from eskin.training.network import RecurrentClassifier
+    from eskin.training.quantise import quantise
 
     network = RecurrentClassifier(CONFIG, generator=torch.Generator().manual_seed(2)).arrays()
     FloatModel(CONFIG, network | {"mu": np.array(20.0), "sigma": np.array(30.0)}).save(folder / "model", {})
@@ -161,7 +161,7 @@ def test_every_verb_explains_itself_with_an_example(call, verb):
 
 # ---------------------------------------------------------------------- the verbs
 def test_stability_ends_with_1_when_a_mode_is_beyond_its_bound(call, folder, model, monkeypatch):
-    from eskin.golden.stability.table import MODES
+    from eskin.study.stability.table import MODES
 
     name = "weight bit flips, mean"
     line = "stability model --data data.npz --out s --no-cosim --few 3 --jobs 1 --mode".split()
@@ -296,11 +296,11 @@ def test_cosim_compares_and_a_spoiled_weight_ends_with_1(call, folder, model, mo
 def test_evaluate_ends_with_1_when_integers_lose_more_than_they_may(
     call, folder, model, monkeypatch, float_accuracy, agreement, status
 ):
-    import eskin.golden.training.evaluate
+    import eskin.training.evaluate
 
     figures = {"float_accuracy": float_accuracy, "integer_accuracy": 0.9, "agreement": agreement}
-    compare = eskin.golden.training.evaluate.compare
-    monkeypatch.setattr(eskin.golden.training.evaluate, "compare", lambda *traces: compare(*traces) | figures)
+    compare = eskin.training.evaluate.compare
+    monkeypatch.setattr(eskin.training.evaluate, "compare", lambda *traces: compare(*traces) | figures)
     assert call(*"evaluate model --data data.npz".split())[0] == status
 
 
@@ -396,7 +396,7 @@ REFUSED = [
 def test_what_is_refused_is_one_sentence_and_changes_no_file(call, folder, model, monkeypatch):
     """The command ends with 2, one line on standard error, nothing on standard output; of a configuration before a
     recording is read."""
-    import eskin.golden.data.load
+    import eskin.data.load
 
     def too_late(*_, **__):
         raise AssertionError("recordings were read before the configuration was refused")
@@ -407,7 +407,7 @@ def test_what_is_refused_is_one_sentence_and_changes_no_file(call, folder, model
     for commands, name, sentence in REFUSED:
         with monkeypatch.context() as patch:
             if commands == BEFORE:
-                patch.setattr(eskin.golden.data.load, "load_archive", too_late)
+                patch.setattr(eskin.data.load, "load_archive", too_late)
             for command in commands.split("|"):
                 status, out, err = call(*command.format(name).split())
                 assert (status, out, err.count("\n")) == (2, "", 1), (command, name, out, err)

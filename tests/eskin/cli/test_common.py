@@ -10,10 +10,10 @@ import typer
 from eskin.cli.common import CONFIG, DATA, INPUT_WORDS, OUTPUTS, REPLACING, app, check_outputs, how_many
 from eskin.cli.learn import _touch_counts
 from eskin.cli.main import VERBS
-from eskin.golden.baselines.scene import array_shape
+from eskin.data import image_size
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.data import image_size
 from eskin.pages.watch_page import asked_shape
+from eskin.study.baselines.scene import array_shape
 from eskin.verbs.energy_job import parse_configuration
 from tests.support.table import each_row
 
@@ -116,7 +116,11 @@ def test_numbers_that_are_none_are_one_short_sentence(text):
     )
     for reader in (how_many, _touch_counts, parse_configuration, *shapes):
         words = (
-            f"{text}x9" if reader in shapes else f"icestick:{text}" if reader is parse_configuration else text
+            f"{text}x9"
+            if reader in shapes
+            else f"icebreaker:{text}"
+            if reader is parse_configuration
+            else text
         )
         with pytest.raises(InputError, match="^.{20,250}$"):
             reader(words)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from eskin.data import load_recordings
 from eskin.golden.core import InputError
-from eskin.golden.data import load_archive, load_recordings, save_archive
+from eskin.golden.data import load_archive, save_archive
 from eskin.live.recorder import Recorder
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL

@@ -5,10 +5,10 @@ import dataclasses
 
 import numpy as np
 
+from eskin.choose.choose_network import train_chosen
 from eskin.golden.data import Recordings
-from eskin.golden.training import recipe as recipes
-from eskin.golden.training.choose_network import train_chosen
 from eskin.pages.report import write_report
+from eskin.training import recipe as recipes
 from tests.support.parts import of_parts
 from tests.support.prices import priced
 from tests.support.result_case import edit, make_result

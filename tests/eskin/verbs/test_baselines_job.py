@@ -7,8 +7,8 @@ import pytest
 from typer.testing import CliRunner
 
 from eskin.cli.main import app
-from eskin.golden.baselines import judge as judging
 from eskin.golden.core import InputError
+from eskin.study.baselines import judge as judging
 from eskin.verbs import baselines_job
 from tests.support.result_case import ROW_KEYS
 from tests.support.table import each_row
@@ -65,7 +65,7 @@ def test_table_chart_and_json(archive, tmp_path):
 def test_changed_code_of_a_family_judges_that_family_again(archive, monkeypatch):
     assert call(*"--group person --methods logistic,least-squares".split()).exit_code == 0
     real = baselines_job.code_version
-    changed = "golden/baselines/simple.py"
+    changed = "study/baselines/simple.py"
     monkeypatch.setattr(
         baselines_job, "code_version", lambda *names: real(*names) + ("changed" if changed in names else "")
     )

@@ -11,11 +11,11 @@ import pytest
 
 from eskin.golden.core import PRESETS, InputError
 from eskin.golden.model import random_integer_model
-from eskin.golden.studies.energy import BATTERY_J, Activity, compare, estimate
 from eskin.pages.energy_page import render
 from eskin.rtl.asic.nets import Nets
 from eskin.rtl.asic.synthesis import process_of
 from eskin.rtl.program.schedule import schedule
+from eskin.study.energy import BATTERY_J, Activity, compare, estimate
 from eskin.verbs import asic_job, chip_energy
 from eskin.verbs.flow import cosimulate
 from tests.support.tiny_cells import liberty_files

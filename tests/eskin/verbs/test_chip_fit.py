@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 from eskin.cli.main import app
 from eskin.golden.core import PRESETS, InputError
 from eskin.golden.model import random_integer_model
-from eskin.golden.studies.sweep import make_points
 from eskin.pages.views import words
+from eskin.study.sweep import make_points
 from eskin.verbs import asic_job, chip_fit
 from tests.support.table import each_row
 

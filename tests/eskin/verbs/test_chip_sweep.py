@@ -3,8 +3,8 @@ exit status."""
 
 import pytest
 
+from eskin.data import synthetic_recordings
 from eskin.golden.core import PRESETS
-from eskin.golden.data import synthetic_recordings
 from eskin.golden.model import random_integer_model
 from eskin.verbs import asic_job, chip_sweep
 

@@ -9,11 +9,11 @@ from eskin.cosim.latency import limits
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
 from eskin.golden.model import random_images, random_integer_model
 from eskin.golden.model.image_network import image_recordings
-from eskin.golden.studies.energy import PARTS, compare, estimate, scheduled_activity
 from eskin.pages.energy_page import draw_power, draw_waiting, render
 from eskin.pages.views import tables, words
 from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import decision_cycles
+from eskin.study.energy import PARTS, compare, estimate, scheduled_activity
 from eskin.verbs.energy_job import in_software, job, waiting
 from tests.support.image_scenes import random_image_model
 from tests.support.table import each_row
@@ -40,7 +40,6 @@ def measured(case, tmp_path, *configurations):
     ("configuration", "words"),
     [
         ("icebreaker:6", "field lanes: is 6; a network for images runs on"),
-        ("icebreaker:1:serial", "lane_type: is 'serial'"),
         ("nonesuch:8", "is no known board"),
     ],
 )

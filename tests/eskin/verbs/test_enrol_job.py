@@ -10,12 +10,12 @@ import pytest
 from eskin.golden.data import save_archive
 from eskin.golden.model import IntegerModel
 from eskin.golden.model import run as run_model
-from eskin.golden.training import enrol as enrolling
-from eskin.golden.training.quantise import quantise
-from eskin.golden.training.train import TrainingRequest, train
 from eskin.rtl.fpga.generate import boot_writes
+from eskin.teach import enrol as enrolling
+from eskin.training.quantise import quantise
+from eskin.training.train import TrainingRequest, train
 from eskin.verbs import enrol_job, replay_job
-from tests.golden.training.test_enrol import BOTH, FEW, OLD, REST
+from tests.eskin.teach.test_enrol import BOTH, FEW, OLD, REST
 from tests.support.link_device import Device, golden_decisions
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL

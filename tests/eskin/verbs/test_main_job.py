@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eskin.choose.choose_front_end import Plan
 from eskin.cosim.runner import SimulationError
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.model import IntegerModel, random_integer_model
-from eskin.golden.training.choose_front_end import Plan
 from eskin.rtl.fpga.generate import MARK
 from eskin.verbs import main_job, milestones
 from tests.support import result_case

@@ -201,15 +201,15 @@ def test_a_build_that_does_not_tell_is_refused(replay, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert "build/board has none), or give --baud" in replay("port", "no build")[2]
     built(tmp_path / "build/board/ulx3s")
-    built(tmp_path / "build/board/icestick", link=False)
+    built(tmp_path / "build/board/icebreaker", link=False)
     (tmp_path / "other").mkdir()
     said = {
-        ("no build",): "build/board has icestick, ulx3s), or give --baud",
-        ("--build", "build/board/icestick"): "was built with --no-link",
+        ("no build",): "build/board has icebreaker, ulx3s), or give --baud",
+        ("--build", "build/board/icebreaker"): "was built with --no-link",
         ("--build", "other"): "--build other: holds no build.json",
         ("--build", "build/board/ulx3s", "--baud", "9600"): "leave out --baud",
         ("--build", "build/board/ulx3s", "--lanes", "4"): "--lanes: is told by the build",
-        ("no build", "--lane-type", "serial"): "--lane-type: is told by the build",
+        ("no build", "--lane-type", "dsp"): "--lane-type: is told by the build",
     }
     for options, sentence in said.items():
         status, out, errors = replay("port", *options)

@@ -12,8 +12,8 @@ FINE = dict(weight_format=QFormat(1, 7), feature_format=QFormat(4, 8), recurrent
 
 
 def test_states_whose_differences_exceed_the_operand_are_refused():
-    """formal/engine/elementwise.py proves the operand exact for up to 14 fraction bits; with 15 it gave -5536
-    for 30000 - -30000."""
+    """tests/rtl/engine/test_elementwise.py tries the ends of up to 14 fraction bits; with 15 the operand was
+    -5536 for 30000 - -30000."""
     PRESETS["thesis"].replace(state_format=QFormat(2, 14), **{**FINE, "feature_format": QFormat(4, 8)})
     with pytest.raises(InputError, match="field state_format: .* differences of states"):
         PRESETS["thesis"].replace(state_format=QFormat(1, 15), **FINE)
@@ -63,11 +63,7 @@ def test_the_row_accumulator_holds_the_worst_vector_and_a_bit_less_does_not(cell
 @each_row(
     "changes, words",
     [
-        (
-            dict(lanes=4, lane_type="serial"),
-            "lanes: is 4 and lane_type is 'serial', of which one lane is built",
-        ),
-        (dict(lanes=1, lane_type="serial", checksum=True), "checksum: is not built for the bit-serial lane"),
+        (dict(lanes=1, lane_type="serial"), "lane_type: is 'serial'; give one of plain, dsp"),
         # as a sum of powers of two, twice taxel 1 was taxel 2
         (dict(masked_taxels=(1, 1)), "masked_taxels: names a taxel twice"),
     ],
@@ -75,10 +71,6 @@ def test_the_row_accumulator_holds_the_worst_vector_and_a_bit_less_does_not(cell
 def test_what_cannot_be_built_is_refused(changes, words):
     with pytest.raises(InputError, match=f"field {words}"):
         PRESETS["thesis"].replace(**changes)
-
-
-def test_serial_lanes_asked_for_without_a_number_are_one():
-    assert PRESETS["thesis"].with_lanes(None, "serial").hardware.lanes == 1
 
 
 @pytest.mark.parametrize(

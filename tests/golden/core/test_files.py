@@ -9,9 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 import torch
 
+from eskin.exchange.import_network import read_layers
 from eskin.golden.core import InputError, files, replacing, replacing_folder, write_json
 from eskin.golden.model import find_touches, pipeline, random_integer_model, write_vectors
-from eskin.golden.training.import_network import read_layers
 from eskin.rtl.fpga.generate import generate
 from tests.golden.model.test_model import float_model
 from tests.support.folder import contents

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, InputError
-from eskin.golden.data import Recordings, grouped_folds, load_recordings
+from eskin.golden.data import Recordings, grouped_folds
 from tests.support.table import each_row
 
 LSB = PRESETS["thesis"].sensor.volt_per_code

@@ -19,7 +19,7 @@ from eskin.golden.model import (
     run_cell,
     with_network,
 )
-from eskin.golden.training.network import RecurrentClassifier
+from eskin.training.network import RecurrentClassifier
 from tests.support.strategies import configurations
 from tests.support.table import each_row
 

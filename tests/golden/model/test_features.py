@@ -21,10 +21,10 @@ from eskin.golden.model.preprocess import (
     shifts_by_input,
     sums_alone,
 )
-from eskin.golden.training import batches as batching
-from eskin.golden.training import datasets
-from eskin.golden.training.crossval import cross_validate
-from eskin.golden.training.recipe import RECIPES
+from eskin.training import batches as batching
+from eskin.training import datasets
+from eskin.training.crossval import cross_validate
+from eskin.training.recipe import RECIPES
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL, scene
 

@@ -20,7 +20,7 @@ from eskin.golden.model import (
     with_network,
 )
 from eskin.golden.model.model import replace_folder
-from eskin.golden.training.network import RecurrentClassifier
+from eskin.training.network import RecurrentClassifier
 from tests.support.folder import contents
 from tests.support.table import each_row
 from tests.support.touch_scenes import SMALL

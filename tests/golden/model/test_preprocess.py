@@ -10,8 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import eskin.golden.model.preprocess as preprocess
+from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, signed_bits
-from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.data import Recordings
 from eskin.golden.model import find_touches, normalise, real_features
 from eskin.golden.model.preprocess import window_spans
 from tests.support.front_end_cases import detect

@@ -66,12 +66,7 @@ def test_front_end(name, stalls):
 
 @pytest.mark.parametrize(
     ("cell", "reset", "lanes", "lane_type"),
-    [
-        ("gru", "before", 4, "dsp"),
-        ("gru", "after", 1, "plain"),
-        ("lstm", "before", 1, "dsp"),
-        ("gru", "before", 1, "serial"),
-    ],
+    [("gru", "before", 4, "dsp"), ("gru", "after", 1, "plain"), ("lstm", "before", 1, "dsp")],
 )
 def test_engine(garbage, cell, reset, lanes, lane_type):
     config = test_engine_bench.small(cell, reset, lanes, lane_type=lane_type)

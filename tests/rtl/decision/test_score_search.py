@@ -1,7 +1,7 @@
-"""Both searches: class and margin of random scores, ties, ends of the range, and the cycle in which they are
-there."""
+"""Both searches: class and margin of scores, ties, ends of the range, and the cycle in which they are there."""
 
 import random
+from itertools import product
 
 from amaranth.sim import Simulator
 
@@ -31,6 +31,10 @@ def test_class_and_margin_of_any_scores_in_their_cycle(cell, lanes, search, late
     assert type(dut) is search
     most = (1 << len(dut.margin)) - 1
     steps = [[rng.choice((0, most, 5, rng.randint(0, most))) for _ in range(classes)] for _ in range(60)]
+    if classes == 3:  # every order, every tie, distances of 1 and of the whole range
+        steps += rng.sample(
+            every := [list(scores) for scores in product((0, 1, 2, most), repeat=3)], len(every)
+        )
 
     async def bench(ctx):
         for scores in steps:

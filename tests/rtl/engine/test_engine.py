@@ -9,7 +9,7 @@ from amaranth.lib import wiring
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat, narrow
 from eskin.golden.model import IntegerModel, random_integer_model
 from eskin.rtl.decision.classifier import Classifier
-from eskin.rtl.engine.compact_engine import make_engine
+from eskin.rtl.engine.engine import Engine
 from eskin.rtl.engine.window_queue import WindowQueue
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import schedule
@@ -20,7 +20,7 @@ class EngineBench(wiring.Component):
     """Engine and classifier wired as in the accelerator."""
 
     def __init__(self, config: AcceleratorConfig, images) -> None:
-        self.engine, self.classifier = make_engine(config, images), Classifier(config)
+        self.engine, self.classifier = Engine(config, images), Classifier(config)
         super().__init__(
             {
                 "i": self.engine.signature.members["i"],

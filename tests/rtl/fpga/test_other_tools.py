@@ -20,7 +20,7 @@ DESIGNS = {
     "lstm behind Wishbone": ("lstm", {"bus": "wishbone"}),
     "image behind APB": ("image", {"bus": "apb"}),
     "prototypes": ("prototypes", {}),
-    "serial behind AXI4-Lite": ("serial", {"bus": "axi4lite"}),
+    "DSP lanes behind AXI4-Lite": ("dsp", {"bus": "axi4lite"}),
     "rom with AXI streams": ("rom", {"axis": True}),
     "behind a converter": ("converter", {}),
     "thesis": ("thesis", {}),

@@ -5,6 +5,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from eskin.golden.core import FEATURE_KINDS, AcceleratorConfig
 from eskin.golden.model import random_integer_model, run
@@ -13,6 +15,7 @@ from eskin.rtl.frontend.feature_expander import SLOTS, FeatureExpander
 from eskin.rtl.program.memory_map import Fault
 from tests.rtl.top.test_accelerator import CONFIGS, check, play, recordings
 from tests.support.front_end_cases import CASES, detect, make_stream, window_beats
+from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, values
 from tests.support.table import each_row
 
@@ -110,11 +113,24 @@ def test_every_kind_of_every_deviation(name):
         assert values(out) == expected_beats(config, seen)
 
 
-@each_row("taxels", [1, 2])
-@each_row("name", ["pvdf", "thesis"])
-def test_frames_so_short_that_they_wait_for_each_other(name, taxels):
-    config = config_of(name, FEATURE_KINDS, "change", taxels=taxels)
-    seen = detect(config, make_stream(config, 130, seed=11))
+@examples(20, 400)
+@given(
+    name=st.sampled_from([*BLOCKS]),
+    subset=st.sampled_from(SUBSETS),
+    rule=st.sampled_from(("sum", "change")),
+    taxels=st.integers(1, 4),
+    seed=st.integers(0, 1 << 30),
+)
+def test_any_kinds_of_any_deviations(name, subset, rule, taxels, seed):
+    """Few taxels, too, whose frames wait for each other; deviations at both ends of their range and between."""
+    taxels = max(2, taxels) if CASES[name].faults.fault_frames else taxels
+    config, rng = config_of(name, subset, rule, taxels=taxels), np.random.default_rng(seed)
+    bound = config.deviation_bound
+    low = config.sample_format.min_code if config.rest_level.rest == "none" else -bound
+    seen = detect(config, make_stream(config, 130, seed=11, touches=[20, 70]))
+    shape = seen.values.shape
+    between = rng.integers(low, bound + 1, shape)
+    seen.values[:] = np.where(rng.random(shape) < 0.3, between, rng.choice([low, bound], shape))
     out, _ = expand(config, window_beats(config, seen), (0.3, 0.5), seed=3)
     assert seen.touches and values(out) == expected_beats(config, seen)
 

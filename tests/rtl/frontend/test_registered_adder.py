@@ -54,7 +54,6 @@ def test_a_wrong_parameter_is_seen(tmp_path, parameter, wrong):
         (6, "dsp", ICE40, 1),
         (7, "dsp", ICE40, 0),
         (1, "dsp", None, 0),
-        (1, "serial", ICE40, 0),
     ],
 )
 def test_only_where_a_block_is_idle(lanes, lane_type, platform, blocks):

@@ -14,7 +14,9 @@ from tests.support.front_end_cases import (
     BAND,
     BASE,
     CASES,
+    FREE,
     TOUCH,
+    TRACKED,
     detect,
     make_stream,
     sum_beats,
@@ -71,16 +73,34 @@ def test_sums_of_every_window(name):
 )
 def test_any_touch_window(taxels, hop, odd, steps, extra, clip, seed):
     """Every way in which windows can be clipped or end together, two touches in a row, the first of the
-    largest deviations of any clip; of few taxels a sum is read again as soon as it was changed."""
+    largest deviations of any clip; of few taxels a sum is read again as soon as it was changed. Masks stay
+    with their taxels."""
     frames = max(2, hop * (steps - 1) + 1 + extra)
     windows = dict(hop=hop, window=2 * hop + odd, steps=steps, touch_frames=frames)
-    config = AcceleratorConfig.of(
-        **(BASE | BAND | TOUCH | dict(taxels=taxels, clip=clip, pretrigger_frames=0, **windows))
-    )
+    sizes = dict(taxels=taxels, clip=clip, pretrigger_frames=0, fault_frames=2 * (seed % 2), **windows)
+    config = AcceleratorConfig.of(**(BASE | BAND | TOUCH | sizes))
     rng, last, bound = np.random.default_rng(seed), config.last_frame, config.deviation_bound
     deviations = rng.integers(-bound, bound + 1, (2 * last, taxels))
     deviations[:last] = rng.choice([-bound, bound])
-    seen = SimpleNamespace(values=deviations, touches=[(0, 1, last), (0, last + 1, 2 * last)])
+    touches, masked = [(0, 1, last), (0, last + 1, 2 * last)], rng.integers(0, 2, (2 * last, taxels))
+    seen = SimpleNamespace(values=deviations, touches=touches, masked=masked)
+    out, _ = run(config, window_beats(config, seen), stalls=(0.2 * (seed % 2), 0.2), seed=seed)
+    assert values(out) == sum_beats(config, seen)
+
+
+@examples(15, 300)
+@given(
+    taxels=st.sampled_from([4, 1, 2, 3]),
+    hop=st.integers(1, 9),
+    steps=st.integers(1, 8),
+    clip=st.integers(1, 4095),
+    seed=st.integers(0, 1 << 30),
+)
+def test_any_free_window(taxels, hop, steps, clip, seed):
+    sizes = dict(taxels=taxels, clip=clip, hop=hop, window=2 * hop, steps=steps)
+    config = AcceleratorConfig.of(**(BASE | TRACKED | FREE | sizes))
+    seen, bound = detect(config, make_stream(config, 120, seed=seed)), config.deviation_bound
+    seen.values[:] = np.random.default_rng(seed).choice([-bound, 0, bound], seen.values.shape)
     out, _ = run(config, window_beats(config, seen), stalls=(0.2 * (seed % 2), 0.2), seed=seed)
     assert values(out) == sum_beats(config, seen)
 

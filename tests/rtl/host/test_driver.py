@@ -6,8 +6,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+from eskin.data import load_recordings
 from eskin.golden.core import PRESETS
-from eskin.golden.data import load_recordings
 from eskin.golden.model import Stream, random_integer_model, random_recordings, run
 from eskin.golden.model.decision_word import decision_word
 from eskin.golden.model.prototypes import forget, taught_in_use

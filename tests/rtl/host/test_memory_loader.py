@@ -10,10 +10,7 @@ from tests.support.stream_bench import put, simulate
 from tests.support.table import each_row
 
 
-@each_row(
-    "hardware",
-    [{"lanes": 6}, {"lanes": 4, "checksum": True}, {"lanes": 1, "lane_type": "serial"}, {"loadable": False}],
-)
+@each_row("hardware", [{"lanes": 6}, {"lanes": 4, "checksum": True}, {"loadable": False}])
 def test_every_word_of_a_random_memory_goes_to_its_place(hardware):
     config = PRESETS["thesis"].replace(**hardware)
     dut, rng, lines = MemoryLoader(config), random.Random(1), load_lines(config)

@@ -15,17 +15,19 @@ from tests.support.pin_chips import DdcSlave
 from tests.support.table import each_row
 
 PERIOD, QUIET, WARM_UP = 1800, 30, 3
+DEADLINE = PERIOD - QUIET - (2 * 2 * 20 * 5 + 8)
+"""Of DVALID: behind it come five words of 20 bits and the quiet time."""
 
 
-def play(count: int, codes, spoil=lambda name, value: value, **fields):
+def play(count: int, codes, spoil=lambda name, value: value, delay: int = 40, **fields):
     """The frames, and the chip; ``codes(channel)`` are those of inputs 1..32. The real order and formats, with
-    times that a bench can wait for."""
+    times that a bench can wait for. ``delay``: cycles from CONV to DVALID."""
     config = PRESETS["thesis"].replace(**(dict(converter="ddc232", sample_rate_hz=1000.0, taxels=5) | fields))
     plan = dataclasses.replace(ddc_plan(config), wait=20, half=2, clk_half=1, quiet=QUIET)
     plan = dataclasses.replace(plan, deadline=PERIOD - QUIET - plan.read_cycles)
     dut = Ddc232Converter(plan, 5)
     order = range(1, 33) if fields.get("ddc_ascending") else range(32, 0, -1)
-    chip = DdcSlave(dut.pins, lambda: [codes(channel) for channel in order], plan.bits, spoil=spoil)
+    chip = DdcSlave(dut.pins, lambda: [codes(channel) for channel in order], plan.bits, delay, spoil)
     with mock.patch.object(ddc232_converter, "WARM_UP", WARM_UP):
         return play_frames(dut, chip, count, period=PERIOD), chip
 
@@ -78,3 +80,13 @@ def test_bits_of_the_readback_are_looked_at_but_not_those_of_the_revision():
 
     frames, _ = play(6, lambda channel: 1000, spoil)
     assert [frame.fault for frame in frames] == [ConverterFault.READBACK] * 5 + [ConverterFault(0)]
+
+
+@each_row("delay", [5, DEADLINE - 40, DEADLINE - 8, DEADLINE - 4, DEADLINE, DEADLINE + 4])
+def test_no_clock_comes_near_an_edge_of_conv_whenever_dvalid_comes(delay):
+    """In the quiet time behind CONV it is the DVALID of the edge before, and behind the deadline too late."""
+    frames, chip = play(2, lambda channel: 1000 + channel, delay=delay)
+    in_time = QUIET < delay < DEADLINE - 4
+    assert {frame.fault for frame in frames} == {ConverterFault(0) if in_time else ConverterFault.SILENT}
+    for conv in chip.conv_edges:
+        assert all(abs(edge - conv) >= QUIET for edge in chip.dclk_edges)

@@ -43,6 +43,7 @@ def test_every_cell_of_its_electrodes(config):
     cells = dict(enumerate(cells_of(own, config)[0].tolist()))
     assert [frame[:3] for frame in frames] == [(cells, ConverterFault(0), False)] * len(frames)
     assert max(frame.cycles for frame in frames) <= plan.scan_cycles
+    assert chip.shortest == 2 * plan.quarter
     set_up = [(0x80, 0x63), (0x5E, 0), *((0x41 + k, (12, 6)[k % 2]) for k in range(24))]
     set_up += [(0x5C, 0x10), (0x5D, 0x20), (0x5E, 0x8F)]
     assert chip.written == [(0x5A + chip, *word) for chip in range(plan.chips) for word in set_up]

@@ -3,28 +3,36 @@
 import random
 from itertools import pairwise
 
+from hypothesis import given
+from hypothesis import strategies as st
+
 from eskin.golden.core import SpiPlan
 from eskin.golden.core.converters import SpiChip
 from eskin.rtl.interface.spi_master import SpiMaster
 from tests.support.spi_chip import SpiSlave
+from tests.support.strategies import examples
 from tests.support.stream_bench import Bench, put
-from tests.support.table import each_row
 
 
-def plan_of(bits=16, lines=1, selects=1, half=2, lead=2, high=1) -> SpiPlan:
+def plan_of(bits: int, lines: int, selects: int, half: int, lead: int, high: int) -> SpiPlan:
     chip = SpiChip(bits=bits, channels=1, sclk_hz=1e6, conversions_hz=1e6, high_s=0, lead_s=0)
     return SpiPlan(
         chip=chip, lines=lines, selects=selects, transfers=((0, 0),), half=half, lead=lead, high=high
     )
 
 
-@each_row(
-    "shape",
-    [
-        dict(),
-        dict(bits=19, lines=2, half=6, lead=6, high=6),
-        dict(bits=5, lines=3, selects=3, half=3, lead=9, high=4),
-    ],
+@examples(12, 200)
+@given(
+    shape=st.fixed_dictionaries(
+        {
+            "bits": st.integers(1, 24),
+            "lines": st.integers(1, 3),
+            "selects": st.integers(1, 3),
+            "half": st.integers(2, 6),
+            "lead": st.integers(2, 9),
+            "high": st.integers(1, 9),
+        }
+    )
 )
 def test_words_cross_and_every_time_is_kept(shape):
     plan, rng = plan_of(**shape), random.Random(str(shape))
@@ -44,7 +52,9 @@ def test_words_cross_and_every_time_is_kept(shape):
     async def play(ctx):
         await ctx.tick()
         for select, command in asked:
-            put(ctx, dut, select=select, command=command, start=1)
+            put(ctx, dut, select=select, command=command, start=1)  # early: it begins when the port is idle
+            while not ctx.get(dut.idle):
+                await ctx.tick()
             starts.append(bench.cycle)
             await ctx.tick()
             ctx.set(dut.start, 0)
@@ -52,8 +62,6 @@ def test_words_cross_and_every_time_is_kept(shape):
             while not ctx.get(dut.done):
                 await ctx.tick()
             got.append([ctx.get(word) for word in dut.words])
-            while not ctx.get(dut.idle):
-                await ctx.tick()
 
     bench.process(play)
     bench.run()

@@ -1,8 +1,7 @@
 """rtl/interface/stimulator_frames.py: every byte against the protocol's table, limits, and OFF as the last
 word whatever happens.
 
-That settings are held to their limits, and that OFF follows another electrode, a fault and the time limit, is proved in
-formal/interface/stimulator_frames.py.
+That OFF follows another electrode, a fault and the time limit is proved in formal/interface/stimulator_frames.py.
 """
 
 import random

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from eskin.exchange.import_network import import_network
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, narrow
 from eskin.golden.model import (
     FloatModel,
@@ -15,17 +16,16 @@ from eskin.golden.model import (
     random_recordings,
     with_network,
 )
-from eskin.golden.training.import_network import import_network
-from eskin.golden.training.linear_fit import fit_linear
-from eskin.golden.training.quantise import quantise_model, signals
-from eskin.golden.training.recipe import RECIPES, choose_recipe
-from eskin.golden.training.train import TrainingRequest, train
 from eskin.rtl.fpga.implementation import DoesNotFit
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import Memory, memory_images
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.signature import residue, unseen
+from eskin.training.linear_fit import fit_linear
+from eskin.training.quantise import quantise_model, signals
+from eskin.training.recipe import RECIPES, choose_recipe
+from eskin.training.train import TrainingRequest, train
 from eskin.verbs.build_job import misfit_sentence
 from tests.rtl.engine.test_engine import check_exact, check_exact_and_cycles, small, windows
 from tests.support.table import each_row
@@ -105,14 +105,6 @@ def test_sizes_and_what_a_linear_cell_has_not():
     for change in ({"hidden": 8}, {"reset": "after"}):
         with pytest.raises(InputError, match=f"field {next(iter(change))}: is .* a linear cell has none"):
             with_network(PRESETS["pvdf"], cell="linear", **change)
-    with pytest.raises(InputError, match="field dense_format: .* the bit-serial lane keeps 31 with 15 below"):
-        config.replace(
-            lane_type="serial",
-            lanes=1,
-            dense_format=QFormat(1, 12),
-            feature_format=QFormat(2, 8),
-            logit_format=QFormat(6, 4),
-        )
     assert (
         config.replace(
             state_format=QFormat(4, 12), table_entries=1024, recurrent_format=QFormat(8, 0)
@@ -147,7 +139,7 @@ def test_bit_exact_in_the_cycles_of_the_formula(inputs, classes, lanes, lane_typ
     check_exact_and_cycles(config, touches=2)
 
 
-@each_row(("lanes", "lane_type"), [(4, "plain"), (1, "serial")])
+@each_row(("lanes", "lane_type"), [(4, "plain"), (1, "dsp")])
 def test_more_kinds_of_feature_are_more_inputs(lanes, lane_type):
     """Two kinds, a scale for each input, and a checksum whose check words, one a window, stand behind all
     those scales."""
@@ -158,32 +150,12 @@ def test_more_kinds_of_feature_are_more_inputs(lanes, lane_type):
     }
     config = linear(lanes, classes=5, lane_type=lane_type, **kinds)
     assert config.inputs == 10 and schedule(config).program.state_regions == ("x",)
-    assert lane_type == "serial" or schedule(config).step_cycles <= bound(config)
-    check_exact_and_cycles(config, touches=2)
-
-
-FORMATS = [
-    (QFormat(3, 5), QFormat(4, 8), QFormat(6, 10), "window"),
-    (QFormat(1, 15), QFormat(2, 6), QFormat(6, 10), "one"),
-]
-"""Weights, features, logits: the low one of the two words a sum is kept in has 7 and 14 bits."""
-
-
-@each_row(("dense", "feature", "logit", "sets"), FORMATS)
-def test_one_serial_lane_keeps_every_bit(dense, feature, logit, sets):
-    config = linear(
-        lane_type="serial",
-        dense_format=dense,
-        feature_format=feature,
-        logit_format=logit,
-        weight_sets=sets,
-        dense_bias_format=QFormat(8, 3),
-    )
+    assert schedule(config).step_cycles <= bound(config)
     check_exact_and_cycles(config, touches=2)
 
 
 @pytest.mark.parametrize(
-    ("decision", "lanes", "lane_type"), [("vote", 3, "plain"), ("vote", 6, "dsp"), ("last", 1, "serial")]
+    ("decision", "lanes", "lane_type"), [("vote", 3, "plain"), ("vote", 6, "dsp"), ("last", 1, "plain")]
 )
 def test_bit_exact_with_stalls(decision, lanes, lane_type):
     config = linear(lanes, classes=5, taxels=8, lane_type=lane_type, decision=decision)

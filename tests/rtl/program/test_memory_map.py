@@ -71,7 +71,7 @@ def test_images_hold_every_parameter(cell, reset, lanes, lane_type):
     assert len(images[Memory.ADDENDS]) == plan.addend_words == plan.half_address + plan.shared + len(zero)
 
 
-@each_row(("lanes", "lane_type"), [(4, "plain"), (1, "dsp"), (1, "serial"), (5, "dsp")])
+@each_row(("lanes", "lane_type"), [(4, "plain"), (1, "dsp"), (5, "dsp")])
 def test_every_memory_has_as_many_words_as_its_image(lanes, lane_type):
     model = random_integer_model(PRESETS["thesis"].replace(lanes=lanes, lane_type=lane_type), seed=1)
     images = memory_images(model.config, model.arrays)

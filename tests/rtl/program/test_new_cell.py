@@ -4,7 +4,7 @@ nothing else."""
 import numpy as np
 
 from eskin.golden.core import narrow, sigmoid_table, tanh_table
-from eskin.rtl.engine.compact_engine import make_engine
+from eskin.rtl.engine.engine import Engine
 from eskin.rtl.program.cells import DENSE, NORMALISE, CellProgram, ElementOp, RowBlock
 from eskin.rtl.program.memory_map import memory_images
 from eskin.rtl.program.schedule import schedule
@@ -51,7 +51,7 @@ def golden(c, a, centred):
     return states, logits
 
 
-@each_row(("lanes", "lane_type"), [(3, "plain"), (1, "serial")])
+@each_row(("lanes", "lane_type"), [(3, "plain"), (1, "dsp")])
 def test_a_new_cell_is_a_program_and_a_golden_function(lanes, lane_type):
     config, rng = small("gru", "before", lanes, lane_type=lane_type), np.random.default_rng(lanes)
     h, d, k = config.network.hidden, config.sensor.taxels, config.classes
@@ -73,7 +73,7 @@ def test_a_new_cell_is_a_program_and_a_golden_function(lanes, lane_type):
         "mean": np.zeros(len(config.window_lengths), np.int64),
     }
     centred, states, logits, slots = windows(config, touches=3, seed=lanes), [], [], set()
-    engine = make_engine(config, memory_images(config, arrays, MGU), MGU)
+    engine = Engine(config, memory_images(config, arrays, MGU), MGU)
     bench = Bench(engine, quiet=500 + 4 * schedule(config, MGU).step_cycles, max_cycles=60_000)
     bench.drive(engine.i, beats(config, centred))
 

@@ -224,7 +224,6 @@ FAULTS = {"fault_frames": 16, "fault_activity": 10}
 CONFIGS = {
     "thesis": small(),
     "thesis, ROM, one lane": small(loadable=False, lanes=1),
-    "thesis, serial lane": small(lane_type="serial", lanes=1),
     "thesis, late touches partial": small(touch_frames=48, hop=9, window=18),
     "two windows end together": small(steps=5, hop=8, window=17, touch_frames=40),
     "tracked, free": tracked(),
@@ -400,10 +399,8 @@ def test_weight_write_during_a_touch_is_refused_and_flagged(config):
 )
 def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(name, lanes):
     """At schedule.lowest_clock_hz every frame is taken when it is due: with 1 lane the steps decide it, with
-    12 the frames.
-
-    At full pace the short hops outrun the engine of 1 serial lane: held up, flagged, and still nothing is
-    lost.
+    12 the frames. At full pace the short hops outrun the engine of one lane: held up, flagged, and still
+    nothing is lost.
     """
     config = CONFIGS[name].replace(lanes=lanes)
     model = random_integer_model(config, seed=5)
@@ -412,7 +409,6 @@ def test_the_lowest_clock_loses_nothing_and_far_below_it_the_overrun_is_flagged(
     check(model, data, streams)
     assert streams["decision"] and [status[1] for status in statuses] == [0, 0]
     if lanes == 1:
-        model = random_integer_model(config.replace(lane_type="serial"), seed=5)
         streams, statuses = play(model, data)
         check(model, data, streams)
         assert any(status[1] & Fault.OVERRUN for status in statuses)

@@ -5,8 +5,8 @@ import pytest
 
 from eskin.cosim import flow
 from eskin.cosim.netlist import Hardware
+from eskin.data import load_recordings
 from eskin.golden.core import InputError
-from eskin.golden.data import load_recordings
 from eskin.golden.model import random_integer_model, write_vectors
 from eskin.rtl.fpga.generate import generate
 from eskin.verbs.flow import cosimulate

@@ -7,8 +7,9 @@ import subprocess
 import numpy as np
 import pytest
 
+from eskin.data import load_recordings
 from eskin.golden.core import PRESETS, AcceleratorConfig
-from eskin.golden.data import Recordings, load_recordings
+from eskin.golden.data import Recordings
 from eskin.golden.model import random_integer_model, random_recordings, run
 from eskin.rtl.fpga.export import export
 from eskin.verbs.flow import cosimulate

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from eskin.data import load_recordings
 from eskin.golden.core import FEATURE_KINDS, PRESETS, QFormat
-from eskin.golden.data import load_recordings
 from eskin.golden.model import (
     IntegerModel,
     find_touches,
@@ -18,10 +18,10 @@ from eskin.golden.model import (
     real_features,
     with_network,
 )
-from eskin.golden.training.datasets import scaling
-from eskin.golden.training.derive import derive_config
-from eskin.golden.training.quantise import _feature_frac_limit
 from eskin.rtl.program.schedule import schedule
+from eskin.training.datasets import scaling
+from eskin.training.derive import derive_config
+from eskin.training.quantise import _feature_frac_limit
 from eskin.verbs.flow import cosimulate
 
 BUILDS = Path(__file__).resolve().parents[3] / "build" / "simulators"
@@ -31,7 +31,7 @@ CELLS: list[dict[str, Any]] = [
     dict(cell="lstm"),
     dict(cell="linear"),
 ]
-LANES = [(1, "plain"), (2, "plain"), (4, "dsp"), (1, "serial"), (6, "plain"), (12, "plain"), (1, "dsp")]
+LANES = [(1, "plain"), (2, "plain"), (4, "dsp"), (6, "plain"), (12, "plain"), (1, "dsp")]
 SUBSETS = [subset for size in (1, 2, 3) for subset in combinations(FEATURE_KINDS, size)]
 RECORDINGS = 20
 BLOCKS = {"pvdf_indent": 24, "fabric_slide": 3, "biotac_slide": 1}

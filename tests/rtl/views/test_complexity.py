@@ -128,15 +128,3 @@ def test_block_memories_are_those_that_synthesis_makes(monkeypatch):
     monkeypatch.setattr(complexity, "_accelerator", lambda config: Small())
     shapes = ((256, 16), (512, 8), (1024, 4), (2048, 2))
     assert complexity.block_memories(PRESETS["pvdf"], "ice40", shapes) == 2 + 2 + 1 + 0 + 1 + 0 + 1 + 2
-
-
-def test_the_compact_engines_memories_count_under_names_too():
-    config = variant("thesis", {"lane_type": "serial", "lanes": 1})
-    bits, code = memory_bits(config), schedule(config).compact
-    assert list(bits) == [name for name, _ in MEMORIES] and bits["addends"] == bits["waiting windows"] == 0
-    assert (
-        bits["state, gates, T"] == 16 * code.data_words
-        and bits["weights"] == code.weight_word_bits * code.weight_words
-    )
-    assert bits["program"] >= 12 * len(code.instructions)
-    assert cost(config)["weight_bits"] == len(code.weight_order)

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from eskin.rtl.program.compact_program import Kind, Op
 from eskin.rtl.program.microcode import Microcode
 from eskin.rtl.program.schedule import schedule
 from eskin.rtl.program.scheduler import Schedule
@@ -114,36 +113,6 @@ def test_figures_text_and_picture_are_the_schedules(lanes, lane_type):
     assert lines == [plan.slots_before, steps]
     legend = [entry.get_text() for entry in figure.legends[0].get_texts()]
     assert sorted(legend[:-1]) == sorted({span.block for span in view.spans(plan)})
-
-
-# ---------------------------------------------------------------------- one serial lane
-@each_row("cell", CELLS)
-def test_the_compact_engine_is_shown_when_it_works(cell):
-    """Everything that adds or stores is in one span, at its cycle; rows and element-wise operations never
-    overlap."""
-    plan = schedule(reference(*cell, 1, lane_type="serial"))
-    s, work = view.summary(plan), []
-    for span in (*unit(plan, view.LANES), *unit(plan, view.ELEMENTS)):
-        work += range(span.slot, span.slot + span.slots)
-    assert len(work) == len(set(work))
-    adding, stores = set(), {}
-    for entry in plan.compact.step:
-        if entry.instruction.op == Op.MAC:
-            adding |= {*range(entry.cycle, entry.cycle + entry.cycles)}
-        elif entry.instruction.op == Op.STORE:
-            stores.setdefault(entry.instruction.kind, []).append(entry.cycle)
-    assert adding <= set(work) and len(work) < 1.1 * len(adding)
-    assert [span.slot for span in unit(plan, view.TABLE)] == stores[Kind.INDEX]
-    assert [span.slot for span in unit(plan, view.CLASSIFIER)] == stores[Kind.LOGIT]
-    states = [span.what for span in unit(plan, view.STATE)]
-    assert (states.count("x"), states.count("h")) == (plan.config.sensor.taxels, plan.config.network.hidden)
-    last = stores[Kind.LOGIT][-1] + 7
-    assert s["step_cycles"] == s["decision_cycles"] == plan.step_cycles == plan.decision_cycles == last
-    assert s["ideal_cycles"] == 8 * plan.config.step_ideal
-    assert round(s["element_share"] * last) == shares(plan, view.ELEMENTS)
-    assert 0.9 * shares(plan, view.LANES) < s["busy_share"] * last <= shares(plan, view.LANES)
-    assert plan.weights == s["busy_share"] * last / 8
-    assert f"{last} cycles" in view.text(plan) and view.timeline(plan).axes
 
 
 # ---------------------------------------------------------------------- the verb

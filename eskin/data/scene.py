@@ -1,0 +1,259 @@
+"""The easy synthetic scene, ``synthetic-easy``: brush, roll and slide on an n x m piezoelectric array, with
+no more physics than separates the three.
+
+With 3 classes they are the modalities, with 2 brush and slide, in either direction and sense. More classes
+are modality, heading and speed together, in this order: class i (from 0) is modality i mod 3, heading i / 3
+mod 4 (east, south, west, north: by columns up, rows up, columns down, rows down), speed i / 12 (medium, slow,
+fast). ``brush-east-medium`` is the first; any count takes the modalities evenly.
+
+Lengths are in half widths of the array (the taxel centres lie in a square of -1..1), time t in seconds.
+
+**Motion.** A contact touches down at one edge, dwells for 0.05 to 0.2 s, and crosses the array at constant
+speed along its heading: along the columns (``direction`` 0) or along the rows (1), in either sense, a few
+degrees off. ``u`` is how far the contact's centre has passed a taxel along the heading, ``y`` how far the
+taxel lies beside the path. The normal force ``N(t)`` rises over the first tenth of the contact, falls over
+the last, and carries the person's tremor.
+
+**Force on a taxel**, with ``g(q) = exp(-q^2 / 2)``:
+
+- roll, a rigid cylinder: a narrow line that loads and unloads, no shear: ``N g(u / w)``.
+- slide, a soft finger pad: pressure, and shear that pushes the skin together ahead of the pad and pulls it
+  apart behind: ``N g(q) g(y / 2) (p + m(s) sqrt(e) q)``, ``q = u / w``. Shear builds up with the distance
+  slid, ``m(s) = friction tanh(s / 0.25)``, and the pad moves by stick and slip, a sawtooth of 8 to 14 Hz on
+  ``u``.
+- brush, rows of bristle tufts at pitch ``l`` under a broad patch: ``N g(u / b) ((1 + cos(2 pi u / l + phase))
+  / 2 + 0.15 (f - 1))``, where f, drawn anew from an exponential distribution every 20 ms, stands for the many
+  short contacts of single bristles.
+
+All times the coupling of each taxel in this trial (an uneven surface, a tilted hand).
+
+**Sensor.** `eskin.data.piezo_array`.
+
+So that per-taxel mean and deviation tell little, forces are alike over the classes and vary by person and
+trial. What tells the classes apart is the order in which a taxel is loaded: + then - (roll), - then +
+(slide), several times (brush).
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from eskin.data import turns
+from eskin.data.piezo_array import RECORDING_S, SIDES, Person, PiezoArray, bump, check_sizes, single
+from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.data.recordings import Recordings
+
+MODALITIES = ("brush", "roll", "slide")
+HEADINGS = ("east", "south", "west", "north")
+"""Names of the heading after 0, 1, 2 and 3 quarter turns; row 0 is the northern one."""
+SPEEDS = {"medium": 1.0, "slow": 1.3, "fast": 0.62}
+"""Length of a contact, relative to a medium one; with the limits of that one the bands hardly meet."""
+TYPICAL_VOLT = {"brush": 0.20, "roll": 0.20, "slide": 0.16}
+"""Signal of a typical force on a taxel before the high-pass, volt: with these the deviation of a taxel is
+alike over the classes."""
+PERSONS, TRIALS = 20, 4
+CODES = 1 << 27
+"""Samples (codes of one taxel) that a scene made from a configuration has at most: half a gigabyte."""
+
+
+class Kind(NamedTuple):
+    """What a class is: modality, quarter turns of the heading (None: either way along the trial's direction),
+    length of a contact."""
+
+    name: str
+    modality: str
+    quarter: int | None = None
+    length: float = 1.0
+
+
+def kinds(classes: int) -> tuple[Kind, ...]:
+    """The scene's classes, 2 to 32, as the module describes them."""
+    if classes <= 3:
+        return tuple(Kind(name, name) for name in (MODALITIES if classes == 3 else ("brush", "slide")))
+    speeds = list(SPEEDS)
+    chosen = [(MODALITIES[index % 3], index // 3 % 4, speeds[index // 12]) for index in range(classes)]
+    return tuple(
+        Kind(f"{modality}-{HEADINGS[quarter]}-{speed}", modality, quarter, SPEEDS[speed])
+        for modality, quarter, speed in chosen
+    )
+
+
+def scene_of(
+    config: AcceleratorConfig, *, easy: bool = False, progress: Callable[[int, int], None] | None = None
+) -> Recordings:
+    """The scene that belongs to a configuration: what ``--data synthetic`` means beside ``--config`` or a
+    model.
+
+    It is the one whose classes the configuration names: those of `eskin.data.turns`, unless it has to
+    be ``easy``, or this module's (``kinds``). Its array is the most square one of ``taxels``, no more rows
+    than columns; its rate is sample_rate_hz. Persons and trials are those of the scene as long as that makes
+    no more than CODES samples, else 2 trials or 1, then fewer persons, 2 at least. The presets thesis and
+    synthetic give the default easy scene.
+
+    Raises
+    ------
+    InputError
+        No array of 2..8 rows and columns has that many taxels; other class names; a rate outside 100..20000
+        Hz.
+    """
+    rows = max(
+        (
+            n
+            for n in range(SIDES[0], SIDES[1] + 1)
+            if not config.sensor.taxels % n and n <= config.sensor.taxels // n <= SIDES[1]
+        ),
+        default=0,
+    )
+    if not rows:
+        raise InputError(
+            f"configuration '{config.name}', field taxels: is {config.sensor.taxels}; the synthetic scene "
+            f"has {SIDES[0]} to {SIDES[1]} rows and as many columns, so use 4, 9, 16, 25, 36, 49, 64 or another product of two of them"
+        )
+    names, named = tuple(kind.name for kind in kinds(config.classes)), config.network.class_names
+    turning = named == turns.CLASSES and not easy
+    if not turning and named != names:
+        hint = "" if easy else f", and the synthetic scene {', '.join(turns.CLASSES)}"
+        raise InputError(
+            f"configuration '{config.name}', field class_names: is {', '.join(named)}; the synthetic-easy "
+            f"scene of {config.classes} classes has {', '.join(names)}{hint}"
+        )
+    persons, most = (turns.PERSONS, turns.TRIALS) if turning else (PERSONS, TRIALS)
+    make = turns.turn_recordings if turning else partial(synthetic_recordings, classes=config.classes)
+    # recordings of each class
+    room = int(CODES / (RECORDING_S * config.sensor.sample_rate_hz * config.sensor.taxels * config.classes))
+    trials = next(trials for trials in (most, 2, 1) if trials == 1 or room >= trials * persons)
+    return make(
+        persons=max(2, min(persons, room // trials)),
+        trials=trials,
+        rows=rows,
+        columns=config.sensor.taxels // rows,
+        sample_rate_hz=config.sensor.sample_rate_hz,
+        progress=progress,
+    )
+
+
+def synthetic_recordings(
+    *,
+    persons: int = PERSONS,
+    trials: int = TRIALS,
+    seed: int = 1,
+    rows: int = 4,
+    columns: int = 4,
+    classes: int = 3,
+    sample_rate_hz: float = 3000.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Recordings:
+    """Recordings of every person doing every class ``trials`` times: classes x persons x trials, 3 s each.
+
+    Parameters
+    ----------
+    persons, trials:
+        People, and recordings for each person and class. Trials take the two directions in turn where a class
+        has no heading of its own.
+    seed:
+        Everything follows from it; a person's recordings do not depend on how many persons there are.
+    rows, columns:
+        Taxels of the array, 2..8 each; taxel = row * columns + column.
+    classes:
+        2..32: brush and slide; brush, roll and slide; or modality, heading and speed together (``kinds``).
+    sample_rate_hz:
+        Frames a second.
+    progress:
+        Called with (persons done, persons in all).
+
+    Returns
+    -------
+    Recordings
+        Unsigned 16-bit codes of 62.5 uV; groups ``person``, ``trial``, ``direction``.
+
+    Raises
+    ------
+    InputError
+        A count, a size or the rate is out of range.
+    """
+    check_sizes("synthetic-easy scene", persons, trials, rows, columns, classes, sample_rate_hz)
+    array = PiezoArray(seed, rows, columns, sample_rate_hz)
+    of_class = kinds(classes)
+
+    def person_of(rng: np.random.Generator) -> Person:
+        habit = _habit(rng)
+        return lambda label, trial: _contact(of_class[label], rng, habit, trial % 2, array.grid, array.time)
+
+    names = tuple(kind.name for kind in of_class)
+    recordings = array.recorded(person_of, persons, trials, names, "synthetic-easy scene", progress)
+    heading = np.array([-1 if kind.quarter is None else kind.quarter % 2 for kind in of_class])
+    direction, trial = heading[recordings.labels], recordings.groups["trial"]
+    direction = np.where(direction < 0, trial % 2, direction)
+    return dataclasses.replace(recordings, groups={**recordings.groups, "direction": direction})
+
+
+def _habit(rng: np.random.Generator) -> dict[str, float]:
+    """What a person keeps from trial to trial: factors, radians, hertz, half widths."""
+    return {
+        "speed": np.exp(rng.normal(0, 0.08)),
+        "force": np.exp(rng.normal(0, 0.30)),
+        "width": np.exp(rng.normal(0, 0.12)),
+        "skew": rng.normal(0, np.radians(6)),
+        "tremor_hz": rng.uniform(5, 9),
+        "tremor": rng.uniform(0.02, 0.06),
+        "friction": rng.uniform(0.8, 1.1),
+        "pitch": rng.uniform(0.75, 0.95),
+    }
+
+
+def _contact(
+    kind: Kind,
+    rng: np.random.Generator,
+    habit: dict[str, float],
+    direction: int,
+    grid: np.ndarray,
+    time: np.ndarray,
+) -> np.ndarray:
+    """Signal of the force on every taxel, volt before the high-pass, shape (frames, taxels): one contact as
+    the module describes it.
+
+    ``direction`` counts where the class has no heading of its own; the sense is drawn then.
+    """
+    modality = kind.modality
+    start = rng.uniform(0.15, 0.55)
+    duration = np.clip(1.6 / (habit["speed"] * np.exp(rng.normal(0, 0.05))), 1.35, 1.85) * kind.length
+    dwell = rng.uniform(0.05, 0.2)
+    quarter = direction + 2 * rng.integers(2) if kind.quarter is None else kind.quarter
+    heading = np.pi / 2 * quarter + habit["skew"] + rng.normal(0, np.radians(3))
+    reach = 1.2 + rng.normal(0, 0.05)
+    width = habit["width"] * np.exp(rng.normal(0, 0.06))
+    level = TYPICAL_VOLT[modality] * habit["force"] * np.exp(rng.normal(0, 0.25))
+    along = grid @ [np.cos(heading), np.sin(heading)]
+    beside = grid @ [-np.sin(heading), np.cos(heading)] - rng.normal(0, 0.25)
+    coupling = level * np.exp(rng.normal(0, 0.18, len(grid)) + rng.normal(0, 0.2) * beside)
+
+    touching = (time > start) & (time < start + duration)
+    since = time[touching, None] - start
+    ramp = np.clip(np.minimum(since, duration - since) / (0.1 * duration), 0, 1)
+    normal = (
+        ramp**2
+        * (3 - 2 * ramp)
+        * (1 + habit["tremor"] * np.sin(2 * np.pi * (habit["tremor_hz"] * since + rng.uniform())))
+    )
+    slid = 2 * reach * np.clip((since - dwell) / (duration - dwell), 0, 1)
+    if modality == "slide":
+        stuck = (since * rng.uniform(8, 14) + rng.uniform()) % 1
+        q = single(slid - 0.05 * (stuck - 0.5) - reach - along) / single(0.3 * width)
+        shear = habit["friction"] * np.tanh(slid / 0.25)
+        shape = bump(q) * bump(beside / 2) * (single(0.4) + single(math.sqrt(math.e) * shear) * q)
+    elif modality == "roll":
+        shape = bump((slid - reach - along) / (0.28 * width))
+    else:
+        u = single(slid - reach - along)
+        # tufts at a regular pitch, and bristles that catch at random, each for 20 ms
+        tufts = (1 + np.cos(single(2 * np.pi / habit["pitch"]) * u + single(rng.uniform(0, 2 * np.pi)))) / 2
+        hold = max(1, round(0.02 / (time[1] - time[0])))
+        bristles = rng.exponential(1.0, (len(u) // hold + 1, len(grid))).repeat(hold, axis=0)[: len(u)]
+        shape = bump(u / single(0.6 * width)) * (tufts + single(0.15 * (bristles - 1)))
+    force = np.zeros((len(time), len(grid)), dtype=np.float32)
+    force[touching] = single(normal) * shape * single(coupling)
+    return force

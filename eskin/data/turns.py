@@ -1,0 +1,109 @@
+"""The synthetic scene of ``make run``: two strokes over the skin, and how the second turns from the first.
+
+A class is a relation: the second stroke goes ``on`` the way of the first, turns ``left``, comes ``back`` or
+turns ``right``. Most touches begin eastward, MIRRORED of them westward. Lengths are in half widths of the
+array, as in `eskin.data.scene`; a stroke is a finger pad, ``N g((x - a) / w) g(b / 2)``, a and b where
+a taxel lies along and beside its path, x from -1.2 to 1.2 at constant speed, N its pressure, which rises over
+the first and falls over the last 15 % of it.
+
+**Why networks differ on it.** What a class means depends on what came first: seen from the skin, ``left``
+after an eastward stroke ends as ``right`` after a westward one does. A linear classifier adds up evidence of
+both strokes, so the first cannot change how it reads the second, however wide it is: it serves the eastward
+touches and loses the others. Nor does it know when the second stroke begins, which varies with persons and
+touches. A recurrent network holds the first heading until the second comes; with more units it tells more
+headings, speeds and pressures apart.
+
+**What tells nothing.** A class has no say in a touch's length, in its strokes' shares of it, the pause
+between, pressure, place, lead-in or heading of the first stroke; recordings are equally long and rest levels
+are the taxels' own. tests/eskin/data/test_turns.py and ``eskin leak-check`` look.
+
+The scene's figures were chosen so that networks of several sizes differ. Accuracies on it say how the product
+works, nothing of a sensor.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from eskin.data.piezo_array import Person, PiezoArray, bump, check_sizes, single
+from eskin.golden.data.recordings import Recordings
+
+TURNS = {"on": 0, "left": 3, "back": 2, "right": 1}
+"""Quarter turns, clockwise seen with row 0 on top, from the first stroke's heading to the second's."""
+CLASSES = tuple(TURNS)
+PERSONS, TRIALS = 16, 8
+MIRRORED = 0.12
+"""Share of touches that begin westward."""
+UNEVEN = 0.3
+"""Spread of the logarithms of a stroke's share in a touch's time and of its pressure."""
+VOLT = 0.1
+"""Signal of a typical pressure before the high-pass, volt."""
+
+
+def turn_recordings(
+    *,
+    persons: int = PERSONS,
+    trials: int = TRIALS,
+    seed: int = 1,
+    rows: int = 3,
+    columns: int = 3,
+    sample_rate_hz: float = 200.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Recordings:
+    """Recordings of every person doing every class ``trials`` times, 3 s each.
+
+    Parameters
+    ----------
+    persons, trials:
+        People, and recordings for each person and class.
+    seed:
+        Everything follows from it; a person's recordings do not depend on how many persons there are.
+    rows, columns, sample_rate_hz, progress:
+        As for `eskin.data.scene.synthetic_recordings`.
+
+    Returns
+    -------
+    Recordings
+        Unsigned 16-bit codes of 62.5 uV; groups ``person``, ``trial``.
+
+    Raises
+    ------
+    InputError
+        A count, a size or the rate is out of range.
+    """
+    check_sizes("synthetic scene", persons, trials, rows, columns, len(CLASSES), sample_rate_hz)
+    array = PiezoArray(seed, rows, columns, sample_rate_hz)
+
+    def person_of(rng: np.random.Generator) -> Person:
+        habit = {
+            "pace": np.exp(rng.normal(0, 0.15)),
+            "force": np.exp(rng.normal(0, UNEVEN)),
+            "width": np.exp(rng.normal(0, 0.12)),
+            "skew": rng.normal(0, np.radians(6)),
+        }
+        return lambda label, trial: _touch(TURNS[CLASSES[label]], rng, habit, array)
+
+    return array.recorded(person_of, persons, trials, CLASSES, "synthetic scene", progress)
+
+
+def _touch(turn: int, rng: np.random.Generator, habit: dict[str, float], array: PiezoArray) -> np.ndarray:
+    """Force on every taxel, shape (frames, taxels): two strokes as the module describes them."""
+    first = 2 if rng.random() < MIRRORED else 0
+    start = rng.uniform(0.15, 0.4)
+    duration = np.clip(rng.uniform(1.2, 1.8) * habit["pace"], 1.0, 2.2)
+    shares = np.exp(rng.normal(0, UNEVEN, 3)) * [1, 1, rng.uniform(0.1, 0.3)]  # two strokes, and a pause
+    stroke, second, pause = duration * shares / shares.sum()
+    width = 0.5 * habit["width"] * np.exp(rng.normal(0, 0.08))
+    coupling = VOLT * habit["force"] * np.exp(rng.normal(0, UNEVEN) + rng.normal(0, 0.15, len(array.grid)))
+    force = np.zeros((len(array.time), len(array.grid)), dtype=np.float32)
+    for quarter, begin, length in ((first, start, stroke), (first + turn, start + stroke + pause, second)):
+        heading = np.pi / 2 * quarter + habit["skew"] + rng.normal(0, np.radians(6))
+        along = array.grid @ [np.cos(heading), np.sin(heading)]
+        beside = array.grid @ [-np.sin(heading), np.cos(heading)] - rng.normal(0, 0.15)
+        touching = (array.time > begin) & (array.time < begin + length)
+        share = (array.time[touching, None] - begin) / length
+        ramp = np.clip(np.minimum(share, 1 - share) / 0.15, 0, 1)
+        pressure = np.exp(rng.normal(0, UNEVEN)) * ramp**2 * (3 - 2 * ramp)
+        place = 1.2 * (2 * share - 1)
+        force[touching] += single(pressure * coupling) * bump((place - along) / width) * bump(beside / 2)
+    return force

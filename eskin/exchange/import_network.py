@@ -1,0 +1,597 @@
+"""A network trained elsewhere, from a file into a model folder: a torch state_dict, an ``.npz`` of Keras
+weights, or for a linear cell an ``.npz`` with ``coef_`` and ``intercept_`` of a logistic regression.
+
+The file's shapes tell the cell and, for a GRU, where the reset gate stands: torch and Keras's
+``reset_after=True`` keep two bias rows, because the second stands inside the product with r; Keras's
+``reset_after=False`` keeps one. What the user asks for must agree with that. Nothing in a file is ever run:
+torch files are read with ``weights_only``, archives without pickles.
+"""
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+import torch
+
+from eskin.exchange.import_images import read_image_network
+from eskin.exchange.reference import NAMES, check_reference
+from eskin.exchange.torch_files import MOST_VALUES, TORCH_SUFFIXES, check_readable, plain_array, read_state
+from eskin.golden.core import AcceleratorConfig, ArchiveError, Arrays, InputError, Record, read_arrays
+from eskin.golden.data import Recordings
+from eskin.golden.model import (
+    FloatModel,
+    check_model_target,
+    constants_shape,
+    find_touches,
+    real_features,
+    with_network,
+)
+from eskin.training.datasets import scaling
+
+KERAS_SUFFIX, ONNX_SUFFIX = ".npz", ".onnx"
+ORDERS = {
+    "torch": {3: ("r", "z", "n"), 4: ("i", "f", "g", "o")},
+    "keras": {3: ("z", "r", "n"), 4: ("i", "f", "g", "o")},
+}
+"""Gates in the order in which a file stacks them, by the number of gates; Keras calls n ``h`` and g ``c``."""
+
+BY_LAST_STEP = {
+    "last": "the file gives the logits of the last step alone",
+    "regression": "a regression decides once, by the sum over all windows",
+    "reference": "the outputs of --check are the logits of the last step alone",
+}
+SHOWS = BY_LAST_STEP | {
+    "metadata": "so the file's metadata say",
+    "every": "the file gives the logits of every step, which do not show how a touch is decided",
+    "weights": "weights do not show how a touch is decided",
+}
+"""What shows how a touch is decided."""
+
+
+@dataclass(frozen=True)
+class Layers:
+    """The arrays of one recurrent and one dense layer as a file holds them, rows = outputs, G gates stacked.
+
+    path: the file. kind: ``torch`` or ``keras``. names: of the five roles ``input`` (G H, D), ``recurrent``
+    (G H, H), ``bias`` (1 or 2 rows, G H), ``dense`` (C, H), ``dense bias`` (C), what the file calls them.
+    arrays: float64, by role.
+    """
+
+    path: Path
+    kind: str
+    names: Mapping[str, str]
+    arrays: Arrays
+
+    def refuse(self, role: str, why: str) -> NoReturn:
+        """An InputError about the array of that role."""
+        raise InputError(f"network '{self.path}', array {self.names[role]}: {why}")
+
+    def shape(self, role: str) -> tuple[int, ...]:
+        """The array's shape as it stands in the file: Keras keeps matrices the other way round."""
+        shape = self.arrays[role].shape
+        return shape[::-1] if self.kind == "keras" and role != "bias" else shape
+
+
+# ---------------------------------------------------------------------- reading files
+def read_layers(path: str | Path) -> Layers:
+    """The layers in a torch state_dict (``.pt``, ``.pth``) or an ``.npz`` of Keras weights in the order of
+    ``get_weights()``.
+
+    Raises
+    ------
+    InputError
+        The file is missing, damaged, needs a pickle, or holds other arrays than one recurrent and one dense
+        layer.
+    """
+    path = Path(path)
+    if path.suffix not in (*TORCH_SUFFIXES, KERAS_SUFFIX):
+        raise InputError(
+            f"network '{path}': is neither .pt, .pth nor .npz; save a torch state_dict or an .npz of Keras "
+            "weights"
+        )
+    if not path.is_file():
+        raise InputError(
+            f"network '{path}': is no file; name a torch state_dict (.pt, .pth) or an .npz of Keras weights"
+        )
+    check_readable(path)
+    return _read_keras(path) if path.suffix == KERAS_SUFFIX else _read_torch(path)
+
+
+def _read_torch(path: Path) -> Layers:
+    state = read_state(path)
+    names = _torch_names(path, {name: tuple(tensor.shape) for name, tensor in state.items()})
+    raw = {name: plain_array(path, name, tensor) for name, tensor in state.items()}
+    first, second = names["bias"], names.pop("second bias")
+    arrays = {role: raw[name] for role, name in names.items()}
+    if raw[first].shape != raw[second].shape or raw[first].ndim != 1:
+        raise InputError(
+            f"network '{path}', array {second}: has shape {raw[second].shape} beside {raw[first].shape} of "
+            f"{first}; "
+            "save the state_dict of one torch.nn.GRU or LSTM again"
+        )
+    arrays["bias"] = np.stack([raw[first], raw[second]])
+    return _checked(Layers(path, "torch", names | {"bias": f"{first} and {second}"}, arrays))
+
+
+def _torch_names(path: Path, shapes: Mapping[str, tuple[int, ...]]) -> dict[str, str]:
+    """Names by role: ``weight_ih_l0`` and so on (``weight_ih`` of a cell) after any prefix, and the one
+    remaining pair, the Linear."""
+    inputs = [name for name in shapes if name.rpartition(".")[2] in ("weight_ih_l0", "weight_ih")]
+    if len(inputs) != 1:
+        raise InputError(
+            f"network '{path}', array weight_ih_l0: is there {len(inputs)} times; save the state_dict of "
+            "one torch.nn.GRU, LSTM, GRUCell "
+            "or LSTMCell and one Linear"
+        )
+    prefix, _, last = inputs[0].rpartition("weight_ih")
+    recurrent = {role: f"{prefix}{role}{last}" for role in ("weight_ih", "weight_hh", "bias_ih", "bias_hh")}
+    remaining = [name for name in shapes if name not in recurrent.values()]
+    deeper = [
+        name
+        for name in remaining
+        if name.startswith(prefix) and name.removeprefix(prefix).startswith(("weight_", "bias_"))
+    ]
+    if deeper:
+        raise InputError(
+            f"network '{path}', array {deeper[0]}: belongs to a second layer, a second direction or a "
+            "projection; the accelerator has one "
+            "recurrent layer in one direction"
+        )
+    for name in recurrent.values():
+        if name not in shapes:
+            raise InputError(
+                f"network '{path}', array {name}: is missing; save the whole state_dict of a layer made "
+                "with bias=True"
+            )
+    dense = [
+        name.rpartition("weight")[0]
+        for name in remaining
+        if name.rpartition(".")[2] == "weight" and len(shapes[name]) == 2
+    ]
+    if len(dense) != 1:
+        raise InputError(
+            f"network '{path}': has {len(dense)} dense layers beside the recurrent one; the accelerator has "
+            "one Linear"
+        )
+    linear = {"dense": f"{dense[0]}weight", "dense bias": f"{dense[0]}bias"}
+    if linear["dense bias"] not in shapes:
+        raise InputError(
+            f"network '{path}', array {linear['dense bias']}: is missing; save a Linear that was made with "
+            "bias=True"
+        )
+    for name in remaining:
+        if name not in linear.values():
+            raise InputError(
+                f"network '{path}', array {name}: belongs to neither the recurrent layer nor the Linear; "
+                "leave that layer out"
+            )
+    roles = ("input", "recurrent", "bias", "second bias")
+    return dict(zip(roles, recurrent.values(), strict=True)) | linear
+
+
+def _read_keras(path: Path) -> Layers:
+    names = {
+        role: f"arr_{index}"
+        for index, role in enumerate(("input", "recurrent", "bias", "dense", "dense bias"))
+    }
+    try:
+        raw = read_arrays(path)
+    except ArchiveError as error:
+        where = f", array {error.member}" if error.member else ""
+        raise InputError(f"network '{path}'{where}: {error}; save it with {_SAVE_KERAS}") from None
+    if COEFFICIENTS in raw:
+        raise InputError(
+            f"network '{path}', array {COEFFICIENTS}: belongs to a logistic regression: use --cell linear"
+        )
+    for name in names.values():
+        if name not in raw:
+            raise InputError(
+                f"network '{path}', array {name}: is missing; save the five arrays of one GRU or LSTM and "
+                f"one Dense with {_SAVE_KERAS}"
+            )
+    for name, array in raw.items():
+        if name not in names.values():
+            raise InputError(
+                f"network '{path}', array {name}: is one too many; the accelerator has one GRU or LSTM and "
+                "one Dense after it"
+            )
+        if array.size > MOST_VALUES:
+            raise InputError(
+                f"network '{path}', array {name}: has shape {array.shape}, beyond any network that the "
+                "accelerator takes"
+            )
+        if array.dtype.kind not in "fiu":
+            raise InputError(
+                f"network '{path}', array {name}: holds {array.dtype}, not numbers; save it with "
+                f"{_SAVE_KERAS}"
+            )
+    arrays = {role: raw[name].astype(np.float64) for role, name in names.items()}
+    arrays = {role: array if role == "bias" else array.T for role, array in arrays.items()}
+    return _checked(Layers(path, "keras", names, arrays | {"bias": np.atleast_2d(arrays["bias"])}))
+
+
+COEFFICIENTS, INTERCEPTS = "coef_", "intercept_"
+"""Arrays of a logistic regression, as scikit-learn calls them."""
+
+_SAVE_LINEAR = "numpy.savez(FILE, coef_=model.coef_, intercept_=model.intercept_)"
+
+
+def read_linear(
+    path: str | Path, config: AcceleratorConfig
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
+    """A logistic regression from an ``.npz`` with ``coef_`` and ``intercept_``: ``config`` with its sets of
+    weights, and V and b_y.
+
+    Columns stand window by window, the D inputs of window 1 first: (C, K D). With D columns alone they are
+    for the sum of the inputs over the windows: one set of weights for all. A regression of two classes may
+    have one row, that of the second class against the first.
+
+    Raises
+    ------
+    InputError
+        The file is missing, damaged, needs a pickle, holds other arrays, or numbers of another array or task.
+    """
+    path = Path(path)
+    if path.suffix != KERAS_SUFFIX or not path.is_file():
+        raise InputError(
+            f"network '{path}': is no .npz file, as a linear cell needs it; save it with {_SAVE_LINEAR}"
+        )
+    try:
+        raw = read_arrays(path)
+    except (OSError, ArchiveError) as error:
+        where = f", array {error.member}" if isinstance(error, ArchiveError) and error.member else ""
+        raise InputError(f"network '{path}'{where}: {error}; save it with {_SAVE_LINEAR}") from None
+
+    def refuse(name: str, why: str) -> NoReturn:
+        raise InputError(f"network '{path}', array {name}: {why}")
+
+    for name in (COEFFICIENTS, INTERCEPTS):
+        if name not in raw:
+            refuse(name, f"is missing and a linear cell needs it; save it with {_SAVE_LINEAR}")
+    for name, array in raw.items():
+        if name not in (COEFFICIENTS, INTERCEPTS):
+            refuse(name, f"belongs to no linear cell; save it with {_SAVE_LINEAR}")
+        if array.dtype.kind not in "fiu" or not np.isfinite(array).all():
+            refuse(name, "holds values that are no finite numbers; train the network again")
+    weights, bias = (raw[name].astype(np.float64) for name in (COEFFICIENTS, INTERCEPTS))
+    if weights.ndim != 2 or bias.shape != weights.shape[:1]:
+        refuse(
+            INTERCEPTS,
+            f"has shape {bias.shape} beside {weights.shape} of {COEFFICIENTS}; save the arrays of one "
+            "regression",
+        )
+    if config.classes == 2 and len(weights) == 1:
+        weights, bias = np.concatenate([-weights, weights]) / 2, np.concatenate([-bias, bias]) / 2
+    if len(weights) != config.classes:
+        refuse(
+            COEFFICIENTS,
+            f"decides between {len(weights)} classes and configuration '{config.name}', field class_names, "
+            "has "
+            f"{config.classes}; use the configuration of the array and task it was trained on",
+        )
+    columns, inputs = weights.shape[1], config.inputs
+    sets = {config.windows.steps * inputs: "window", inputs: "one"}
+    if columns not in sets:
+        refuse(
+            COEFFICIENTS,
+            f"has {columns} columns and configuration '{config.name}' has {config.windows.steps} windows of "
+            f"{inputs} inputs: "
+            f"{config.windows.steps * inputs} columns, or {inputs} for the sum over the windows; use the "
+            "configuration it was trained on",
+        )
+    if not (config.windows.steps == 1 and config.network.weight_sets == "one"):
+        config = config.replace(weight_sets=sets[columns])
+    return config, {
+        "V": weights.reshape(config.classes, config.sets, inputs).swapaxes(0, 1).copy(),
+        "b_y": bias,
+    }
+
+
+_SAVE_KERAS = "numpy.savez(FILE, *model.get_weights())"
+
+
+def _checked(layers: Layers) -> Layers:
+    """``layers`` whose shapes belong together and whose values are finite numbers."""
+    shape = layers.arrays["recurrent"].shape
+    of = (
+        ("(3 x hidden, hidden)", "(4 x hidden, hidden)")
+        if layers.kind == "torch"
+        else ("(hidden, 3 x hidden)", "(hidden, 4 x hidden)")
+    )
+    if len(shape) != 2 or not shape[1] or shape[0] not in (3 * shape[1], 4 * shape[1]):
+        layers.refuse(
+            "recurrent",
+            f"has shape {layers.shape('recurrent')}, neither {of[0]} of a GRU nor {of[1]} of an LSTM",
+        )
+    rows, hidden = shape
+    two_rows = layers.kind == "torch" or (rows == 3 * hidden and len(layers.arrays["bias"]) == 2)
+    expected = {
+        "input": (rows, None),
+        "bias": (2 if two_rows else 1, rows),
+        "dense": (None, hidden),
+        "dense bias": (None,),
+    }
+    for role, want in expected.items():
+        shape_of_role = layers.arrays[role].shape
+        if (
+            len(shape_of_role) != len(want)
+            or any(size is not None and size != is_ for size, is_ in zip(want, shape_of_role, strict=True))
+            or 0 in shape_of_role
+        ):
+            cell = "a GRU" if rows == 3 * hidden else "an LSTM"
+            layers.refuse(
+                role,
+                f"has shape {layers.shape(role)}, which does not go with {cell} of {hidden} units "
+                f"({layers.names['recurrent']}); save the arrays of one network",
+            )
+    if len(layers.arrays["dense bias"]) != len(layers.arrays["dense"]):
+        layers.refuse(
+            "dense bias",
+            f"has {len(layers.arrays['dense bias'])} values for {len(layers.arrays['dense'])} classes of "
+            f"{layers.names['dense']}; save the arrays of one network",
+        )
+    for role, array in layers.arrays.items():
+        if not np.isfinite(array).all():
+            layers.refuse(role, "holds values that are no finite numbers; train the network again")
+    return layers
+
+
+# ---------------------------------------------------------------------- into a model
+def convert(layers: Layers, config: AcceleratorConfig) -> tuple[AcceleratorConfig, dict[str, np.ndarray]]:
+    """``config`` with the file's hidden size, and the float network's arrays by the names of
+    docs/specification.md section 8.
+
+    Parameters
+    ----------
+    config:
+        States the cell and, for a GRU, the reset; inputs (taxels x kinds of feature) and classes must be
+        those of the file.
+
+    Raises
+    ------
+    InputError
+        The file holds another variant (the sentence names the right one) or other sizes.
+    """
+    rows, hidden = layers.arrays["recurrent"].shape
+    gates, bias_rows = rows // hidden, layers.arrays["bias"]
+    if (gates == 4) != (config.network.cell == "lstm"):
+        right = (
+            "an LSTM: use --cell lstm" if gates == 4 else f"a GRU: use --cell gru --reset {_reset(layers)}"
+        )
+        layers.refuse("recurrent", f"has {gates} gates for each of {hidden} units, so the network is {right}")
+    if gates == 3 and config.network.reset != _reset(layers):
+        count = "two bias rows" if len(bias_rows) == 2 else "one bias row"
+        layers.refuse(
+            "bias",
+            f"has {count}, so its reset gate stands {_reset(layers)} the product: use --reset "
+            f"{_reset(layers)}",
+        )
+    if layers.kind == "torch" and config.network.gate_activation != "sigmoid":
+        raise InputError(
+            f"network '{layers.path}': torch's gates are sigmoids; use a configuration whose field "
+            "gate_activation is sigmoid"
+        )
+    of_inputs = "taxels" if config.kinds == 1 else "feature_kinds"
+    for role, index, field, have in (
+        ("input", 1, of_inputs, config.inputs),
+        ("dense", 0, "class_names", config.classes),
+    ):
+        size = layers.arrays[role].shape[index]
+        if size != have:
+            mismatch = f"takes {size} inputs" if role == "input" else f"decides between {size} classes"
+            layers.refuse(
+                role,
+                f"{mismatch} and configuration '{config.name}', field {field}, has {have}; use the "
+                "configuration of the "
+                "array and task it was trained on",
+            )
+    try:
+        config = with_network(config, hidden=hidden)
+    except InputError as error:
+        raise InputError(f"network '{layers.path}': {error}") from None
+    arrays: dict[str, np.ndarray] = {"V": layers.arrays["dense"], "b_y": layers.arrays["dense bias"]}
+    for index, gate in enumerate(ORDERS[layers.kind][gates]):
+        part = slice(index * hidden, (index + 1) * hidden)
+        arrays |= {f"W_{gate}": layers.arrays["input"][part], f"U_{gate}": layers.arrays["recurrent"][part]}
+        if gates == 3 and len(bias_rows) == 2:
+            arrays |= {f"b_{gate}": bias_rows[0, part], f"bh_{gate}": bias_rows[1, part]}
+        else:  # nothing stands between an LSTM's two rows, so they are one
+            arrays[f"b_{gate}"] = bias_rows[:, part].sum(axis=0)
+    return config, arrays
+
+
+def _reset(layers: Layers) -> str:
+    return "after" if len(layers.arrays["bias"]) == 2 else "before"
+
+
+def measure_scaling(config: AcceleratorConfig, recordings: Recordings) -> tuple[float, float]:
+    """(mu, sigma), codes, that training on ``recordings`` would normalise with.
+
+    Raises
+    ------
+    InputError
+        When no recording has a completed step.
+    """
+    touches = find_touches(config, recordings)
+    first = touches.first_touch()
+    touches = touches.take(first[first >= 0])
+    touches = touches.take(touches.completed > 0)
+    if not len(touches):
+        raise InputError(
+            f"recordings '{recordings.source}': hold no touch to measure mean and deviation on; give --mean "
+            "and --std"
+        )
+    return scaling(config, real_features(config, touches.sums), touches.completed, touches.faults)
+
+
+def import_network(
+    file: str | Path,
+    config: AcceleratorConfig,
+    *,
+    out: str | Path,
+    cell: str | None = None,
+    reset: str | None = None,
+    mean: float | None = None,
+    std: float | None = None,
+    recordings: Recordings | None = None,
+    check: Path | None = None,
+) -> Record:
+    """Make a float model folder (config.json, float.npz, training.json) of a network trained elsewhere, ready
+    to quantise.
+
+    Parameters
+    ----------
+    file:
+        A torch state_dict or an ``.npz`` of Keras weights (``read_layers``); for a linear cell
+        ``read_linear``; an ONNX file (`eskin.exchange.import_onnx`), whose cell and reset are its own.
+    config:
+        Array, windows and classes that the network was trained for; cell and reset unless given. Its hidden
+        size follows the file. Of images: `eskin.exchange.import_images.read_image_network`, for which
+        cell, reset and recordings say nothing.
+    out:
+        A new folder, or a model folder, which is replaced.
+    cell, reset:
+        What the network is said to be; checked against the file's shapes. ``reset`` is for a GRU and ignored
+        with an LSTM.
+    mean, std:
+        The normalisation of its training, codes: feature = (window mean - mean) / std, one pair for all
+        inputs; both or none.
+    recordings:
+        Without ``mean`` and ``std``: those of the window means of these recordings, as training here takes
+        them.
+    check:
+        Reference inputs and outputs (`check_reference`); where they disagree nothing is written.
+
+    Returns
+    -------
+    The training record, as written to training.json: imported (file, sha256, kind, arrays, notes: sentences about
+    what was taken), normalisation (mean, std, source), config, parameters, versions, and check, passed where asked
+    for.
+
+    Raises
+    ------
+    InputError
+        Before anything is written: ``read_layers``, ``convert``; a missing or impossible mean or std; a
+        folder that must not be replaced.
+    """
+    check_model_target(out)
+    scale: Record
+    notes: list[str] = []
+    shows, own = "weights" if config.recurrent else "regression", NAMES
+    if Path(file).suffix == ONNX_SUFFIX:
+        from eskin.exchange.import_onnx import convert_onnx, read_onnx
+
+        network = read_onnx(file)
+        if config.is_image:
+            raise InputError(
+                f"network '{file}': ONNX is read for networks of recordings, and configuration "
+                f"'{config.name}' is for images; give a torch state_dict"
+            )
+        _check_scale(mean, std)
+        config, arrays, shows, notes = convert_onnx(network, config, cell, reset)
+        kind, names, own = "ONNX", network.names, network.graph.ends
+        held = network.scale(config) if mean is None and recordings is None else None
+        scale = held or _normalisation(file, config, mean, std, recordings)
+    elif config.is_image:
+        config, arrays, names = read_image_network(Path(file), config, mean, std)
+        kind, scale = "torch state_dict", {"mean": mean, "std": std, "source": "given"}
+    else:
+        config, arrays, names, kind = _read_network(
+            file, with_network(config, cell=cell, reset=reset), mean, std
+        )
+        scale = _normalisation(file, config, mean, std, recordings)
+        if config.recurrent and config.network.cell == "gru":
+            notes = [f"reset gate {config.network.reset} the recurrent product, as the file's bias rows say"]
+    if not config.is_image:
+        arrays |= {
+            name: np.broadcast_to(scale[key], constants_shape(config))
+            for name, key in (("mu", "mean"), ("sigma", "std"))
+        }
+        scale |= {"mean": arrays["mu"].tolist(), "std": arrays["sigma"].tolist()}
+    checked: Record = {}
+    if check is not None:
+        found = check_reference(check, FloatModel(config, arrays, str(file)), std or 1.0, own)
+        checked = {"check": found, "passed": found["passed"]}
+        if found["shows"] == "last" and shows in ("every", "weights"):
+            shows = "reference"
+    if not config.is_image:
+        config, decided = _decide(config, shows)
+        notes = [decided, *notes]
+    record = {
+        "imported": {
+            "file": str(file),
+            "sha256": hashlib.sha256(Path(file).read_bytes()).hexdigest(),
+            "kind": kind,
+            "arrays": names,
+            "notes": notes,
+        },
+        "normalisation": scale,
+        "config": config.to_dict(),
+        "parameters": config.parameter_count,
+        "versions": {"torch": torch.__version__, "numpy": np.__version__},
+    } | checked
+    if record.get("passed", True):
+        FloatModel(config, arrays, str(file)).save(out, record)
+    return record
+
+
+def _decide(config: AcceleratorConfig, shows: str) -> tuple[AcceleratorConfig, str]:
+    """``config`` that decides by the last step where the file shows that (a configuration that is ``early`` stays so),
+    and a sentence about it."""
+    if shows in BY_LAST_STEP and config.network.decision == "vote":
+        config = config.replace(decision="last")
+    kept = "" if shows == "metadata" or config.network.decision == "last" else ", the configuration's"
+    return config, f"decision {config.network.decision}{kept}: {SHOWS[shows]}"
+
+
+def _read_network(
+    file: str | Path, config: AcceleratorConfig, mean: float | None, std: float | None
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray], dict[str, str], str]:
+    """The configuration with the file's sizes, the float network's arrays, where each comes from, and what
+    the file is."""
+    _check_scale(mean, std)
+    if config.recurrent:
+        layers = read_layers(file)
+        kind = {"torch": "torch state_dict", "keras": "Keras weights"}[layers.kind]
+        return *convert(layers, config), dict(layers.names), kind
+    return *read_linear(file, config), {"weights": COEFFICIENTS, "bias": INTERCEPTS}, "logistic regression"
+
+
+def _check_scale(mean: float | None, std: float | None) -> None:
+    """Refuse one without the other, and what is no scale."""
+    if (mean is None) != (std is None):
+        raise InputError(
+            f"{'--mean' if mean is None else '--std'}: is missing; give both, or neither and --data to "
+            "measure them on"
+        )
+    for name, value in (("mean", mean), ("std", std)):
+        if value is not None and (not math.isfinite(value) or (name == "std" and value <= 0)):
+            raise InputError(
+                f"--{name} {value:g}: is no {'spread above 0' if name == 'std' else 'finite number'}; give "
+                "codes"
+            )
+
+
+def _normalisation(
+    file: str | Path,
+    config: AcceleratorConfig,
+    mean: float | None,
+    std: float | None,
+    recordings: Recordings | None,
+) -> Record:
+    """mean, std and their source: those given, or measured on recordings."""
+    if mean is not None:
+        return {"mean": mean, "std": std, "source": "given"}
+    if recordings is None:
+        raise InputError(
+            f"network '{file}': a file of weights does not say how its inputs were normalised; give --mean "
+            "and --std (codes), or "
+            "--data to measure them on"
+        )
+    return dict(zip(("mean", "std"), measure_scaling(config, recordings), strict=True)) | {
+        "source": str(recordings.source)
+    }

@@ -1,0 +1,583 @@
+"""A network in an ONNX file: one GRU or LSTM in one direction and a dense layer, or a dense layer alone.
+
+What the file says of cell, sizes and reset gate is taken from its nodes. Then its graph is computed on random
+inputs and compared with the network that was read: nodes that only move values are not believed, so a readout
+of another step, a transposed layout or an offset is found. Nothing of a file is run but the operators below.
+"""
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import onnx
+from onnx import numpy_helper
+from onnx.reference import ReferenceEvaluator
+
+from eskin.exchange.reference import TOLERANCE, differences
+from eskin.exchange.torch_files import MOST_VALUES, check_readable
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.model import Float, constants_shape, network_shapes, run_cell, with_network
+
+SUFFIX = ".onnx"
+METADATA = "eskin_model"
+"""Entry in which an exported file keeps configuration and normalisation."""
+MOST_BYTES = 64 << 20
+OPSETS = (7, onnx.defs.onnx_opset_version())
+GATES = {"GRU": ("z", "r", "n"), "LSTM": ("i", "o", "f", "g")}
+"""In the order in which ONNX stacks them; it calls n ``h`` and g ``c``."""
+ACTIVATIONS = {
+    ("Sigmoid", "Tanh"): "sigmoid",
+    ("Sigmoid", "Tanh", "Tanh"): "sigmoid",
+    ("HardSigmoid", "Tanh"): "hard_sigmoid",
+    ("HardSigmoid", "Tanh", "Tanh"): "hard_sigmoid",
+}
+TAKEN = (
+    "one GRU or LSTM in one direction and one Gemm, or MatMul and Add, behind its last step or all of its steps, "
+    "or a dense layer alone"
+)
+ATTRIBUTES = {
+    "GRU": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size", "layout", "linear_before_reset"),
+    "LSTM": ("activations", "activation_alpha", "activation_beta", "direction", "hidden_size", "layout"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Node:
+    """A node: as the file has it; type, name (of its first output where it has none), domain, inputs and
+    outputs, attributes."""
+
+    made: onnx.NodeProto
+    op_type: str
+    name: str
+    domain: str
+    input: list[str]
+    output: list[str]
+    attributes: Record
+
+
+def _text(value: Any) -> Any:
+    """Letters of a file, which need not be UTF-8."""
+    return value.decode(errors="replace") if isinstance(value, bytes) else value
+
+
+class Graph:
+    """The nodes of a file, checked, and a way to compute them."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        check_readable(path)
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(
+                f"network '{path}': has over {MOST_BYTES >> 20} MB, beyond any that the accelerator takes"
+            )
+        try:
+            model = onnx.load_model_from_string(path.read_bytes())
+            versions = [entry.version for entry in model.opset_import if entry.domain in ("", "ai.onnx")]
+        except Exception:  # protobuf's errors have no common class of their own
+            raise InputError(f"network '{path}': is damaged or no ONNX file; save it again") from None
+        self.producer = _text(model.producer_name)
+        self.graph, self.metadata = model.graph, {entry.key: entry.value for entry in model.metadata_props}
+        if not self.graph.node:
+            raise InputError(f"network '{path}': has no nodes; save {TAKEN}")
+        if len(versions) != 1 or not OPSETS[0] <= versions[0] <= OPSETS[1]:
+            shown = versions[0] if versions else "none"
+            raise InputError(
+                f"network '{path}': has opset {shown}; save it with one of {OPSETS[0]} to {OPSETS[1]}"
+            )
+        self.opset = versions[0]
+        self.constants = {_text(tensor.name): self._array(tensor) for tensor in self.graph.initializer}
+        inputs = [value for value in self.graph.input if _text(value.name) not in self.constants]
+        if len(inputs) != 1:
+            names = ", ".join(_text(value.name) for value in inputs[:4]) or "none"
+            raise InputError(
+                f"network '{path}': has {len(inputs)} inputs ({names:.80}); save one that takes features alone"
+            )
+        self.input = _text(inputs[0].name)
+        self.ends = self.input, *[_text(value.name) for value in self.graph.output][:1]
+        self.dims = [dim.dim_value for dim in inputs[0].type.tensor_type.shape.dim]
+        self.all: list[Node] = []
+        for entry in self.graph.node:
+            inputs_of, outputs_of = ([_text(name) for name in names] for names in (entry.input, entry.output))
+            name = _text(entry.name) or (outputs_of[0] if outputs_of else "")
+            node = Node(entry, _text(entry.op_type), name, _text(entry.domain), inputs_of, outputs_of, {})
+            if node.domain not in ("", "ai.onnx") or node.op_type not in OPERATORS:
+                self.refuse(node, f"is none of those that are taken: {TAKEN}")
+            self._check_form(node, entry, versions[0])
+            node.attributes.update(self._attributes(node, entry))
+            self.all.append(node)
+
+    def refuse(self, node: Node, why: str) -> NoReturn:
+        """An InputError that names the node."""
+        raise InputError(f"network '{self.path}', node '{node.name:.60}' of type {node.op_type:.40}: {why}")
+
+    def _array(self, tensor: Any) -> np.ndarray:
+        where = f"network '{self.path}', tensor '{_text(tensor.name):.60}'"
+        if tensor.data_location == onnx.TensorProto.EXTERNAL:
+            raise InputError(f"{where}: lies in another file; save everything in one")
+        if any(size < 0 for size in tensor.dims) or math.prod(tensor.dims) > MOST_VALUES:
+            raise InputError(
+                f"{where}: has shape {tuple(tensor.dims)!s:.60}, beyond any that the accelerator takes"
+            )
+        try:
+            array = numpy_helper.to_array(tensor)
+        except Exception:  # a damaged tensor can fail anywhere inside onnx
+            raise InputError(f"{where}: is damaged; save the network again") from None
+        if array.dtype.kind not in "fiub" or not np.isfinite(array).all():
+            raise InputError(f"{where}: holds values that are no finite numbers; train the network again")
+        return array.astype(np.float64) if array.dtype.kind == "f" else array
+
+    def _check_form(self, node: Node, made: Any, opset: int) -> None:
+        """Refuse a node that has not the inputs, or the types of attributes, that ONNX gives its type."""
+        try:
+            schema = onnx.defs.get_schema(node.op_type, opset)
+        except onnx.defs.SchemaError:
+            self.refuse(node, f"is not in opset {opset}; save the network again")
+        if not schema.min_input <= len(node.input) <= schema.max_input or not node.output:
+            self.refuse(
+                node, f"has {len(node.input)} inputs and {len(node.output)} outputs; save the network again"
+            )
+        for entry in made.attribute:
+            attribute: Any = schema.attributes.get(_text(entry.name))
+            if attribute is not None and entry.type != int(attribute.type):
+                self.refuse(
+                    node, f"has {_text(entry.name):.40} of another type than ONNX's; save the network again"
+                )
+
+    def _attributes(self, node: Node, made: Any) -> Record:
+        try:
+            values = {_text(entry.name): onnx.helper.get_attribute_value(entry) for entry in made.attribute}
+        except Exception:
+            self.refuse(node, "is damaged; save the network again")
+        values = {
+            name: self._array(value) if isinstance(value, onnx.TensorProto) else value
+            for name, value in values.items()
+        }
+        return {
+            name: [_text(entry) for entry in value] if isinstance(value, list) else _text(value)
+            for name, value in values.items()
+        }
+
+    def nodes(self, *kinds: str) -> list[Node]:
+        return [node for node in self.all if node.op_type in kinds]
+
+    def constant(self, node: Node, place: int, role: str) -> np.ndarray:
+        """The weights that a node takes as its input number ``place``."""
+        name = node.input[place] if place < len(node.input) else ""
+        by_node = {output: entry for entry in self.nodes("Constant") for output in entry.output}
+        if name in by_node:
+            return np.asarray(by_node[name].attributes.get("value", 0.0))
+        if name not in self.constants:
+            self.refuse(node, f"computes its {role}; save trained weights")
+        return self.constants[name]
+
+    def compute(self, values: np.ndarray) -> list[np.ndarray]:
+        """The outputs for one input."""
+        named: dict[str, np.ndarray] = dict(self.constants) | {self.input: values, "": np.zeros(0)}
+        for node in self.all:
+            try:
+                outputs = self._outputs(node, [named[name] for name in node.input])
+            except InputError:
+                raise
+            except Exception:  # shapes that do not fit fail anywhere inside numpy
+                self.refuse(
+                    node,
+                    f"cannot be computed on an input of shape {values.shape}; save a network that takes one touch at a time",
+                )
+            for name, output in zip(node.output, outputs, strict=False):
+                named[name] = np.asarray(output)
+        return [
+            named[name] for name in map(_text, (value.name for value in self.graph.output)) if name in named
+        ]
+
+    def _outputs(self, node: Node, inputs: list[np.ndarray]) -> list[np.ndarray]:
+        if node.op_type in GATES:
+            return _recurrent(self, node, inputs)
+        if BOUNDS.get(node.op_type, lambda a, i: 0)(node.attributes, inputs) > MOST_VALUES:
+            raise ValueError("beyond any network")
+        proto = node.made
+        proto.ClearField("domain")  # ai.onnx is the default one's other name
+        operands = {name: array for name, array in zip(proto.input, inputs, strict=True) if name}
+        opset = onnx.helper.make_opsetid("", self.opset)
+        function = onnx.helper.make_function("eskin", "node", [*operands], proto.output, [proto], [opset])
+        return [*ReferenceEvaluator(function).run(None, operands, {})]
+
+
+# ---------------------------------------------------------------------- operators
+BOUNDS: dict[str, Callable[[Mapping[str, Any], list[np.ndarray]], int]] = {
+    "Gemm": lambda a, i: i[0].shape[a.get("transA", 0)] * i[1].shape[1 - a.get("transB", 0)],
+    "MatMul": lambda a, i: (
+        math.prod(np.broadcast_shapes(i[0].shape[:-2], i[1].shape[:-2]))
+        * math.prod(i[0].shape[-2:-1])
+        * i[1].shape[-1]
+    ),
+    "Add": lambda a, i: math.prod(np.broadcast_shapes(i[0].shape, i[1].shape)),
+    "ConstantOfShape": lambda a, i: math.prod(i[0].tolist()),
+    "Expand": lambda a, i: math.prod(np.broadcast_shapes(i[0].shape, tuple(i[1].tolist()))),
+    "Gather": lambda a, i: i[0].size // max(i[0].shape[a.get("axis", 0)], 1) * i[1].size,
+    "Concat": lambda a, i: sum(part.size for part in i),
+}
+"""How many values come out of an operator that may give more than it takes."""
+OPERATORS = (
+    *GATES,
+    *BOUNDS,
+    *(
+        "Constant",
+        "Identity",
+        "Cast",
+        "Shape",
+        "Transpose",
+        "Squeeze",
+        "Unsqueeze",
+        "Reshape",
+        "Flatten",
+        "Slice",
+    ),
+)
+"""All that may stand in a file; everything else is refused by its name. GRU and LSTM are computed here, the
+rest by onnx's own reference."""
+
+
+def _recurrent(g: Graph, node: Node, i: list[np.ndarray]) -> list[np.ndarray]:
+    """GRU and LSTM as ONNX's operators define them."""
+    a = node.attributes
+    x, w, r = i[0], i[1][0], i[2][0]
+    units, batch_first = r.shape[1], a.get("layout", 0)
+    x = x.swapaxes(0, 1) if batch_first else x
+    kinds = len(GATES[node.op_type])
+    bias = i[3].reshape(2, kinds, units) if len(i) > 3 and i[3].size else np.zeros((2, kinds, units))
+    for start in i[5:7]:
+        if start.any():
+            g.refuse(
+                node, "starts from a state that is not 0, and a touch always does; leave initial states out"
+            )
+    w, r = w.reshape(kinds, units, -1), r.reshape(kinds, units, units)
+    hard = a.get("activations", ["Sigmoid"])[0] == "HardSigmoid"
+    gate = lambda v: np.clip(0.2 * v + 0.5, 0, 1) if hard else 0.5 * (1 + np.tanh(0.5 * v))
+    h = c = np.zeros((x.shape[1], units))
+    states = []
+    for step in x:
+        rows = [step @ w[k].T + bias[0, k] for k in range(kinds)]
+        if node.op_type == "LSTM":
+            gi, go, gf, gc = (row + h @ r[k].T + bias[1, k] for k, row in enumerate(rows))
+            c = gate(gf) * c + gate(gi) * np.tanh(gc)
+            h = gate(go) * np.tanh(c)
+        else:
+            z, reset = (gate(rows[k] + h @ r[k].T + bias[1, k]) for k in (0, 1))
+            if a.get("linear_before_reset", 0):
+                inner = reset * (h @ r[2].T + bias[1, 2])
+            else:
+                inner = (reset * h) @ r[2].T + bias[1, 2]
+            h = (1 - z) * np.tanh(rows[2] + inner) + z * h
+        states.append(h)
+    every, last = np.stack(states)[:, None], h[None]
+    ends = [last, c[None]]
+    if batch_first:
+        every, ends = every.transpose(2, 0, 1, 3), [end.swapaxes(0, 1) for end in ends]
+    return [every, *ends]
+
+
+# ---------------------------------------------------------------------- what the nodes say
+@dataclass(frozen=True)
+class OnnxNetwork:
+    """A network as its file says it. cell, reset, gate_activation, hidden, classes; columns: of the first
+    weights; arrays: by the names of the specification, section 8 (a linear cell: V (C, columns), b_y); names:
+    what they are called in the file; metadata: of an exported file, else empty."""
+
+    graph: Graph
+    cell: str
+    reset: str
+    gate_activation: str
+    hidden: int
+    classes: int
+    columns: int
+    arrays: dict[str, np.ndarray]
+    names: dict[str, str]
+    metadata: Record = field(default_factory=dict)
+
+    def scale(self, config: AcceleratorConfig) -> Record | None:
+        """mean, std and their source as an exported file keeps them; None where it keeps none of this
+        configuration's."""
+        if not self.metadata:
+            return None
+        try:
+            values = {name: np.asarray(self.metadata[name], dtype=np.float64) for name in ("mean", "std")}
+        except (ValueError, TypeError, OverflowError):
+            raise InputError(
+                f"network '{self.graph.path}', metadata {METADATA}: is damaged; export the model again"
+            ) from None
+        shape = constants_shape(config)
+        return (
+            values | {"source": "the file"}
+            if all(value.shape == shape for value in values.values())
+            else None
+        )
+
+
+def configuration_of(path: str | Path) -> AcceleratorConfig | None:
+    """The configuration that an exported file keeps; None where it keeps none."""
+    values = read_onnx(path).metadata
+    return AcceleratorConfig.from_dict(values["config"], f"network '{path}'") if values else None
+
+
+def read_onnx(path: str | Path) -> OnnxNetwork:
+    """The network of a file, its nodes and sizes checked; `agree` checks what it computes.
+
+    Raises
+    ------
+    InputError
+        The file is damaged, or holds something else; the sentence names the node.
+    """
+    graph = Graph(Path(path))
+    weights, bias, names = _dense(graph)
+    layers = graph.nodes("GRU", "LSTM")
+    if len(layers) > 1:
+        graph.refuse(layers[1], "is a second recurrent layer; the accelerator has one in one direction")
+    metadata = _metadata(graph)
+    if not layers:
+        arrays = {"V": weights, "b_y": bias}
+        classes, columns = weights.shape
+        return OnnxNetwork(graph, "linear", "before", "sigmoid", 0, classes, columns, arrays, names, metadata)
+    node = layers[0]
+    attributes, order = node.attributes, GATES[node.op_type]
+    if (direction := attributes.get("direction", "forward")) != "forward":
+        graph.refuse(node, f"runs {direction!s:.20}; the accelerator has one direction, forward")
+    for name, value in attributes.items():
+        if name not in ATTRIBUTES[node.op_type] and value:
+            graph.refuse(node, f"has {_text(name):.40}, which the accelerator does not; save it without")
+    activations = tuple(attributes.get("activations", ("Sigmoid", "Tanh")))
+    slopes = (attributes.get("activation_alpha") or [0.2])[:1] + (attributes.get("activation_beta") or [0.5])[
+        :1
+    ]
+    if activations not in ACTIVATIONS or (
+        activations[0] == "HardSigmoid" and not np.allclose(slopes, (0.2, 0.5))
+    ):
+        shown = ", ".join(map(str, activations))
+        graph.refuse(
+            node,
+            f"has activations {shown:.60}; the accelerator has Sigmoid (or HardSigmoid of slope 0.2) and Tanh",
+        )
+    for place, extra in ((4, "sequence_lens"), (7, "peepholes")):
+        if len(node.input) > place and node.input[place]:
+            graph.refuse(node, f"has {extra}, which the accelerator does not; save it without")
+    w, r = graph.constant(node, 1, "weights"), graph.constant(node, 2, "recurrent weights")
+    hidden = r.shape[-1] if r.ndim == 3 else 0
+    rows = len(order) * hidden
+    b = graph.constant(node, 3, "bias") if len(node.input) > 3 and node.input[3] else np.zeros((1, 2 * rows))
+    shaped = hidden and w.ndim == 3 and w.shape[:2] == (1, rows) and r.shape == (1, rows, hidden)
+    if not shaped or b.shape != (1, 2 * rows) or not w.shape[2]:
+        graph.refuse(
+            node,
+            f"has weights of shapes {w.shape}, {r.shape}, {b.shape}, which do not go together; save one direction, whole",
+        )
+    if weights.shape[1] != hidden:
+        graph.refuse(
+            graph.nodes("Gemm", "MatMul")[0],
+            f"takes {weights.shape[1]} values and the recurrent layer has {hidden} units; it must stand behind one step",
+        )
+    after = bool(attributes.get("linear_before_reset", 0))
+    arrays = {"V": weights, "b_y": bias}
+    for k, gate in enumerate(order):
+        part = slice(k * hidden, (k + 1) * hidden)
+        first, second = b[0, :rows][part], b[0, rows:][part]
+        arrays |= {f"W_{gate}": w[0, part], f"U_{gate}": r[0, part]}
+        arrays |= {f"b_{gate}": first, f"bh_{gate}": second} if after else {f"b_{gate}": first + second}
+    names |= {"input": node.input[1], "recurrent": node.input[2]} | (
+        {"bias": node.input[3]} if len(node.input) > 3 else {}
+    )
+    cell, reset = node.op_type.lower(), "after" if after else "before"
+    gate = ACTIVATIONS[activations]
+    return OnnxNetwork(graph, cell, reset, gate, hidden, len(weights), w.shape[2], arrays, names, metadata)
+
+
+def _dense(graph: Graph) -> tuple[np.ndarray, np.ndarray, dict[str, str]]:
+    """Weights (C, columns) and bias (C) of the one dense layer."""
+    layers = graph.nodes("Gemm", "MatMul")
+    if len(layers) != 1:
+        node = layers[1] if layers else graph.all[-1]
+        graph.refuse(node, f"is where a dense layer is wanted, and there are {len(layers)}; save {TAKEN}")
+    node, additions = layers[0], graph.nodes("Add")
+    weights, attributes = graph.constant(node, 1, "weights"), node.attributes
+    names = {"dense": node.input[1]}
+    if node.op_type == "Gemm":
+        if additions or attributes.get("alpha", 1.0) != 1.0 or attributes.get("beta", 1.0) != 1.0:
+            graph.refuse(
+                additions[0] if additions else node,
+                "scales or adds to the logits; save plain weights and bias",
+            )
+        weights = weights if attributes.get("transB", 0) else weights.T
+        bias = graph.constant(node, 2, "bias") if len(node.input) > 2 else np.zeros(len(weights))
+        names |= {"dense bias": node.input[2]} if len(node.input) > 2 else {}
+    else:
+        weights = weights.T
+        if len(additions) > 1:
+            graph.refuse(additions[1], "is a second addition; the dense layer has one bias")
+        bias = np.zeros(len(weights) if weights.ndim else 0)
+        if additions:
+            place = 1 if node.output[0] == additions[0].input[0] else 0
+            bias = graph.constant(additions[0], place, "bias")
+            names = names | {"dense bias": additions[0].input[place]}
+    if weights.ndim != 2 or not weights.size or bias.size != len(weights):
+        graph.refuse(
+            node, f"has weights of shape {weights.shape} and {bias.size} biases; save one dense layer, whole"
+        )
+    return np.asarray(weights, dtype=np.float64), np.asarray(bias, dtype=np.float64).ravel(), names
+
+
+def _metadata(graph: Graph) -> Record:
+    if METADATA not in graph.metadata:
+        return {}
+    try:
+        values = json.loads(graph.metadata[METADATA])
+        return {"config": values["config"], "mean": values["mean"], "std": values["std"]}
+    except (ValueError, KeyError, TypeError, RecursionError):
+        raise InputError(
+            f"network '{graph.path}', metadata {METADATA}: is damaged; export the model again"
+        ) from None
+
+
+# ---------------------------------------------------------------------- into a model
+def convert_onnx(
+    network: OnnxNetwork, config: AcceleratorConfig, cell: str | None, reset: str | None
+) -> tuple[AcceleratorConfig, dict[str, np.ndarray], str, list[str]]:
+    """``config`` with cell and sizes of the file, and the decision that its metadata keep; the float network's
+    arrays; which logits the file gives, of the ``last`` or of ``every`` step, or ``metadata``; sentences about what
+    was taken. ``cell`` and ``reset``: what the user says, held against the file.
+
+    Raises
+    ------
+    InputError
+        It is another network than said, of another array or task, or the graph computes something else.
+    """
+    where = f"network '{network.graph.path}'"
+    for option, value, held in (("--cell", cell, network.cell), ("--reset", reset, network.reset)):
+        if value is not None and value != held and (option == "--cell" or network.cell == "gru"):
+            raise InputError(f"{option} {value}: {where} is of {held}; leave the option out")
+    try:
+        recurrent = network.cell != "linear"
+        config = config.replace(gate_activation=network.gate_activation)
+        config = with_network(
+            config,
+            cell=network.cell,
+            reset=network.reset if network.cell == "gru" else None,
+            hidden=network.hidden or None,
+        )
+        if not recurrent:
+            sets = {config.windows.steps * config.inputs: "window", config.inputs: "one"}
+            config = config.replace(weight_sets=sets.get(network.columns, config.network.weight_sets))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    fits = (config.inputs,) if recurrent else tuple(sets)
+    for have, field_name, sizes in (
+        (network.columns, "taxels" if config.kinds == 1 else "feature_kinds", fits),
+        (network.classes, "class_names", (config.classes,)),
+    ):
+        if have not in sizes:
+            unit = "inputs" if field_name != "class_names" else "classes"
+            raise InputError(
+                f"{where}: has {have} {unit} and configuration '{config.name}', field {field_name}, asks for "
+                f"{' or '.join(map(str, sizes))}; use the configuration of the array and task it was trained on"
+            )
+    arrays = dict(network.arrays)
+    if not recurrent:
+        arrays["V"] = arrays["V"].reshape(config.classes, config.sets, config.inputs).swapaxes(0, 1)
+    arrays = {name: np.array(arrays[name], dtype=np.float64) for name in network_shapes(config, real=True)}
+    shows, steps = _agree(network, config, arrays)
+    if network.metadata:
+        shows, own = "metadata", AcceleratorConfig.from_dict(network.metadata["config"], where).network
+        kept = {name: getattr(own, name) for name in ("decision", "early_margin", "early_steps")}
+        try:
+            config = config.replace(**kept)
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
+    notes = []
+    if network.cell == "gru":
+        flag = int(network.reset == "after")
+        notes.append(
+            f"reset gate {network.reset} the recurrent product, as linear_before_reset is {flag} in the file"
+        )
+        if network.graph.producer == "pytorch" and not flag:
+            notes.append(
+                "every GRU of torch has linear_before_reset 1; its newer exporter is known to drop it: compare with --check, "
+                "and if that fails save with torch.onnx.export(.., dynamo=False)"
+            )
+    if steps != config.windows.steps:
+        notes.append(
+            f"the file is for touches of {steps} steps, configuration '{config.name}' has {config.windows.steps}"
+        )
+    return config, arrays, shows, notes
+
+
+def _agree(network: OnnxNetwork, config: AcceleratorConfig, arrays: dict[str, np.ndarray]) -> tuple[str, int]:
+    """Whether the file's outputs are logits of the ``last`` or of ``every`` step, and the steps they were computed
+    on; random touches tell. Refuses a graph that computes other logits than the arrays."""
+    graph, inputs, steps = network.graph, config.inputs, config.windows.steps
+    sizes = {
+        "batch": 1,
+        "steps": steps,
+        "inputs": inputs,
+        "columns": inputs * (steps if config.sets > 1 else 1),
+    }
+    layouts: list[tuple[str, ...]] = [("batch", "columns")]
+    if config.recurrent or config.sets > 1 or steps == 1:
+        by_step = [("batch", "steps", "inputs"), ("steps", "batch", "inputs"), ("steps", "inputs")]
+        layouts = by_step if config.recurrent else [*by_step, *layouts]
+    # a recurrent network takes as many steps as the file fixes, and any network its batch
+    free = ("batch", "steps") if config.recurrent else ("batch",)
+    fitting = [
+        (layout, {axis: dim or sizes[axis] for axis, dim in zip(layout, graph.dims, strict=True)})
+        for layout in layouts
+        if len(layout) == len(graph.dims)
+        and all(axis in free or dim in (0, sizes[axis]) for axis, dim in zip(layout, graph.dims, strict=True))
+    ]
+    if not fitting:
+        shapes = " or ".join(
+            f"({', '.join(f'{sizes[axis]} {axis}' for axis in layout)})" for layout in layouts
+        )
+        raise InputError(
+            f"network '{graph.path}', input '{graph.input:.60}': has shape {graph.dims}; it must be {shapes}, 0 where "
+            "it is open"
+        )
+    rng = np.random.default_rng(1)
+    failed: list[InputError] = []
+    for layout, size in fitting:
+        batch, taken = size.get("batch", 1), size.get("steps", steps)
+        if batch * taken * inputs > MOST_VALUES:
+            raise InputError(
+                f"network '{graph.path}': takes {batch} touches of {taken} steps at once; save one that takes "
+                f"one touch of {steps}"
+            )
+        features = rng.normal(0.0, 1.0, (2, batch, taken, inputs))
+        shown = features if config.recurrent or config.sets > 1 else features.sum(axis=2)
+        if layout[0] == "steps":
+            shown = shown.swapaxes(1, 2)
+        try:
+            computed = [graph.compute(touches.reshape([size[axis] for axis in layout])) for touches in shown]
+        except InputError as error:
+            failed.append(error)
+            continue
+        logits = run_cell(Float(config), config, arrays, features)[1]
+        found = [_shown(outputs, own) for outputs, own in zip(computed, logits, strict=True)]
+        if None not in found:
+            return str(found[0]), taken
+    if len(failed) == len(fitting):
+        raise failed[0]
+    output = _text(graph.graph.output[0].name) if graph.graph.output else ""
+    raise InputError(
+        f"network '{graph.path}', output '{output:.60}': is not the dense layer behind the last step, or behind every "
+        f"step, of a network that begins at 0; save {TAKEN}"
+    )
+
+
+def _shown(outputs: list[np.ndarray], logits: np.ndarray) -> str | None:
+    """``every`` where an output has the logits of every step, else ``last``; None where none has them."""
+    alike = {
+        shows
+        for output in outputs
+        for shows, difference in differences(output, logits).items()
+        if difference <= TOLERANCE
+    }
+    return min(alike, default=None)

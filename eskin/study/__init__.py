@@ -1,0 +1,1 @@
+"""Studies of a model: sweep, stability, energy, other methods."""

@@ -1,0 +1,421 @@
+"""Energy of a touch and power of the waiting array: an estimate from counted activity and published
+measurements, with its band.
+
+    E(step)        = cycles * e_clock + register-bit toggles * e_toggle + multiply cycles * e_multiply
+    E(touch)       = steps * E(step)                                   (the recurrent cell, its normaliser and
+    the decision) E(preprocess)  = frames of a touch * (cycles * e_clock + toggles * e_toggle)
+                                       (a frame without a touch takes fewer cycles)
+    P(idle)        = P(static) + clock * (e_clock + idle toggles * e_toggle) + frame rate * frame toggles *
+    e_toggle P(average)     = P(idle) + touches a second * what the steps add hours          = 1000 mAh * 5 V
+    / P                                (thesis, equation 5.1: 18 000 J) E(touch, waiting included) = P(idle) *
+    seconds of the touch + what the steps add touches        = 18 000 J / E(touch, waiting included)
+    (equation 5.2)
+
+Activity is counted in co-simulated netlists (cosim/activity.py) or, for a build without recordings, taken
+from the cycles of the schedule (`scheduled_activity`). No board was measured: one published source, one
+board, small designs with little fan-out, no block RAM. A figure is therefore good to a factor, `Part.band`,
+and is never called a measurement.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from eskin.golden.core import AcceleratorConfig, Record
+from eskin.study.converter_power import converter_power
+
+BATTERY_J = 1000e-3 * 5.0 * 3600
+"""The thesis's 1000 mAh, 5 V battery (equation 5.1)."""
+TOUCHES_PER_S = 1.0
+FLOOR_FACTOR_MAX, TOUCH_J_MAX, IMAGE_J_MAX = 1.5, 1.0e-6, 100e-6
+"""What is aimed at on the UP5K: average power over the measured floor, joule of compute a touch, and an
+image."""
+RAM_READ_ASSUMED_J = 4.4e-12
+"""A block RAM read. Not measured and in no total: a 256 x 16 macro of a 130 nm process (14.2 pJ), scaled by
+40 / 130."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """What is known of a part.
+
+    static_w: configured, clock at a stop or nearly so, all supplies. clock_j: joule a clock cycle, clock
+    network and a little logic. toggle_j: a register bit that changes, with its carry, look-up table and
+    wires. multiply_j: a multiplier whose operands changed. oscillator_w: for each clock of the part's own
+    oscillator, Hz, the power of all supplies with a small counter. clock_stops: an outside clock may stop
+    between samples. band: factor either way. rests_on: where the figures come from. measured: on this very
+    part.
+    """
+
+    name: str
+    static_w: float
+    clock_j: float = 52e-12
+    toggle_j: float = 0.2e-12
+    multiply_j: float = 0.0
+    oscillator_w: Mapping[float, float] = field(default_factory=dict)
+    clock_stops: bool = True
+    band: float
+    rests_on: str
+    measured: bool = False
+
+
+_RAILS_W = 4.1e-6 * 1.219 + (3.76 + 3.4 + 1.5) * 1e-6 * 3.283
+"""Of the UP5K, by the source's table: supply of the PLL and three I/O banks while the oscillator runs."""
+_OSCILLATOR_A = {6e6: 388.4e-6, 12e6: 645e-6, 24e6: 1162e-6, 48e6: 2184e-6}
+
+PARTS = {
+    part.name: part
+    for part in (
+        Part(
+            name="iCE40UP5K",
+            static_w=151e-6,
+            multiply_j=24e-12,
+            oscillator_w={hertz: amp * 1.219 + _RAILS_W for hertz, amp in _OSCILLATOR_A.items()},
+            band=2.0,
+            rests_on="fitted to one published set of measurements (github tinyvision-ai-inc/ice40_power: one board, "
+            "all supplies, core at 1.219 V): 151 uW with a 10 kHz clock, all supplies; 52 pJ a clock cycle; "
+            "0.2 pJ a register bit that changes; at most 24 pJ a multiply. The source has no figure for "
+            "block RAM.",
+            measured=True,
+        ),
+        Part(
+            name="LFE5U-25F",
+            static_w=50e-3,
+            multiply_j=24e-12,
+            band=4.0,
+            rests_on="no measured source: cycle, toggle and multiply as for the iCE40UP5K (both 40 nm), though this "
+            "part's clock network is larger; static power of some tens of milliwatt from memory, taken as "
+            "50 mW. Orders of magnitude, hence a band of 4.",
+        ),
+    )
+}
+"""Parts by the device name of their boards."""
+
+PUBLISHED = tuple(
+    dict(zip(("system", "device", "energy_j", "latency_s", "power_w", "conditions"), row, strict=True))
+    for row in (
+        (
+            "tensor SVM, 3 classes",
+            "FPGA",
+            945e-3,
+            0.350,
+            2.7,
+            "touch modality, whole classification; power is energy over latency; thesis [106]",
+        ),
+        ("SVM, two classes", "custom hardware", 81e-3, 3.3, 24.5e-3, "whole classification; thesis [32]"),
+        (
+            "Inception-ResNet",
+            "GPU",
+            55.5e-3,
+            75e-3,
+            0.74,
+            "touch modality, dynamic power only; thesis chapter 2",
+        ),
+        (
+            "TactNet, 22 objects",
+            "Jetson TX2 / RPi 4 / NCS2",
+            0.81e-3,
+            5.29e-3,
+            153e-3,
+            "dynamic only, best of three (0.81 to 1.5 mJ); thesis table 4.5",
+        ),
+        (
+            "LSTM, 8 bit",
+            "XC7S15",
+            3.8e-6,
+            57e-6,
+            67e-3,
+            "traffic speed, one inference, no sensor interface; arXiv 2310.16842",
+        ),
+        (
+            "MLP 5 x 30, 8 bit",
+            "iCE40UP5K",
+            0.172e-6,
+            83.37e-6,
+            2.06e-3,
+            "fluid flow, one inference, no recurrence, no sensor interface; Sensors 25, 83",
+        ),
+        (
+            "DeltaKWS",
+            "65 nm chip",
+            36e-9,
+            None,
+            None,
+            "key words, one decision, a chip of its own; arXiv 2405.03905",
+        ),
+    )
+)
+"""Published figures for one decision, with what they include. None of them includes waiting for the touch."""
+
+
+@dataclass(frozen=True)
+class Microcontroller:
+    """A part that runs the exported C. core: as `eskin.exchange.compiled` calls it. cycle_j: joule a
+    clock cycle, all of the part. asleep_w: between frames. band, rests_on: as of `Part`."""
+
+    name: str
+    core: str
+    cycle_j: float
+    asleep_w: float
+    band: float
+    rests_on: str
+
+
+MICROCONTROLLER = Microcontroller(
+    name="MSPM0L1106",
+    core="Cortex-M0+",
+    cycle_j=71e-12 * 3.3,
+    asleep_w=1.0e-6 * 3.3,
+    band=1.5,
+    rests_on="its data sheet: 71 uA/MHz running CoreMark, 1.0 uA in standby, here at 3.3 V; cycles of its "
+    "instructions by the core's manual, memory without wait states. Waking up and reading the sensor are left out.",
+)
+
+
+def run_in_software(part: Microcontroller, cycles: dict[str, float], config: AcceleratorConfig) -> Record:
+    """Energy of the exported C: per_step_j (the step alone), preprocessing_per_touch_j (all frames of a
+    touch), per_touch_j (both), idle_w (frames come in, nothing touches; asleep between them), band, rests_on.
+
+    ``cycles``: quiet, frame, step, touch, of `eskin.exchange.emulated.play`.
+    """
+    steps = config.windows.steps
+    return {
+        "per_step_j": cycles["step"] * part.cycle_j,
+        "preprocessing_per_touch_j": (cycles["touch"] - steps * cycles["step"]) * part.cycle_j,
+        "per_touch_j": cycles["touch"] * part.cycle_j,
+        "idle_w": cycles["quiet"] * config.sensor.sample_rate_hz * part.cycle_j + part.asleep_w,
+        "band": part.band,
+        "rests_on": part.rests_on,
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Activity:
+    """What the hardware does, averages of co-simulated recordings.
+
+    step_cycles: cycles of a step. step_toggles, step_multiplies: in cell and classifier. frame_cycles,
+    quiet_frame_cycles: of a frame of a touch, and of another one. frame_toggles: of a frame, in the rest.
+    idle_toggles: a cycle without work. ram_reads, large_uses: a cycle, of block memories and of the large
+    ones of one port. source: how it was found. recordings: how many were counted.
+    """
+
+    step_cycles: float
+    step_toggles: float
+    step_multiplies: float
+    frame_cycles: float
+    quiet_frame_cycles: float
+    frame_toggles: float
+    idle_toggles: float
+    ram_reads: float
+    source: str
+    recordings: int = 0
+    large_uses: float = 0.0
+
+
+CHOICE = ("name", "clock_hz", "idle_w", "average_w", "hours", "touch_j", "touches")
+"""Keys of a choice of `estimate`."""
+COMPUTE_BLOCKS = ("cell", "classifier")
+STEP_TOGGLES, FRAME_TOGGLES, ONSET_TOGGLES, IDLE_TOGGLES = 52.0, 12.0, 38.0, 4.0
+"""Register bits that change in a cycle, for a design that was not counted: of a step, of a frame, of a frame
+more with an onset detector, and of an idle cycle. All but the last are fitted to counted netlists
+(``python -m scripts.cost_model``)."""
+
+
+def counted_activity(
+    config: AcceleratorConfig,
+    full: Mapping[str, Any],
+    slow: Mapping[str, Any] | None,
+    *,
+    frames: int,
+    steps: int,
+    step_cycles: float,
+    frame_cycles: float,
+    quiet_frame_cycles: float,
+    recordings: int,
+) -> Activity:
+    """Activity from two runs over the same recordings, at full pace and slower, which differ in idle cycles
+    alone.
+
+    Parameters
+    ----------
+    full, slow:
+        cycles, toggles (by block), multiplies, ram_reads, large_uses of each run (eskin.cosim.activity.Count
+        as a mapping). Without a slower run idle cycles are taken to toggle IDLE_TOGGLES bits.
+    frames, steps:
+        In all, of one run.
+    step_cycles, frame_cycles, quiet_frame_cycles:
+        Most cycles of a step; cycles of a frame of a touch, and of another one.
+    """
+    idle = IDLE_TOGGLES
+    if slow:  # the two runs differ in idle cycles alone, so does what changed in them
+        idle = max(
+            0.0,
+            (sum(slow["toggles"].values()) - sum(full["toggles"].values()))
+            / (slow["cycles"] - full["cycles"]),
+        )
+    compute = sum(full["toggles"].get(block, 0) for block in COMPUTE_BLOCKS)
+    return Activity(
+        step_cycles=step_cycles,
+        step_toggles=compute / steps,
+        step_multiplies=full["multiplies"] / steps,
+        frame_cycles=frame_cycles,
+        quiet_frame_cycles=quiet_frame_cycles,
+        frame_toggles=(sum(full["toggles"].values()) - compute) / frames,
+        idle_toggles=idle,
+        ram_reads=full["ram_reads"] / full["cycles"],
+        source="counted in the co-simulated netlist",
+        recordings=recordings,
+        large_uses=full.get("large_uses", 0) / full["cycles"],
+    )
+
+
+def scheduled_activity(
+    config: AcceleratorConfig,
+    step_cycles: int,
+    frame_cycles: float,
+    quiet_frame_cycles: float,
+    multipliers: int,
+) -> Activity:
+    """Activity of a design that was not counted: cycles of the schedule, every multiplier busy as often as
+    there are products, STEP_TOGGLES and FRAME_TOGGLES (with ONSET_TOGGLES) register bits changing in a busy
+    cycle.
+
+    Parameters
+    ----------
+    step_cycles, frame_cycles, quiet_frame_cycles:
+        Of the schedule. multipliers: cells of the netlist (a design without them multiplies in its logic).
+    """
+    return Activity(
+        step_cycles=step_cycles,
+        step_toggles=STEP_TOGGLES * step_cycles,
+        step_multiplies=(config.multiplies + config.inputs) if multipliers else 0,
+        frame_cycles=frame_cycles,
+        quiet_frame_cycles=quiet_frame_cycles,
+        frame_toggles=(FRAME_TOGGLES + ONSET_TOGGLES * (not config.opens_at_once)) * frame_cycles,
+        idle_toggles=IDLE_TOGGLES,
+        ram_reads=0.0,
+        source="cycles of the schedule; register bits that change in a busy cycle as fitted to counted netlists",
+    )
+
+
+def estimate(config: AcceleratorConfig, part: Part | str, activity: Activity, clock_hz: float) -> Record:
+    """The energy of one configuration on one part.
+
+    Parameters
+    ----------
+    part:
+        A part or its name in `PARTS`.
+    clock_hz:
+        The lowest clock that meets every budget: the outside clock of the first two choices below.
+
+    Returns
+    -------
+    dict
+        method, band, rests_on, measured_part, part, activity, clock_hz; per_step_j, per_touch_j,
+        per_touch_parts_j {clock, toggles, multiplies}, preprocessing_per_touch_j, static_w, idle_w (outside
+        clock, always on), ram_reads_per_cycle, ram_read_assumed_j, ram_reads_per_touch_j (in no total);
+        choices: list of {name, clock_hz, idle_w, average_w, hours, touch_j, touches} - an outside clock that
+        always runs, one that stops between samples where the part allows it, the part's own oscillator at
+        each of its clocks that is fast enough. touch_j: of a touch with its touch_s of waiting. ``touches``:
+        how many 1000 mAh at 5 V give. The outside clock's own power is excluded. interface: of
+        `eskin.study.converter_power`, in no sum.
+    """
+    part = PARTS[part] if isinstance(part, str) else part
+    steps, rate, frames = config.windows.steps, config.sensor.sample_rate_hz, config.last_frame
+    parts = {
+        "clock": activity.step_cycles * part.clock_j,
+        "toggles": activity.step_toggles * part.toggle_j,
+        "multiplies": activity.step_multiplies * part.multiply_j,
+    }
+    per_step, switched = sum(parts.values()), parts["toggles"] + parts["multiplies"]
+    switching = activity.frame_toggles * part.toggle_j  # of a frame, beyond its cycles
+    frame = activity.frame_cycles * part.clock_j + switching
+    touch_s, idle_toggles = frames / rate, activity.idle_toggles * part.toggle_j
+    # With the clock always on a step's cycles are among those that run anyhow.
+    on = part.static_w + clock_hz * (part.clock_j + idle_toggles) + rate * switching
+    rows = [("outside clock, always on", clock_hz, on, steps * switched)]
+    if part.clock_stops:
+        stopped = part.static_w + rate * (activity.quiet_frame_cycles * part.clock_j + switching)
+        touch_adds = (
+            steps * per_step + frames * (activity.frame_cycles - activity.quiet_frame_cycles) * part.clock_j
+        )
+        rows.append(("outside clock, stops between samples", clock_hz, stopped, touch_adds))
+    for hertz, watt in sorted(part.oscillator_w.items()):
+        if hertz >= clock_hz:
+            idle = watt + hertz * idle_toggles + rate * switching
+            rows.append((f"own oscillator, {hertz / 1e6:g} MHz", hertz, idle, steps * switched))
+    choices = []
+    for name, hertz, idle, added in rows:
+        average, touch_j = idle + TOUCHES_PER_S * added, idle * touch_s + added
+        hours, touches = BATTERY_J / average / 3600, BATTERY_J / touch_j
+        figures = (name, hertz, idle, average, hours, touch_j, touches)
+        choices.append(dict(zip(CHOICE, figures, strict=True)))
+    reads = steps * activity.step_cycles * activity.ram_reads * RAM_READ_ASSUMED_J
+    return {
+        "method": f"estimate: {activity.source}, times published figures of the part",
+        "band": part.band,
+        "rests_on": part.rests_on,
+        "measured_part": part.measured,
+        "part": part.name,
+        "activity": asdict(activity),
+        "clock_hz": clock_hz,
+        "per_step_j": per_step,
+        "per_touch_j": steps * per_step,
+        "per_touch_parts_j": {name: steps * joule for name, joule in parts.items()},
+        "preprocessing_per_touch_j": frames * frame,
+        "touch_s": touch_s,
+        "static_w": part.static_w,
+        "idle_w": on,
+        "ram_reads_per_cycle": activity.ram_reads,
+        "ram_read_assumed_j": RAM_READ_ASSUMED_J,
+        "ram_reads_per_touch_j": reads,
+        "choices": choices,
+        "interface": converter_power(config),
+    }
+
+
+CHECK = ("name", "configuration", "value", "limit", "unit")
+"""Keys of a check of `compare`, beside ``met``."""
+
+
+def compare(rows: list[Record], *, what: str = "touch") -> Record:
+    """Configurations side by side: the one with the least energy a touch, the one with the least average
+    power, what was aimed at.
+
+    Parameters
+    ----------
+    rows:
+        Each of `estimate`, with name and bit_exact. A configuration that is not bit-exact cannot win, nor one
+        on a part without measured figures while there is another.
+    what:
+        ``touch``, or ``image``: a touch of one step, which has an aim of its own.
+    """
+    exact = [row for row in rows if row["bit_exact"]]
+    rivals = [row for row in exact if row["measured_part"]] or exact
+    least_touch = min(rivals, key=lambda row: row["per_touch_j"], default=None)
+    choices = [(choice["average_w"], row["name"], choice) for row in rivals for choice in row["choices"]]
+    least_average = min(choices, key=lambda item: item[0], default=None)
+    checks = []
+    if measured := [row for row in exact if row["part"] == "iCE40UP5K"]:
+        cheapest = min(measured, key=lambda row: row["per_touch_j"])
+        name, limit = ("an image", IMAGE_J_MAX) if what == "image" else ("a touch", TOUCH_J_MAX)
+        checks.append(
+            (f"compute of {name} on the iCE40UP5K", cheapest["name"], cheapest["per_touch_j"], limit, "J")
+        )
+    if measured and what != "image":
+        best = min(measured, key=lambda row: row["choices"][0]["average_w"])
+        name = "average power at one touch a second over the measured floor, outside clock at its lowest, always on"
+        checks.append(
+            (name, best["name"], best["choices"][0]["average_w"] / best["static_w"], FLOOR_FACTOR_MAX, "")
+        )
+    return {
+        "what": what,
+        "configurations": rows,
+        "least_touch": least_touch and least_touch["name"],
+        "least_average": least_average
+        and {"name": least_average[1], "choice": least_average[2]["name"], "average_w": least_average[0]},
+        "checks": [dict(zip(CHECK, check, strict=True), met=check[2] <= check[3]) for check in checks],
+        "published": [dict(row) for row in PUBLISHED],
+        "battery_j": BATTERY_J,
+        "passed": len(exact) == len(rows),
+    }

@@ -1,0 +1,296 @@
+"""Networks for images side by side: input sizes, layers, bits of a weight; accuracy against latency, energy
+and memory.
+
+A *point* is a network for images of one size with its bits and its lanes. One training of a fold serves all
+bits and lanes: weights of 8 bits are rounded after it, those of 4 bits are trained on
+(`eskin.training.train_images.judge`). Images of other sizes are made of the archive's by the means of
+areas. What was trained by `eskin train` on the same images, folds and recipe is not trained again.
+"""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from eskin.data import image_size, resized
+from eskin.golden.core import (
+    NETWORKS,
+    AcceleratorConfig,
+    Conv,
+    Dense,
+    InputError,
+    Jobs,
+    Memo,
+    Pool,
+    QFormat,
+    Record,
+)
+from eskin.golden.core.images import BIAS_BITS, SIZES, parse_layer
+from eskin.golden.data import Recordings
+from eskin.golden.model import images_of
+from eskin.study.sweep import Judging, Request, expand, lanes_name, split_figures
+from eskin.training.image_models import image_config, judged_pieces, pieces_of, split_of
+from eskin.training.train_images import ImageRecipe, judge, size_of
+
+FIELDS = ("size", "layers", "weight_bits", "lanes", "clock_hz")
+"""What a grid may vary."""
+
+CLOCK_HZ = 36e6
+"""Clock without a wish: what `eskin build` reaches with TactNet4 on 8 lanes of an iCE40UP5K, and some
+reserve."""
+
+LANES = 8
+
+NARROW: dict[str, list[str]] = {
+    "three 3x3, 4/8/16": ["conv 3 4", "pool", "conv 3 8", "pool", "conv 3 16", "pool"],
+    "four, 4/4/8/16": ["conv 3 4", "pool", "conv 3 4", "pool", "conv 3 8", "pool", "conv 3 16", "pool"],
+}
+"""Networks of the default grid that have no name among `eskin.golden.core.images.NETWORKS`."""
+
+
+def default_grid(height: int, width: int) -> list[Record]:
+    """14 networks with weights of 8 and of 4 bits: TactNet4 at the five sizes it was published for, as shares
+    of ``height`` and ``width``; smaller networks at the whole size and at the smallest."""
+    sizes = list(dict.fromkeys(f"{_share(height, h, 28)}x{_share(width, w, 50)}" for h, w in SIZES))
+    bits = {"weight_bits": [8, 4]}
+    return [
+        {"size": sizes, "layers": ["tactnet"], **bits},
+        {"size": [sizes[0], sizes[-1]], "layers": ["four", "four-lean", "tactnet-half"], **bits},
+        {"size": [sizes[0]], "layers": list(NARROW.values()), **bits},
+        {"size": [sizes[min(3, len(sizes) - 1)]], "layers": ["four"], **bits},
+    ]
+
+
+def _share(extent: int, part: int, whole: int) -> int:
+    return max(round(extent * part / whole), 4)
+
+
+# ---------------------------------------------------------------------- points
+@dataclass(frozen=True)
+class ImagePoint:
+    """One network on one set of lanes.
+
+    network: its layers in words. trained: the configuration as `eskin train` has it, whose cross-validation
+    this is. config: on its lanes, with formats of the right widths, so that cycles can be counted.
+    """
+
+    network: str
+    trained: AcceleratorConfig
+    config: AcceleratorConfig
+
+    @property
+    def size(self) -> str:
+        """``28x50``."""
+        return size_of(self.config)
+
+    @property
+    def recommended(self) -> AcceleratorConfig:
+        """What `eskin train` takes to make it."""
+        hardware = self.config.hardware
+        return self.trained.replace(clock_hz=hardware.clock_hz).with_lanes(hardware.lanes, "plain")
+
+    @property
+    def widths(self) -> dict[str, int]:
+        """What was asked for, as of an `eskin.study.sweep.Point`."""
+        return {"weight_bits": self.config.weight_bits}
+
+    @property
+    def aware(self) -> bool:
+        """Weights of 4 bits are trained on."""
+        return self.config.weight_bits < 8
+
+    @property
+    def name(self) -> str:
+        """The point in a few words."""
+        end = ", trained on" if self.aware else ""
+        return f"{self.network} {self.size}, {self.config.weight_bits} bit{end}, {lanes_name(self.to_dict())}"
+
+    def to_dict(self) -> Record:
+        """The point in the words of sweep.json."""
+        hardware = self.config.hardware
+        return {
+            "network": self.network,
+            "size": self.size,
+            "layers": list(self.config.image.layers),
+            "weight_bits": self.config.weight_bits,
+            "quantisation_aware": self.aware,
+            "lanes": hardware.lanes,
+            "lane_type": hardware.lane_type,
+            "clock_hz": hardware.clock_hz,
+        }
+
+    def cost(self) -> dict[str, int]:
+        """Parameters, multiplies of an image, bits of all weights; memory_bytes: weights, biases, and the
+        largest map before and behind a layer, which stand in memory together."""
+        config = self.config
+        weights = sum(stage.weights for stage in config.weighted_stages) * config.weight_bits
+        biases = sum(stage.outputs for stage in config.weighted_stages) * BIAS_BITS
+        return {
+            "parameters": config.parameter_count,
+            "multiplies_step": config.multiplies,
+            "multiplies_decision": config.multiplies,
+            "weight_memory_bits": weights,
+            "memory_bytes": -(-(weights + biases) // 8) + sum(map_values(config)),
+        }
+
+
+def map_values(config: AcceleratorConfig) -> tuple[int, int]:
+    """Values of the two memories of maps: the image and every second map that is kept, and the others (the
+    logits are in none)."""
+    stages = config.stages
+    maps = [stages[0].source] + [
+        stage.result for stage, behind in itertools.pairwise(stages) if not isinstance(behind.layer, Pool)
+    ]  # a convolution's map is not kept where a pool follows
+    sizes = [int(np.prod(shape)) for shape in maps]
+    return max(sizes[0::2]), max(sizes[1::2], default=0)
+
+
+def network_name(layers: Sequence[str]) -> str:
+    """A name for layers without the dense one at the end: that of NETWORKS or NARROW, else kernels and
+    channels."""
+    for name, stages in (NETWORKS | {name: tuple(layer) for name, layer in NARROW.items()}).items():
+        if tuple(layers) == tuple(stages):
+            return name
+    parsed = [parse_layer(text) for text in layers]
+    words = [f"{layer.kernel}x{layer.kernel} {layer.channels}" for layer in parsed if isinstance(layer, Conv)]
+    return ", ".join(words + [f"dense {layer.outputs}" for layer in parsed if isinstance(layer, Dense)])
+
+
+def make_image_points(
+    recordings: Recordings, grids: Sequence[Mapping[str, Any]], source: str = "grid"
+) -> list[ImagePoint]:
+    """Every point of the grids, each once, in order.
+
+    grids: field of FIELDS -> value or list of values, all combinations. ``size`` is as in ``28x50`` (default:
+    the archive's); ``layers`` a name of NETWORKS or a list of layers without the dense one at the end
+    (default: tactnet), and so a list of these to vary it.
+
+    Raises
+    ------
+    InputError
+        An unknown field, or a combination that no network has: before anything is trained.
+    """
+    assert recordings.image_shape is not None
+    defaults = {
+        "size": "{}x{}".format(*recordings.image_shape),
+        "layers": "tactnet",
+        "weight_bits": 8,
+        "lanes": LANES,
+        "clock_hz": CLOCK_HZ,
+    }
+    whole = [defaults | dict(grid) for grid in grids]
+    for grid in whole:
+        layers = grid["layers"]
+        if (
+            isinstance(layers, list)
+            and layers
+            and all(isinstance(layer, str) and layer not in NETWORKS for layer in layers)
+        ):
+            grid["layers"] = [layers]  # one network, layer by layer
+    return expand(whole, source, FIELDS, "a grid for images", lambda fields: _point(recordings, fields))
+
+
+def _point(recordings: Recordings, values: Mapping[str, Any]) -> ImagePoint:
+    size, layers, bits, lanes, clock = (values[name] for name in FIELDS)
+    if not isinstance(size, str):
+        raise InputError(f"field size: is {size!r}; give height x width as text, as in '26x47'")
+    if bits not in (4, 8) or isinstance(bits, bool):
+        raise InputError(f"field weight_bits: is {bits!r}; give 8 or 4")
+    if not isinstance(lanes, int) or isinstance(lanes, bool):
+        raise InputError(f"field lanes: is {lanes!r}; give a whole number")
+    if not isinstance(clock, (int, float)) or isinstance(clock, bool) or not 0 < clock < 1e10:
+        raise InputError(f"field clock_hz: is {clock!r}; give a clock in Hz, as in 36e6")
+    if isinstance(layers, str) and layers not in NETWORKS:
+        raise InputError(
+            f"field layers: is {layers!r}; give {', '.join(NETWORKS)}, or a list of layers such as ['conv 3 "
+            "8', 'pool']"
+        )
+    if not isinstance(layers, str) and not (
+        isinstance(layers, list) and all(isinstance(layer, str) for layer in layers)
+    ):
+        raise InputError(f"field layers: is {layers!r}; give a list of layers such as ['conv 3 8', 'pool']")
+    texts = list(NETWORKS[layers]) if isinstance(layers, str) else [str(parse_layer(text)) for text in layers]
+    height, width = image_size(size)
+    name = network_name(texts)
+    if name in NETWORKS:
+        trained = image_config(_of_size(recordings, height, width), name)
+    else:
+        whole = [*texts, f"dense {len(recordings.class_names)}"]
+        # a name of a file, too
+        fields = {"name": name.replace("/", "-"), "sample_rate_hz": recordings.sample_rate_hz}
+        trained = AcceleratorConfig.of_image(height, width, whole, recordings.class_names, **fields)
+    weights = len(trained.weighted_stages)
+    formats = {
+        "weight_formats": (QFormat(1, bits - 1),) * weights,
+        "map_formats": (QFormat(3, 5, signed=False),) * (weights - 1),
+        "logit_format": QFormat(8, 8),
+    }  # widths count cycles and memories; where the points stand is only known after training
+    return ImagePoint(
+        name, trained, trained.replace(**formats, clock_hz=float(clock)).with_lanes(lanes, "plain")
+    )
+
+
+def _of_size(recordings: Recordings, height: int, width: int) -> Recordings:
+    return recordings if recordings.image_shape == (height, width) else resized(recordings, height, width)
+
+
+# ---------------------------------------------------------------------- the sweep
+@dataclass(frozen=True, kw_only=True)
+class ImageSweepRequest(Request):
+    """A sweep over networks for images.
+
+    group: of the one split; none: random folds, new ones for every seed. parts: how many of the folds are
+    judged, from the first; None: all.
+    """
+
+    group: Sequence[str] = ()
+    parts: int | None = None
+    seeds: Sequence[int] = (0,)
+    recipe: ImageRecipe = field(default_factory=ImageRecipe)
+
+    costs: ClassVar[Sequence[str]] = ("latency_s", "energy_j", "memory_bytes", "multiplies_decision")
+
+    def judged(
+        self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
+    ) -> tuple[list[Record], Record]:
+        """The outcome of each point, in the keys of `eskin.study.sweep.judge`, and what sweep.json
+        holds of images alone: parts, judged_images (of a seed), judged_split, baselines (none). What is kept
+        is named by its images and code, not by ``version``."""
+        group, seeds = list(self.group), list(map(int, self.seeds))
+        tuned = {point.trained for point in self.points if point.aware}
+        pieces = {
+            config: [
+                of_seed[: self.parts]
+                for of_seed in pieces_of(
+                    recordings, config, group, self.folds, seeds, self.recipe, 4 if config in tuned else 0
+                )
+            ]
+            for config in dict.fromkeys(point.trained for point in self.points)
+        }
+        images = {
+            size_of(config): images_of(_of_size(recordings, *image_size(size_of(config))))
+            for config in pieces
+        }
+        task = "trained and judged"
+        results = judged_pieces(
+            images, recordings.labels, list(pieces.values()), jobs, keep, task, judging or judge
+        )
+        judged = dict(zip(pieces, results, strict=True))
+        outcomes = []
+        for point in self.points:
+            of_point = pieces[point.trained], judged[point.trained], seeds, "tuned" if point.aware else "w8"
+            split = split_figures(split_of(recordings, point.trained, group, *of_point))
+            step = split["per_step"][0]
+            step["accuracy"] = split["accuracy"]  # of the images that were judged, which need not be all
+            split["decision_time_s"] = step["time_s"]
+            outcomes.append({"splits": [split]})
+        judged_images = sum(len(piece.left_out) for piece in next(iter(pieces.values()))[0])
+        header = {
+            "baselines": [],
+            "judged_split": group,
+            "parts": self.parts or self.folds,
+            "judged_images": judged_images,
+        }
+        return outcomes, header | {"images": True, "classes": len(recordings.class_names)}

@@ -1,0 +1,371 @@
+"""Where the method fails, `eskin stability`: each failure mode a named experiment with a figure, a bound with
+its reason, and a curve.
+
+An experiment is a function of a ``Bench`` (a model, recordings, and the parts of the golden model under
+test): one of the shapes that most modes have (``eskin.study.stability.shapes``) around a disturbance, or a
+function of its own. ``eskin.study.stability.table`` has a row for each. A broken variant changes the bench:
+the same experiment must then report a failure. The tests see to it for every mode
+(tests/support/broken_variants.py). A property that no weight and no recording can change, a width or a
+table's entry, is no mode but a test.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import Fixed, FloatModel, IntegerModel, Touches, pipeline, preprocess
+from eskin.golden.model.preprocess import sums_alone
+
+GROUPS = ("numeric", "stream", "sensor", "memory")
+
+HARMLESS = 0.01
+"""Accuracy that a disturbance within the tolerance of a sensor in use may cost."""
+ONE_TAXEL_MEAN, ONE_TAXEL_WORST = 0.985, 0.94
+"""Share of the undisturbed accuracy that must be left when one taxel is gone: mean over the taxels, and the
+worst one."""
+COMMON_OFFSET = 0.25
+"""What a supply step moves all features by, standard deviations of the features."""
+
+
+# ---------------------------------------------------------------------- what an experiment works on
+@dataclass(frozen=True)
+class Parts:
+    """The parts of the golden model under test; a broken variant replaces one.
+
+    find_touches, normalise, decide: as in eskin.golden.model.preprocess and eskin.golden.model.pipeline.
+    arithmetic: configuration -> Fixed.
+    """
+
+    find_touches: Callable[..., Touches] = preprocess.find_touches
+    normalise: Callable[..., np.ndarray] = preprocess.normalise
+    decide: Callable[..., tuple] = pipeline.decide
+    arithmetic: Callable[[AcceleratorConfig], Fixed] = Fixed
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A quantised model, its float network, recordings to disturb.
+
+    few: recordings (spread evenly) that the points of a curve take; the figure itself takes all. points: of a
+    curve at most; 0 = all. long: steps of the longest run without a reset. flips: bit flips tried in each
+    memory at most. origin: the bench that a changed one came from; it says where the touches are, so that a
+    broken variant meets the same disturbances.
+    """
+
+    model: IntegerModel
+    real: FloatModel
+    recordings: Recordings
+    parts: Parts = field(default_factory=Parts)
+    few: int = 100
+    points: int = 0
+    long: int = 20000
+    flips: int = 4000
+    seed: int = 1
+    origin: Bench | None = field(default=None, compare=False, repr=False)
+    memo: dict[Hashable, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    def __getstate__(self) -> Record:
+        """What another process gets: the fields, not what was computed from them here."""
+        return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)} | {"memo": {}}
+
+    @property
+    def config(self) -> AcceleratorConfig:
+        """The configuration under test."""
+        return self.model.config
+
+    def changed(
+        self, config: Mapping[str, Any] | None = None, *, arrays: Arrays | None = None, **parts: Any
+    ) -> Bench:
+        """A bench with fields of the configuration, arrays of the integer model, or parts replaced."""
+        model = IntegerModel(
+            self.config.replace(**(config or {})), {**self.model.arrays, **(arrays or {})}, self.model.source
+        )
+        return dataclasses.replace(
+            self,
+            model=model,
+            parts=dataclasses.replace(self.parts, **parts),
+            origin=self.origin or self,
+            memo={},
+        )
+
+    def with_recordings(self, recordings: Recordings) -> Bench:
+        """A bench on other recordings."""
+        return dataclasses.replace(self, recordings=recordings, origin=None, memo={})
+
+    def rng(self, *key: int) -> np.random.Generator:
+        """Random numbers that depend on the bench's seed and ``key`` alone."""
+        return np.random.default_rng([self.seed, *key])
+
+    def thin(self, levels: Sequence[float]) -> Sequence[float]:
+        """The levels of a curve, the first ``points`` of them."""
+        return levels[: self.points] if self.points else levels
+
+    # -- the clean run, made once
+    @cached_property
+    def clean(self) -> Recordings:
+        """The recordings up to the end of their first touch and a hop: what follows cannot change its
+        decision. All, without an onset."""
+        if self.origin:
+            return self.origin.clean
+        touches = preprocess.find_touches(self.config, self.recordings)
+        first = touches.first_touch()
+        ends = np.where(
+            first >= 0,
+            touches.start_frame[first] - 1 + self.config.last_frame + self.config.windows.hop,
+            self.recordings.lengths,
+        )
+        return self.recordings.until(ends)
+
+    @cached_property
+    def sample(self) -> Bench:
+        """The same bench on ``few`` of the clean recordings."""
+        if self.origin:
+            few = self.origin.sample
+            return dataclasses.replace(self, recordings=few.recordings, origin=few, memo={})
+        return self.with_recordings(self.clean.subset(self.clean.evenly(self.few)))
+
+    @cached_property
+    def touches(self) -> Touches:
+        """First touches (with a completed step) of the clean recordings, by the parts under test."""
+        every_touch = self.parts.find_touches(self.config, self.clean)
+        rows = every_touch.first_touch()
+        rows = rows[rows >= 0]
+        rows = rows[every_touch.completed[rows] > 0]
+        if not len(rows):
+            raise InputError(
+                f"stability: no touch was found in {self.recordings.source}; check the onset rule with "
+                "'eskin inspect'"
+            )
+        return every_touch.take(rows)
+
+    @cached_property
+    def onsets(self) -> np.ndarray:
+        """Onset frame (from 1) of the first touch of each clean recording; 1 where the gate opens at once or
+        no onset is found."""
+        if self.origin:
+            return self.origin.onsets
+        return np.maximum(preprocess.find_onsets(self.config, self.clean), 1)
+
+    @cached_property
+    def codes(self) -> np.ndarray:
+        """Feature codes (n, K, D) of ``touches``."""
+        return self.features(self.touches)
+
+    @cached_property
+    def clean_accuracy(self) -> float:
+        """Accuracy on the undisturbed recordings."""
+        return self.accuracy(self.clean)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the window means in training, codes."""
+        if self.config.constants == 1 and self.config.features.feature_kinds == ("mean",):
+            return float(self.real.arrays["sigma"])
+        plain = sums_alone(self.config)
+        return float(
+            preprocess.real_features(plain, preprocess.find_touches(plain, self.recordings).sums)[
+                ..., self.live
+            ].std()
+        )
+
+    @cached_property
+    def rest_noise(self) -> float:
+        """Standard deviation of a taxel at rest, codes: the median over taxels and recordings, from frame to
+        frame."""
+        quiet = [
+            stream[: max(int(onset) - 1, 16)]
+            for stream, onset in (
+                (self.clean.recording(i).astype(np.float64), self.onsets[i]) for i in range(len(self.clean))
+            )
+        ]
+        # the difference of two frames has twice the variance of one; slow drift does not count
+        return float(np.median([np.diff(stream, axis=0).std(axis=0) for stream in quiet]) / np.sqrt(2))
+
+    @property
+    def live(self) -> list[int]:
+        """Taxels that are not masked."""
+        return self.config.sensor.live
+
+    # -- running the parts
+    def features(self, touches: Touches) -> np.ndarray:
+        """Feature codes of touches."""
+        return pipeline.feature_codes(self.model, touches, self.parts.normalise)
+
+    def forward(self, codes: np.ndarray, arithmetic: Fixed | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """(h', logits) of feature codes (n, K, D) by the arithmetic under test."""
+        return self.model.run(arithmetic or self.parts.arithmetic(self.config), codes)
+
+    def decide_all(self, recordings: Recordings) -> tuple[Touches, np.ndarray, np.ndarray]:
+        """(touches, local decisions (n, K), global decision (n)) of every touch of recordings."""
+        touches = self.parts.find_touches(self.config, recordings)
+        if not len(touches):
+            return (
+                touches,
+                np.zeros((0, self.config.windows.steps), dtype=np.int64),
+                np.zeros(0, dtype=np.int64),
+            )
+        local, _, decision, _ = self.parts.decide(
+            self.config, self.forward(self.features(touches))[1], touches.completed
+        )
+        return touches, local, decision
+
+    def decisions(self, recordings: Recordings) -> np.ndarray:
+        """Global decision of the first touch of each recording, -1 none."""
+        touches, _, decision = self.decide_all(recordings)
+        return pipeline.by_recording(decision, touches.first_touch())
+
+    def accuracy(self, recordings: Recordings) -> float:
+        """Share of recordings decided as labelled; no decision is wrong."""
+        return float(np.mean(self.decisions(recordings) == recordings.labels))
+
+    def local(self, codes: np.ndarray, arithmetic: Fixed | None = None) -> np.ndarray:
+        """Local decisions (n, K) of feature codes of ``touches``."""
+        return self.parts.decide(self.config, self.forward(codes, arithmetic)[1], self.touches.completed)[0]
+
+    def remember(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """``make()``, once for this bench: what two modes share."""
+        if key not in self.memo:
+            self.memo[key] = make()
+        return self.memo[key]
+
+
+def rebuilt(
+    recordings: Recordings, streams: Sequence[np.ndarray], which: Sequence[int] | np.ndarray | None = None
+) -> Recordings:
+    """``streams`` (frames, taxels) in place of the samples; stream i has the label of recording i, or of
+    recording ``which[i]``.
+
+    Samples are rounded and held within the code range, as a converter does.
+    """
+    which = np.arange(len(recordings)) if which is None else np.asarray(which)
+    low, high = recordings.sample_format.min_code, recordings.sample_format.max_code
+    samples = np.concatenate(
+        [np.clip(np.rint(s), low, high) if s.dtype.kind == "f" else np.clip(s, low, high) for s in streams]
+    )
+    return dataclasses.replace(
+        recordings,
+        samples=samples.astype(np.int32),
+        offsets=np.cumsum([0, *map(len, streams)]),
+        labels=recordings.labels[which],
+        groups={name: values[which] for name, values in recordings.groups.items()},
+    )
+
+
+Change = Callable[[np.ndarray, int, np.random.Generator], np.ndarray]
+"""A disturbance: (samples (frames, taxels), float, a copy), onset frame from 1, random numbers -> samples."""
+
+
+def disturbed(bench: Bench, change: Change) -> Recordings:
+    """The clean recordings of a bench, each through ``change``; random numbers depend on the recording's
+    place alone."""
+    clean, onsets = bench.clean, bench.onsets
+    streams = [
+        change(clean.recording(i).astype(np.float32), int(onsets[i]), bench.rng(3, i))
+        for i in range(len(clean))
+    ]
+    return rebuilt(clean, streams)
+
+
+# ---------------------------------------------------------------------- what an experiment says
+@dataclass(frozen=True)
+class Curve:
+    """Where it starts to fail: ``lines`` (name -> y at each x, in order of severity). The bound holds for the
+    first line; log: the x axis is."""
+
+    xlabel: str
+    ylabel: str
+    x: Sequence[float]
+    lines: Mapping[str, Sequence[float]]
+    log: bool = False
+
+
+@dataclass(frozen=True)
+class Case:
+    """A golden case for the hardware to confirm: recordings, and the model where it is not the one under
+    test."""
+
+    recordings: Recordings
+    model: IntegerModel | None = None
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What an experiment found. worst_case: in words. case: for the hardware, where one can be played. rtl:
+    what a co-simulation compared, where one was played. detail: counts behind the figure."""
+
+    value: float
+    worst_case: str
+    curve: Curve | None = None
+    case: Case | None = None
+    rtl: Record | None = None
+    detail: Any = None
+
+
+Bound = float | Callable[[Any], float]
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A failure mode: how it is measured on a bench (`Bench`, or that of images), its bound and why.
+
+    run: the experiment; a word is the key of one that only the hardware can show
+    (eskin/verbs/stability_job.py). at_most, at_least: the bound, one of the two: a number (of an accuracy:
+    times the accuracy on undisturbed recordings), or a function of the bench. measures: what is measured,
+    where ``run`` is a shape and does not say it. needs: what a configuration must have, words of
+    `eskin.study.stability.suite.NEEDS`.
+    """
+
+    group: str
+    name: str
+    run: Callable[[Any], Outcome] | str
+    unit: str
+    reason: str
+    measures: str = ""
+    _: dataclasses.KW_ONLY
+    at_most: Bound | None = None
+    at_least: Bound | None = None
+    needs: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if (self.at_most is None) == (self.at_least is None) or self.group not in GROUPS:
+            raise ValueError(f"mode '{self.name}': give one bound and one of {', '.join(GROUPS)}")
+
+    @property
+    def description(self) -> str:
+        """What is measured: the first sentence of the function's docstring where the table does not say
+        it."""
+        if isinstance(self.run, str):
+            return "Measured in co-simulation."
+        return self.measures or (self.run.__doc__ or "").strip().split("\n\n")[0].replace("\n    ", " ")
+
+    def bound(self, bench: Any) -> float:
+        """The bound on a bench."""
+        bound = self.at_most if self.at_least is None else self.at_least
+        assert bound is not None  # as __post_init__ says
+        if callable(bound):
+            return bound(bench)
+        relative = self.unit == "accuracy" and self.at_least is not None
+        return round(bound * (bench.origin or bench).clean_accuracy, 6) if relative else float(bound)
+
+    def holds(self, value: float, bound: float) -> bool:
+        """Whether a figure is within a bound; the bound itself is."""
+        return value <= bound if self.at_least is None else value >= bound
+
+    def room(self, value: float, bound: float) -> float:
+        """Share of the room left: 1 = perfect, 0 = at the bound, below 0 = beyond it."""
+        if self.at_least is not None:
+            return (value - bound) / max(1.0 - bound, 1e-9)
+        return (bound - value) / bound if bound > 0 else (1.0 if value <= bound else -value)
+
+
+def harmless(bench: Bench) -> float:
+    """Bound of a harmless disturbance: the accuracy on the undisturbed recordings less HARMLESS."""
+    return round((bench.origin or bench).clean_accuracy - HARMLESS, 6)

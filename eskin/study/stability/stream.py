@@ -1,0 +1,247 @@
+"""Failure modes of the stream: touches that come late, twice or not at all, glitches, drift, frames lost,
+clocks."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.data import Recordings
+from eskin.study.stability.core import Bench, Case, Change, Curve, Outcome, disturbed, rebuilt
+from eskin.study.stability.shapes import Whole
+
+RATE_ERRORS = (0.02, 0.05, 0.1, 0.2, 0.4)
+
+
+# ---------------------------------------------------------------------- disturbances of whole streams
+def drift(bench: Bench, level: float) -> Change:
+    """All taxels ramp by so many standard deviations of the features in a touch."""
+
+    def ramp(stream, onset, rng):
+        return (
+            stream
+            + (level * bench.sigma / bench.config.last_frame * np.arange(len(stream), dtype=np.float32))[
+                :, None
+            ]
+        )
+
+    return ramp
+
+
+def hum(bench: Bench, level: float) -> Change:
+    """50 Hz on all taxels, with so many times the amplitude of the noise at rest."""
+
+    def add(stream, onset, rng):
+        phase = 2 * np.pi * 50 / bench.config.sensor.sample_rate_hz * np.arange(len(stream)) + rng.uniform(
+            0, 2 * np.pi
+        )
+        return stream + (level * bench.rest_noise * np.sin(phase)).astype(np.float32)[:, None]
+
+    return add
+
+
+def frames_lost(bench: Bench, level: float) -> Change:
+    """A share of the frames is missing, at random; the stream closes up."""
+    return lambda stream, onset, rng: stream[rng.random(len(stream)) >= level]
+
+
+def frames_repeated(bench: Bench, level: float) -> Change:
+    """A share of the frames comes twice, at random."""
+    return lambda stream, onset, rng: np.repeat(stream, 1 + (rng.random(len(stream)) < level), axis=0)
+
+
+def gap(bench: Bench, level: float) -> Change:
+    """A share of a touch's frames is missing in one piece, at a random place in the touch."""
+
+    def cut(stream, onset, rng):
+        length = round(level * bench.config.last_frame)
+        begin = onset + int(rng.integers(0, bench.config.last_frame))
+        return np.concatenate([stream[:begin], stream[begin + length :]])
+
+    return cut
+
+
+def rate_off(bench: Bench, level: float) -> Change:
+    """Sampled too slowly by the share ``level``; negative: too fast."""
+    return lambda stream, onset, rng: _resampled(stream, 1 + level)
+
+
+def _resampled(stream: np.ndarray, factor: float) -> np.ndarray:
+    position = np.arange(0, len(stream) - 1, factor)
+    lower = position.astype(np.int64)
+    part = (position - lower).astype(np.float32)[:, None]
+    return stream[lower] * (1 - part) + stream[np.minimum(lower + 1, len(stream) - 1)] * part
+
+
+def cut_short(bench: Bench, share: float) -> Recordings:
+    """Streams that end after a share of the touch's steps."""
+    clean, touches = bench.clean, bench.touches
+    ends = clean.lengths.copy()
+    steps = max(1, round(share * bench.config.windows.steps))
+    last = touches.start_frame - 1 + bench.config.window_spans[steps - 1][1]
+    ends[touches.recording] = np.minimum(last, ends[touches.recording])
+    return rebuilt(clean, [clean.recording(i)[:end] for i, end in enumerate(ends)])
+
+
+def without_lead(bench: Bench, quiet: float) -> Change:
+    """Streams that begin so many frames before the onset."""
+    return lambda stream, onset, rng: stream[max(onset - 1 - int(quiet), 0) :]
+
+
+def undecided(bench: Bench, decisions: np.ndarray) -> str:
+    """How many recordings have no decision, in words."""
+    return f"{int(np.sum(decisions < 0))} of {len(decisions)} without a decision"
+
+
+def overlapped(bench: Bench, share: float) -> Recordings:
+    """The movement of a recording of another class added after a share of the touch."""
+    clean, onsets, labels = bench.clean, bench.onsets, bench.clean.labels
+    streams = []
+    for i, stream in enumerate(clean.recording(i).astype(np.float32) for i in range(len(clean))):
+        partner = next((int(j) for j in np.roll(np.arange(len(clean)), -i) if labels[j] != labels[i]), i)
+        begin = int(onsets[i]) + round(share * bench.config.last_frame)
+        neighbour = clean.recording(partner).astype(np.float32)
+        neighbour = neighbour[max(int(onsets[partner]) - bench.config.onset_rule.onset_mean_frames, 1) - 1 :]
+        length = min(max(len(stream) - begin, 0), len(neighbour))
+        stream[begin : begin + length] += neighbour[:length] - neighbour[0]
+        streams.append(stream)
+    return rebuilt(clean, streams)
+
+
+# ---------------------------------------------------------------------- disturbances of quiet stretches
+def _amplified(stream: np.ndarray, gain: float, config: AcceleratorConfig) -> np.ndarray:
+    level = stream[: max(config.rest_level.rest_frames, 1)].mean(axis=0)
+    return np.asarray(level + gain * (stream - level), dtype=np.float32)
+
+
+def louder(bench: Bench, stream: np.ndarray, place: int, gain: float) -> np.ndarray:
+    """Noise and bursts times ``gain``."""
+    return _amplified(stream, gain, bench.config)
+
+
+def glitch(bench: Bench, stream: np.ndarray, place: int, height: float) -> np.ndarray:
+    """One sample of one taxel off by ``height`` codes; up in one stretch, down in the next."""
+    spoiled = stream.astype(np.float32)
+    settled = bench.config.rest_level.rest_frames + bench.config.onset_rule.onset_mean_frames
+    frame = int(bench.rng(4, place).integers(settled, len(stream)))
+    spoiled[frame, bench.live[place % len(bench.live)]] += height * (1 - 2 * (place % 2))
+    return spoiled
+
+
+def ramp(bench: Bench, stream: np.ndarray, place: int, speed: float) -> np.ndarray:
+    """All taxels ramp by so many standard deviations of the features a second."""
+    step = speed * bench.sigma / bench.config.sensor.sample_rate_hz
+    return stream + (step * np.arange(len(stream), dtype=np.float32))[:, None]
+
+
+def stretches_and_frames(bench: Bench, streams: Sequence[np.ndarray]) -> str:
+    """How much quiet there was, in words."""
+    return f"{len(streams)} quiet stretches, {sum(map(len, streams))} frames"
+
+
+def ramp_in_codes(bench: Bench, streams: Sequence[np.ndarray]) -> str:
+    """The ramp in codes, beside what the rest level follows, in words."""
+    config = bench.config
+    tracked = f"tracking follows {config.sensor.sample_rate_hz / 16:.0f} at most"
+    return f"{bench.sigma:.3g} codes a second; {tracked if config.rest_level.rest == 'tracked' else 'the rest level is not tracked'}"
+
+
+# ---------------------------------------------------------------------- touches in time
+def motor_burst(bench: Bench) -> Outcome:
+    """Everything before the touch, bursts of the axis's motor included, times 1.5: onsets more than a window
+    earlier than recorded."""
+    clean = bench.onsets
+
+    def early(where: Bench, gain: float) -> tuple[float, Recordings]:
+        def change(stream, onset, rng):
+            quiet = max(onset - where.config.onset_rule.onset_mean_frames, 0)
+            level = stream[: max(where.config.rest_level.rest_frames, 1)].mean(axis=0)
+            stream[:quiet] = level + gain * (stream[:quiet] - level)
+            return stream
+
+        recordings = disturbed(where, change)
+        touches = where.parts.find_touches(where.config, recordings, steps=0)
+        first = touches.first_touch()
+        onsets = np.where(first >= 0, touches.onset_frame[first], 1 << 30)
+        return float(np.mean(onsets < where.onsets - where.config.windows.window)), recordings
+
+    share, recordings = early(bench, 1.5)
+    gains = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0]
+    curve = Curve(
+        "burst / recorded",
+        "share with an early onset",
+        gains,
+        {"early": [early(bench.sample, gain)[0] for gain in gains]},
+    )
+    return Outcome(
+        share,
+        f"{round(share * len(clean))} of {len(clean)} recordings",
+        curve,
+        Case(recordings.subset(range(min(3, len(recordings))))),
+    )
+
+
+def two_touches(bench: Bench) -> Outcome:
+    """Each recording's touch after that of another one, with its own lead-in in between: nine in ten local
+    decisions those it had in its own recording."""
+    clean, config = bench.sample.clean, bench.config
+    count = len(clean)
+    shift = (
+        int(np.argmax([np.mean(clean.labels != np.roll(clean.labels, -k)) for k in range(1, count)])) + 1
+        if count > 1
+        else 0
+    )
+    streams, starts = [], []
+    for i in range(count):
+        before, after = clean.recording(i), clean.recording((i + shift) % count)
+        # whole hops before it, so that the second touch meets the hops as it did alone
+        before = before[: len(before) // config.windows.hop * config.windows.hop]
+        settle = max(config.rest_level.rest_frames, 1)
+        # shifted to the first one's rest level, as on one and the same array
+        after = after + np.rint(before[:settle].mean(axis=0) - after[:settle].mean(axis=0)).astype(
+            after.dtype
+        )
+        quiet = after[
+            : max(int(bench.sample.onsets[(i + shift) % count]) - config.onset_rule.onset_mean_frames, 1)
+        ]
+        frames = -(-3 * config.onset_rule.rearm_frames // config.windows.hop) * config.windows.hop
+        between = np.resize(quiet, (frames, config.sensor.taxels)) if len(quiet) >= frames else quiet[:frames]
+        streams.append(np.concatenate([before, between, after]))
+        starts.append(len(before) + len(between))
+    partners = (np.arange(count) + shift) % count
+    pair = rebuilt(clean, streams, partners)
+    alone, alone_local, _ = bench.decide_all(clean)
+    touches, local, _ = bench.decide_all(pair)
+    compared, differing = 0, []
+    for i, partner in enumerate(partners):
+        in_stream = local[(touches.recording == i) & (touches.onset_frame > starts[i])]
+        for alone_row in alone_local[alone.recording == partner][:1]:
+            compared += 1
+            if not len(in_stream) or np.mean(in_stream[0] == alone_row) < 0.9:
+                differing.append(i)
+    failed = range(len(differing) + 1)
+    curve = Curve("recording", "touches that differ", [k + 1 for k in failed], {"sum": failed})
+    words = f"{len(differing)} of {compared} second touches differ in a tenth of their steps"
+    return Outcome(
+        (compared - len(differing)) / max(compared, 1), words, curve, Case(pair.subset(differing[:2] or [0]))
+    )
+
+
+def wrong_rate(bench: Bench) -> Outcome:
+    """The stream is sampled 5 % too fast and 5 % too slow: the worse accuracy."""
+    ways = {
+        name: Whole(
+            rate_off,
+            sign * 0.05,
+            [sign * level for level in RATE_ERRORS],
+            "error of the rate",
+            f"5 % {name.split()[0]}",
+        )
+        for name, sign in (("slow sampling", 1), ("fast sampling", -1))
+    }
+    outcomes = {name: way(bench) for name, way in ways.items()}
+    worse = outcomes[min(outcomes, key=lambda name: outcomes[name].value)]
+    lines = {name: outcome.curve.lines["accuracy"] for name, outcome in outcomes.items() if outcome.curve}
+    curves = {"the worse": np.min(list(lines.values()), axis=0).tolist(), **lines}
+    curve = Curve("error of the rate", "accuracy", bench.thin(RATE_ERRORS), curves)
+    return Outcome(worse.value, worse.worst_case, curve, worse.case)

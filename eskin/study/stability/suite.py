@@ -1,0 +1,138 @@
+"""The failure modes of the tables, run and judged against their bounds."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.study.stability.core import Bench, Case, Mode, Outcome
+from eskin.study.stability.images import IMAGE_MODES, ImageBench
+from eskin.study.stability.table import MODES
+
+NEEDS: dict[str, tuple[Callable[[AcceleratorConfig], Any], str]] = {
+    "onset": (lambda config: not config.opens_at_once, "the gate opens at once: no onset is looked for"),
+    "detector": (
+        lambda config: config.faults.fault_frames,
+        "the fault detector is off; fault_frames of the configuration switches it on",
+    ),
+    "state": (lambda config: config.recurrent, "a linear cell has no state, no gates and no tables"),
+    "loadable": (lambda config: config.hardware.loadable, "weights are in ROM: there is nothing to write"),
+}
+"""What a mode may need of a configuration, and why it is not run without it."""
+
+
+def modes_of(bench: Bench | ImageBench) -> Mapping[str, Mode]:
+    """The table of a bench's failure modes, by name."""
+    return IMAGE_MODES if isinstance(bench, ImageBench) else MODES
+
+
+def judge(
+    mode: Mode, bench: Any, simulate: Callable[[str], Outcome] | None = None
+) -> tuple[Record, Case | None]:
+    """The record of a mode, as in stability.json, and its case for the hardware; ``simulate`` measures what
+    has a key for it."""
+    begin = time.perf_counter()
+    bound = mode.bound(bench)
+    if isinstance(mode.run, str):
+        assert simulate is not None  # else it is not run
+        outcome = simulate(mode.run)
+    else:
+        outcome = mode.run(bench)
+    value, curve, fails_at = float(outcome.value), None, None
+    if outcome.curve:
+        lines = {name: [float(y) for y in line] for name, line in outcome.curve.lines.items()}
+        curve = dataclasses.asdict(outcome.curve) | {"x": [float(x) for x in outcome.curve.x], "lines": lines}
+        points = zip(curve["x"], next(iter(lines.values())), strict=True)
+        fails_at = next((x for x, y in points if not mode.holds(y, bound)), None)
+    record = {
+        "name": mode.name,
+        "group": mode.group,
+        "value": value,
+        "bound": bound,
+        "unit": mode.unit,
+        "passed": bool(mode.holds(value, bound)),
+        "sense": "at most" if mode.at_least is None else "at least",
+        "reason": mode.reason,
+        "room": mode.room(value, bound),
+        "fails_at": fails_at,
+        "curve": curve,
+        "has_case": outcome.case is not None,
+        "rtl": outcome.rtl,
+        "detail": outcome.detail,
+        "worst_case": outcome.worst_case,
+        "measures": mode.description,
+        "wall_s": round(time.perf_counter() - begin, 3),
+    }
+    return record, outcome.case
+
+
+def weakest(records: Sequence[Record], count: int = 3) -> list[Record]:
+    """The ``count`` modes with the least room to their bounds, failed ones first."""
+    return sorted(records, key=lambda record: (record["passed"], record["room"]))[:count]
+
+
+def run_modes(
+    bench: Bench | ImageBench,
+    *,
+    names: Sequence[str] | None = None,
+    judged: Callable[[Sequence[str]], Sequence[Record]] | None = None,
+    simulated: Callable[[Mode], Record] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Record:
+    """Run every mode that applies.
+
+    Parameters
+    ----------
+    names:
+        Only these modes.
+    judged:
+        Names of modes -> their records; None: ``judge``, one after the other.
+    simulated:
+        A mode that only the hardware can show -> its record; None: no hardware.
+    progress:
+        Called with ("failure modes", done, in all).
+
+    Returns
+    -------
+    {modes: [{name, group, value, bound, unit, passed, worst_case, ...}], not_run: [{name, group, why}],
+    weakest: names}.
+
+    Raises
+    ------
+    InputError
+        An unknown name.
+    """
+    modes, images = modes_of(bench), " for images" if bench.config.is_image else ""
+    for name in names or ():
+        if name not in modes:
+            raise InputError(
+                f"stability, mode '{name}': is unknown{images}; the modes are {', '.join(modes)}"
+            )
+    requested = [modes[name] for name in (modes if names is None else names)]
+
+    def absent(mode: Mode) -> str:
+        """Why a mode does not apply; empty where it does."""
+        if isinstance(mode.run, str) and simulated is None:
+            return "needs a co-simulation"
+        return next((why for holds, why in map(NEEDS.__getitem__, mode.needs) if not holds(bench.config)), "")
+
+    reasons = {mode.name: absent(mode) for mode in requested}
+    ready = [mode for mode in requested if not reasons[mode.name]]
+    golden = [mode.name for mode in ready if not isinstance(mode.run, str)]
+    records = list(judged(golden) if judged else [judge(modes[name], bench)[0] for name in golden])
+    waiting = len(ready) - len(golden)
+    if progress:
+        progress("failure modes", len(requested) - waiting, len(requested))
+    for mode in ready:
+        if isinstance(mode.run, str) and simulated:
+            records.append(simulated(mode))
+            waiting -= 1
+            if progress:
+                progress("failure modes", len(requested) - waiting, len(requested))
+    not_run = [
+        {"name": mode.name, "group": mode.group, "why": why}
+        for mode in requested
+        if (why := reasons[mode.name])
+    ]
+    return {"modes": records, "not_run": not_run, "weakest": [record["name"] for record in weakest(records)]}

@@ -1,0 +1,644 @@
+"""Speed against accuracy: a grid of networks trained, quantised and judged on unseen groups; the front; the
+smallest one that is enough.
+
+A *point* is a network with its bits and its lanes. Its accuracy is cross-validated, in integers; its cost is
+counted from the configuration and, through ``cost_of``, from the program of the hardware. What is trained is
+kept by content: points that differ in lanes alone share one training, an interrupted sweep goes on where it
+stopped, and a repeated one trains nothing.
+"""
+
+import itertools
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from eskin.choose.cost import pareto
+from eskin.golden.core import AcceleratorConfig, InputError, Jobs, Memo, Record, content_key
+from eskin.golden.core.groups import Network
+from eskin.golden.data import Recordings
+from eskin.golden.model import with_network
+from eskin.study.baselines.rows import judge_baseline
+from eskin.training.crossval import cross_validate
+from eskin.training.quantise import COVERED_FEATURE, choose_formats
+
+PREPROCESSING = ("hop", "compand", "compand_knee")
+DECISION = ("decision", "early_margin", "early_steps")
+NETWORK = ("cell", "reset", "hidden", "steps", *PREPROCESSING, *DECISION)
+WIDTHS = ("weight_bits", "state_bits", "feature_bits", "gate_bits", "table_entries")
+HARDWARE = ("lanes", "lane_type")
+AWARE = "quantisation_aware"
+FIELDS = (*NETWORK, *WIDTHS, AWARE, *HARDWARE)
+"""What a grid may vary. Widths are those of ``eskin.training.quantise.choose_formats``."""
+
+_CELLS: tuple[dict[str, list[Any]], ...] = (
+    {"cell": ["gru"], "reset": ["before", "after"], "hidden": [4, 6, 8, 12, 16]},
+    {"cell": ["lstm"], "hidden": [4, 6, 8, 12]},
+)
+DEFAULT_GRID: list[dict[str, list[Any]]] = [
+    {**cell, **bits, "lanes": [1, 4]}
+    for cell in _CELLS
+    for bits in ({"weight_bits": [6, 8]}, {"weight_bits": [4], "state_bits": [12]})
+]
+"""84 points. Coarse weights need a coarser state: products of features and of states share one scale on
+16-bit operands."""
+BITS_GRID: list[dict[str, list[Any]]] = [
+    {"cell": [cell], "hidden": [hidden], "weight_bits": [8, 6, 4], AWARE: [False, True]}
+    for cell, hidden in (("gru", 12), ("lstm", 10))
+]
+GRIDS = {"default": DEFAULT_GRID, "bits": BITS_GRID}
+"""Grids that have a name. ``bits``: what fewer bits of a weight cost, quantised after training and trained in
+integers, GRU and LSTM."""
+
+NOT_BUILT = ("lut", "dsp", "bram")
+"""Keys of a point that only a build fills."""
+
+SPREAD = ("accuracy", "spread", "standard_error")
+"""Keys of a split that a record and a baseline repeat."""
+
+FLOORS = (0.85, 0.90, 0.92, 0.94)
+"""Accuracies for each of which the smallest network is named."""
+
+Judging = Callable[[Any, Any], Record]
+"""(what all pieces share, a piece of work) -> its outcome."""
+
+_TYPICAL_RANGES = {
+    "feature": (-7.9, 7.9),
+    COVERED_FEATURE: (-7.9, 7.9),
+    "logit": (-12.0, 12.0),
+    **dict.fromkeys(("weight", "recurrent", "dense", "bias", "dense bias"), (-1.98, 1.98)),
+}
+"""Formats of these ranges show, before any training, whether the widths of a point can work, and give the
+hardware its widths."""
+
+
+# ---------------------------------------------------------------------- points
+@dataclass(frozen=True)
+class Point:
+    """One network on one set of lanes.
+
+    config: with formats of the right widths, so that the program of the hardware can be counted. widths: what
+    was asked of ``WIDTHS``. aware: trained on in integer arithmetic, not only quantised after training.
+    """
+
+    config: AcceleratorConfig
+    widths: Mapping[str, int] = field(default_factory=dict)
+    aware: bool = False
+
+    @property
+    def recommended(self) -> AcceleratorConfig:
+        """What `eskin train` takes to make it."""
+        return self.config
+
+    def to_dict(self) -> Record:
+        """The point in the words of ``FIELDS``."""
+        config = self.config
+        bits = {
+            "weight_bits": config.weight_bits,
+            "state_bits": config.formats.state_format.width,
+            "feature_bits": config.formats.feature_format.width,
+            "gate_bits": config.formats.gate_frac,
+            "table_entries": config.formats.table_entries,
+        }
+        return {
+            **{name: config.value(name) for name in NETWORK},
+            **bits,
+            **self.widths,
+            AWARE: self.aware,
+            **{name: config.value(name) for name in HARDWARE},
+        }
+
+    @property
+    def name(self) -> str:
+        """The point in a few words: ``GRU 12, 8 bit, 4 lanes``."""
+        trained = " quantisation-aware" if self.aware else ""
+        kind = network_name(self.to_dict())
+        kind += (
+            f" companded at 2^{self.config.features.compand_knee}"
+            if self.config.features.compand == "log"
+            else ""
+        )
+        kind += (
+            f" early {self.config.network.early_margin} x {self.config.network.early_steps}"
+            if self.config.network.decision == "early"
+            else ""
+        )
+        return f"{kind}, {self.config.weight_bits} bit{trained}, {lanes_name(self.to_dict())}"
+
+    def cost(self) -> dict[str, int]:
+        """Parameters; multiplies a step (``AcceleratorConfig.multiplies``) and a whole decision (all steps);
+        bits of all weights."""
+        config = self.config
+        weights = (
+            len(config.gates) * config.network.hidden * (config.inputs + config.network.hidden)
+            + config.classes * config.network.hidden
+        )
+        if not config.recurrent:
+            weights = config.sets * config.classes * config.inputs
+        return {
+            "parameters": config.parameter_count,
+            "multiplies_step": config.multiplies,
+            "multiplies_decision": config.multiplies * config.windows.steps,
+            "weight_memory_bits": weights * config.weight_bits,
+        }
+
+
+def cell_name(config: Mapping[str, Any]) -> str:
+    """``GRU``, ``GRU reset after``, ``LSTM`` or ``linear``."""
+    if config["cell"] == "linear":
+        return "linear"
+    return config["cell"].upper() + (
+        " reset after" if config["cell"] == "gru" and config["reset"] == "after" else ""
+    )
+
+
+def network_name(config: Mapping[str, Any]) -> str:
+    """``GRU 12``: cell and hidden units; ``linear`` has none."""
+    return cell_name(config) if config["cell"] == "linear" else f"{cell_name(config)} {config['hidden']}"
+
+
+def lanes_name(config: Mapping[str, Any]) -> str:
+    """``4 lanes``."""
+    return f"{config['lanes']} lane{'s' if config['lanes'] != 1 else ''}"
+
+
+def read_grid(path: str | Path) -> list[Record]:
+    """Grids from a JSON file: an object or a list of objects, field -> value or list of values (all
+    combinations).
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or holds something else.
+    """
+    try:
+        grid = json.loads(Path(path).read_text())
+    except OSError as error:
+        raise InputError(f"grid '{path}': {error.strerror}; give a JSON file") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(
+            f"grid '{path}': is not JSON ({error}); give an object of fields, or a list of them"
+        ) from None
+    grids = grid if isinstance(grid, list) else [grid]
+    if not grids or not all(isinstance(entry, dict) for entry in grids):
+        raise InputError(
+            f"grid '{path}': must be an object of fields, or a list of them; fields are {', '.join(FIELDS)}"
+        )
+    return grids
+
+
+def make_points(
+    base: AcceleratorConfig, grids: Sequence[Mapping[str, Any]], source: str = "grid"
+) -> list[Point]:
+    """Every point of the grids, each once, in order; fields that a grid leaves out are those of ``base``.
+
+    Raises
+    ------
+    InputError
+        An unknown field, or a combination that no accelerator has: before anything is trained.
+    """
+    return expand(grids, source, FIELDS, "a grid", lambda fields: _point(base, fields))
+
+
+def expand(
+    grids: Sequence[Mapping[str, Any]],
+    source: str,
+    fields: Sequence[str],
+    what: str,
+    point_of: Callable[[Record], Any],
+) -> list[Any]:
+    """Every combination of each grid's values as ``point_of`` makes it, each once.
+
+    Raises
+    ------
+    InputError
+        A field that is none of ``fields``, an empty list, or a combination that ``point_of`` refuses.
+    """
+    points: Record = {}
+    for grid in grids:
+        unknown = [name for name in grid if name not in fields]
+        if unknown:
+            raise InputError(f"{source}: unknown field {unknown[0]}; {what} varies {', '.join(fields)}")
+        choices = [value if isinstance(value, list) else [value] for value in grid.values()]
+        if not all(choices):
+            raise InputError(f"{source}: a field has an empty list; give at least one value")
+        for values in itertools.product(*choices):
+            fields_of = dict(zip(grid, values, strict=True))
+            try:
+                point = point_of(fields_of)
+            except (InputError, ValueError) as error:
+                raise InputError(f"{source}, point {json.dumps(fields_of)}: {error}") from None
+            points.setdefault(json.dumps(point.to_dict()), point)
+    return list(points.values())
+
+
+def _point(base: AcceleratorConfig, fields: Record) -> Point:
+    for name in (*WIDTHS, "hidden", "steps", "hop", "lanes"):
+        if name in fields and (not isinstance(fields[name], int) or isinstance(fields[name], bool)):
+            raise InputError(f"field {name}: is {fields[name]!r}; give a whole number")
+    if not isinstance(fields.get(AWARE, False), bool):
+        raise InputError(f"field {AWARE}: is {fields[AWARE]!r}; give true or false")
+    changes = {name: fields[name] for name in (*PREPROCESSING, *DECISION, *HARDWARE) if name in fields}
+    network = {name: fields[name] for name in ("cell", "reset", "hidden", "steps") if name in fields}
+    cell = network.get("cell") or base.network.cell
+    if cell == "lstm":
+        network["reset"] = "before"  # an LSTM has none: two spellings of it are one point
+    config = with_network(base, **network)
+    if cell == "linear":  # nor has a linear cell, which has no hidden units either
+        config = config.replace(reset="before", hidden=Network.hidden)
+    if "hop" in changes:
+        changes |= {
+            "window": 2 * changes["hop"] + config.windows.window - 2 * config.windows.hop,
+            "feature_shift": (),
+        }
+    config = config.replace(**changes)
+    widths = {name: fields[name] for name in WIDTHS if name in fields}
+    return Point(choose_formats(config, _TYPICAL_RANGES, **widths), widths, fields.get(AWARE, False))
+
+
+# ---------------------------------------------------------------------- judging
+@dataclass(frozen=True)
+class Job:
+    """What is trained and judged at a time, on every split: a network or a baseline."""
+
+    config: AcceleratorConfig
+    widths: Mapping[str, int]
+    splits: tuple[tuple[str, ...], ...]
+    seeds: tuple[int, ...]
+    folds: int
+    baseline: str = ""
+    aware: bool = False
+
+    def key(self, version: str) -> str:
+        """Hash of all that the outcome depends on; ``version`` stands for data and code."""
+        return content_key(version, self.config.to_dict(), asdict(self) | {"config": None})
+
+
+def judge(recordings: Recordings, job: Job) -> Record:
+    """The outcome of a job: ``{"splits": [...]}`` (``split_figures``), with parameters and multiplies for a
+    baseline; or ``{"refused": why}`` when the trained network has no formats of these widths."""
+    if job.baseline:
+        outcome = judge_baseline(job.baseline, recordings, job.config, job.splits, job.seeds, job.folds)
+        splits = [split | spread_of(split["by_seed"], len(recordings)) for split in outcome["splits"]]
+        return outcome | {"splits": splits}
+    try:
+        records = cross_validate(
+            recordings,
+            job.config,
+            [list(split) for split in job.splits],
+            job.seeds,
+            folds=job.folds,
+            widths=dict(job.widths),
+            quantisation_aware=job.aware,
+        )
+    except InputError as error:
+        return {"refused": str(error)}
+    return {"splits": [split_figures(record) for record in records]}
+
+
+def split_figures(record: Mapping[str, Any]) -> Record:
+    """What a point keeps of one split of ``cross_validate``: groups, accuracy (integer), spread and
+    standard_error (over seeds, of the accuracy over all folds), by_seed, float_accuracy, float_by_seed,
+    agreement, decision_time_s, per_step (step, time_s since the onset, accuracy), per_fold (held_out,
+    accuracy, by_seed)."""
+    return {
+        "groups": list(record["groups"]),
+        "accuracy": record["integer_accuracy"],
+        **spread_of(record["integer_by_seed"], sum(fold["recordings"] for fold in record["per_fold"])),
+        "float_accuracy": record["float_accuracy"],
+        "float_by_seed": record["float_by_seed"],
+        "agreement": record["agreement"],
+        "decision_time_s": record["decision_time_s"],
+        "per_step": [
+            {"step": row["step"], "time_s": row["time_s"], "accuracy": row["integer_accuracy"]}
+            for row in record["per_step"]
+        ],
+        "per_fold": [
+            {
+                "held_out": fold["held_out"],
+                "accuracy": fold["integer_accuracy"],
+                "by_seed": fold["by_seed"]["integer_accuracy"],
+            }
+            for fold in record["per_fold"]
+        ],
+    }
+
+
+def spread_of(by_seed: Sequence[float], recordings: int) -> Record:
+    """spread: standard deviation over seeds; standard_error: of their mean. One seed says nothing of either:
+    then the spread is None and the standard error that of a share of so many recordings."""
+    values = np.asarray(by_seed, dtype=np.float64)
+    mean, spread = float(values.mean()), float(values.std(ddof=1)) if len(values) > 1 else None
+    error = math.sqrt(mean * (1 - mean) / recordings) if spread is None else spread / math.sqrt(len(values))
+    return {"spread": spread, "standard_error": error, "by_seed": values.tolist()}
+
+
+# ---------------------------------------------------------------------- the sweep
+@dataclass(frozen=True, kw_only=True)
+class Bounds:
+    """What the recommended point has to meet: accuracy_floor, a share; latency_budget, seconds;
+    energy_budget, joule of energy_j. None: no bound."""
+
+    accuracy_floor: float | None = None
+    latency_budget: float | None = None
+    energy_budget: float | None = None
+
+    def given(self) -> dict[str, float]:
+        """The bounds that there are, by their names in words."""
+        return {name.replace("_", " "): value for name, value in vars(self).items() if value is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What a sweep of either task asks for.
+
+    points: the networks. seeds, folds: of every split. bounds: of the recommendation.
+    """
+
+    points: Sequence[Any]
+    seeds: Sequence[int]
+    folds: int = 5
+    bounds: Bounds = field(default_factory=Bounds)
+
+    costs: ClassVar[Sequence[str]] = ("latency_s", "multiplies_decision", "energy_j")
+    """Keys of a record that accuracy is set against."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepRequest(Request):
+    """A sweep over networks for recordings.
+
+    Parameters
+    ----------
+    base:
+        The configuration whose sensor, windows and clock the points share; the baselines see its windows.
+    splits:
+        Group names of each split. A point's ``accuracy`` is that of the FIRST split; all stand in its
+        ``splits``.
+    baselines:
+        Names of baselines that are judged too.
+    """
+
+    base: AcceleratorConfig
+    splits: Sequence[Sequence[str]]
+    baselines: Sequence[str] = ()
+
+    def work(self) -> list[Job]:
+        """What has to be trained and judged: the baselines, which take longest, then the points, whose lanes
+        do not matter here."""
+        common = (
+            tuple(tuple(split) for split in self.splits),
+            tuple(int(seed) for seed in self.seeds),
+            self.folds,
+        )
+        baselines = [Job(self.base, {}, *common, baseline) for baseline in self.baselines]
+        return baselines + [
+            Job(point.config.with_lanes(1, "plain"), point.widths, *common, aware=point.aware)
+            for point in self.points
+        ]
+
+    def judged(
+        self, recordings: Recordings, jobs: Jobs, keep: Memo, version: str, judging: Judging | None
+    ) -> tuple[list[Record], Record]:
+        """The outcome of each point (`judge`), and what sweep.json holds of this task alone: baselines,
+        judged_split, base."""
+        work = self.work()
+        keys = [job.key(version) for job in work]
+        pieces = dict(zip(keys, work, strict=True))
+        outcomes = jobs.results(judging or judge, pieces, recordings, keep=keep, what="trained and judged")
+        count = len(self.baselines)
+        baselines = [
+            {"name": name, **{key: outcomes[of]["splits"][0][key] for key in SPREAD}, **outcomes[of]}
+            for name, of in zip(self.baselines, keys, strict=False)
+        ]
+        own = {"baselines": baselines, "judged_split": list(self.splits[0]), "base": self.base.to_dict()}
+        return [outcomes[key] for key in keys[count:]], own
+
+
+def sweep(
+    recordings: Recordings,
+    request: Any,
+    *,
+    cost_of: Callable[[AcceleratorConfig], Mapping[str, float]],
+    jobs: Jobs,
+    keep: Memo,
+    version: str = "",
+    judging: Judging | None = None,
+) -> Record:
+    """Judge every point, mark the front, recommend one point, and name the smallest at each of FLOORS.
+
+    Parameters
+    ----------
+    request:
+        A `SweepRequest`, or an `eskin.study.image_sweep.ImageSweepRequest`.
+    cost_of:
+        Of a configuration cycles_step, cycles_decision (from the features, or the last pixel, to the
+        decision), energy_j (of a touch, waiting included, or of an image's computation) and compute_j (of the
+        steps alone); energies are estimates.
+    jobs:
+        Where points and baselines are trained and judged.
+    keep, version:
+        Finished trainings, and a word for data and code; see ``Job.key``.
+    judging:
+        In place of the task's own training and judging.
+
+    Returns
+    -------
+    As in sweep.json: points, recommended, recommendation, smallest (floor -> index or None), refused, seeds,
+    folds, and what ``request.judged`` adds.
+
+    Raises
+    ------
+    InputError
+        No point can be quantised to the widths it asks for.
+    """
+    outcomes, own = request.judged(recordings, jobs, keep, version, judging)
+    records, refused = [], []
+    for point, outcome in zip(request.points, outcomes, strict=True):
+        if "refused" in outcome:
+            refused.append({"name": point.name, "config": point.to_dict(), "reason": outcome["refused"]})
+        else:
+            records.append(_record(point, outcome["splits"], cost_of(point.config)))
+    if not records:
+        raise InputError(
+            "sweep: no point could be quantised to the widths it asks for; the first says: "
+            f"{refused[0]['reason']}"
+        )
+    front = {number for cost in request.costs for number in pareto(records, cost)}
+    for number, record in enumerate(records):
+        record["on_front"] = number in front
+    choice = recommend(records, request.bounds)
+    return {
+        "points": records,
+        "recommended": choice["point"],
+        "recommendation": choice,
+        "smallest": [{"floor": floor, "point": smallest_at(records, floor)} for floor in FLOORS],
+        "refused": refused,
+        "seeds": [int(seed) for seed in request.seeds],
+        "folds": request.folds,
+        **own,
+    }
+
+
+def smallest_at(records: Sequence[Mapping[str, Any]], floor: float) -> int | None:
+    """The record with the fewest multiplies, then weight bits, then lanes, that is right on a share of
+    ``floor``; None: none is."""
+    enough = [number for number, record in enumerate(records) if record["accuracy"] >= floor]
+    return min(enough, key=lambda number: size(records[number])[:3], default=None)
+
+
+def _record(point: Any, splits: list[Record], cost: Mapping[str, float]) -> Record:
+    clock_hz = point.config.hardware.clock_hz
+    return {
+        "name": point.name,
+        "config": point.to_dict(),
+        "widths": dict(point.widths),
+        **{key: splits[0][key] for key in (*SPREAD, "float_accuracy", "agreement")},
+        **cost,
+        "clock_hz": clock_hz,
+        "latency_s": cost["cycles_decision"] / clock_hz,
+        **point.cost(),
+        **dict.fromkeys(NOT_BUILT),
+        "on_front": False,
+        "splits": splits,
+    }
+
+
+def size(record: Mapping[str, Any]) -> tuple:
+    """What makes a model small: multiplies of a decision, then bits of its weights, then lanes, then no
+    options that take hardware beside them; the rest only makes the order firm."""
+    config = record["config"]
+    options = (config.get("compand", "none") != "none") + (config.get("decision") == "early")
+    return (
+        record["multiplies_decision"],
+        record["weight_memory_bits"],
+        config["lanes"],
+        options,
+        json.dumps(config, sort_keys=True),
+    )
+
+
+def recommend(records: Sequence[Mapping[str, Any]], asked: Bounds | None = None) -> Record:
+    """The smallest (``size``) record that meets the bounds; which of them binds; or the nearest, and by how
+    much it misses.
+
+    A bound binds when without it a smaller record would do. Without a floor all records within one standard
+    error of the most accurate one count as equal, and the smallest of them is named. Where no record meets
+    the bounds, the nearest has the smallest sum of misses, each as a share of its bound; again the smallest
+    within one standard error is named.
+
+    Returns
+    -------
+    point (index), name, met, binding (names of bounds), misses (bound -> how far beyond it, share, seconds or
+    joule), sentence.
+    """
+    bounds = asked.given() if asked else {}
+
+    def miss(record: Mapping[str, Any], names) -> dict[str, float]:
+        over = {
+            "accuracy floor": bounds.get("accuracy floor", 0.0) - record["accuracy"],
+            "latency budget": record["latency_s"] - bounds.get("latency budget", math.inf),
+            "energy budget": record["energy_j"] - bounds.get("energy budget", math.inf),
+        }
+        return {name: over[name] for name in names if over[name] > 0}
+
+    def smallest(names) -> int | None:
+        meeting = [i for i, record in enumerate(records) if not miss(record, names)]
+        if not meeting:
+            return None
+        if "accuracy floor" not in names:
+            best = max(meeting, key=lambda i: records[i]["accuracy"])
+            least = records[best]["accuracy"] - records[best]["standard_error"]
+            meeting = [i for i in meeting if records[i]["accuracy"] >= least]
+        return min(meeting, key=lambda i: size(records[i]))
+
+    chosen = smallest(bounds)
+    if chosen is not None:
+        binding = []
+        for name in bounds:
+            others = [axis for axis in bounds if axis != name]
+            free = [record for record in records if not miss(record, others)]
+            if (
+                name != "accuracy floor"
+                and "accuracy floor" not in bounds
+                and (least := smallest(others)) is not None
+            ):
+                free = [records[least]]
+            if min(map(size, free)) != size(records[chosen]):
+                binding.append(name)
+        record = records[chosen]
+        words = {name: f"{name} {_bound(name, value)}" for name, value in bounds.items()}
+        if not bounds:
+            why = "the smallest within one standard error of the most accurate"
+        elif not binding:
+            why = f"meets {' and '.join(words.values())}; no bound binds, nothing smaller was tried"
+        else:
+            why = f"the smallest that meets {' and '.join(words.values())}; the {' and the '.join(binding)} binds"
+        verdict = {"point": chosen, "name": record["name"], "met": True, "binding": binding, "misses": {}}
+        return verdict | {"sentence": f"{_says(record)}: {why}"}
+
+    def distance(record: Mapping[str, Any]) -> float:
+        return sum(over / bounds[name] for name, over in miss(record, bounds).items())
+
+    nearest = min(records, key=distance)
+    slack = (
+        nearest["standard_error"] / bounds["accuracy floor"]
+        if "accuracy floor" in miss(nearest, bounds)
+        else 0.0
+    )
+    close = [i for i, record in enumerate(records) if distance(record) <= distance(nearest) + slack]
+    chosen = min(close, key=lambda i: size(records[i]))
+    record = records[chosen]
+    misses = miss(record, bounds)
+    by = " and ".join(
+        f"the {name} {_bound(name, bounds[name])} by {_bound(name, over)}" for name, over in misses.items()
+    )
+    sentence = f"none meets the bounds; nearest is {_says(record)}: it misses {by}"
+    return {
+        "point": chosen,
+        "name": record["name"],
+        "met": False,
+        "binding": list(misses),
+        "misses": misses,
+        "sentence": sentence,
+    }
+
+
+def _bound(name: str, value: float) -> str:
+    units = {
+        "accuracy floor": f"{100 * value:.3g} %",
+        "latency budget": f"{1e6 * value:.4g} us",
+        "energy budget": f"{1e6 * value:.4g} uJ",
+    }
+    return units[name]
+
+
+def _says(record: Mapping[str, Any]) -> str:
+    error = f" +- {100 * record['standard_error']:.2f}"
+    cost = f"{1e6 * record['latency_s']:.4g} us, {1e6 * record['energy_j']:.4g} uJ"
+    return f"{record['name']} ({100 * record['accuracy']:.2f}{error} %, {cost})"
+
+
+def flat_rows(result: Mapping[str, Any]) -> list[Record]:
+    """Rows for sweep.csv: the point's configuration and figures, then accuracy, spread, float accuracy and
+    agreement of every split."""
+    rows = []
+    for number, record in enumerate(result["points"]):
+        row = {"point": number, **record["config"]}
+        row |= {key: value for key, value in record.items() if key not in ("config", "widths", "splits")}
+        for split in record["splits"]:
+            name = split_name(split["groups"])
+            keys = ("accuracy", "spread", "standard_error", "float_accuracy", "agreement", "decision_time_s")
+            row |= {f"{key} {name}": split[key] for key in keys}
+        row["recommended"] = number == result["recommended"]
+        rows.append(row)
+    return rows
+
+
+def split_name(groups: Sequence[str]) -> str:
+    """What a split leaves out, in words."""
+    return " and ".join(groups) or "recordings"

@@ -1,0 +1,209 @@
+"""Training batches: touches drawn from the part of each network, augmented as the recipe says."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from eskin.golden.core import AcceleratorConfig
+from eskin.golden.model import real_by_input
+from eskin.training.datasets import Dataset, scaling
+from eskin.training.recipe import Recipe
+
+FAULTY_WINDOWS = 3
+"""Windows that a stuck taxel spoils before the fault detector masks it: two blocks reach into three windows
+at most."""
+
+UNCLIPPED_LIMIT = 10.0
+"""What a stuck taxel reads in training where deviations are not clipped, in standard deviations of the
+features."""
+
+
+class Batches:
+    """Augmented training batches, one for every part; scales: (mu, sigma) of each part, codes.
+
+    ``scales``, ``pool``: in place of those of the parts and of draws from them.
+    """
+
+    def __init__(
+        self,
+        data: Dataset,
+        config: AcceleratorConfig,
+        recipe: Recipe,
+        parts: list[np.ndarray],
+        generator: torch.Generator,
+        *,
+        scales: list[tuple[float, float]] | None = None,
+        pool: TouchPool | None = None,
+    ) -> None:
+        self._config, self._recipe, self._generator = config, recipe, generator
+        touches_of = [data.touches.take(rows) for rows in parts]
+        self.scales = scales or [
+            scaling(config, data.means[rows, : config.windows.steps], members.completed, members.faults)
+            for rows, members in zip(parts, touches_of, strict=True)
+        ]
+        self._mu, self._sigma = (
+            torch.tensor(
+                np.array([real_by_input(config, np.asarray(pair[i])) for pair in self.scales]),
+                dtype=torch.float32,
+            ).view(len(parts), 1, 1, -1)
+            for i in (0, 1)
+        )
+        self._means = torch.tensor(data.means, dtype=torch.float32)
+        self._means[..., list(config.input_mask)] = 0.0
+        self._faults = None if data.faults is None else torch.tensor(data.faults)
+        self._live = (~torch.tensor(config.input_mask)).float()
+        self._integral = torch.tensor(
+            [config.features.feature_kinds[kind] == "integral" for kind in config.input_kinds]
+        )
+        self._labels = torch.tensor(data.labels[data.touches.recording])
+        self._ends = torch.tensor(data.ends)
+        self._pool = pool or TouchPool(parts, generator)
+
+    def draw(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Real features (parts, batch, steps, inputs), labels (parts, batch), and which steps the recording
+        holds (parts, batch, steps)."""
+        return self._augmented(self._pool.draw(self._recipe.batch, in_order=bool(self._recipe.epochs)))
+
+    def recorded(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """The same of every touch of the parts, each once; parts must be of one size."""
+        return self._augmented(torch.stack(self._pool.parts))
+
+    def _augmented(self, rows: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        recipe, generator = self._recipe, self._generator
+        speed = _log_uniform(recipe.warp, rows.shape, generator)
+        amplitude = _log_uniform(recipe.gain, rows.shape, generator)
+        amplitude = amplitude * speed**recipe.speed_gain
+        # a touch at another speed: window k of it lies at k * speed of the recorded one, between two windows
+        position = torch.arange(self._config.windows.steps) * speed[..., None]
+        last = (self._ends[rows] - 1)[..., None]
+        counts = position <= last
+        position = torch.minimum(position, last.float())
+        lower = position.floor().long()
+        upper = torch.minimum(lower + 1, last)
+        part = (position - lower)[..., None]
+        means = torch.lerp(self._means[rows[..., None], lower], self._means[rows[..., None], upper], part)
+        gain = amplitude[..., None, None]
+        of_taxel = torch.Size((*rows.shape, 1, self._config.sensor.taxels))  # one value for the whole touch
+        kinds = self._config.kinds
+        if self._integral.any():  # a faster touch of the same amplitude adds up to less
+            gain = torch.where(self._integral, gain / speed[..., None, None], gain)
+        if recipe.taxel_gain > 1:
+            gain = gain * _log_uniform(recipe.taxel_gain, of_taxel, generator).repeat_interleave(kinds, -1)
+        features = (self._amplified(means, gain) - self._mu) / self._sigma
+        if recipe.taxel_offset:
+            features = features + recipe.taxel_offset * torch.randn(
+                (*rows.shape, 1, self._config.inputs), generator=generator
+            )
+        if recipe.noise:
+            features = features + recipe.noise * torch.randn(features.shape, generator=generator)
+        if recipe.channel_dropout:
+            features = features * (
+                torch.rand(of_taxel, generator=generator) >= recipe.channel_dropout
+            ).repeat_interleave(kinds, -1)
+        if recipe.taxel_failure:
+            features = self._failing(features, of_taxel)
+        # last, as in hardware: whatever a masked taxel reads, its features are 0
+        if self._faults is not None:
+            masked = self._faults[rows[..., None], lower] | (
+                self._faults[rows[..., None], upper] & (part > 0)
+            )
+            features = features.masked_fill(masked, 0.0)
+        return features * self._live, self._labels[rows], counts
+
+    def _amplified(self, means: torch.Tensor, gain: torch.Tensor) -> torch.Tensor:
+        """Real features of touches whose deviations are ``gain`` times as large: of an integral the logarithm
+        of the amplified sum."""
+        if not self._integral.any():
+            return means * gain
+        # clamp: 2**60 is far beyond any integral, and 2**128 would be infinite in float32
+        logarithms = torch.sign(means) * torch.log2(1 + gain * (torch.exp2(means.abs().clamp(max=60.0)) - 1))
+        return torch.where(self._integral, logarithms, means * gain)
+
+    def _stuck(
+        self, side: torch.Tensor, limit: torch.Tensor, since: torch.Tensor, share: torch.Tensor
+    ) -> torch.Tensor:
+        """Real features of a taxel that has stood ``side`` * ``limit`` codes from rest for ``since`` +
+        ``share`` hops."""
+        config = self._config
+        if config.features.feature_kinds == ("mean",):
+            return share * side * limit
+        level = share * side * limit
+        still = config.features.activity_rule == "change"  # what stands still does not change
+        activity = torch.zeros_like(level) if still else (level * config.features.activity_block).abs()
+        grown = level * config.windows.hop * (since + 1).clamp(min=0)
+        kinds = {"mean": level, "activity": activity, "integral": grown}
+        columns = []
+        for number, kind in enumerate(config.features.feature_kinds):
+            value = kinds[kind][..., number :: config.kinds]
+            knee = config.features.integral_knee if kind == "integral" else config.features.compand_knee
+            if kind == "integral" or config.features.compand == "log":
+                frames = 1 if kind == "integral" else config.windows.window
+                value = torch.sign(value) * torch.log2(1 + value.abs() * frames / 2.0**knee)
+            columns.append(value)
+        return torch.stack(columns, -1).flatten(-2)
+
+    def _failing(self, features: torch.Tensor, of_taxel: torch.Size) -> torch.Tensor:
+        """Some taxels at a limit from a random step on, masked FAULTY_WINDOWS later; the first window may
+        hold only part of it."""
+        recipe, generator, steps = self._recipe, self._generator, self._config.windows.steps
+        kinds = self._config.kinds
+
+        def each(of_one_taxel: torch.Tensor) -> torch.Tensor:
+            """For every kind of feature what was drawn for the taxel."""
+            return of_one_taxel.repeat_interleave(kinds, -1)
+
+        fails = each(torch.rand(of_taxel, generator=generator) < recipe.taxel_failure)
+        first = each(torch.randint(1 - FAULTY_WINDOWS, steps, of_taxel, generator=generator))
+        side = each(torch.randint(0, 2, of_taxel, generator=generator) * 2.0 - 1.0)
+        since = torch.arange(steps)[:, None] - first
+        share = torch.where(since == 0, each(torch.rand(of_taxel, generator=generator)), torch.ones(()))
+        stuck = (self._stuck(side, self._limit(), since, share) - self._mu) / self._sigma
+        return torch.where(
+            fails & (since >= FAULTY_WINDOWS), 0.0, torch.where(fails & (since >= 0), stuck, features)
+        )
+
+    def _limit(self) -> torch.Tensor:
+        """Codes from rest at which a taxel stands that is stuck: the clip, or far beyond what the first kind
+        of feature spreads over."""
+        config = self._config
+        if config.rest_level.clip:
+            return torch.full_like(self._sigma, float(config.rest_level.clip))
+        kind = config.features.feature_kinds[0]
+        if kind == "integral":
+            return UNCLIPPED_LIMIT * torch.full_like(
+                self._sigma, 2.0**config.features.integral_knee / config.last_frame
+            )
+        first = self._sigma[..., :: config.kinds] if self._sigma.shape[-1] > 1 else self._sigma
+        first = first / (config.features.activity_block if kind == "activity" else 1)
+        return UNCLIPPED_LIMIT * (first.repeat_interleave(config.kinds, -1) if first.shape[-1] > 1 else first)
+
+
+def _log_uniform(limit: float, shape: torch.Size, generator: torch.Generator) -> torch.Tensor:
+    """Factors between 1/limit and limit, as likely below 1 as above."""
+    return limit ** (torch.rand(shape, generator=generator) * 2 - 1)
+
+
+class TouchPool:
+    """Draws training rows for every part: at random, or in shuffled passes over the part."""
+
+    def __init__(self, parts: list[np.ndarray], generator: torch.Generator) -> None:
+        self.parts = [torch.tensor(rows) for rows in parts]
+        self._generator = generator
+        self._waiting = [torch.empty(0, dtype=torch.long) for _ in parts]
+
+    def draw(self, batch: int, *, in_order: bool) -> torch.Tensor:
+        """(parts, batch) rows."""
+        return torch.stack(
+            [self._next(m, batch) if in_order else self._any(m, batch) for m in range(len(self.parts))]
+        )
+
+    def _any(self, m: int, batch: int) -> torch.Tensor:
+        return self.parts[m][torch.randint(len(self.parts[m]), (batch,), generator=self._generator)]
+
+    def _next(self, m: int, batch: int) -> torch.Tensor:
+        while len(self._waiting[m]) < batch:
+            again = self.parts[m][torch.randperm(len(self.parts[m]), generator=self._generator)]
+            self._waiting[m] = torch.cat([self._waiting[m], again])
+        rows, self._waiting[m] = self._waiting[m][:batch], self._waiting[m][batch:]
+        return rows

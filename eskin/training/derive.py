@@ -1,0 +1,293 @@
+"""A first guess at a configuration from an archive, quick and by rules, with the reasons in words.
+
+``inspect`` shows the onsets it finds; ``eskin.choose.choose_front_end``, which ``train`` and ``run``
+ask without ``--config``, starts from what is measured here and judges it. A preset is taken when taxels, rate
+and code format are its own and its onset rule and windows suit the recordings. Otherwise, from at most 64
+recordings spread evenly over the classes:
+
+- *settling*: 64 ms, at least 5 and at most 64 frames; their mean is the rest level of each taxel.
+- *moving mean*: 4 blocks of the power of two nearest to 8 ms.
+- *in contact or not*: the largest moving mean of the lead-in (the first 64 ms after settling, two moving
+  means at least), divided by the 99 % quantile over the recording. A median ratio of 0.3 or more means that
+  recordings start in contact: the gate opens at once.
+- *threshold*: between the noise (90 % quantile of the lead-in's maxima) and the signal (10 % quantile of the
+  peaks above three times the noise): their geometric mean, a quarter of the signal at least, one code at
+  least.
+- *clip*: 1.5 times the median recording's largest deviation, twice the largest peak of a moving mean at
+  least; none where nothing exceeds it, or where the gate opens at once.
+- *hop*: 48 ms (200 ms where the gate opens at once), 4 frames at least, so short that 20 windows of two hops
+  fit 95 % of the recordings after the median onset; with too few frames even for that, fewer steps.
+
+Where the rule so made finds a touch in fewer than half of the recordings, the gate opens at once.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_onsets
+
+LOOKED_AT = 64
+"""Recordings that the rules look at: enough for quantiles, quick for any archive."""
+
+STEPS = 20
+"""Recurrent steps of a touch."""
+
+IN_CONTACT = 0.3
+"""Median ratio of lead-in to peak from which recordings are said to start in contact (0.01 on quiet lead-ins,
+0.5 on sliding)."""
+
+CONVERTERS = ("pvdf", "fabric", "synthetic", "thesis")
+"""Presets in the order in which they are tried. ``synthetic`` comes before ``thesis``, whose band of fixed
+codes suits one converter only."""
+
+
+def derive_config(recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
+    """A configuration that works for ``recordings``, and sentences that say what was chosen and why.
+
+    Raises
+    ------
+    InputError
+        Sizes that no accelerator has (fewer than 4 taxels, one class, ...): the sentence names the field.
+    """
+    if recordings.image_shape:
+        raise InputError(
+            f"recordings '{recordings.source}', array images: holds images, which this verb does not take; "
+            "docs/images.md lists those "
+            "that do"
+        )
+    reasons = list(recordings.notes)
+    sample = recordings.subset(recordings.evenly(LOOKED_AT))
+    for name in CONVERTERS:
+        preset = PRESETS[name]
+        if not fits_sensor(preset, recordings):
+            continue
+        config = for_recordings(preset, recordings, name=name)
+        why_not = _unsuited(config, sample)
+        if why_not is None:
+            reasons.append(
+                f"{recordings.taxels} taxels, {recordings.sample_rate_hz:g} Hz, {recordings.sample_format} "
+                f"codes: these are the sizes of preset '{name}', which was taken"
+            )
+            return config, reasons
+        reasons.append(f"preset '{name}' has the same taxels, rate and codes but was not taken: {why_not}")
+    config, why = _general(sample, recordings)
+    return config, reasons + why
+
+
+def fits_sensor(preset: AcceleratorConfig, recordings: Recordings) -> bool:
+    """The preset's taxels and code format, and its rate within 2 %."""
+    return (
+        preset.sensor.taxels == recordings.taxels
+        and preset.sample_format == recordings.sample_format
+        and abs(recordings.sample_rate_hz / preset.sensor.sample_rate_hz - 1.0) <= 0.02
+    )
+
+
+def for_recordings(config: AcceleratorConfig, recordings: Recordings, **changes) -> AcceleratorConfig:
+    """``config`` with the archive's own names, rate and scale; an error names the archive."""
+    try:
+        return config.replace(
+            class_names=recordings.class_names,
+            sample_rate_hz=recordings.sample_rate_hz,
+            volt_per_code=recordings.volt_per_code or config.sensor.volt_per_code,
+            **changes,
+        )
+    except InputError as error:
+        raise InputError(f"recordings '{recordings.source}' give no working configuration: {error}") from None
+
+
+def _unsuited(config: AcceleratorConfig, recordings: Recordings) -> str | None:
+    """Why the preset's onset rule or windows do not suit these recordings; None when they do."""
+    onsets = find_onsets(config, recordings)
+    touched = onsets >= 0
+    if touched.mean() < 0.9:
+        return f"its onset rule finds a touch in {touched.sum()} of {len(recordings)} recordings"
+    if (
+        not config.opens_at_once
+        and (
+            onsets[touched] <= config.rest_level.rest_frames + 2 * config.onset_rule.onset_mean_frames
+        ).mean()
+        > 0.5
+    ):
+        return "most recordings meet its onset rule at the very start"
+    full = (
+        recordings.lengths[touched] - np.maximum(onsets[touched] - config.windows.hop, 0) >= config.last_frame
+    )
+    if full.mean() < 0.5:
+        cut = f"{len(recordings) - full.sum()} of {len(recordings)}"
+        return f"its {config.windows.steps} windows end after the recording in {cut}"
+    return None
+
+
+def sensor_sizes(recordings: Recordings) -> tuple[Record, list[str]]:
+    """Fields that a configuration has from the sensor alone, all but rest level, gate and windows; and the
+    reasons.
+
+    Raises
+    ------
+    InputError
+        Every taxel is constant.
+    """
+    rate = recordings.sample_rate_hz
+    # a power of two of frames, near 8 ms: the detector counts blocks by the lowest bits of its frame number
+    check = int(np.clip(2 ** round(np.log2(max(0.008 * rate, 1.0))), 1, 1024))
+    fields = dict(
+        name="derived",
+        taxels=recordings.taxels,
+        sample_bits=recordings.sample_bits,
+        sample_signed=recordings.sample_signed,
+        window_mode="free",
+        pretrigger_frames=0,
+        # 16 cycles a taxel: enough for every kind of feature
+        clock_hz=max(12e6, 16.0 * recordings.taxels * rate),
+        onset_mean_frames=4 * check,
+        onset_check_frames=check,
+        rearm_frames=int(np.clip(round(0.16 * rate), 8, 65535)),
+    )
+    reasons = []
+    constant = tuple(
+        int(t) for t in np.flatnonzero((recordings.samples == recordings.samples[0]).all(axis=0))
+    )
+    if len(constant) == recordings.taxels:
+        raise InputError(
+            f"recordings '{recordings.source}', array samples: every taxel is constant; give recordings "
+            "with a signal"
+        )
+    if constant:
+        reasons.append(f"taxel {', '.join(map(str, constant))} never changes and is masked")
+    fields["masked_taxels"] = constant
+    return fields, reasons
+
+
+def settling_frames(rate: float) -> int:
+    """Frames whose mean is the rest level."""
+    return int(np.clip(round(0.064 * rate), 5, 64))
+
+
+def _general(sample: Recordings, recordings: Recordings) -> tuple[AcceleratorConfig, list[str]]:
+    rate = recordings.sample_rate_hz
+    reasons = [
+        f"{recordings.taxels} taxels at {rate:g} Hz with {recordings.sample_format} codes fit no preset, so "
+        "the sizes were derived"
+    ]
+    base, why = sensor_sizes(recordings)
+    reasons += why
+    base["rest_frames"] = settling_frames(rate)
+    onset, why, begin = _onset_rule(sample, recordings, base)
+    base |= onset
+    reasons += why
+    pace_s = 0.2 if onset["onset"] == "immediate" else 0.048
+    # 20 windows of two hops reach over 21 hops
+    available = int(np.quantile(sample.lengths, 0.05, method="lower")) - begin
+    fit = available // (STEPS + 1)
+    hop = int(np.clip(min(max(round(pace_s * rate), 4), fit), 1, 65535))
+    steps = STEPS if fit >= 1 else max(1, available - 1)
+    reasons.append(
+        f"{steps} windows of {2 * hop} frames every {hop} ({1000 * hop / rate:.3g} ms), "
+        f"{(steps + 1) * hop / rate:.3g} s in all"
+    )
+    return for_recordings(
+        AcceleratorConfig(), recordings, **base, hop=hop, window=2 * hop, steps=steps
+    ), reasons
+
+
+@dataclass(frozen=True)
+class OnsetRule:
+    """Measures for an onset rule, codes: noise (90 % quantile of the lead-ins' largest moving mean), signal
+    (10 % quantile of the clear peaks), threshold between them, clip (0: none); ratio: median of lead-in to
+    peak; largest: each recording's largest deviation."""
+
+    noise: float
+    signal: float
+    threshold: int
+    clip: int
+    ratio: float
+    largest: np.ndarray
+
+
+def measure_onset(recordings: Recordings, settle: int, mean_frames: int) -> OnsetRule | None:
+    """The rule that the module describes; None where recordings have no room for a lead-in."""
+    lead, peak, largest = _measure(recordings, settle, mean_frames, int(0.064 * recordings.sample_rate_hz))
+    if not len(lead):
+        return None
+    noise = float(np.quantile(lead, 0.9))
+    clear = peak[peak > 3 * noise]  # a recording without a touch must not pass for a weak one
+    signal = float(np.quantile(clear if len(clear) else peak, 0.1))
+    # the geometric mean is as many times above the noise as below the signal
+    threshold = int(np.clip(round(max(np.sqrt(noise * signal), signal / 4)), 1, 65535))
+    clip = int(np.ceil(max(1.5 * np.median(largest), 2 * peak.max())))
+    ratio = float(np.median(lead / np.maximum(peak, 1e-9)))
+    return OnsetRule(
+        noise, signal, threshold, clip if clip < min(largest.max(), 65536) else 0, ratio, largest
+    )
+
+
+def _onset_rule(sample: Recordings, recordings: Recordings, base: Record) -> tuple[Record, list[str], int]:
+    """Fields of the onset rule, the reasons, and the median onset frame (0 where the gate opens at once)."""
+    at_once = dict(onset="immediate", rest="initial", clip=0)
+    mean_frames = base["onset_mean_frames"]
+    rule = measure_onset(sample, base["rest_frames"], mean_frames)
+    if rule is None:
+        return at_once, ["recordings are too short for an onset rule, so the gate opens at once"], 0
+    if rule.ratio >= IN_CONTACT:
+        how_far = f"their first moments already move {rule.ratio:.2f} times as far as their peak"
+        return at_once, [f"recordings start in contact ({how_far}), so the gate opens at once"], 0
+
+    fields = dict(onset="baseline", rest="tracked", onset_threshold=rule.threshold, clip=rule.clip)
+    onsets = find_onsets(
+        for_recordings(AcceleratorConfig(), recordings, **base, **fields, hop=1, window=2, steps=1), sample
+    )
+    touched = onsets >= 0
+    rule_text = (
+        f"a taxel's mean over {mean_frames} frames leaves its tracked rest level by more than "
+        f"{rule.threshold} codes"
+    )
+    outcome = f"found in {touched.sum()} of {len(sample)} recordings looked at"
+    if touched.mean() < 0.5:
+        return at_once, [f"no onset rule works ({rule_text}: {outcome}), so the gate opens at once"], 0
+    reasons = [
+        f"onset when {rule_text} (noise {rule.noise:.3g}, weakest signals {rule.signal:.3g} codes): {outcome}"
+    ]
+    if rule.clip:
+        reasons.append(
+            f"single samples are clipped at {rule.clip} codes from rest: some reach {rule.largest.max():.0f} "
+            f"codes where the median recording reaches {np.median(rule.largest):.0f}"
+        )
+    if touched.mean() < 0.9:
+        reasons.append(
+            "many recordings show no onset: look at them with eskin inspect, or give a configuration of "
+            "your own"
+        )
+    return fields, reasons, int(np.median(onsets[touched]))
+
+
+def _measure(
+    recordings: Recordings, settle: int, mean_frames: int, lead_frames: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Per recording, codes from rest: largest moving mean of the lead-in, 99 % quantile of moving means,
+    largest single sample.
+
+    Recordings without room for settling, lead-in and as much again are left out.
+    """
+    lead_frames = max(2 * mean_frames, lead_frames)
+    rows = []
+    for index in range(len(recordings)):
+        samples = recordings.recording(index).astype(np.float64)
+        if len(samples) < settle + 2 * lead_frames:
+            continue
+        deviation = samples - samples[:settle].mean(axis=0)
+        # moving sums as differences of running ones
+        total = np.vstack([np.zeros(deviation.shape[1]), np.cumsum(deviation[settle:], axis=0)])
+        moving = np.abs(total[mean_frames:] - total[:-mean_frames]).max(axis=1) / mean_frames
+        rows.append(
+            (
+                moving[: lead_frames - mean_frames + 1].max(),
+                np.quantile(moving, 0.99),
+                np.abs(deviation).max(),
+            )
+        )
+    lead_in, moving_means, single = np.array(rows, dtype=np.float64).reshape(-1, 3).T
+    return lead_in, moving_means, single

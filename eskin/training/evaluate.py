@@ -1,0 +1,140 @@
+"""Float model against integer model on recordings or images: accuracy, agreement, per step and per class."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core import Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import logit_error, step_times
+from eskin.golden.model.image_network import image_seconds
+from eskin.golden.model.stage_error import records
+from eskin.training.task import task_of
+
+MAX_LOSS = 0.01
+"""Accuracy that the integer model may lose against the float one."""
+
+MIN_AGREEMENT = 0.98
+"""Share of recordings on which both must decide the same."""
+
+
+def evaluate(model_dir: str | Path, recordings: Recordings) -> Record:
+    """Run both models of a folder over recordings and compare; a recording without a decision counts as
+    wrong.
+
+    Returns
+    -------
+    recordings, float_accuracy, integer_accuracy, agreement (share of recordings with the same global
+    decision, none included), per_step (list of {step, time_s, float_accuracy, integer_accuracy}; time from
+    the onset to the end of the step's window, median over touches), per_class (class name -> {recordings,
+    float_accuracy, integer_accuracy}), not_touched (recordings without an onset), partial (first touches that
+    their recording cut short), confusion (integer model: rows = true class, columns = decided, last column =
+    none), class_names, decision (the configuration's rule), decision_time_s (integer model: mean over the
+    decided recordings, from the onset to the end of the window decided on; None: none decided), chance (share
+    of the class that most recordings have: what always naming it would reach), logit_error ({mean, max,
+    stage}: how far integer logits are from float ones over all completed steps, and the stage that alone
+    brings about the largest; None without a step), stages (a record for each stage:
+    ``eskin.golden.model.stage_error.StageError``), passed (``held``).
+
+    Raises
+    ------
+    InputError
+        When the folder is no quantised model folder, or the recordings are of another array or task.
+    """
+    task = task_of(model_dir, recordings)
+    stages, result = task.stages(), compare(task.ideal, task.trace, recordings.labels)
+    return result | {"logit_error": logit_error(stages), "stages": records(stages), "passed": held(result)}
+
+
+def compare_stages(model_dir: str | Path, recordings: Recordings) -> Record:
+    """Both models of a folder over recordings or images, stage by stage and signal by signal.
+
+    Returns
+    -------
+    model, source, recordings, steps (completed ones compared), agreement (share of recordings with the same
+    global decision), local_agreement (share of steps with the same class; None of images), logit_error,
+    stages (as ``evaluate``), signals (a record for each array of weights and each stage:
+    ``eskin.golden.model.stage_error.SignalProfile``).
+
+    Raises
+    ------
+    InputError
+        As ``evaluate``.
+    """
+    task = task_of(model_dir, recordings)
+    stages = task.stages()
+    return {
+        "model": str(model_dir),
+        "source": str(recordings.source),
+        "recordings": len(recordings),
+        "steps": int(task.done.sum()),
+        "agreement": float(np.mean(task.trace.decision == task.ideal.decision)),
+        "local_agreement": task.local_agreement,
+        "logit_error": logit_error(stages),
+        "stages": records(stages),
+        "signals": records(task.signals()),
+    }
+
+
+def compare(ideal: Any, trace: Any, labels: np.ndarray) -> Record:
+    """The result of ``evaluate`` without ``passed`` and errors, from a float and an integer trace
+    (`eskin.golden.model.pipeline.Trace`, or `eskin.golden.model.image_network.ImageTrace`) of the same
+    recordings and their labels."""
+    config, labels = trace.config, np.asarray(labels)
+    confusion = np.zeros((config.classes, config.classes + 1), dtype=np.int64)
+    np.add.at(confusion, (labels, trace.decision), 1)  # -1, no decision, is the last column
+    per_class = {}
+    for index, name in enumerate(config.network.class_names):
+        members = labels == index
+        if members.any():
+            shares = {
+                "float_accuracy": ideal.decision[members] == index,
+                "integer_accuracy": trace.decision[members] == index,
+            }
+            per_class[name] = {"recordings": int(members.sum())} | {
+                key: float(np.mean(right)) for key, right in shares.items()
+            }
+    decision_time_s: float | None = image_seconds(config) if config.is_image else None
+    if config.is_image:  # an image is one step, touched, and decided when its rows are in
+        steps = [(image_seconds(config), ideal.accuracy(labels), trace.accuracy(labels))]
+        not_touched, partial = 0, 0
+    else:
+        times = step_times(config, trace.touches)
+        steps = list(zip(times, ideal.step_accuracy(labels), trace.step_accuracy(labels), strict=True))
+        not_touched = int(trace.not_touched.sum())
+        partial = int(trace.partial[trace.first[trace.first >= 0]].sum())
+        if (trace.decision >= 0).any():
+            decision_time_s = float(np.nanmean(trace.decision_time_s()))
+    return {
+        "recordings": len(labels),
+        "float_accuracy": ideal.accuracy(labels),
+        "integer_accuracy": trace.accuracy(labels),
+        "agreement": trace.agreement(ideal),
+        "chance": float(np.bincount(labels).max() / len(labels)),
+        "per_step": [
+            {
+                "step": k + 1,
+                "time_s": float(time),
+                "float_accuracy": float(real),
+                "integer_accuracy": float(integer),
+            }
+            for k, (time, real, integer) in enumerate(steps)
+        ],
+        "per_class": per_class,
+        "not_touched": not_touched,
+        "partial": partial,
+        "confusion": confusion.tolist(),
+        "class_names": list(config.network.class_names),
+        "decision": config.network.decision,
+        "decision_time_s": decision_time_s,
+    }
+
+
+def held(result: Record) -> bool:
+    """True when the integer model is at most MAX_LOSS under the float one and agrees on at least
+    MIN_AGREEMENT."""
+    return (
+        result["integer_accuracy"] >= result["float_accuracy"] - MAX_LOSS
+        and result["agreement"] >= MIN_AGREEMENT
+    )

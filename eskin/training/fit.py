@@ -1,0 +1,209 @@
+"""Fitting: many networks (folds x seeds) at once, in float, and in integer arithmetic after that."""
+
+import contextlib
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from threadpoolctl import threadpool_limits
+
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.model import FloatModel, IntegerModel
+from eskin.training.batches import Batches
+from eskin.training.datasets import Dataset
+from eskin.training.linear_fit import fit_least_squares, fit_linear
+from eskin.training.losses import LossCurves, Progress, Told, class_loss, descend, teacher_loss
+from eskin.training.network import RecurrentClassifier
+from eskin.training.quantise import IntegerNetwork, check_given, profile, quantise_model
+from eskin.training.recipe import Recipe
+
+FINE_TUNING_TEACHER = 0.9
+"""Share of the float network's class probabilities in the targets of quantisation-aware training; the labels
+are the rest."""
+
+FINE_TUNING_UPDATES, FINE_TUNING_RATE = 200, 0.005
+"""Updates of quantisation-aware training, which starts from the float network, and the largest rate of their
+one-cycle schedule."""
+
+TOGETHER = 256
+"""Networks trained in one batch at most: with more, memory would grow by what was asked for (--folds 200
+--seeds 100)."""
+
+
+@contextlib.contextmanager
+def one_thread() -> Iterator[None]:
+    """Torch and the linear algebra of numpy and scipy in one thread.
+
+    The operations are small: a second thread gains a third on an idle machine and loses a factor of ten on a
+    busy one.
+    """
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with threadpool_limits(1):
+            yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+@one_thread()
+def fit_networks(
+    data: Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    seed: int,
+    progress: Progress,
+    curves: LossCurves | Told | None = None,
+) -> list[FloatModel]:
+    """One network for each part (rows of the touches to train on), all trained at once; deterministic by
+    ``seed``.
+
+    curves: gets the losses on the way. A linear cell is solved, not trained, and has none.
+    """
+    for rows in parts:
+        if not len(rows):
+            raise InputError(
+                "training: no touch was found in a training part; check the onset rule with 'eskin inspect'"
+            )
+    generator = torch.Generator().manual_seed(seed)
+    if not config.recurrent:
+        return _fit_linear(data, config, recipe, parts, generator, progress)
+    models: list[FloatModel] = []
+    shares = [slice(first, first + TOGETHER) for first in range(0, len(parts), TOGETHER)]
+    for number, share in enumerate(shares):
+        # number=number: a lambda would else look at the loop's variable when it is called
+        report = lambda done, total, number=number: progress(number * total + done, len(shares) * total)
+        if curves:
+            curves.begin(share)
+        models += _fit_together(data, config, recipe, parts[share], generator, report, curves)
+    return models
+
+
+def _fit_together(
+    data: Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    generator: torch.Generator,
+    progress: Progress,
+    curves: LossCurves | Told | None,
+) -> list[FloatModel]:
+    """A recurrent network for each part, all in one batch of networks."""
+    network = RecurrentClassifier(config, batch=(len(parts),), generator=generator)
+    batches = Batches(data, config, recipe, parts, generator)
+    # parts of unequal size take equally many updates: as the largest needs for its epochs
+    updates = (
+        max(1, recipe.epochs * -(-max(len(rows) for rows in parts) // recipe.batch))
+        if recipe.epochs
+        else recipe.updates
+    )
+
+    def loss_of() -> torch.Tensor:
+        features, labels, counts = batches.draw()
+        return class_loss(recipe, network(features), labels, counts)
+
+    def after(done: int, loss: torch.Tensor) -> None:
+        if recipe.weight_limit:
+            with torch.no_grad():
+                for weight in network.parameters():
+                    weight.clamp_(-recipe.weight_limit, recipe.weight_limit)
+        if curves:
+            curves.note(done, updates, loss, network, batches.scales)
+        progress(done, updates)
+
+    rate, one_cycle = recipe.learning_rate, recipe.one_cycle
+    descend(network.parameters(), loss_of, rate, updates, one_cycle=one_cycle, after=after)
+    arrays = network.arrays() | {
+        name: np.array([pair[i] for pair in batches.scales]) for i, name in enumerate(("mu", "sigma"))
+    }
+    return [FloatModel(config, {name: array[m] for name, array in arrays.items()}) for m in range(len(parts))]
+
+
+def _fit_linear(
+    data: Dataset,
+    config: AcceleratorConfig,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    generator: torch.Generator,
+    progress: Progress,
+) -> list[FloatModel]:
+    """A logistic regression for each part, on what the recipe draws of it, or on the part as it is where the
+    recipe augments nothing."""
+    models: list[FloatModel] = []
+    fitted: dict[bytes, FloatModel] = {}  # without augmentation every seed gives the same
+    for number, rows in enumerate(parts):
+        model = fitted.get(rows.tobytes()) if not recipe.augments else None
+        if model is None:
+            batches = Batches(data, config, recipe, [rows], generator)
+            if recipe.augments:
+                drawn = [batches.draw() for _ in range(recipe.updates)]
+                features, labels, counts = (
+                    torch.cat(pieces, dim=1)[0].numpy() for pieces in zip(*drawn, strict=True)
+                )
+            else:
+                features, labels, counts = (batch[0].numpy() for batch in batches.recorded())
+            # C weighs the sum of losses over touches. Touches that are drawn several times are no more data,
+            # so it is scaled back.
+            penalty = recipe.penalty * len(rows) / len(labels)
+            features = features * counts[..., None]  # a step that was not recorded adds nothing
+            arrays = (
+                fit_least_squares(config, features, labels)
+                if recipe.squares
+                else fit_linear(config, features, labels, penalty)
+            )
+            mu, sigma = batches.scales[0]
+            model = FloatModel(config, arrays | {"mu": np.array(mu), "sigma": np.array(sigma)})
+            fitted[rows.tobytes()] = model
+        models.append(model)
+        progress(number + 1, len(parts))
+    return models
+
+
+def post_training(model: FloatModel, data: Dataset, rows: np.ndarray, widths: Record) -> IntegerModel:
+    return quantise_model(model, profile(model, data.touches.take(rows)), **widths)
+
+
+def fine_tune(
+    data: Dataset,
+    recipe: Recipe,
+    parts: list[np.ndarray],
+    models: list[FloatModel],
+    seed: int,
+    widths: Record,
+    progress: Progress,
+) -> list[IntegerModel]:
+    """Quantisation-aware training: an integer network from each trained float one, trained on in integer
+    arithmetic. Bits of a feature that no format could use are refused.
+
+    Formats are chosen once, from the ranges of the network on its own part; networks of the same formats
+    train at once.
+    """
+    starts = [post_training(model, data, rows, widths) for model, rows in zip(models, parts, strict=True)]
+    for start in starts:
+        check_given(start.config, widths.get("feature_bits"))
+    groups: dict[AcceleratorConfig, list[int]] = {}
+    for m, start in enumerate(starts):
+        groups.setdefault(start.config, []).append(m)
+    total = FINE_TUNING_UPDATES * len(groups)
+    with one_thread():
+        for number, members in enumerate(groups.values()):
+            network = IntegerNetwork([models[m] for m in members], [starts[m] for m in members])
+            generator = torch.Generator().manual_seed(seed)
+            batches = Batches(data, network.config, recipe, [parts[m] for m in members], generator)
+
+            def loss_of(network=network, batches=batches) -> torch.Tensor:
+                features, labels, counts = batches.draw()
+                logits = network(network.feature_codes(features))
+                of_labels = class_loss(recipe, logits, labels, counts)
+                of_teacher = teacher_loss(logits, network.teach(features), counts)
+                return (1 - FINE_TUNING_TEACHER) * of_labels + FINE_TUNING_TEACHER * of_teacher
+
+            def after(done: int, loss: torch.Tensor, network=network, number=number) -> None:
+                network.hold()
+                progress(number * FINE_TUNING_UPDATES + done, total)
+
+            descend(network.parameters(), loss_of, FINE_TUNING_RATE, FINE_TUNING_UPDATES, after=after)
+            for m, integer in zip(members, network.export(), strict=True):
+                starts[m] = integer
+    return starts

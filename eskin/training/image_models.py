@@ -1,0 +1,371 @@
+"""Model folders of networks for images: cross-validated and trained, made integers, judged. What `eskin
+train`, `quantise` and `evaluate` do with an archive of images.
+
+``auto`` trains three networks of NETWORKS on the same folds and takes the one with the fewest multiplies
+whose accuracy lies within one standard error of the best one's, as the choice among cells does
+(`eskin.choose.choose_network`).
+"""
+
+import dataclasses
+import itertools
+import json
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eskin.golden.core import NETWORKS, AcceleratorConfig, Arrays, InputError, Jobs, Memo, Record, content_key
+from eskin.golden.core.images import network
+from eskin.golden.data import Recordings, check_fit
+from eskin.golden.model import FloatModel, IntegerModel, check_model_target, images_of
+from eskin.golden.model.image_network import image_seconds
+from eskin.training.crossval import FoldDecisions, Progress, named, split_record
+from eskin.training.fit import one_thread
+from eskin.training.image_formats import check_weight_bits, profile_images
+from eskin.training.splits import split_folds
+from eskin.training.train_images import (
+    CODE,
+    ImageFold,
+    ImageRecipe,
+    judge,
+    size_of,
+    train_network,
+    tune_network,
+)
+
+AUTO = "auto"
+CANDIDATES = ("tactnet", "four", "tactnet-half")
+"""Networks among which ``auto`` chooses."""
+
+CHOOSING_EPOCHS = 60
+"""Epochs of a candidate's training; the one taken is trained with the recipe's."""
+
+KEPT = Path("build/image_networks")
+"""Networks of cross-validations that were judged, by content; shared by all verbs, safe to delete."""
+
+
+def image_config(recordings: Recordings, name: str) -> AcceleratorConfig:
+    """The configuration of one of NETWORKS for an archive of images.
+
+    Raises
+    ------
+    InputError
+        The images do not suit it, or there are too many classes.
+    """
+    assert recordings.image_shape is not None
+    height, width = recordings.image_shape
+    try:
+        layers = network(name, len(recordings.class_names))
+        rate = {"sample_rate_hz": recordings.sample_rate_hz}
+        return AcceleratorConfig.of_image(height, width, layers, recordings.class_names, name=name, **rate)
+    except ValueError as error:
+        raise InputError(f"recordings '{recordings.source}', array images: {error}") from None
+
+
+def chosen_config(
+    recordings: Recordings, requested: AcceleratorConfig | None, cell: str | None
+) -> AcceleratorConfig | None:
+    """The configuration that was asked for, checked against the images; None: it is to be chosen."""
+    if cell in NETWORKS:
+        return image_config(recordings, cell)
+    if cell not in (None, AUTO):
+        raise InputError(
+            f"--cell {cell}: reads recordings, and {recordings.source} holds images; use "
+            f"{', '.join(NETWORKS)} or auto"
+        )
+    if requested is None or cell == AUTO:
+        return None
+    check_fit(recordings, requested)
+    return requested.replace(weight_formats=(), map_formats=())
+
+
+# ---------------------------------------------------------------------- training
+def train_image_model(
+    recordings: Recordings,
+    requested: AcceleratorConfig | None,
+    *,
+    out: str | Path,
+    cell: str | None = None,
+    group: Sequence[str] | None = None,
+    folds: int = 5,
+    seed: int = 0,
+    seeds: int = 1,
+    quantisation_aware: bool = False,
+    weight_bits: int | None = None,
+    recipe: ImageRecipe | None = None,
+    keep: Memo | None = None,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> Record:
+    """Cross-validate (choosing the network where none was asked for), fit it to all images, and write the
+    model folder.
+
+    Parameters
+    ----------
+    asked, cell:
+        The configuration that was asked for, or a name of NETWORKS, or ``auto``; neither: ``auto``.
+    seeds:
+        Networks of each fold, from ``seed`` on.
+    quantisation_aware, weight_bits:
+        Train on with rounded weights (default: 8 bits); the folder then holds the integers too.
+    keep:
+        Where networks that were trained and judged are kept; None: nowhere.
+
+    Returns
+    -------
+    The training record, as `eskin.training.train.train` gives it.
+
+    Raises
+    ------
+    InputError
+        Images and configuration do not fit each other; before any long work.
+    """
+    begin = time.perf_counter()
+    check_model_target(out)
+    recipe, bits = recipe or ImageRecipe(), weight_bits or 8
+    check_weight_bits(bits)
+    config = chosen_config(recordings, requested, cell)
+    if config is None and not folds:
+        raise InputError(
+            "--cell auto: needs folds to judge networks on; leave --folds 0 out or name one of "
+            f"{', '.join(NETWORKS)}"
+        )
+    candidates = [config] if config else [image_config(recordings, name) for name in CANDIDATES]
+    judged_by = recipe if config else dataclasses.replace(recipe, epochs=min(recipe.epochs, CHOOSING_EPOCHS))
+    images, groups = images_of(recordings), list(group or [])
+    rows: list[Record] = []
+    records: list[Record] = []
+    if folds:
+        jobs, many = Jobs(workers=workers, progress=progress), list(range(seed, seed + seeds))
+        tuned_bits = bits if quantisation_aware else 0
+        pieces = [
+            pieces_of(recordings, network, groups, folds, many, judged_by, tuned_bits)
+            for network in candidates
+        ]
+        sized = {size_of(candidates[0]): images}
+        results = judged_pieces(
+            sized, recordings.labels, pieces, jobs, keep, "networks of the cross-validation", judge
+        )
+        integers = "tuned" if quantisation_aware else "w8"
+        for of_one in zip(candidates, pieces, results, strict=True):
+            records.append(split_of(recordings, of_one[0], groups, *of_one[1:], many, integers))
+        rows = _candidate_rows(candidates, records, [record.pop("correct") for record in records], seeds)
+    chosen = next((index for index, row in enumerate(rows) if row["chosen"]), 0)
+    config = candidates[chosen]
+    model, integer = _fit(config, recordings, recipe, seed, bits if quantisation_aware else 0, progress)
+    record: Record = {
+        "seed": seed,
+        "recipe": dataclasses.asdict(recipe),
+        "config": config.to_dict(),
+        "data": str(recordings.source),
+        "recordings": len(recordings),
+        "parameters": config.parameter_count,
+        "multiplies": config.multiplies,
+        "ranges": profile_images(model, images),
+        "quantisation_aware": quantisation_aware,
+        "widths": {"weight_bits": bits},
+        "cross_validation": [records[chosen]] if records else [],
+        "baselines": [],
+        "warnings": [],
+        "reasons": list(recordings.notes),
+        "wall_s": time.perf_counter() - begin,
+    }
+    if len(candidates) > 1:
+        record["candidates"] = rows
+    record = json.loads(json.dumps(record))
+    model.save(out, record, integer)
+    return record
+
+
+def _fit(
+    config: AcceleratorConfig,
+    recordings: Recordings,
+    recipe: ImageRecipe,
+    seed: int,
+    bits: int,
+    progress: Progress | None,
+) -> tuple[FloatModel, IntegerModel | None]:
+    images, labels = images_of(recordings), recordings.labels
+
+    with one_thread():
+        model = train_network(
+            config,
+            images,
+            labels,
+            recipe=recipe,
+            seed=seed,
+            progress=named(progress, "training on all images, epochs"),
+        )
+        if not bits:
+            return model, None
+        report = named(progress, f"training on with weights of {bits} bits, epochs")
+        return tune_network(
+            model, images, labels, weight_bits=bits, recipe=recipe, seed=seed, progress=report
+        )
+
+
+def pieces_of(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    groups: list[str],
+    folds: int,
+    seeds: Sequence[int],
+    recipe: ImageRecipe,
+    bits: int,
+) -> list[list[ImageFold]]:
+    """A list for each seed, a piece for each fold; ``bits``: also train on with weights of so many, 0:
+    not."""
+    pieces = []
+    for seed in seeds:
+        parts = split_folds(recordings, groups, folds, seed if not groups else None)
+        pieces.append([ImageFold(config, tuple(map(int, part)), seed, recipe, bits) for part in parts])
+    return pieces
+
+
+def judged_pieces(
+    images: Arrays,
+    labels: np.ndarray,
+    pieces: Sequence[list[list[ImageFold]]],
+    jobs: Jobs,
+    keep: Memo | None,
+    what: str,
+    judging: Callable[[Any, ImageFold], Record],
+) -> list[list[list[Record]]]:
+    """The result of each piece of several networks, of `eskin.training.train_images.judge` or what
+    stands in for it, in their order.
+
+    Parameters
+    ----------
+    images, labels:
+        Images by their size (`eskin.training.train_images.size_of`), all of the same labels.
+    pieces:
+        Of each network a list for each seed, in it a piece for each fold.
+    jobs, keep, what:
+        As for `eskin.golden.core.jobs.Jobs.results`. A result is named by all that it depends on, the code
+        with it.
+    """
+    code = CODE()
+    of_images = {size: content_key(pixels, labels, code) for size, pixels in images.items()}
+
+    def key(piece: ImageFold) -> str:
+        options = [list(piece.left_out), piece.seed, dataclasses.asdict(piece.recipe), piece.tuned_bits]
+        return content_key(of_images[size_of(piece.config)], piece.config.to_dict(), *options)
+
+    # a fold of every network before the next fold: what an interrupted sweep has kept says something of all
+    # of them
+    turns = itertools.zip_longest(*(of_seed for of_network in pieces for of_seed in of_network))
+    keyed = {key(piece): piece for turn in turns for piece in turn if piece is not None}
+    results = jobs.results(judging, keyed, (dict(images), labels), keep=keep, what=what)
+    return [[[results[key(piece)] for piece in of_seed] for of_seed in of_network] for of_network in pieces]
+
+
+def split_of(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    groups: list[str],
+    pieces: list[list[ImageFold]],
+    results: list[list[Record]],
+    seeds: list[int],
+    integers: str,
+) -> Record:
+    """The record of a cross-validation, as `eskin.training.crossval.cross_validate` gives it, from
+    ``pieces_of`` and their results, and ``correct``: the share of seeds whose integers were right, for each
+    image. integers: the key of the results that count."""
+    correct, records = np.zeros(len(recordings)), []
+    for seed, of_seed, outcomes in zip(seeds, pieces, results, strict=True):  # every seed deals its own folds
+        tests, decided = [np.array(piece.left_out) for piece in of_seed], []
+        for test, result in zip(tests, outcomes, strict=True):
+            ideal, whole = np.array(result["float"]), np.array(result[integers])
+            correct[test] += (whole == recordings.labels[test]) / len(seeds)
+            decided.append(
+                [
+                    FoldDecisions(
+                        ideal, ideal[:, None], whole, whole[:, None], np.zeros_like(whole), np.array([])
+                    )
+                ]
+            )
+        names = [f"part {number + 1}" for number in range(len(tests))]
+        records.append(
+            split_record(groups, names, tests, decided, recordings, [seed], [image_seconds(config)])
+        )
+    record = records[0] | {
+        "seeds": seeds,
+        "correct": correct,
+        "by_weights": _by_weights(recordings.labels, pieces, results),
+    }
+    for kind in ("float", "integer"):
+        by_seed = [of_seed[f"{kind}_accuracy"] for of_seed in records]
+        record |= {f"{kind}_accuracy": float(np.mean(by_seed)), f"{kind}_by_seed": by_seed}
+    return record | {"agreement": float(np.mean([of_seed["agreement"] for of_seed in records]))}
+
+
+def _by_weights(
+    labels: np.ndarray, pieces: list[list[ImageFold]], results: list[list[Record]]
+) -> list[Record]:
+    """{weights, accuracy, spread, agreement, by_seed} of the float network and of each kind of integers;
+    accuracy and agreement (with float) are means over seeds, spread the standard deviation over them (0 of
+    one)."""
+    tuned = f"{pieces[0][0].tuned_bits} bits, trained on"
+    words = {"float": "float", "w8": "8 bits, rounded", "w4": "4 bits, rounded", "tuned": tuned}
+    rows = []
+    for kind, name in words.items():
+        if kind not in results[0][0]:
+            continue
+        right, same = [], []
+        for of_seed, outcomes in zip(pieces, results, strict=True):
+            out = np.concatenate([piece.left_out for piece in of_seed])
+            ideal, integers = (
+                np.concatenate([result[source] for result in outcomes]) for source in ("float", kind)
+            )
+            right.append(float(np.mean(integers == labels[out])))
+            same.append(float(np.mean(integers == ideal)))
+        spread = float(np.std(right, ddof=1)) if len(right) > 1 else 0.0
+        rows.append(
+            {
+                "weights": name,
+                "accuracy": float(np.mean(right)),
+                "spread": spread,
+                "agreement": float(np.mean(same)),
+                "by_seed": right,
+            }
+        )
+    return rows
+
+
+def _candidate_rows(
+    candidates: Sequence[AcceleratorConfig],
+    records: Sequence[Record],
+    correct: Sequence[np.ndarray],
+    seeds: int,
+) -> list[Record]:
+    """What training.json says of each network; the one with the fewest multiplies within one standard error
+    of the best is chosen.
+
+    correct: of each network the share of seeds that were right, for each image.
+    """
+    accuracies = [float(shares.mean()) for shares in correct]
+    errors = [float(shares.std(ddof=1) / np.sqrt(len(shares))) for shares in correct]
+    best = int(np.argmax(accuracies))
+    enough = [
+        index for index, accuracy in enumerate(accuracies) if accuracy >= accuracies[best] - errors[best]
+    ]
+    cheapest = min(enough, key=lambda index: candidates[index].multiplies)
+    return [
+        {
+            "cell": config.name,
+            "hidden": 0,
+            "recipe": "images",
+            "accuracy": accuracies[index],
+            "standard_error": errors[index],
+            "float_accuracy": record["float_accuracy"],
+            "agreement": record["agreement"],
+            "multiplies_touch": config.multiplies,
+            "multiplies_step": config.multiplies,
+            "parameters": config.parameter_count,
+            "seeds": seeds,
+            "chosen": index == cheapest,
+        }
+        for index, (config, record) in enumerate(zip(candidates, records, strict=True))
+    ]

@@ -1,0 +1,50 @@
+"""Splits: which recordings a fold leaves out, by the group arrays of an archive."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from eskin.golden.core import PRESETS, AcceleratorConfig
+from eskin.golden.data import Recordings, grouped_folds
+from eskin.training.derive import fits_sensor
+
+SPLITS: dict[str, list[list[str]]] = {
+    "pvdf": [["trial"], ["speed"], ["seq"]],
+    "fabric": [["label", "force_setting", "velocity_mmps"]],
+    "synthetic": [["person"]],
+}
+"""Splits by preset: names of the group arrays that stay on one side; ``label`` is the class itself."""
+
+
+def default_splits(recordings: Recordings, config: AcceleratorConfig) -> list[list[str]]:
+    """The splits the configuration names, one that was derived those of the preset of the same sensor, as far
+    as the recordings have the groups; without any, one plain split stratified by class."""
+    available = {*recordings.groups, "label"}
+    name = config.name
+    if name == "derived":
+        name = next((preset for preset in SPLITS if fits_sensor(PRESETS[preset], recordings)), "")
+    splits = [split for split in SPLITS.get(name, []) if available.issuperset(split)]
+    return splits or [[]]
+
+
+def split_folds(
+    recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None
+) -> list[np.ndarray]:
+    """``grouped_folds`` with ``label`` as a group name too."""
+    if "label" in groups:
+        recordings = dataclasses.replace(recordings, groups={**recordings.groups, "label": recordings.labels})
+    return grouped_folds(recordings, groups, folds, seed)
+
+
+def held_out(recordings: Recordings, groups: Sequence[str], test: np.ndarray) -> str:
+    """What a fold leaves out, in words: ``speed 300``; the number of groups where there are many."""
+    if not groups:
+        return f"{len(test)} recordings"
+    columns = [recordings.labels if name == "label" else recordings.groups[name] for name in groups]
+    values = sorted({tuple(str(column[i]) for column in columns) for i in test})
+    return (
+        f"{' '.join(groups)} {', '.join(' '.join(value) for value in values)}"
+        if len(values) <= 3
+        else f"{len(values)} groups"
+    )

@@ -1,0 +1,190 @@
+"""Training: cross-validation, a network fitted on all recordings, and the model folder."""
+
+import dataclasses
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.data import Recordings
+from eskin.golden.model import check_model_target, decide_touches
+from eskin.training.crossval import Progress, cross_validate, named
+from eskin.training.datasets import Datasets, touch_rows
+from eskin.training.fit import fine_tune, fit_networks
+from eskin.training.losses import Callback, Told
+from eskin.training.quantise import check_widths, profile, range_records
+from eskin.training.recipe import Recipe, choose_recipe
+from eskin.training.splits import default_splits, split_folds
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainingRequest:
+    """How a network of a configuration is cross-validated and trained.
+
+    Parameters
+    ----------
+    folds:
+        Folds of the cross-validation; 0 = none. With no more groups than folds each is left out in turn.
+    splits:
+        Group names of each split; None: every split the configuration names (``default_splits``).
+    seed, seeds:
+        First seed, that of the network written; number of seeds the cross-validation averages over.
+    protocol:
+        ``default``, ``robust`` (``choose_recipe``) or ``thesis`` (last-step loss, Adam, 96 epochs of batch
+        48; splits stratified by class).
+    recipe:
+        Instead of that of the protocol.
+    quantisation_aware:
+        Train the float network on in integer arithmetic and write weights.npz too (a later ``quantise``
+        replaces it by post-training integers of the float network).
+    widths:
+        Bits, as ``eskin.training.quantise.choose_formats`` takes them: of the cross-validation's
+        integers, and of those written.
+    known:
+        Records of splits that this network, recipe and seeds were cross-validated over before; they are not
+        done again.
+    """
+
+    folds: int = 5
+    splits: Sequence[Sequence[str]] | None = None
+    seed: int = 0
+    seeds: int = 3
+    protocol: str = "default"
+    recipe: Recipe | None = None
+    quantisation_aware: bool = False
+    widths: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    known: Sequence[Record] = ()
+
+
+def train(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    request: TrainingRequest | None = None,
+    *,
+    out: str | Path,
+    datasets: Datasets | None = None,
+    notes: Callable[[Record], Record] | None = None,
+    progress: Progress | None = None,
+    callback: Callback | None = None,
+) -> Record:
+    """Cross-validate, fit a network on ALL recordings, and write the model folder (config.json, float.npz,
+    training.json).
+
+    Parameters
+    ----------
+    request:
+        None: as `TrainingRequest` has it by default.
+    out:
+        A new folder, or a model folder, which is replaced.
+    datasets:
+        Touches that were found before.
+    notes:
+        Called with the record before it is written; what it returns is added.
+    callback:
+        Called while the network on all recordings is trained: with {``loss``} at each epoch of a recurrent
+        cell, and at the end, as one epoch more, with {``accuracy``}, the share of the touches trained on that
+        the float network decides rightly.
+
+    Returns
+    -------
+    The training record, as written to training.json: seed, recipe, config, data, recordings, touched,
+    parameters, ranges, cross_validation (``cross_validate``), versions, wall_s.
+
+    Raises
+    ------
+    InputError
+        Before any work: a folder that must not be replaced, an unknown group, a network or protocol that does
+        not exist.
+    """
+    begin = time.perf_counter()
+    check_model_target(out)
+    request = request or TrainingRequest()
+    recipe = request.recipe or choose_recipe(config, request.protocol)
+    seed = request.seed
+    widths = dict(request.widths)
+    check_widths(config, **widths)
+    if tuple(recordings.class_names) != config.network.class_names:
+        raise InputError(
+            f"recordings '{recordings.source}': their classes are {', '.join(recordings.class_names)} and "
+            f"configuration '{config.name}', "
+            f"field class_names, has {', '.join(config.network.class_names)}; use recordings and a "
+            "configuration of one task"
+        )
+    datasets = datasets or Datasets(recordings)
+    results = (
+        _cross_validation(recordings, config, request, recipe, datasets, progress) if request.folds else []
+    )
+
+    data = datasets.of(config, recipe)
+    rows = touch_rows(data, np.arange(len(recordings)))
+    teller = Told(callback) if callback else None
+    report = named(progress, "training on all recordings")
+    (model,) = fit_networks(data, config, recipe, [rows], seed, report, teller)
+    if teller:
+        decided = decide_touches(model, data.touches.take(rows)).decision
+        teller.tell(accuracy=float(np.mean(decided == data.labels[data.index >= 0][rows])))
+    integer = None
+    if request.quantisation_aware:
+        report = named(progress, "quantisation-aware training on all recordings")
+        (integer,) = fine_tune(data, recipe, [rows], [model], seed, widths, report)
+    ranges = profile(model, data.touches)
+    record = {
+        "seed": seed,
+        "recipe": dataclasses.asdict(recipe),
+        "config": config.to_dict(),
+        "data": str(recordings.source),
+        "recordings": len(recordings),
+        "touched": int((data.index >= 0).sum()),
+        "parameters": model.parameter_count,
+        "quantisation_aware": request.quantisation_aware,
+        "widths": widths,
+        "ranges": range_records(integer.config if integer else config, ranges),
+        "cross_validation": results,
+        "versions": {"torch": torch.__version__, "numpy": np.__version__},
+        "wall_s": time.perf_counter() - begin,
+    }
+    if notes:
+        record |= notes(record)
+        record["wall_s"] = time.perf_counter() - begin  # notes may take long
+    record = json.loads(json.dumps(record))  # what the file will hold: lists, not tuples
+    model.save(out, record, integer)
+    return record
+
+
+def _cross_validation(
+    recordings: Recordings,
+    config: AcceleratorConfig,
+    request: TrainingRequest,
+    recipe: Recipe,
+    datasets: Datasets,
+    progress: Progress | None,
+) -> list[Record]:
+    """A record for each split of the request, in its order."""
+    splits = request.splits
+    if splits is None:
+        splits = [[]] if request.protocol == "thesis" else default_splits(recordings, config)
+    for groups in splits:
+        split_folds(recordings, groups, request.folds, None)  # refuses before the work begins
+    records = {tuple(record["groups"]): record for record in request.known}
+    missing = [list(groups) for groups in splits if tuple(groups) not in records]
+    if missing:
+        fresh = cross_validate(
+            recordings,
+            config,
+            missing,
+            range(request.seed, request.seed + request.seeds),
+            folds=request.folds,
+            recipe=recipe,
+            widths=dict(request.widths),
+            quantisation_aware=request.quantisation_aware,
+            datasets=datasets,
+            progress=progress,
+        )
+        records |= {tuple(record["groups"]): record for record in fresh}
+    return [records[tuple(groups)] for groups in splits]

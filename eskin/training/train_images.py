@@ -1,0 +1,350 @@
+"""Training networks for images, in float and with weights of few bits; choosing formats; cross-validation by
+pieces of work.
+
+The recipe is that of a study on the 22 objects of Gandarias et al. (2019), tuned on the same folds: AdamW on
+a one-cycle schedule, each batch turned, mirrored, shifted and scaled anew. Batch norm is folded into weights
+and biases at the end, so what is kept is what hardware computes.
+"""
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from eskin.golden.core import (
+    AcceleratorConfig,
+    Arrays,
+    Conv,
+    Dense,
+    InputError,
+    Pool,
+    QFormat,
+    Record,
+    code_version,
+)
+from eskin.golden.core.images import PIXEL_FORMAT
+from eskin.golden.model import FloatModel, IntegerModel, float_images, layer_formats, run_images
+from eskin.golden.model.straight_through import straight_through
+from eskin.training.image_formats import (
+    choose_image_formats,
+    equalised,
+    integers_of,
+    profile_images,
+    quantised,
+)
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageRecipe:
+    """How a network for images is trained.
+
+    epochs, batch; learning_rate: the largest of a one-cycle schedule; weight_decay: AdamW's, on weights
+    alone; label_smoothing; dropout: before the last layer. Each image of each batch anew: turn (degrees, +-),
+    mirror (both axes, each with probability 1/2), shift (share of the side, +-), zoom and intensity (share,
+    +-), noise (standard deviation, share of full scale, where the image is not 0).
+
+    tuning_epochs, tuning_rate: of training with rounded weights and maps, which starts from the float network
+    with batch norm folded.
+    """
+
+    epochs: int = 100
+    batch: int = 32
+    learning_rate: float = 5e-3
+    weight_decay: float = 0.03
+    label_smoothing: float = 0.1
+    dropout: float = 0.4
+    turn: float = 30.0
+    mirror: bool = True
+    shift: float = 0.15
+    zoom: float = 0.1
+    intensity: float = 0.2
+    noise: float = 0.02
+    tuning_epochs: int = 30
+    tuning_rate: float = 1e-3
+
+
+class ImageNetwork(nn.Module):
+    """The network of a configuration with batch norm behind each convolution; images (n, 1, height, width) of
+    pixels 0..1."""
+
+    def __init__(self, config: AcceleratorConfig, dropout: float) -> None:
+        super().__init__()
+        self._config, self._dropout = config, nn.Dropout(dropout)
+        self._pooled = {stage.number - 1 for stage in config.stages if isinstance(stage.layer, Pool)}
+        self.layers, self.norms = nn.ModuleDict(), nn.ModuleDict()
+        for stage in config.weighted_stages:
+            if isinstance(stage.layer, Conv):
+                kernel, before, channels = stage.layer.kernel, stage.source[2], stage.layer.channels
+                self.layers[str(stage.number)] = nn.Conv2d(before, channels, kernel, padding=kernel // 2)
+                self.norms[str(stage.number)] = nn.BatchNorm2d(channels)
+            else:
+                self.layers[str(stage.number)] = nn.Linear(stage.products, stage.outputs)
+
+    def forward(self, values: Tensor) -> Tensor:
+        for stage in self._config.stages:
+            name = str(stage.number)
+            if isinstance(stage.layer, Pool):
+                values = nn.functional.max_pool2d(values, 2, ceil_mode=True).relu()
+            elif isinstance(stage.layer, Conv):
+                values = self.norms[name](self.layers[name](values))
+                # the largest and the ReLU may change places, and a pooled map is smaller
+                if stage.number not in self._pooled:
+                    values = values.relu()
+            else:
+                if values.ndim == 4:
+                    values = values.permute(0, 2, 3, 1).flatten(1)  # channels last, as values are numbered
+                values = self.layers[name](self._dropout(values) if stage.last else values)
+                values = values if stage.last else values.relu()
+        return values
+
+    def folded(self) -> dict[str, np.ndarray]:
+        """Weights and biases by the names of a model's arrays, batch norm folded in, float64."""
+        arrays: dict[str, np.ndarray] = {}
+        layer: Any
+        norm: Any
+        for name, layer in self.layers.items():
+            weight, bias = layer.weight.detach().double(), layer.bias.detach().double()
+            if name in self.norms:
+                norm = self.norms[name]
+                scale = norm.weight.detach().double() / torch.sqrt(norm.running_var.double() + norm.eps)
+                weight = weight * scale[:, None, None, None]
+                bias = (bias - norm.running_mean.double()) * scale + norm.bias.detach().double()
+                weight = weight.permute(0, 2, 3, 1)
+            arrays[f"W_{name}"], arrays[f"b_{name}"] = weight.contiguous().numpy(), bias.numpy()
+        return arrays
+
+
+# ---------------------------------------------------------------------- augmentation
+def augmented(images: Tensor, recipe: ImageRecipe, generator: torch.Generator) -> Tensor:
+    """Images (n, 1, height, width) of pixels 0..1, each turned, mirrored, shifted, scaled, brightened and
+    with noise by numbers of its own."""
+    count, _, height, width = images.shape
+
+    def spread(limit: float) -> Tensor:
+        return (2 * torch.rand(count, generator=generator) - 1) * limit
+
+    angle, zoom = spread(math.radians(recipe.turn)), 1 + spread(recipe.zoom)
+    down, across = 2 * spread(recipe.shift), 2 * spread(recipe.shift)
+    flip_x, flip_y = (
+        1 - 2 * torch.randint(0, 2, (count,), generator=generator) * recipe.mirror for _ in range(2)
+    )
+    aspect = height / width
+    cos, sin = torch.cos(angle) / zoom, torch.sin(angle) / zoom
+    rows = [
+        torch.stack([cos * flip_x, -sin * aspect * flip_y, across], 1),
+        torch.stack([sin / aspect * flip_x, cos * flip_y, down], 1),
+    ]
+    grid = nn.functional.affine_grid(torch.stack(rows, 1), list(images.shape), align_corners=False)
+    moved = nn.functional.grid_sample(images, grid, align_corners=False)
+    noise = torch.randn(moved.shape, generator=generator) * recipe.noise * (moved > 0)
+    return ((moved + noise) * (1 + spread(recipe.intensity))[:, None, None, None]).clamp(0, 1)
+
+
+def _batches(count: int, recipe: ImageRecipe, generator: torch.Generator) -> list[Tensor]:
+    order = torch.randperm(count, generator=generator)
+    if count <= recipe.batch:
+        return [order]
+    return list(order[: count - count % recipe.batch].split(recipe.batch))
+
+
+def _updates(count: int, recipe: ImageRecipe, epochs: int) -> int:
+    return epochs * max(count // recipe.batch, 1)
+
+
+def _pixels(images: np.ndarray) -> Tensor:
+    return torch.from_numpy(images.astype(np.float32))[:, None] / 2**PIXEL_FORMAT.frac_bits
+
+
+def _optimise(
+    parameters: list[Tensor],
+    forward: Callable[[Tensor], Tensor],
+    images: np.ndarray,
+    labels: np.ndarray,
+    recipe: ImageRecipe,
+    schedule: tuple[int, float],
+    generator: torch.Generator,
+    progress: Progress | None,
+) -> None:
+    epochs, rate = schedule
+    decayed = [parameter for parameter in parameters if parameter.ndim > 1]
+    plain = [parameter for parameter in parameters if parameter.ndim <= 1]
+    groups = [
+        {"params": decayed, "weight_decay": recipe.weight_decay},
+        {"params": plain, "weight_decay": 0.0},
+    ]
+    optimiser = torch.optim.AdamW(groups, lr=rate)
+    steps = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, rate, total_steps=_updates(len(images), recipe, epochs)
+    )
+    pixels, targets = _pixels(images), torch.from_numpy(labels.astype(np.int64))
+    loss_of = nn.CrossEntropyLoss(label_smoothing=recipe.label_smoothing)
+    for epoch in range(epochs):
+        for rows in _batches(len(images), recipe, generator):
+            loss = loss_of(forward(augmented(pixels[rows], recipe, generator)), targets[rows])
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            steps.step()
+        if progress:
+            progress(epoch + 1, epochs)
+
+
+def train_network(
+    config: AcceleratorConfig,
+    images: np.ndarray,
+    labels: np.ndarray,
+    *,
+    recipe: ImageRecipe,
+    seed: int,
+    progress: Progress | None = None,
+) -> FloatModel:
+    """A network trained on images (n, height, width) of codes 0..255; deterministic by ``seed``.
+
+    Raises
+    ------
+    InputError
+        Fewer than two images: batch norm has nothing to measure.
+    """
+    if len(images) < 2:
+        raise InputError(f"training: there are {len(images)} images to train on; give at least 2")
+    generator = torch.Generator().manual_seed(seed)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)  # first weights and dropout, which take no generator
+        network: Any = ImageNetwork(config, recipe.dropout)
+        network.to(memory_format=torch.channels_last)
+        network.train()
+        schedule = (recipe.epochs, recipe.learning_rate)
+        _optimise(list(network.parameters()), network, images, labels, recipe, schedule, generator, progress)
+    return equalised(FloatModel(config, network.folded()), images)
+
+
+# ---------------------------------------------------------------------- training with rounded weights
+def tune_network(
+    model: FloatModel,
+    images: np.ndarray,
+    labels: np.ndarray,
+    *,
+    weight_bits: int,
+    recipe: ImageRecipe,
+    seed: int,
+    progress: Progress | None = None,
+) -> tuple[FloatModel, IntegerModel]:
+    """Train a float network on with weights and maps rounded as the integer one has them (gradients straight
+    through), and its integers.
+
+    The formats are chosen before, from the float network, and stay.
+    """
+    model = equalised(model, images, weight_bits)
+    config = choose_image_formats(model, profile_images(model, images), weight_bits)
+    names = list(model.arrays)
+    values = {name: torch.tensor(model.arrays[name], dtype=torch.float32).requires_grad_() for name in names}
+    generator = torch.Generator().manual_seed(seed + 1)
+
+    def forward(pixels: Tensor) -> Tensor:
+        return _rounded_forward(config, values, pixels)
+
+    schedule = (recipe.tuning_epochs, recipe.tuning_rate)
+    _optimise(
+        [values[name] for name in names], forward, images, labels, recipe, schedule, generator, progress
+    )
+    tuned = FloatModel(
+        model.config, {name: value.detach().double().numpy() for name, value in values.items()}
+    )
+    return tuned, integers_of(tuned, config)
+
+
+def _round_to(value: Tensor, fmt: QFormat) -> Tensor:
+    scale = 2.0**fmt.frac_bits
+    held = value.clamp(fmt.min_code / scale, fmt.max_code / scale)
+    return straight_through(
+        torch.floor(held.detach() * scale + 0.5).clamp(fmt.min_code, fmt.max_code) / scale, held
+    )
+
+
+def _rounded_forward(config: AcceleratorConfig, arrays: Mapping[str, Tensor], values: Tensor) -> Tensor:
+    formats = {stage.number: (weight, after) for stage, weight, _, after in layer_formats(config)}
+    values = _round_to(values, PIXEL_FORMAT)
+    for stage in config.stages:
+        if isinstance(stage.layer, Pool):
+            values = nn.functional.max_pool2d(values, 2, ceil_mode=True)
+            continue
+        rounding, after = formats[stage.number]
+        weight, bias = _round_to(arrays[f"W_{stage.number}"], rounding), arrays[f"b_{stage.number}"]
+        if isinstance(stage.layer, Dense):
+            if values.ndim == 4:
+                values = values.permute(0, 2, 3, 1).flatten(1)
+            values = nn.functional.linear(values, weight, bias)
+        else:
+            values = nn.functional.conv2d(
+                values, weight.permute(0, 3, 1, 2), bias, padding=stage.layer.kernel // 2
+            )
+        if not stage.last:
+            values = _round_to(values, after)
+    return values
+
+
+# ---------------------------------------------------------------------- pieces of work
+@dataclass(frozen=True)
+class ImageFold:
+    """One network of a cross-validation: trained without the images ``left_out`` and judged on them.
+
+    tuned_bits: also train on with weights of so many bits; 0: not.
+    """
+
+    config: AcceleratorConfig
+    left_out: tuple[int, ...]
+    seed: int
+    recipe: ImageRecipe
+    tuned_bits: int = 0
+
+
+CODE = partial(
+    code_version,
+    "golden/core/formats.py",
+    "golden/core/images.py",
+    "golden/model/image_network.py",
+    "golden/model/straight_through.py",
+    "training/image_formats.py",
+    "training/train_images.py",
+)
+"""What the result of an `ImageFold` depends on beside its data."""
+
+
+def size_of(config: AcceleratorConfig) -> str:
+    """The images that a network takes: ``28x50``."""
+    return f"{config.image.height}x{config.image.width}"
+
+
+def judge(shared: tuple[Arrays, np.ndarray], piece: ImageFold) -> Record:
+    """Decisions on the images left out: ``float``, ``w8`` and ``w4`` (rounded after training), ``tuned``
+    (trained on with few bits), each a list of classes in the order of ``left_out``; ``wall_s``. shared:
+    images by their size (`size_of`), and labels."""
+    from eskin.training.fit import one_thread
+
+    begin = time.perf_counter()
+    images, labels = shared[0][size_of(piece.config)], shared[1]
+    out = np.array(piece.left_out)
+    train = np.setdiff1d(np.arange(len(images)), out)
+    with one_thread():
+        model = train_network(
+            piece.config, images[train], labels[train], recipe=piece.recipe, seed=piece.seed
+        )
+        decided = {"float": float_images(model, images[out], maps=False)}
+        for bits in (8, 4):
+            even = model if bits == 8 else equalised(model, images[train], bits)
+            decided[f"w{bits}"] = run_images(quantised(even, images[train], bits), images[out], maps=False)
+        if piece.tuned_bits:
+            options: Record = {"weight_bits": piece.tuned_bits, "recipe": piece.recipe, "seed": piece.seed}
+            tuned = tune_network(model, images[train], labels[train], **options)[1]
+            decided["tuned"] = run_images(tuned, images[out], maps=False)
+    return {name: trace.decision.tolist() for name, trace in decided.items()} | {
+        "wall_s": round(time.perf_counter() - begin, 1)
+    }

@@ -1,0 +1,218 @@
+"""Labels that are words, held-back sets with fewer classes, and what people's tables hold beside samples."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import eskin
+from eskin.data import Reading, load_recordings
+from eskin.golden.core import InputError
+from eskin.golden.data import Recordings, load_archive, save_archive
+from tests.support.table import each_row
+
+CODES = np.random.default_rng(3).integers(100, 900, (6, 20, 3))
+AT = Reading(rate_hz=100)
+
+
+def archive(path, **changes):
+    arrays = {
+        "samples": CODES.reshape(-1, 3),
+        "offsets": 20 * np.arange(7),
+        "labels": np.array(["silk", "felt"] * 3),
+        "sample_rate_hz": 100.0,
+    }
+    np.savez(path, **arrays | changes)
+    return load_archive(path)
+
+
+def rows(index: int) -> list[str]:
+    return [",".join(map(str, codes)) for codes in CODES[index].tolist()]
+
+
+def folder(path, text_of, count=4):
+    for index in range(count):
+        file = path / "ab"[index % 2] / f"r{index}.csv"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text_of(index))
+    return path
+
+
+@each_row(
+    ("labels", "names", "expected"),
+    [
+        (np.array(["m10", "m2"] * 3), None, ("m2", "m10")),
+        (np.array([b"m10", b"m2"] * 3), None, ("m2", "m10")),
+        (np.array(["m10", "m2"] * 3), np.array(["m10", "none", "m2"]), ("m10", "none", "m2")),
+        (np.array([10, 2] * 3), None, ("2", "10")),  # numbers that count nothing
+    ],
+)
+def test_labels_that_are_text_are_names(tmp_path, labels, names, expected):
+    recordings = archive(
+        tmp_path / "a.npz", labels=labels, **({} if names is None else {"class_names": names})
+    )
+    assert recordings.class_names == expected
+    assert [expected[label] for label in recordings.labels] == labels.astype(str).tolist()
+
+
+def test_text_labels_of_lists_series_and_images(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    for labels in (["b", "a"], np.array(["b", "a"], dtype=object), pandas.Series(["b", "a"])):
+        made = eskin.Recordings.of(CODES[:2], labels, sample_rate_hz=100)
+        assert made.class_names == ("a", "b") and made.labels.tolist() == [1, 0]
+    np.savez(tmp_path / "i.npz", images=np.zeros((2, 8, 8), np.uint8), labels=np.array(["cup", "ball"]))
+    assert load_archive(tmp_path / "i.npz").class_names == ("ball", "cup")
+    with pytest.raises(InputError, match="array labels: holds 'silk', which is none of the class names"):
+        archive(tmp_path / "a.npz", class_names=np.array(["felt", "wool"]))
+
+
+def test_classes_are_matched_by_name():
+    held = eskin.Recordings.of(CODES, ["c", "a"] * 3, sample_rate_hz=100, class_names=["c", "a", "d"])
+    matched = held.of_classes(("a", "b", "c"), "the model")
+    assert matched.class_names == ("a", "b", "c") and matched.labels.tolist() == [2, 0] * 3
+    with pytest.raises(InputError, match="has recordings of c, and the model knows a, b; leave those"):
+        held.of_classes(("a", "b"), "the model")
+
+
+def test_a_score_of_fewer_classes_in_another_order(tmp_path):
+    from tests.support import result_case
+
+    result_case.make_result(tmp_path)
+    model = eskin.Model.load(tmp_path / "model")
+    known = result_case.recordings().of_classes(model.config.network.class_names, "the model")
+    turned = dataclasses.replace(
+        known, class_names=known.class_names[::-1], labels=len(model.classes_) - 1 - known.labels
+    )
+    assert model.score(turned) == model.score(known)
+    assert tuple(model.classes_) == model.config.network.class_names  # no third name, none
+    with pytest.raises(IndexError):
+        model.classes_[len(model.classes_)]
+    some = turned.subset(np.flatnonzero(turned.labels == turned.labels[0]))
+    assert model.score(some) == np.mean(
+        model.predict(known)[known.labels == known.labels[0]] == known.labels[0]
+    )
+
+
+def test_a_unit_stays_with_its_samples(tmp_path):
+    made = archive(tmp_path / "a.npz", samples=CODES.reshape(-1, 3) / 7, unit="mN")
+    assert made.unit == "mN" and made.subset([0]).unit == "mN"
+    save_archive(made, tmp_path / "b.npz")
+    assert load_archive(tmp_path / "b.npz").unit == "mN"
+
+
+@each_row(
+    ("header", "unit", "rate"),
+    [
+        ("time,a,b,c\nms,kPa,kPa,kPa", "kPa", 500.0),
+        ("time (s),a [N],b [N],c [N]", "N", 0.5),
+        ("time,a,b,c\ns,N,N,V", "", 0.5),
+    ],
+)
+def test_units_of_a_header(tmp_path, header, unit, rate):
+    text = lambda index: "\n".join([header, *(f"{2 * k},{row}" for k, row in enumerate(rows(index)))])
+    recordings = load_recordings(folder(tmp_path, text))
+    assert recordings.unit == unit and recordings.sample_rate_hz == rate and recordings.taxels == 3
+
+
+@each_row(
+    ("header", "columns"),
+    [("time,tip,tip,pad\n,0,1,0", "tip 0, tip 1, pad 0"), ("time,tip,,pad\ns,x,y,x", "tip x, tip y, pad x")],
+)
+def test_two_header_rows_are_one(tmp_path, header, columns):
+    text = lambda index: "\n".join([header, *(f"{k / 100},{row}" for k, row in enumerate(rows(index)))])
+    recordings = load_recordings(folder(tmp_path, text))
+    assert recordings.sample_rate_hz == 100 and np.array_equal(recordings.recording(1), CODES[2])
+    assert any(f"columns {columns} are the 3 taxels" in note for note in recordings.notes)
+
+
+@each_row("end", ["512,40", "512", '"51'])
+def test_a_cut_last_line_is_dropped_and_said(tmp_path, end):
+    text = lambda index: "\n".join(["a,b,c", *rows(index), *([end] if index == 1 else [])])
+    recordings = load_recordings(folder(tmp_path, text), reading=AT)
+    assert recordings.lengths.tolist() == [20] * 4
+    assert any(
+        "line 22, the last of 'r1.csv', is cut off and was dropped" in note for note in recordings.notes
+    )
+    middle = lambda index: "\n".join(["a,b,c", *rows(index)[:5], "512,40", *rows(index)[5:]])
+    with pytest.raises(InputError, match="line 7: has 2 cells"):
+        load_recordings(folder(tmp_path, middle), reading=AT)
+
+
+@each_row("cell", ["x", "", "nan", "9" * 400])
+def test_with_columns_no_other_is_read(tmp_path, cell):
+    """Its cells may be anything, in a folder and in a long table."""
+    reading = dataclasses.replace(AT, columns=("a", "b", "c"))
+    text = lambda index: "\n".join(["note,person,a,b,c", *(f"{cell},{cell},{row}" for row in rows(index))])
+    assert np.array_equal(
+        load_recordings(folder(tmp_path / "d", text), reading=reading).recording(1), CODES[2]
+    )
+    lines = ["recording,class,note,person,a,b,c"]
+    lines += [f"{r},{'xy'[r % 2]},{cell},{cell if r else 1},{row}" for r in range(4) for row in rows(r)]
+    (tmp_path / "all.csv").write_text("\n".join(lines))
+    recordings = load_recordings(tmp_path / "all.csv", reading=reading)
+    assert np.array_equal(recordings.recording(1), CODES[1])
+    # what a name says to be a group stays one, where it has a value everywhere
+    assert {*recordings.groups} == {"recording", *(() if cell in ("", "nan") else ("person",))}
+
+
+def test_a_picture_beside_a_table_is_no_image_set(tmp_path):
+    made = folder(tmp_path, lambda index: "\n".join(["a,b,c", *rows(index)]))
+    Image.new("L", (8, 8)).save(made / "a" / "plot.png")
+    recordings = load_recordings(made, reading=AT)
+    assert recordings.image_shape is None and any("1 files" in note for note in recordings.notes)
+
+
+def test_one_value_a_recording_is_no_group(tmp_path):
+    """Neither a column, nor a number in the files' names, nor in what inspect offers to leave out."""
+    text = lambda index: "\n".join(["mass,a,b,c", *(f"{index}.5,{row}" for row in rows(index))])
+    recordings = load_recordings(folder(tmp_path, text), reading=AT)
+    assert {*recordings.groups} == {"source_file"}
+    assert any(
+        "'mass' has another value in each recording, so is no group" in note for note in recordings.notes
+    )
+
+
+@pytest.fixture
+def seen():
+    from eskin.pages.inspect_data import in_rows, inspect
+    from eskin.pages.views import words
+
+    def show(recordings: Recordings) -> str:
+        figures = inspect(recordings)
+        return words("inspect", **figures, **in_rows(recordings, figures, "a.npz"), picture="p.png")
+
+    return show
+
+
+def test_inspect_says_one_class_and_tells_groups_from_values(seen, tmp_path):
+    text = seen(
+        archive(tmp_path / "a.npz", labels=np.array(["silk"] * 6), mass=np.arange(6), day=np.arange(6) // 2)
+    )
+    assert "one class only, silk" in text
+    assert "day (3 values)" in text and "| one value a recording | mass |" in text and "mass (6" not in text
+
+
+def test_a_data_card(tmp_path, monkeypatch):
+    """A README.md with what the archive says and fields to fill, which a second call does not overwrite."""
+    from typer.testing import CliRunner
+
+    from eskin.cli.main import app
+
+    monkeypatch.chdir(tmp_path)
+    archive("mine.npz", samples=CODES.reshape(-1, 3) / 8, lsb_volt=0.125, unit="mN", day=np.arange(6) // 2)
+    shown = CliRunner().invoke(app, ["inspect", "mine.npz", "--card"])
+    card = (tmp_path / "build/inspect/mine/README.md").read_text()
+    assert shown.exit_code == 0 and "build/inspect/mine/README.md" in shown.output
+    for line in (
+        "# mine",
+        "| sample rate | 100 Hz |",
+        "| taxels | 3 |",
+        "| one code | 0.125 mN |",
+        "| felt | 3 |",
+        "| day | 3 |",
+        "| licence | TO FILL IN |",
+    ):
+        assert line in card.splitlines()
+    again = CliRunner().invoke(app, ["inspect", "mine.npz", "--card"])
+    assert isinstance(again.exception, InputError) and "README.md: is there already" in str(again.exception)

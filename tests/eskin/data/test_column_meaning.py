@@ -1,0 +1,212 @@
+"""What no taxel is, is never taken for one in silence: it is understood and said, or refused with file and
+line."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import eskin
+from eskin.data import Reading, load_recordings
+from eskin.golden.core import InputError
+from eskin.golden.data import Recordings, load_archive, save_archive
+from tests.support.table import each_row
+
+FRAMES = 30
+CODES = np.random.default_rng(1).integers(1900, 2100, (8, FRAMES, 3))
+AT = Reading(rate_hz=100)
+
+
+def table(names="t0,t1,t2", labels="ab", **extra) -> str:
+    """Eight recordings of classes a and b as a long table; extra: a column's name -> its cell in frame k of
+    recording r."""
+    lines = [",".join(["recording", "class", *extra, names])]
+    for r, frames in enumerate(CODES):
+        for k, codes in enumerate(frames.tolist()):
+            lines.append(
+                ",".join(map(str, [f"r{r}", labels[r % 2], *(cell(r, k) for cell in extra.values()), *codes]))
+            )
+    return "\n".join(lines)
+
+
+def read(tmp_path, text: str, reading: Reading = AT) -> Recordings:
+    (tmp_path / "all.csv").write_text(text)
+    return load_recordings(tmp_path / "all.csv", reading=reading)
+
+
+def folder(tmp_path, text_of):
+    """Two files of each class a and b; text_of(label, file) gives the text."""
+    for label in "ab":
+        (tmp_path / label).mkdir()
+        for number in range(2):
+            (tmp_path / label / f"r{number}.csv").write_text(text_of(label, number))
+    return load_recordings(tmp_path, reading=AT)
+
+
+@each_row(
+    ("extra", "groups", "note"),
+    [
+        ({"class_id": lambda r, k: 7 * (r % 2)}, {}, "column 'class_id' tells the class, too,"),
+        (
+            {"operator": lambda r, k: r // 3},
+            {"operator": [0, 0, 0, 1, 1, 1, 2, 2]},
+            "column 'operator' has one value in each recording",
+        ),
+        ({"person": lambda r, k: r // 2}, {"person": [0, 0, 1, 1, 2, 2, 3, 3]}, "groups: person"),
+        ({"tick": lambda r, k: 1000 * r + k**3}, {}, "column 'tick' runs on like a time"),
+        ({"clock": lambda r, k: k // 4}, {}, "column 'clock' runs on like a time"),
+        ({"byte": lambda r, k: (250 + k) % 256}, {}, "column 'byte' runs on like a time"),
+        ({"time": lambda r, k: k / 100, "elapsed": lambda r, k: 9 + k}, {}, "column 'elapsed' is time, too,"),
+        ({"remark": lambda r, k: ""}, {}, "column 'remark' is empty"),
+        ({"": lambda r, k: FRAMES * r + k}, {}, "numbers the rows"),
+        ({"time": lambda r, k: f"2026-05-01T12:00:0{k / 100:.2f}"}, {}, "the sample rate is as asked for"),
+    ],
+)
+def test_another_column_is_understood_and_said(tmp_path, extra, groups, note):
+    recordings = read(tmp_path, table(**extra))
+    assert np.array_equal(recordings.samples, CODES.reshape(-1, 3))
+    assert recordings.labels.tolist() == [0, 1] * 4
+    assert {
+        name: values.tolist() for name, values in recordings.groups.items() if name != "recording"
+    } == groups
+    assert any(note in sentence for sentence in recordings.notes), recordings.notes
+
+
+def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
+    wave = read(
+        tmp_path,
+        table(force=lambda r, k: int(50 * np.sin(k / 3)), t3=lambda r, k: r % 2, dead=lambda r, k: 5),
+    )
+    assert wave.taxels == 6 and "columns force, t3 to t2, dead are the 6 taxels" in wave.notes[0]
+    assert "column 't3' keeps its value in each recording and was taken as a taxel" in wave.notes
+    assert len(wave.notes) == 5
+    assert read(tmp_path, table(tick=lambda r, k: k), Reading(rate_hz=100, columns=("tick", "t1"))).samples[
+        :3, 0
+    ].tolist() == [0, 1, 2]
+
+
+@each_row(
+    ("text", "reading", "sentence"),
+    [
+        (table(speed=lambda r, k: 0.1 * k), AT, "line 3: column 'speed' is a group and changes inside "
+                                                "recording r0; name the groups"),
+        (table(day=lambda r, k: k // 20), Reading(rate_hz=100, groups=("day",)), "line 22: column 'day' is "
+                                                                                 "a group and changes"),
+        (table(labels=["nan", "x"]), AT, "line 2: column 'class' holds 'nan', which is no value"),
+        (table(labels=["a", ""]), AT, "line 32: column 'class' holds an empty cell"),
+        (table(person=lambda r, k: "" if r == 3 else r), AT, "line 92: column 'person' holds an empty cell"),
+        (table(x=lambda r, k: k if r % 2 else 7), AT, "line 2: column 'x' is level in some recordings and "
+                                                      "runs on like a time in others"),
+        (table(x=lambda r, k: "12_30"[k % 2 :]), AT, "line 2: column 'x' holds '12_30', which is no number"),
+        (table(names=f't0,t1,"t2"\n,,,,"{"1" * 131_073}"'), AT, "line 2: has more than 100000 letters"),
+        (table(names='t0,t1,t2\nr0,a,1,2,"3'), AT, "line 2: has a quotation mark without its partner"),
+        (table(), Reading(rate_hz=100, columns=("9" * 5000,)), "the file has no such column"),
+        (table(), Reading(rate_hz=100, scale=1e-320), "a scale of 1e-320 makes infinite codes"),
+        (table(names="t0,t1,t2\nr0,a,1,2,1e308").replace(",2,1e308\n", ",2,1e308\n"), AT, "samples run from "
+                                                                                          "1 to 1e+308"),
+        ("\n".join(["recording;class;a;b", *(f"{r};{'ab'[r % 2]};1,65{k};2,00{k}" for r in (0, 1) for k in range(9))]), AT,
+         "line 2: '1,650' may be a decimal number or thousands"),
+    ],
+)  # fmt: skip
+def test_what_is_not_certain_is_refused_with_its_line(tmp_path, text, reading, sentence):
+    with pytest.raises(InputError) as refusal:
+        read(tmp_path, text, reading)
+    assert sentence in str(refusal.value) and "all.csv" in str(refusal.value), str(refusal.value)[:300]
+
+
+def test_long_numbers_and_numbers_as_names(tmp_path):
+    assert read(tmp_path, table(labels=["1234567", "1234568"])).class_names == ("1234567", "1234568")
+    assert read(tmp_path, table(labels=["x" + "1" * 5000, "x" + "2" * 5000])).labels.tolist() == [0, 1] * 4
+    cut = read(tmp_path, table().replace("r1,b", "r0,b"))
+    assert len(cut) == 8
+    assert "changes inside recordings, 1 times, first in line 32: they were cut there" in cut.notes[1]
+    assert read(tmp_path, table(names="0,1,2")).taxels == 3
+
+
+@each_row("index", [False, True])
+def test_headers_that_count(tmp_path, index):
+    recordings = folder(tmp_path, lambda label, number: pd.DataFrame(CODES[number]).to_csv(index=index))
+    assert np.array_equal(recordings.recording(1), CODES[1]) and recordings.taxels == 3
+    assert any("line 1 numbers the columns and is their header" in note for note in recordings.notes)
+
+
+@each_row("delimiter", ["\t", ";", ","])
+def test_commas_between_thousands(tmp_path, delimiter):
+    shown = [
+        delimiter.join(f'"{code:,}"' if delimiter == "," else f"{code:,}" for code in row)
+        for row in (CODES[0] - 1000).tolist()
+    ]
+    recordings = folder(tmp_path, lambda label, number: "\n".join([delimiter.join("abc"), *shown]))
+    assert np.array_equal(recordings.recording(0), CODES[0] - 1000)
+    assert "commas in numbers separate thousands" in recordings.notes
+
+
+def test_decimal_commas_of_three_digits_beside_a_zero(tmp_path):
+    recordings = folder(
+        tmp_path,
+        lambda label, number: (
+            "a;b\n" + "\n".join(f"0,{500 + 7 * k % 91};1,{250 + 5 * k % 83}" for k in range(30))
+        ),
+    )
+    assert recordings.recording(0)[0] @ [1, 1] * recordings.volt_per_code == pytest.approx(1.75)
+
+
+def test_a_column_without_a_name_that_tells_the_class(tmp_path):
+    with pytest.raises(
+        InputError, match=r"r0\.csv', line 1: column 4 has one value in each recording, so is no taxel"
+    ):
+        folder(
+            tmp_path,
+            lambda label, number: "\n".join(
+                f"{','.join(map(str, row))},{int(label == 'b')}" for row in CODES[number].tolist()
+            ),
+        )
+
+
+@each_row("stem", ["labels", "file", "samples", "offsets", "images", "lsb_volt"])
+def test_groups_never_replace_arrays_of_an_archive(tmp_path, stem):
+    for label in "ab":
+        (tmp_path / label).mkdir()
+        for number in range(2):
+            np.savetxt(
+                tmp_path / label / f"{stem.replace('_', '')}{number}_t1.csv",
+                CODES[number],
+                delimiter=",",
+                fmt="%d",
+            )
+    groups = {stem: [1, 0], f"group_{stem}": [2, 3]}
+    made = Recordings.of(list(CODES[:2]), [0, 1], sample_rate_hz=100, groups=groups)
+    assert any(f"group {stem} is called group_{stem}_, since an archive" in note for note in made.notes)
+    for recordings in (load_recordings(tmp_path, reading=AT), made):
+        save_archive(recordings, tmp_path / "x.npz")
+        again = load_archive(tmp_path / "x.npz")
+        assert again.labels.tolist() == recordings.labels.tolist() and np.array_equal(
+            again.samples, recordings.samples
+        )
+        assert set(again.groups) == set(recordings.groups)
+
+
+@each_row("values", [[None, {}], [1, 2, 3], [[1], [2]]])
+def test_groups_of_no_use_are_refused(values):
+    with pytest.raises(
+        InputError, match="group person: is .* give a number or text for each of 2 recordings"
+    ):
+        Recordings.of(list(CODES[:2]), [0, 1], sample_rate_hz=100, groups={"person": values})
+
+
+def test_a_data_frame_is_a_long_table():
+    frame = pd.DataFrame(CODES.reshape(-1, 3), columns=["a", "b", "c"]).assign(
+        recording=np.repeat(range(8), FRAMES)
+    )
+    frame = frame.assign(
+        time=pd.Timestamp("2026-05-01") + pd.to_timedelta(np.arange(len(frame)) / 250, unit="s")
+    )
+    frame["class"] = pd.Categorical(np.where(frame.recording % 2, "wool", "felt"))
+    recordings = eskin.load(frame.set_index("recording"))
+    assert np.array_equal(recordings.samples, CODES.reshape(-1, 3)) and recordings.sample_rate_hz == 250
+    assert recordings.class_names == ("felt", "wool") and recordings.source == "DataFrame"
+    frame.loc[70, "class"] = np.nan
+    with pytest.raises(InputError, match="'DataFrame', line 71: column 'class' holds an empty cell"):
+        eskin.load(frame)
+    for nothing in (None, 5, frame.iloc[:0]):
+        with pytest.raises(InputError):
+            eskin.load(nothing)

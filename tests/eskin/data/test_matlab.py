@@ -1,0 +1,157 @@
+"""Recordings from .mat files, written by scipy as MATLAB writes them."""
+
+import zlib
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from eskin.data import Reading, load_recordings
+from eskin.golden.core import InputError
+from tests.support.table import each_row
+
+PARTS = [np.random.default_rng(n).integers(0, 500, (20 + n, 4)).astype(float) for n in range(4)]
+
+
+@pytest.fixture(autouse=True)
+def no_trial(request, monkeypatch):
+    """The trial of a file in a process of its own takes half a second, and one test needs it."""
+    if "kills" not in request.node.name:
+        monkeypatch.setattr("eskin.data.matlab.TRIAL", "")
+
+
+def cells(items):
+    made = np.empty((1, len(items)), dtype=object)
+    made[0, :] = items
+    return made
+
+
+GOOD = {
+    "samples": cells(PARTS),
+    "labels": np.array([[1, 2, 1, 2]]),
+    "class_names": cells(["silk", "felt"]),
+    "fs": 250.0,
+    "person": np.array([[0], [0], [1], [1]]),
+}
+
+
+def write(path, **changes):
+    savemat(
+        path,
+        {name: value for name, value in (GOOD | changes).items() if value is not None},
+        do_compression=True,
+    )
+    return path
+
+
+def test_a_cell_array_of_recordings(tmp_path):
+    recordings = load_recordings(write(tmp_path / "r.mat"))
+    assert recordings.class_names == ("silk", "felt") and recordings.labels.tolist() == [0, 1, 0, 1]
+    assert recordings.sample_rate_hz == 250 and recordings.groups["person"].tolist() == [0, 0, 1, 1]
+    assert all(np.array_equal(recordings.recording(n), PARTS[n]) for n in range(4))
+    assert any("numbered from 1" in note for note in recordings.notes)
+
+
+@each_row(
+    "changes",
+    [
+        {"samples": None, "data": cells(PARTS)},
+        {"samples": np.concatenate(PARTS), "offsets": np.cumsum([0, *map(len, PARTS)])},
+        {"labels": cells(["silk", "felt", "silk", "felt"])},
+        {"labels": np.array([0, 1, 0, 1])},
+        {"fs": None, "sample_rate_hz": 250},
+    ],
+)
+def test_other_forms_of_the_same(tmp_path, changes):
+    recordings = load_recordings(write(tmp_path / "r.mat", **changes))
+    assert recordings.labels.tolist() == [0, 1, 0, 1] and recordings.sample_rate_hz == 250
+    assert all(np.array_equal(recordings.recording(n), PARTS[n]) for n in range(4))
+
+
+def test_turned_cells_stacks_and_real_samples(tmp_path):
+    for parts, note in ((PARTS, "turned"), ([part[:20] for part in PARTS], "wider than high")):
+        turned = load_recordings(write(tmp_path / "r.mat", samples=cells([part.T for part in parts])))
+        assert all(np.array_equal(turned.recording(n), parts[n]) for n in range(4))
+        assert any(note in said for said in turned.notes)
+    stack = np.stack([part[:20] for part in PARTS]) / 7
+    recordings = load_recordings(write(tmp_path / "r.mat", samples=stack, class_names=None))
+    assert recordings.class_names == ("class1", "class2") and recordings.volt_per_code == 5e-3
+    assert np.abs(recordings.recording(2) * recordings.volt_per_code - stack[2]).max() <= 0.0025 + 1e-9
+    named = load_recordings(
+        write(tmp_path / "r.mat", samples=None, touch=cells(PARTS)),
+        reading=Reading(samples="touch", rate_hz=10),
+    )
+    assert named.sample_rate_hz == 10 and len(named) == 4
+
+
+BROKEN = [
+    ({"samples": None}, "has no array of samples"),
+    ({"labels": None}, "has no array of classes"),
+    ({"fs": None}, "does not say its rate"),
+    (
+        {"samples": cells([PARTS[0], np.full((3, 4), np.nan), *PARTS[2:]])},
+        "recording 2, row 1, column 1 holds nan",
+    ),
+    ({"labels": np.array([1, 2, 1])}, "give one value for each of the 4 recordings"),
+    ({"labels": np.array([1, 2, 1, 7])}, "runs from 1 to 7 and there are 2 class names"),
+    ({"labels": cells(["silk", "felt", "silk", "wood"])}, "holds 'wood'"),
+    ({"samples": cells([PARTS[0], PARTS[1][:, :3], *PARTS[2:]])}, "cell 2 has 3 columns where cell 1 has 4"),
+    ({"samples": cells(["a", "b", "c", "d"])}, "cell 1 is"),
+    ({"samples": PARTS[0]}, "no array offsets"),
+    ({"samples": np.concatenate(PARTS), "offsets": [0, 5, 3, 86]}, "must rise from 0"),
+    ({"fs": -3.0}, "must be one number above 0"),
+]
+
+
+@each_row("changes, sentence", BROKEN)
+def test_a_broken_file_is_refused(tmp_path, changes, sentence):
+    with pytest.raises(InputError) as refusal:
+        load_recordings(write(tmp_path / "r.mat", **changes))
+    assert sentence in str(refusal.value) and "r.mat" in str(refusal.value), str(refusal.value)
+
+
+def test_files_that_are_none(tmp_path):
+    path = write(tmp_path / "r.mat")
+    data = path.read_bytes()
+    for damaged in (b"", data[:200], data[:-40], b"\0" * 500, b"text"):
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match="r.mat"):
+            load_recordings(path)
+    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + b" " * 90)
+    with pytest.raises(InputError, match="version 7.3"):
+        load_recordings(path)
+
+
+def test_groups_never_replace_the_classes(tmp_path):
+    path = write(tmp_path / "r.mat", y=np.array([0, 0, 0, 1]), file=np.arange(4), class_names=None)
+    recordings = load_recordings(path, reading=Reading(label="y"))
+    assert recordings.labels.tolist() == [0, 0, 0, 1] and recordings.groups["group_labels"].tolist() == [
+        1,
+        2,
+        1,
+        2,
+    ]
+    assert "group_file" in recordings.groups
+
+
+@each_row("kind", ["bytes", "lie"])
+def test_a_file_that_unpacks_to_far_more_is_refused_before_it_is_read(tmp_path, monkeypatch, kind):
+    monkeypatch.setattr("eskin.data.text.UNPACKED_BYTES", 1 << 20)
+    path = write(tmp_path / "r.mat", samples=np.zeros((4, 1000, 1000 if kind == "bytes" else 10), np.uint8))
+    if kind == "lie":  # declares 4 GB in place of 40 kB
+        data = bytearray(path.read_bytes())
+        head = zlib.compress(b"\x0e\0\0\0" + b"\xff\xff\xff\xef" + b"\0" * 64)
+        path.write_bytes(data[:128] + b"\x0f\0\0\0" + len(head).to_bytes(4, "little") + head)
+    monkeypatch.setattr("scipy.io.loadmat", lambda *_, **__: pytest.fail("it was read"))
+    with pytest.raises(InputError, match=r"r.mat': has \d+ bytes and unpacks to \d+ MB"):
+        load_recordings(path)
+
+
+def test_a_file_that_kills_scipys_reader_is_refused(tmp_path):
+    savemat(tmp_path / "r.mat", {"samples": np.zeros((2, 3, 4)), "labels": [1, 2], "fs": 1.0})
+    data, tag = (tmp_path / "r.mat").read_bytes(), b"\x09\0\0\0" + (192).to_bytes(4, "little")
+    assert data.count(tag) == 1
+    # numbers of a kind that there is not
+    (tmp_path / "r.mat").write_bytes(data.replace(tag, b"\xff" + tag[1:]))
+    with pytest.raises(InputError, match="r.mat': is damaged"):
+        load_recordings(tmp_path / "r.mat")

@@ -1,0 +1,163 @@
+"""The easy synthetic scene: as it was published, and as its name and configuration say."""
+
+import numpy as np
+import pytest
+
+from eskin.data import load_recordings, synthetic_recordings
+from eskin.data.scene import kinds, scene_of
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.data import check_fit
+from eskin.golden.model import find_touches, with_network
+from tests.support.table import each_row
+
+SYNTHETIC = PRESETS["synthetic"]
+
+
+def test_same_seed_same_scene():
+    small = dict(persons=2, trials=1, sample_rate_hz=500.0)
+    first = synthetic_recordings(**small)
+    assert np.array_equal(first.samples, synthetic_recordings(**small).samples)
+    assert not np.array_equal(first.samples, synthetic_recordings(**small, seed=2).samples)
+    more = synthetic_recordings(**small | {"persons": 3})
+    assert np.array_equal(more.samples[: first.frames], first.samples)
+    persons = first.samples.reshape(2, -1)
+    assert not np.array_equal(persons[0], persons[1])
+
+
+@each_row("rows, columns", [(2, 2), (2, 5), (8, 8)])
+def test_other_arrays(rows, columns):
+    calls: list[tuple[int, int]] = []
+    scene = synthetic_recordings(
+        persons=2, trials=2, rows=rows, columns=columns, progress=lambda *call: calls.append(call)
+    )
+    assert scene.taxels == rows * columns and len(scene) == 12 and calls == [(1, 2), (2, 2)]
+    of_array = find_touches(SYNTHETIC.replace(taxels=rows * columns), scene)
+    assert (of_array.first_touch() >= 0).all() and (of_array.completed[of_array.first_touch()] == 20).all()
+
+
+@each_row(
+    "field, value",
+    [
+        ("persons", 0),
+        ("trials", 0),
+        ("rows", 1),
+        ("columns", 9),
+        ("classes", 1),
+        ("classes", 33),
+        ("sample_rate_hz", 0),
+    ],
+)
+def test_what_cannot_be_made_is_refused(field, value):
+    with pytest.raises(InputError, match=f"synthetic-easy scene, {field}: is {value}; it must lie in"):
+        synthetic_recordings(**{field: value})
+
+
+# ---------------------------------------------------------------------- other classes and arrays
+def sized(taxels: int, classes: int, hidden: int = 12, steps: int = 20, **changes) -> AcceleratorConfig:
+    """The synthetic configuration of another array and task."""
+    names = tuple(kind.name for kind in kinds(classes))
+    return with_network(
+        SYNTHETIC.replace(taxels=taxels, class_names=names, **changes), hidden=hidden, steps=steps
+    )
+
+
+def test_the_default_scene_is_what_it_was():
+    """Samples, labels, classes and groups, by their check sum: results that were published on it must not move."""
+    assert load_recordings("synthetic-easy").content.startswith("64448ee5d3bf1853")
+
+
+@each_row("classes", [2, 3, 4, 12, 13, 32])
+def test_classes_are_even(classes):
+    names = [kind.name for kind in kinds(classes)]
+    assert len(set(names)) == classes
+    if classes <= 3:
+        assert names == [name for name in ("brush", "roll", "slide") if name != "roll" or classes == 3]
+        return
+    assert names[:4] == ["brush-east-medium", "roll-east-medium", "slide-east-medium", "brush-south-medium"]
+    parts = np.array([name.split("-") for name in names])
+    for column in range(3):
+        counts = np.unique(parts[:, column], return_counts=True)[1]
+        assert np.ptp(counts) <= (1, 3, 4)[column] or classes == 13
+    scene = synthetic_recordings(persons=2, trials=1, classes=classes, sample_rate_hz=200.0)
+    assert scene.class_names == tuple(names) and scene.class_counts.tolist() == [2] * classes
+    along_rows = np.isin(parts[scene.labels][:, 1], ["south", "north"])
+    assert np.array_equal(scene.groups["direction"], along_rows)
+
+
+def test_headings_and_speeds_are_what_their_names_say():
+    """Rolls cross the array the way they are called, and in the time they are called after, person by
+    person."""
+    rate = 500.0
+    scene = synthetic_recordings(persons=5, trials=1, rows=4, columns=4, classes=32, sample_rate_hz=rate)
+    seconds: dict[str, list[float]] = {"slow": [], "medium": [], "fast": []}
+    for index in range(len(scene)):
+        modality, heading, speed = scene.class_names[scene.labels[index]].split("-")
+        if modality != "roll":
+            continue
+        peak = (
+            np.argmax(scene.recording(index) - scene.recording(index)[:70].mean(axis=0), axis=0).reshape(4, 4)
+            / rate
+        )
+        along = peak.mean(axis=0 if heading in ("east", "west") else 1)
+        passed = (along[-1] - along[0]) * (1 if heading in ("east", "south") else -1)
+        assert passed > 0.2, (index, heading, speed)
+        seconds[speed].append(passed)
+    assert all(len(times) >= 10 for times in seconds.values())
+    assert (
+        np.median(seconds["slow"])
+        > 1.2 * np.median(seconds["medium"])
+        > 1.2 * 1.2 * np.median(seconds["fast"])
+    )
+    assert max(seconds["fast"]) < min(seconds["slow"])
+
+
+def test_the_scene_follows_from_the_configuration():
+    for taxels, rows in ((4, 2), (8, 2), (12, 3), (36, 6)):
+        config = sized(taxels, 2, sample_rate_hz=200.0)
+        scene = load_recordings("synthetic", config=config)
+        same = synthetic_recordings(rows=rows, columns=taxels // rows, classes=2, sample_rate_hz=200.0)
+        assert np.array_equal(scene.samples, same.samples)
+        check_fit(scene, config)
+    small = load_recordings("synthetic", config=sized(16, 3, sample_rate_hz=200.0))
+    assert len(small) == 240 and np.array_equal(
+        small.samples, synthetic_recordings(sample_rate_hz=200.0).samples
+    )
+
+
+@each_row(
+    "taxels, classes, persons, trials", [(16, 3, 20, 4), (4, 2, 20, 4), (16, 12, 20, 2), (64, 32, 7, 1)]
+)
+def test_many_taxels_and_classes_make_fewer_recordings(monkeypatch, taxels, classes, persons, trials):
+    asked: dict[str, int] = {}
+    monkeypatch.setattr("eskin.data.scene.synthetic_recordings", asked.update)
+    scene_of(sized(taxels, classes))
+    assert (asked["persons"], asked["trials"], asked["rows"] * asked["columns"]) == (persons, trials, taxels)
+    assert persons * trials * classes * taxels * 9000 <= 1 << 27
+
+
+@each_row(
+    "config, match",
+    [
+        (
+            SYNTHETIC.replace(taxels=7),
+            "field taxels: is 7; the synthetic scene has 2 to 8 rows and as many columns",
+        ),
+        (SYNTHETIC.replace(taxels=160), "field taxels: is 160; the synthetic scene has 2 to 8 rows"),
+        (
+            PRESETS["pvdf"],
+            "field class_names: is Cube3, .*; the synthetic-easy scene of 5 classes has brush-east-medium, .*, "
+            "and the synthetic scene on, left, back, right",
+        ),
+        (
+            SYNTHETIC.replace(class_names=("slide", "brush")),
+            "field class_names: is slide, brush; .* of 2 classes has brush, slide",
+        ),
+        (
+            SYNTHETIC.replace(sample_rate_hz=35.6),
+            "synthetic-easy scene, sample_rate_hz: is 35.6; it must lie in 100..20000",
+        ),
+    ],
+)
+def test_configurations_without_a_scene_are_refused(config, match):
+    with pytest.raises(InputError, match=match):
+        load_recordings("synthetic", config=config)

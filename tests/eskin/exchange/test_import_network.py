@@ -1,0 +1,408 @@
+"""Networks trained elsewhere: torch's own forward pass, Keras's equations, every refusal, and the way on to
+the integer model."""
+
+import json
+import os
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from eskin.data import synthetic_recordings
+from eskin.exchange.import_network import import_network
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import FloatModel, find_touches, real_features
+from eskin.training.datasets import find_dataset, touch_rows
+from eskin.training.fit import fit_networks
+from eskin.training.recipe import Recipe
+from tests.support.table import each_row
+
+SYNTHETIC = PRESETS["synthetic"]
+SCALE = {"mean": -3.5, "std": 140.0}
+
+
+class Network(torch.nn.Module):
+    """A layer of torch and a Linear, as somebody would write it."""
+
+    def __init__(
+        self, cell: type, taxels: int = 16, hidden: int = 10, classes: int = 3, seed: int = 1
+    ) -> None:
+        super().__init__()
+        torch.manual_seed(seed)
+        more = {"batch_first": True} if cell in (torch.nn.GRU, torch.nn.LSTM) else {}
+        self.recurrent = cell(taxels, hidden, **more)
+        self.head = torch.nn.Linear(hidden, classes)
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        if isinstance(self.recurrent, (torch.nn.GRU, torch.nn.LSTM)):
+            return self.head(self.recurrent(features)[0])
+        state, logits = None, []
+        for step in features.unbind(1):
+            state = self.recurrent(step, state)
+            logits.append(self.head(state[0] if isinstance(state, tuple) else state))
+        return torch.stack(logits, dim=1)
+
+
+def saved(path: Path, state: dict) -> Path:
+    torch.save(state, path)
+    return path
+
+
+def keras_arrays(
+    gates: int, bias_rows: int, *, taxels: int = 16, hidden: int = 7, classes: int = 3, seed: int = 2
+) -> list[np.ndarray]:
+    """kernel, recurrent, bias, dense kernel, dense bias; no bias is 0."""
+    rng = np.random.default_rng(seed)
+    width = gates * hidden
+    bias = rng.uniform(0.2, 1.0, (bias_rows, width)) * rng.choice([-1, 1], (bias_rows, width))
+    return [
+        rng.normal(0, 0.4, (taxels, width)),
+        rng.normal(0, 0.4, (hidden, width)),
+        bias[0] if bias_rows == 1 else bias,
+        rng.normal(0, 0.5, (hidden, classes)),
+        rng.uniform(0.2, 1.0, classes),
+    ]
+
+
+def keras_logits(arrays: list[np.ndarray], features: np.ndarray) -> np.ndarray:
+    """Keras's GRU (one bias row: reset_after=False, two: True) or LSTM, and Dense, written from its
+    documentation, one step at a time."""
+    kernel, recurrent, bias, dense, dense_bias = arrays
+    units = len(recurrent)
+    sigmoid = lambda v: 1 / (1 + np.exp(-v))
+    h = c = np.zeros((len(features), units))
+    logits = []
+    for x in features.transpose(1, 0, 2):
+        if kernel.shape[1] == 4 * units:
+            i, f, g, o = np.split(x @ kernel + h @ recurrent + bias, 4, axis=1)
+            c = sigmoid(f) * c + sigmoid(i) * np.tanh(g)
+            h = sigmoid(o) * np.tanh(c)
+        elif bias.ndim == 1:
+            xz, xr, xh = np.split(x @ kernel + bias, 3, axis=1)
+            uz, ur, uh = np.split(recurrent, 3, axis=1)
+            z, r = sigmoid(xz + h @ uz), sigmoid(xr + h @ ur)
+            h = z * h + (1 - z) * np.tanh(xh + (r * h) @ uh)
+        else:
+            (xz, xr, xh), (hz, hr, hh) = (
+                np.split(x @ kernel + bias[0], 3, axis=1),
+                np.split(h @ recurrent + bias[1], 3, axis=1),
+            )
+            z, r = sigmoid(xz + hz), sigmoid(xr + hr)
+            h = z * h + (1 - z) * np.tanh(xh + r * hh)
+        logits.append(h @ dense + dense_bias)
+    return np.stack(logits, axis=1)
+
+
+# ---------------------------------------------------------------------- the same function as its source
+@each_row("prefix", ["", "module.net."])
+@each_row("name", ["GRU", "LSTM", "GRUCell", "LSTMCell"])
+def test_torch_network_computes_the_same(tmp_path, name, prefix):
+    network = Network(getattr(torch.nn, name)).double()
+    file = saved(tmp_path / "net.pt", {prefix + key: value for key, value in network.state_dict().items()})
+    cell, reset = ("gru", "after") if "GRU" in name else ("lstm", None)
+    record = import_network(file, SYNTHETIC, out=tmp_path / "model", cell=cell, reset=reset, **SCALE)
+    model = FloatModel.load(tmp_path / "model")
+    features = np.random.default_rng(3).normal(0, 1.5, (20, 20, 16))
+    with torch.no_grad():
+        expected = network(torch.from_numpy(features)).numpy()
+    assert np.abs(expected).max() > 0.3 and np.abs(model.forward(features)[1] - expected).max() < 1e-12
+    assert (model.config.network.cell, model.config.network.hidden) == (cell, 10)
+    assert model.arrays["mu"] == -3.5
+    assert model.arrays["sigma"] == 140
+    assert json.loads(json.dumps(record)) == json.loads((tmp_path / "model" / "training.json").read_text())
+    assert record["imported"]["file"] == str(file)
+    assert record["imported"]["arrays"]["dense"] == prefix + "head.weight"
+    assert record["parameters"] == model.parameter_count == model.config.parameter_count
+
+
+@each_row(
+    "gates, bias_rows, cell, reset", [(3, 1, "gru", "before"), (3, 2, "gru", "after"), (4, 1, "lstm", None)]
+)
+def test_keras_network_computes_the_same(tmp_path, gates, bias_rows, cell, reset):
+    arrays = keras_arrays(gates, bias_rows)
+    np.savez(tmp_path / "keras.npz", *arrays)
+    import_network(tmp_path / "keras.npz", SYNTHETIC, out=tmp_path / "model", cell=cell, reset=reset, **SCALE)
+    model = FloatModel.load(tmp_path / "model")
+    features = np.random.default_rng(4).normal(0, 1.5, (20, 20, 16))
+    expected = keras_logits(arrays, features)
+    assert np.abs(model.forward(features)[1] - expected).max() < 1e-12 and model.config.network.hidden == 7
+    assert np.abs(model.arrays["b_y"] - arrays[4]).max() == 0
+
+
+def test_sizes_formats_and_old_files(tmp_path):
+    """float16, the serialisation before zip, other sizes; an earlier model is replaced."""
+    config = SYNTHETIC.replace(taxels=9, class_names=("a", "b", "c", "d", "e"))
+    for hidden, dtype, zipped in ((4, torch.float16, True), (32, torch.bfloat16, False)):
+        network = Network(torch.nn.GRU, 9, hidden, 5).to(dtype)
+        torch.save(network.state_dict(), tmp_path / "net.pth", _use_new_zipfile_serialization=zipped)
+        import_network(tmp_path / "net.pth", config, out=tmp_path / "model", reset="after", **SCALE)
+        model = FloatModel.load(tmp_path / "model")
+        assert model.config.network.hidden == hidden
+        assert np.array_equal(
+            model.arrays["U_r"], network.recurrent.weight_hh_l0.detach().double().numpy()[:hidden]
+        )
+
+
+# ---------------------------------------------------------------------- refusals
+def refused(tmp_path: Path, file: Path, match: str, config: AcceleratorConfig = SYNTHETIC, **options) -> None:
+    """One sentence that says so, and no folder."""
+    with pytest.raises(InputError, match=match) as error:
+        import_network(file, config, out=tmp_path / "model", **({"reset": "after"} | SCALE | options))
+    assert "\n" not in str(error.value) and str(error.value).count(". ") == 0
+    assert not (tmp_path / "model").exists()
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def torch_file(tmp_path: Path, cell: type = torch.nn.GRU, *sizes: int, **arrays: torch.Tensor | None) -> Path:
+    """A file of a network with other ``arrays`` (None: without it); ``__`` in a name stands for a dot."""
+    state = Network(cell, *sizes).state_dict() | {name.replace("__", "."): a for name, a in arrays.items()}
+    return saved(tmp_path / "net.pt", {name: array for name, array in state.items() if array is not None})
+
+
+def keras_file(tmp_path: Path, gates: int = 3, rows: int = 2, **arrays) -> Path:
+    """A file of a network with other ``arrays``, arr_0 to arr_4; None: without it."""
+    made = {f"arr_{index}": array for index, array in enumerate(keras_arrays(gates, rows))} | arrays
+    np.savez(tmp_path / "k.npz", **{name: array for name, array in made.items() if array is not None})
+    return tmp_path / "k.npz"
+
+
+AFTER, BEFORE = "so its reset gate stands after the product: use --reset after", "stands before the product"
+
+
+@each_row(
+    "file, arguments, cell, reset, match",
+    [
+        (torch_file, [], "gru", "before", f"has two bias rows, {AFTER}"),
+        (
+            torch_file,
+            [],
+            "lstm",
+            "before",
+            "has 3 gates for each of 10 units.* a GRU: use --cell gru --reset after",
+        ),
+        (
+            torch_file,
+            [torch.nn.LSTM],
+            "gru",
+            "after",
+            "has 4 gates for each of 10 units.* an LSTM: use --cell lstm",
+        ),
+        (
+            torch_file,
+            [torch.nn.RNN],
+            "gru",
+            "after",
+            r"weight_hh_l0: has shape \(10, 10\), neither \(3 x hidden",
+        ),
+        (
+            keras_file,
+            [3, 1],
+            "gru",
+            "after",
+            f"array arr_2: has one bias row, .*{BEFORE}: use --reset before",
+        ),
+        (keras_file, [3, 2], "gru", "before", f"array arr_2: has two bias rows, {AFTER}"),
+        (keras_file, [3, 1], "lstm", "before", "so the network is a GRU: use --cell gru --reset before"),
+        (keras_file, [4, 1], "gru", "before", "so the network is an LSTM: use --cell lstm"),
+        (keras_file, [4, 2], "lstm", None, r"arr_2: has shape \(2, 28\), which does not go with an LSTM"),
+        (torch_file, [], None, None, "use --reset after"),  # the configuration speaks
+    ],
+)
+def test_a_file_of_another_variant(tmp_path, file, arguments, cell, reset, match):
+    refused(tmp_path, file(tmp_path, *arguments), match, cell=cell, reset=reset)
+
+
+ONES, SPOILED = torch.ones, Network(torch.nn.GRU).state_dict()["recurrent.weight_hh_l0"].clone()
+SPOILED[3, 2] = float("nan")
+ELSE = "holds other things than tensors"
+
+
+@each_row(
+    "arrays, match",
+    [
+        ({"recurrent__weight_ih_l0": None}, "is there 0 times"),
+        ({"recurrent__weight_hh_l0": None}, "weight_hh_l0: is missing"),
+        ({"head__weight": None}, "has 0 dense layers"),
+        ({"head__bias": None}, "head.bias: is missing"),
+        ({"recurrent__weight_ih_l0_reverse": ONES(30, 16)}, "reverse: belongs to a second layer"),
+        ({"recurrent__weight_ih_l1": ONES(30, 10)}, "l1: belongs to a second layer"),
+        ({"b__weight_ih_l0": ONES(30, 16)}, "is there 2 times"),
+        ({"two__weight": ONES(3, 3)}, "has 2 dense layers"),
+        ({"norm__weight": ONES(10)}, "norm.weight: belongs to neither the recurrent layer nor"),
+        ({"recurrent__weight_ih_l0": ONES(33, 16)}, "weight_ih_l0.*: has shape"),
+        ({"recurrent__bias_hh_l0": ONES(33)}, "bias_hh_l0.*: has shape"),
+        ({"head__weight": ONES(3, 11)}, "head.weight.*: has shape"),
+        ({"head__bias": ONES(4)}, "head.bias: has 4 values for 3 classes of head.weight"),
+        ({"head__bias": ONES(3).to_sparse()}, "head.bias: is no plain array of numbers"),
+        ({"epoch": 3}, f"{ELSE}; save only the weights"),
+        ({"recurrent__weight_hh_l0": SPOILED}, "weight_hh_l0: holds values that are no finite numbers"),
+    ],
+)
+def test_torch_arrays_that_do_not_make_one_network(tmp_path, arrays, match):
+    refused(tmp_path, torch_file(tmp_path, **arrays), match)
+
+
+FIELD = "configuration 'synthetic', field"
+
+
+@each_row(
+    "sizes, changes, match",
+    [
+        ((8, 10, 3), {}, f"weight_ih_l0: takes 8 inputs and {FIELD} taxels, has 16"),
+        ((16, 10, 5), {}, f"head.weight: decides between 5 classes and {FIELD} class_names, has 3"),
+        ((16, 33, 3), {}, "field hidden: is 33; it must lie in 4..32"),
+        ((16, 10, 3), {"gate_activation": "hard_sigmoid"}, "torch's gates are sigmoids"),
+    ],
+)
+def test_sizes_that_do_not_fit_the_configuration(tmp_path, sizes, changes, match):
+    refused(tmp_path, torch_file(tmp_path, torch.nn.GRU, *sizes), match, SYNTHETIC.replace(**changes))
+
+
+GOOD = keras_arrays(3, 2)
+
+
+@each_row(
+    "arrays, match",
+    [
+        ({"arr_4": None}, "array arr_4: is missing; save the five arrays"),
+        ({"arr_5": GOOD[0]}, "array arr_5: is one too many"),
+        ({"arr_1": GOOD[1].T}, r"arr_1: has shape \(21, 7\), neither \(hidden, 3 x hidden\) of a GRU nor"),
+        ({"arr_0": GOOD[0].T}, r"arr_0: has shape \(21, 16\), .*not go with a GRU of 7 units \(arr_1\)"),
+        ({"arr_2": GOOD[2].ravel()}, "array arr_2: has shape .1, 42., which does not go with"),
+        ({"arr_3": np.ones((8, 3))}, r"array arr_3: has shape \(8, 3\)"),
+        ({"arr_4": np.ones(4)}, "array arr_4: has 4 values for 3 classes of arr_3"),
+        ({"arr_0": np.full((16, 21), np.nan)}, "arr_0: holds values that are no finite numbers"),
+        ({"arr_0": np.full((16, 21), "x")}, "array arr_0: holds <U1, not numbers"),
+        ({"arr_0": np.full((16, 21), None)}, "arr_0: holds Python objects, which need a pickle"),
+    ],
+)
+def test_keras_arrays_that_do_not_make_one_network(tmp_path, arrays, match):
+    refused(tmp_path, keras_file(tmp_path, **arrays), match)
+
+
+class Code:
+    """Runs a command when it is unpickled."""
+
+    def __init__(self, mark: Path) -> None:
+        self.mark = mark
+
+    def __reduce__(self):
+        return os.system, (f"touch '{self.mark}'",)
+
+
+def test_code_in_a_file_is_never_run(tmp_path):
+    mark, file = tmp_path / "ran.pt", tmp_path / "net.pt"
+    state = Network(torch.nn.GRU).state_dict()
+    for zipped in (True, False):
+        torch.save(state | {"head.bias": Code(mark)}, file, _use_new_zipfile_serialization=zipped)
+        refused(tmp_path, file, "holds pickled code, which is never run; save only the weights")
+    torch.save(Network(torch.nn.GRU), file)
+    refused(tmp_path, file, "holds pickled code, which is never run; save only the weights")
+    np.savez(tmp_path / "k.npz", *keras_arrays(3, 2)[:4], np.array(Code(mark), dtype=object))
+    refused(tmp_path, tmp_path / "k.npz", "holds Python objects, which need a pickle")
+    assert not mark.exists()
+    torch.load(file, weights_only=False)  # the trap works where somebody falls into it
+    torch.save(Code(mark), file)
+    torch.load(file, weights_only=False)
+    assert mark.exists()
+
+
+DAMAGED = "is (damaged or no torch file|damaged or incomplete|no .npz archive|a single array)"
+
+
+@each_row("kind", ["net.pt", "old.pth", "k.npz"])
+def test_damaged_files(tmp_path, kind):
+    file = keras_file(tmp_path)
+    if kind != "k.npz":
+        file = tmp_path / kind
+        state = Network(torch.nn.GRU).state_dict()
+        torch.save(state, file, _use_new_zipfile_serialization=kind == "net.pt")
+    whole = file.read_bytes()
+    for content in (b"a note to myself\n", *(whole[:size] for size in (0, 10, len(whole) // 2, -4))):
+        file.write_bytes(content)
+        refused(tmp_path, file, DAMAGED)
+    if kind != "old.pth":  # a changed bit of a value, which torch itself reads over
+        file.write_bytes(whole)
+        with zipfile.ZipFile(file) as archive:
+            member = max(archive.infolist(), key=lambda info: info.file_size)
+        changed = bytearray(whole)
+        changed[member.header_offset + 512] ^= 1
+        file.write_bytes(changed)
+        refused(tmp_path, file, "is damaged")
+
+
+def test_files_of_other_kinds(tmp_path):
+    refused(tmp_path, tmp_path / "net.tflite", "is neither .pt, .pth nor .npz")
+    refused(tmp_path, tmp_path / "none.pt", "is no file")
+    (tmp_path / "folder.pt").mkdir()
+    refused(tmp_path, tmp_path / "folder.pt", "is no file")
+    np.save(tmp_path / "one.npy", np.ones(3))
+    (tmp_path / "one.npy").rename(tmp_path / "one.npz")
+    (tmp_path / "folder.pt").rmdir()
+    refused(tmp_path, tmp_path / "one.npz", "is a single array, not an .npz archive")
+
+
+@each_row(
+    "options, match",
+    [
+        (
+            {"mean": None, "std": None},
+            "how its inputs were normalised; give --mean and --std .codes., or --data",
+        ),
+        ({"std": None}, "--std: is missing; give both"),
+        ({"mean": None}, "--mean: is missing; give both"),
+        ({"std": 0.0}, "--std 0: is no spread above 0"),
+        ({"std": float("nan")}, "--std nan: is no spread above 0"),
+        ({"mean": float("inf")}, "--mean inf: is no finite number"),
+    ],
+)
+def test_normalisation_must_be_known(tmp_path, options, match):
+    refused(tmp_path, torch_file(tmp_path), match, **options)
+
+
+# ---------------------------------------------------------------------- on to the integer model
+@pytest.fixture(scope="module")
+def scene() -> Recordings:
+    """A few touches at 500 Hz."""
+    return synthetic_recordings(persons=4, trials=2, sample_rate_hz=500.0)
+
+
+SLOW = SYNTHETIC.replace(
+    sample_rate_hz=500.0,
+    hop=51,
+    window=103,
+    touch_frames=1024,
+    pretrigger_frames=8,
+    onset_mean_frames=16,
+    onset_check_frames=4,
+    rest_frames=16,
+    decision="last",
+)
+
+
+def test_measured_normalisation_is_that_of_training(tmp_path, scene):
+    """The same mean and deviation as a training on the same recordings writes."""
+    file = torch_file(tmp_path)
+    record = import_network(file, SLOW, out=tmp_path / "model", reset="after", recordings=scene)
+    data = find_dataset(scene, SLOW, Recipe(name="one"))
+    everything = [touch_rows(data, np.arange(len(scene)))]
+    (trained,) = fit_networks(data, SLOW, Recipe(name="one", updates=1), everything, 0, lambda *_: None)
+    model = FloatModel.load(tmp_path / "model")
+    assert model.arrays["mu"] == trained.arrays["mu"] and model.arrays["sigma"] == trained.arrays["sigma"] > 1
+    assert record["normalisation"] == {
+        "mean": float(model.arrays["mu"]),
+        "std": float(model.arrays["sigma"]),
+        "source": "synthetic-easy scene",
+    }
+    touches = find_touches(SLOW, scene)
+    features = model.features(real_features(SLOW, touches.sums))[touches.completed == SLOW.windows.steps]
+    assert abs(features.mean()) < 0.05 and abs(features.std() - 1) < 0.05
+
+
+def test_no_touch_to_measure_on(tmp_path, make_recordings):
+    quiet = make_recordings(lengths=[2000] * 3, taxels=16, classes=3)
+    match, unsaid = "hold no touch to measure mean and deviation on", {"mean": None, "std": None}
+    refused(tmp_path, torch_file(tmp_path), match, SLOW, recordings=quiet, **unsaid)

@@ -1,0 +1,440 @@
+"""ONNX in and out: what torch, eskin and files made by hand hold is taken as it is, or refused with the node's
+name."""
+
+import io
+import random
+import warnings
+
+import numpy as np
+import onnx
+import onnxruntime
+import pytest
+import torch
+from onnx import TensorProto, helper, numpy_helper
+from typer.testing import CliRunner
+
+from eskin.cli.main import app
+from eskin.data import load_recordings
+from eskin.exchange.import_network import import_network, measure_scaling
+from eskin.exchange.import_onnx import OPERATORS
+from eskin.exchange.onnx_file import largest_difference, onnx_model, write_onnx
+from eskin.golden.core import AcceleratorConfig, InputError, QFormat
+from eskin.golden.model import FloatModel, constants_shape, network_shapes
+from eskin.verbs.export_job import export_onnx
+from scripts.export_cost import front_end
+from scripts.export_cost import model_of as model_on
+from tests.support.fuzz_inputs import damage_onnx
+from tests.support.table import each_row
+
+CONFIG = AcceleratorConfig.of(
+    taxels=4, sample_rate_hz=500.0, rest="tracked", rest_frames=8, onset="baseline", onset_mean_frames=4,
+    onset_check_frames=4, window_mode="free", pretrigger_frames=0, hop=8, window=16, steps=5, hidden=6,
+    class_names=("press", "stroke", "tap"), rearm_frames=16,
+)  # fmt: skip
+WIDE = {"state_format": QFormat(4, 12)}
+CELLS = {
+    "linear": {"cell": "linear", "decision": "last"},
+    "linear, one set": {"cell": "linear", "decision": "last", "weight_sets": "one"},
+    "linear, one window": {"cell": "linear", "decision": "last", "steps": 1},
+    "before": {},
+    "after": {"reset": "after", **WIDE},
+    "lstm": {"cell": "lstm", **WIDE},
+    "hard": {"gate_activation": "hard_sigmoid"},
+}
+
+
+def model_of(config: AcceleratorConfig, seed: int = 1) -> FloatModel:
+    rng = np.random.default_rng(seed)
+    arrays = {name: rng.normal(0, 0.5, shape) for name, shape in network_shapes(config, real=True).items()}
+    scale = {"mu": np.full(constants_shape(config), 3.0), "sigma": np.full(constants_shape(config), 7.0)}
+    return FloatModel(config, arrays | scale)
+
+
+def taken(file, tmp_path, config=CONFIG, **options) -> FloatModel:
+    import_network(file, config, out=tmp_path / "made", **{"mean": 0.0, "std": 1.0, **options})
+    return FloatModel.load(tmp_path / "made")
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_what_is_exported_comes_back(cell, tmp_path):
+    model = model_of(CONFIG.replace(**CELLS[cell]))
+    file = write_onnx(model, tmp_path / "net.onnx")
+    array = CONFIG.replace(steps=model.config.windows.steps)
+    again = taken(file, tmp_path, array, mean=None, std=None)  # scale, cell and sizes are the file's
+    features = np.random.default_rng(2).normal(size=(7, model.config.windows.steps, 4))
+    assert largest_difference(model, file, features) < 1e-5
+    assert np.abs(model.forward(features)[1] - again.forward(features)[1]).max() < 1e-5
+    assert again.arrays["mu"] == 3 and again.arrays["sigma"] == 7
+    assert again.config.network.cell == model.config.network.cell
+
+
+@pytest.mark.parametrize("kind", ["linear, all kinds", "GRU, reset before", "GRU, reset after", "LSTM"])
+@pytest.mark.parametrize(
+    "name", ["fabric", *(pytest.param(name, marks=pytest.mark.slow) for name in ("pvdf", "biotac"))]
+)
+def test_a_hundred_recordings_through_onnxruntime(name, kind, shared_data, tmp_path):
+    recordings = load_recordings(next(shared_data.glob(f"{name}*/recordings.npz")))
+    recordings = recordings.subset(recordings.evenly(100))
+    config = model_on(front_end(name, recordings), kind).config
+    mu, sigma = measure_scaling(config, recordings)
+    scale = {
+        "mu": np.broadcast_to(mu, constants_shape(config)),
+        "sigma": np.broadcast_to(sigma, constants_shape(config)),
+    }
+    model = FloatModel(config, model_of(config).arrays | scale)
+    result = export_onnx(model, tmp_path / "net", recordings=recordings)
+    assert result["recordings"] == 100 and result["touches"] >= 100 and result["passed"]
+    # a linear cell's logits are sums over all windows, hundreds here
+    assert result["difference"] < (1e-5 if config.recurrent else 1e-4)
+
+
+def from_torch(layer: str, opset: int, tmp_path, last: bool = True, dynamic: bool = False, **options):
+    """(file, logits of features (5, 4)) of a network as torch writes it, with open sizes of batch and time where
+    ``dynamic``."""
+    torch.manual_seed(3)
+
+    class Net(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.cell = getattr(torch.nn, layer)(4, 6, batch_first=True, **options)
+            self.head = torch.nn.Linear(6 * (1 + options.get("bidirectional", False)), 3)
+
+        def forward(self, x):
+            states = self.cell(x)[0]
+            return self.head(states[:, -1] if last else states)
+
+    net, file = Net().eval(), io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        names = {"input_names": ["x"], "dynamic_axes": {"x": {0: "batch", 1: "steps"}} if dynamic else None}
+        torch.onnx.export(net, (torch.zeros(1, 5, 4),), file, dynamo=False, opset_version=opset, **names)
+    (tmp_path / "net.onnx").write_bytes(file.getvalue())
+    return tmp_path / "net.onnx", lambda x: net(torch.from_numpy(x.astype(np.float32))).detach().numpy()
+
+
+@pytest.mark.parametrize("opset", [9, 13, 17])
+@pytest.mark.parametrize("layer", ["GRU", "LSTM"])
+@pytest.mark.parametrize("dynamic", [False, True], ids=["fixed", "dynamic"])
+def test_torch_to_onnx_to_eskin_to_onnx(layer, opset, dynamic, tmp_path):
+    file, logits = from_torch(layer, opset, tmp_path, last=opset != 13, dynamic=dynamic)
+    model = taken(file, tmp_path)
+    features = np.random.default_rng(2).normal(size=(3, 5, 4))
+    assert np.abs(model.forward(features)[1][:, -1] - logits(features).reshape(3, -1, 3)[:, -1]).max() < 1e-5
+    assert model.config.network.reset == ("after" if layer == "GRU" else "before")
+    assert largest_difference(model, write_onnx(model, tmp_path / "again.onnx"), features) < 1e-5
+
+
+@pytest.mark.parametrize("layer", ["GRU", "LSTM"])
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [({"num_layers": 2}, "second recurrent layer"), ({"bidirectional": True}, "runs bidirectional")],
+)
+def test_torch_networks_that_are_more_are_refused(layer, options, said, tmp_path):
+    with pytest.raises(InputError, match=rf"node '.+' of type {layer}: .*{said}"):
+        taken(from_torch(layer, 17, tmp_path, **options)[0], tmp_path)
+    assert not (tmp_path / "made").exists()
+
+
+def edited(change, tmp_path, cell="after"):
+    """An exported file, changed: ``change`` gets the model."""
+    made = onnx_model(model_of(CONFIG.replace(**CELLS[cell])))
+    del made.metadata_props[:]
+    change(made)
+    (tmp_path / "net.onnx").write_bytes(made.SerializeToString())
+    return tmp_path / "net.onnx"
+
+
+def node(made, name):
+    return next(node for node in made.graph.node if node.name == name)
+
+
+def first_step(made):
+    del made.graph.node[-1]
+    made.graph.initializer.append(numpy_helper.from_array(np.array(0), "zero"))
+    made.graph.node.append(helper.make_node("Gather", ["by_step", "zero"], ["logits"], "first", axis=0))
+
+
+def start(made):
+    made.graph.initializer.append(numpy_helper.from_array(np.ones((1, 1, 6), np.float32), "h0"))
+    node(made, "cell").input.extend(["", "h0"])
+
+
+def bomb(made):
+    made.graph.initializer.append(numpy_helper.from_array(np.array([10**6, 10**6]), "much"))
+    made.graph.node.insert(0, helper.make_node("ConstantOfShape", ["much"], ["zeros"], "bomb"))
+
+
+def external(made):
+    tensor = made.graph.initializer[0]
+    tensor.data_location = TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value="../../etc/passwd")
+
+
+def wide(made):
+    made.graph.initializer.append(TensorProto(name="huge", data_type=TensorProto.FLOAT, dims=[1 << 40]))
+
+
+def odd_activations(made):
+    node(made, "cell").attribute.append(helper.make_attribute("activations", 3))
+
+
+def reverse(made):
+    node(made, "cell").attribute.append(helper.make_attribute("direction", "reverse"))
+
+
+def not_numbers(made):
+    made.graph.initializer[0].raw_data = np.full(18, np.nan, np.float32).tobytes()
+
+
+@each_row(
+    ("change", "said"),
+    [
+        (first_step, "output 'logits': is not the dense layer behind the last step"),
+        (lambda made: setattr(made.opset_import[0], "version", 99), "has opset 99"),
+        (lambda made: setattr(made.opset_import[0], "version", 3), "has opset 3"),
+        (lambda made: made.graph.node.append(helper.make_node("Softmax", ["logits"], ["p"], "soft")), "node 'soft' of type Softmax"),
+        (lambda made: setattr(node(made, "cell"), "domain", "mine"), "node 'cell' of type GRU: is none of those"),
+        (lambda made: node(made, "cell").attribute.append(helper.make_attribute("clip", 3.0)), "node 'cell' of type GRU: has clip"),
+        (lambda made: node(made, "cell").attribute.append(helper.make_attribute("activations", ["Tanh", "Relu"])), "activations Tanh, Relu"),
+        (lambda made: node(made, "cell").input.extend(["lengths"]), "has sequence_lens"),
+        (odd_activations, "node 'cell' of type GRU: has activations of another type than ONNX's"),
+        (lambda made: node(made, "readout_bias").input.__delitem__(slice(None)), "node 'readout_bias' of type Add: has 0 inputs"),
+        (lambda made: node(made, "readout_bias").input.append("features"), "node 'readout_bias' of type Add: has 3 inputs"),
+        (reverse, "node 'cell' of type GRU: runs reverse"),
+
+
+        (start, "starts from a state that is not 0"),
+        (bomb, "node 'bomb' of type ConstantOfShape: cannot be computed"),
+        (external, "lies in another file"),
+        (wide, "tensor 'huge': has shape"),
+        (not_numbers, "no finite numbers"),
+        (lambda made: made.graph.input.append(helper.make_tensor_value_info("h0", 1, [1])), "has 2 inputs"),
+        (lambda made: node(made, "steps_behind_batch").attribute[0].ints.__setitem__(0, 2), "steps_behind_batch"),
+        (lambda made: node(made, "readout").input.__setitem__(1, "features"), "computes its weights"),
+        (lambda made: setattr(made.graph.input[0].type.tensor_type.shape.dim[1], "dim_value", 9), None),
+        (lambda made: made.graph.input[0].type.tensor_type.shape.dim[1].ClearField("dim_value"), None),
+        (lambda made: made.graph.input[0].type.tensor_type.shape.dim.pop(), "has shape"),
+    ],
+)  # fmt: skip
+def test_what_is_something_else_is_refused_by_name(change, said, tmp_path):
+    file = edited(change, tmp_path)
+    if said is None:
+        assert taken(file, tmp_path).config.network.hidden == 6
+        return
+    with pytest.raises(InputError, match=said) as refusal:
+        taken(file, tmp_path)
+    assert len(str(refusal.value)) < 400 and not (tmp_path / "made").exists()
+
+
+@each_row(
+    ("config", "options", "said"),
+    [
+        (CONFIG.replace(taxels=5), {}, "has 4 inputs and configuration"),
+        (CONFIG.replace(class_names=("a", "b")), {}, "has 3 classes and configuration"),
+        (CONFIG, {"cell": "lstm"}, "--cell lstm: .* is of gru"),
+        (CONFIG, {"reset": "before"}, "--reset before: .* is of after"),
+        (CONFIG, {"mean": None}, "--mean: is missing"),
+    ],
+)
+def test_what_does_not_go_with_the_file_is_said(config, options, said, tmp_path):
+    with pytest.raises(InputError, match=said):
+        taken(edited(lambda made: None, tmp_path), tmp_path, config, **options)
+
+
+def converted(tmp_path, kind: str, opset: int, *nodes: tuple, **constants):
+    """(file, random features) of a graph as converters of Keras write it: ``nodes`` are operator, inputs, outputs and
+    attributes."""
+    rng, rows = np.random.default_rng(7), 18 if kind == "GRU" else 24
+    sizes = {"W": (1, rows, 4), "R": (1, rows, 6), "B": (1, 2 * rows), "D": (6, 3), "d": (3,)}
+    arrays = {name: rng.normal(0, 0.5, size).astype("f4") for name, size in sizes.items()} | constants
+    info = helper.make_tensor_value_info
+    graph = helper.make_graph(
+        [
+            helper.make_node(operator, inputs.split(), output.split(), output, **more)
+            for operator, inputs, output, more in nodes
+        ],
+        "k",
+        [info("x", 1, ["N", 5, 4])],
+        [info("out", 1, ["N", 3])],
+        [numpy_helper.from_array(np.array(array), name) for name, array in arrays.items()],
+    )
+    made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=8)
+    (tmp_path / "net.onnx").write_bytes(made.SerializeToString())
+    return tmp_path / "net.onnx", rng.normal(size=(3, 5, 4))
+
+
+def decided_alike(file, features, logits, tmp_path):
+    model = taken(file, tmp_path)
+    assert np.abs(model.forward(features)[1][:, -1] - logits).max() < 1e-5
+    return model.config.network
+
+
+@each_row("after", [False, True])
+def test_keras_layouts(after, tmp_path):
+    """As converters write Keras: batch first by layout 1, MatMul and Add."""
+    file, features = converted(
+        tmp_path, "GRU", 14,
+        ("GRU", "x W R B", "y h", dict(hidden_size=6, linear_before_reset=int(after), layout=1)),
+        ("Reshape", "h shape", "state", {}),
+        ("MatMul", "state D", "m", {}),
+        ("Add", "d m", "out", {}),
+        shape=[-1, 6],
+    )  # fmt: skip
+    made = onnx.load_model(str(file))
+    gru = made.graph.node[0].attribute  # onnx's own evaluator knows layout 0 alone
+    gru.remove(next(entry for entry in gru if entry.name == "layout"))
+    from onnx.reference import ReferenceEvaluator
+
+    (logits,) = ReferenceEvaluator(made).run(None, {"x": features.astype("f4").swapaxes(0, 1)})
+    assert decided_alike(file, features, logits, tmp_path).reset == ("after" if after else "before")
+
+
+@each_row("kind", ["GRU", "LSTM"])
+def test_layouts_of_a_converter_of_keras(kind, tmp_path):
+    """Batch first by a Transpose, the last of all states by Squeeze and a Gather of -1, an Identity behind all."""
+    file, features = converted(
+        tmp_path, kind, 12,
+        ("Transpose", "x", "by_step", dict(perm=[1, 0, 2])),
+        (kind, "by_step W R B", "y", dict(hidden_size=6)),
+        ("Squeeze", "y", "states", dict(axes=[1])),
+        ("Gather", "states last", "state", dict(axis=0)),
+        ("MatMul", "state D", "product", {}),
+        ("Add", "product d", "sum", {}),
+        ("Identity", "sum", "out", {}),
+        last=-1,
+    )  # fmt: skip
+    session = onnxruntime.InferenceSession(file, providers=["CPUExecutionProvider"])
+    (logits,) = session.run(None, {"x": features.astype("f4")})
+    decided_alike(file, features, logits, tmp_path)
+
+
+@pytest.mark.parametrize("cell", ["after", "lstm"])
+def test_hostile_files_are_one_sentence(cell, tmp_path):
+    """Nodes, names, attributes, tensors and sizes that no tool writes."""
+    data, ends = edited(lambda made: None, tmp_path, cell).read_bytes(), {"taken": 0, "refused": 0}
+    for seed in range(100):
+        file = tmp_path / "bad.onnx"
+        file.write_bytes(damage_onnx(data, random.Random(seed)))
+        try:
+            taken(file, tmp_path, CONFIG.replace(**CELLS[cell]))
+            ends["taken"] += 1
+        except InputError as error:
+            ends["refused"] += 1
+            assert len(str(error)) < 500
+    assert ends["taken"] and ends["refused"] > 60
+
+
+def test_images_are_refused():
+    images = AcceleratorConfig.of_image(8, 8, ("conv 3 4", "pool", "dense 3"), ("cup", "ball", "ring"))
+    with pytest.raises(InputError, match="is a network for images"):
+        onnx_model(FloatModel(images, {n: np.zeros(s) for n, s in network_shapes(images, real=True).items()}))
+    assert "If" not in OPERATORS and "Loop" not in OPERATORS
+
+
+# ---------------------------------------------------------------------- what the file shows, and a reference
+class Batched(torch.nn.Module):
+    """A GRU whose readout stands behind the last or every step, steps or batch first."""
+
+    def __init__(self, last: bool, batch_first: bool, layer: str = "GRU") -> None:
+        super().__init__()
+        self.cell = getattr(torch.nn, layer)(4, 6, batch_first=batch_first)
+        self.head, self.last, self.batch_first = torch.nn.Linear(6, 3), last, batch_first
+
+    def forward(self, x):
+        states = self.cell(x)[0]
+        if self.last:
+            states = states[:, -1] if self.batch_first else states[-1]
+        return self.head(states)
+
+
+def saved(net: torch.nn.Module, shape: tuple[int, ...], file):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        torch.onnx.export(
+            net.eval(), (torch.zeros(shape),), file, dynamo=False, input_names=["x"], output_names=["y"]
+        )
+    return file
+
+
+@each_row("last, batch_first, layer", [(True, True, "LSTM"), (True, False, "GRU"), (False, True, "GRU")])
+def test_a_fixed_batch_is_no_number_of_steps_and_the_decision_is_the_files(
+    last, batch_first, layer, tmp_path
+):
+    torch.manual_seed(5)
+    net = Batched(last, batch_first, layer)
+    # eight touches of five steps: CONFIG has five
+    file = saved(net, (8, 5, 4) if batch_first else (5, 8, 4), tmp_path / "net.onnx")
+    assert CONFIG.network.decision == "vote"
+    record = import_network(file, CONFIG, out=tmp_path / "made", mean=0.0, std=1.0)
+    model = FloatModel.load(tmp_path / "made")
+    assert model.config.network.decision == ("last" if last else "vote")
+    assert not any("is for touches of" in note for note in record["imported"]["notes"])
+    x = np.random.default_rng(4).normal(size=(7, 5, 4)).astype("f4")
+    own = net(torch.from_numpy(x if batch_first else x.swapaxes(0, 1))).detach().numpy()
+    made = model.forward(x)[1]
+    expected = made[:, -1] if last else made
+    assert np.abs(expected - own).max() < 1e-5
+    early = CONFIG.replace(decision="early", early_steps=2)  # nobody has that by default: it is a wish
+    assert taken(file, tmp_path, early).config.network.decision == "early"
+
+
+def test_an_exported_file_keeps_its_decision_and_a_regression_decides_once(tmp_path):
+    early = CONFIG.replace(decision="early", early_steps=3, early_margin=40)
+    file = write_onnx(model_of(early), tmp_path / "net.onnx")
+    made = taken(file, tmp_path).config.network
+    assert (made.decision, made.early_steps, made.early_margin) == ("early", 3, 40)
+    linear = CONFIG.replace(cell="linear")
+    assert linear.network.decision == "vote"
+    np.savez(tmp_path / "r.npz", coef_=np.ones((3, 20)), intercept_=np.zeros(3))
+    assert taken(tmp_path / "r.npz", tmp_path, linear).config.network.decision == "last"
+
+
+def test_a_reset_that_torchs_exporter_dropped_is_told_and_found_by_the_reference(tmp_path):
+    torch.manual_seed(6)
+    net = Batched(False, True)
+    made = onnx.load_model(str(saved(net, (1, 5, 4), tmp_path / "net.onnx")))
+    x = np.random.default_rng(4).normal(size=(9, 5, 4)).astype("f4")
+    logits = net(torch.from_numpy(x)).detach().numpy()
+    np.savez(tmp_path / "last.npz", inputs=x, outputs=logits[:, -1])
+    np.savez(tmp_path / "own.npz", x=x, y=logits)
+    options = {"mean": 0.0, "std": 1.0}
+    for name, decision in (("last", "last"), ("own", "vote")):  # two forms of a reference
+        out = tmp_path / name
+        record = import_network(
+            tmp_path / "net.onnx", CONFIG, out=out, check=tmp_path / f"{name}.npz", **options
+        )
+        assert record["passed"] and record["check"]["touches"] == 9
+        assert FloatModel.load(out).config.network.decision == decision
+        assert not any("newer exporter" in note for note in record["imported"]["notes"])
+    gru = next(node for node in made.graph.node if node.op_type == "GRU")
+    gru.attribute.remove(next(entry for entry in gru.attribute if entry.name == "linear_before_reset"))
+    (tmp_path / "dropped.onnx").write_bytes(made.SerializeToString())
+    run = lambda *more: CliRunner().invoke(
+        app, ["import", str(tmp_path / "dropped.onnx"), "--out", str(tmp_path / "dropped"), *map(str, more)]
+    )
+    (tmp_path / "c.json").write_text(CONFIG.to_json())
+    asked = ("--config", tmp_path / "c.json", "--mean", 0, "--std", 1)
+    outcome = run(*asked, "--check", tmp_path / "last.npz")
+    assert outcome.exit_code == 1 and not (tmp_path / "dropped").exists(), outcome.output
+    assert "linear_before_reset is 0" in outcome.output and "none written" in outcome.output
+    assert "newer exporter" in outcome.output
+    assert run(*asked).exit_code == 0
+
+
+@each_row(
+    "arrays, said",
+    [
+        ({"inputs": np.zeros((2, 5, 4))}, "arrays inputs and outputs are missing, there are inputs"),
+        ({"inputs": np.zeros((2, 5, 3)), "outputs": np.zeros((2, 3))}, "inputs have shape"),
+        ({"inputs": np.zeros((2, 5, 4)), "outputs": np.zeros(2)}, "outputs have shape"),
+        ({"inputs": np.full((2, 5, 4), np.nan), "outputs": np.zeros((2, 3))}, "no finite numbers"),
+        (None, "No such file"),
+    ],
+)
+def test_a_reference_that_is_none_is_refused(arrays, said, tmp_path):
+    file = write_onnx(model_of(CONFIG), tmp_path / "net.onnx")
+    if arrays:
+        np.savez(tmp_path / "check.npz", **arrays)
+    with pytest.raises(InputError, match=said):
+        taken(file, tmp_path, check=tmp_path / "check.npz")
+    assert not (tmp_path / "made").exists()

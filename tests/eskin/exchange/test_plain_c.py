@@ -1,0 +1,226 @@
+"""The model as plain C against the golden model: every decision of random designs, under both compilers' warnings
+and sanitizers; programs for microcontrollers, run instruction by instruction; and all recordings."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eskin.data import load_recordings
+from eskin.exchange import compiled, emulated, plain_c
+from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError
+from eskin.golden.model import IntegerModel, random_integer_model, random_recordings
+from eskin.verbs.export_job import export_c
+from scripts.export_cost import MODELS, differences, front_end, with_failing_taxels
+from scripts.export_cost import model_of as model_on
+from tests.support.image_scenes import random_image_model
+from tests.support.strategies import configurations, examples
+
+GCC = ("gcc", "-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1")
+SANITIZED = (*GCC, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+IMAGES = AcceleratorConfig.of_image(
+    9,
+    10,
+    ("conv 5 3", "pool", "conv 3 4", "conv 1 5", "pool", "dense 8", "dense 3"),
+    ("cup", "ball", 'a "?\\ é'),
+)
+RING = AcceleratorConfig.of(
+    taxels=5, sample_rate_hz=1000.0, sample_bits=10, rest="none", onset="band", band_low=400, band_high=600,
+    window_mode="touch", pretrigger_frames=24, touch_frames=33, hop=4, window=9, steps=9, rearm_frames=34,
+    decision="vote", fault_frames=4, masked_taxels=(1,), hidden=5,
+)  # fmt: skip
+"""Five windows end in the frames that an onset replays and three with the last frame; taxels fail before, among and
+after these."""
+EVENTS = RING.replace(sample_bits=2, band_low=1, band_high=2, fault_frames=0)
+"""Codes of two levels: means with fraction bits."""
+
+
+def model_of(config: AcceleratorConfig, seed: int) -> IntegerModel:
+    return (random_image_model if config.is_image else random_integer_model)(config, seed)
+
+
+def verdict(folder: Path, *compiler: str) -> str:
+    """What eskin_check says, built by ``compiler``."""
+    sources = [plain_c.SOURCE, plain_c.CHECK]
+    subprocess.run([*compiler, *sources, "-o", "check"], cwd=folder, check=True)
+    return subprocess.run(["./check"], cwd=folder, capture_output=True, text=True).stdout
+
+
+def exported(config: AcceleratorConfig, seed: int, folder: Path) -> dict:
+    """A model with random weights in ``folder``, whose check plays recordings that reach most rules."""
+    model, recordings = model_of(config, seed), None
+    if not config.is_image:
+        before = config.rest_level.rest_frames + config.windows.pretrigger_frames
+        whole = before + config.last_frame + 2 * config.windows.hop
+        lengths = (2 * whole + config.onset_rule.rearm_frames + 20, whole + 10, before + 3, 4 * whole)
+        if config.faults.fault_frames:
+            lengths += (lengths[0],) * 12
+        recordings = random_recordings(model.config, lengths, seed)
+        if config.faults.fault_frames:
+            recordings = with_failing_taxels(model.config, recordings)
+    return export_c(model, folder, recordings=recordings)
+
+
+@examples(3, 400)
+@given(configurations(), st.integers(1, 99))
+def test_random_models_decide_as_the_golden_one(tmp_path_factory, config, seed):
+    folder = tmp_path_factory.mktemp("c") / "exported"
+    count = exported(config, seed, folder)["decisions"]
+    assert verdict(folder, *SANITIZED) == f"{count} decisions compared, 0 different\n"
+
+
+@pytest.mark.parametrize("config", [IMAGES, RING, EVENTS], ids=["image", "ring", "events"])
+def test_images_and_replayed_windows_decide_as_the_golden_model(config, tmp_path):
+    count = exported(config, 3, tmp_path / "c")["decisions"]
+    assert count > 3
+    assert verdict(tmp_path / "c", *SANITIZED) == f"{count} decisions compared, 0 different\n"
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong"),
+    [
+        ("if (s->in_hop == 4)", "if (s->in_hop == 5)"),
+        ("second = v[best];", "second = v[c];"),
+        ("~(~v >> n) : v >> n", "-(-v >> n) : v >> n"),
+        ("s->flag_age[i] > back", "s->flag_age[i] > 0 * back"),
+        ("s->flag_age[i]++;", ";"),
+    ],
+)
+def test_the_comparison_finds_a_bug_in_the_c(right, wrong, tmp_path):
+    exported(RING, 3, tmp_path / "c")
+    source = tmp_path / "c" / plain_c.SOURCE
+    text = source.read_text()
+    assert right in text
+    source.write_text(text.replace(right, wrong))
+    assert " 0 different" not in verdict(tmp_path / "c", "gcc", "-std=c99", "-O1")
+
+
+def clang() -> None:
+    pytest.importorskip("ziglang", reason="ziglang (extra soc) is not installed")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("config", [IMAGES, RING], ids=["image", "ring"])
+def test_clang_agrees(config, tmp_path):
+    clang()
+    count = exported(config, 4, tmp_path / "c")["decisions"]
+    command = (
+        sys.executable,
+        "-m",
+        "ziglang",
+        "cc",
+        *GCC[1:],
+        "-fsanitize=undefined",
+        "-fno-sanitize-recover=all",
+    )
+    assert verdict(tmp_path / "c", *command) == f"{count} decisions compared, 0 different\n"
+
+
+@pytest.mark.parametrize(
+    "core",
+    [
+        pytest.param(core, marks=pytest.mark.slow if number else ())
+        for number, core in enumerate(compiled.CORES)
+    ],
+)
+def test_a_microcontroller_decides_the_same_and_its_instructions_are_counted(core, tmp_path):
+    clang()
+    pytest.importorskip("unicorn", reason="unicorn is not installed")
+    model = model_of(RING, 5)
+    recordings = random_recordings(model.config, (150, 60), 5)
+    export_c(model, tmp_path / "c")
+    result = emulated.play(model, recordings, core, tmp_path / "c")
+    assert result["different"] == 0 and result["decisions"] > 5
+    assert 100 < result["instructions"]["frame"] < result["instructions"]["step"] < 100_000
+    sizes = compiled.sizes(tmp_path / "c", core, image=False)
+    assert sizes["tables"] >= plain_c.table_bytes(model)
+    assert 500 < sizes["code"] < 6000
+    assert sizes["state"] > 100
+
+
+SKETCH = """#include <{include}>
+static eskin_state state;
+int main()
+{{
+    int32_t codes[ESKIN_TAXELS] = {{ 0 }};
+    eskin_decision decision;
+    eskin_arm(&state);
+    return eskin_frame(&state, codes, &decision);
+}}
+"""
+
+
+def test_the_folder_is_a_library_of_arduino_and_a_module_of_zephyr(tmp_path):
+    """As Arduino builds it: every C file of the folder, then a sketch in C++ with the header that is named. Zephyr finds
+    the sources where its module says."""
+    folder = tmp_path / "c"
+    exported(RING, 6, folder)
+    lines = (folder / "library.properties").read_text().splitlines()
+    properties = dict(line.split("=", 1) for line in lines)
+    wanted = "name version author maintainer sentence paragraph category url architectures"
+    assert set(wanted.split()) <= properties.keys() and all(properties.values())
+    assert re.fullmatch(r"\d+\.\d+\.\d+", properties["version"])
+    for source in folder.glob("*.c"):
+        subprocess.run([*GCC, "-Wno-pedantic", "-DARDUINO=10819", "-c", source.name], cwd=folder, check=True)
+    (tmp_path / "sketch.cpp").write_text(SKETCH.format(include=properties["includes"]))
+    built = ["g++", "-Wall", "-Werror", "-DARDUINO=10819", f"-I{folder}", "sketch.cpp", *folder.glob("*.o")]
+    subprocess.run([*built, "-o", "sketch"], cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "sketch"]).returncode == 0
+    module = (folder / "zephyr" / "module.yml").read_text()
+    place = folder / re.search(r"^build:\n  cmake: (\w+)$", module, re.MULTILINE)[1]
+    named = re.findall(r"\((\.\.[\w./]*)\)", (place / "CMakeLists.txt").read_text())
+    assert len(named) == 2 and all((place / name).exists() for name in named)
+
+
+def test_sizes_are_those_of_the_tables(tmp_path):
+    model = model_of(RING.replace(fault_frames=0), 1)
+    result = export_c(model, tmp_path / "c")
+    weights = sum(array.size for name, array in model.arrays.items() if name[0] in "WUV")
+    biases = sum(array.size for name, array in model.arrays.items() if name[0] == "b")
+    halves = 2 * (model.config.formats.table_entries // 2 + 1)
+    # the window lengths' constants: mean 4, scale 2, shift 1 bytes; an index a window; a mask a taxel
+    lengths = len(model.config.window_lengths)
+    assert result["table_bytes"] == weights + 2 * biases + 2 * halves + 7 * lengths + 9 + 5
+    header = (tmp_path / "c" / plain_c.HEADER).read_text()
+    assert f"Tables: {result['table_bytes']} bytes" in header
+    assert json.dumps(result["products"]["most"]) in header
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("kind", MODELS)
+@pytest.mark.parametrize("name", ["pvdf", "fabric", "biotac", "synthetic"])
+def test_all_recordings_decide_the_same(name, kind, shared_data, tmp_path):
+    archive = next(shared_data.glob(f"{name}*/recordings.npz"), name)
+    recordings = load_recordings(str(archive))
+    result = differences(model_on(front_end(name, recordings), kind), recordings, tmp_path / "c")
+    assert result["different"] == 0 and result["decisions"] > 20 * 200, result
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_all_images_decide_the_same(shared_data, tmp_path):
+    images = load_recordings(str(shared_data / "tactile_images" / "recordings.npz"))
+    layers = (*NETWORKS["tactnet"], f"dense {len(images.class_names)}")
+    config = AcceleratorConfig.of_image(*images.image_shape, layers, images.class_names)
+    result = differences(model_of(config, 1), images, tmp_path / "c")
+    assert result == {"recordings": 876, "decisions": 876, "different": 0}
+
+
+def test_a_folder_with_other_files_stays(tmp_path):
+    (tmp_path / "c").mkdir()
+    (tmp_path / "c" / "mine").write_text("keep")
+    with pytest.raises(InputError, match="with other files"):
+        export_c(model_of(RING, 1), tmp_path / "c")
+    assert [path.name for path in (tmp_path / "c").iterdir()] == ["mine"]
+
+
+def test_class_names_are_c_strings():
+    assert plain_c.c_string('a"\\?é') == '"a\\042\\134\\077\\303\\251"'
+    assert np.all([byte < 128 for byte in plain_c.c_string("ä/*").encode()])

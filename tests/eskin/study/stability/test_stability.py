@@ -1,0 +1,398 @@
+"""The failure-mode suite: every experiment reports its broken variant as failed, and what the suite says of a
+run is what was measured."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from eskin.golden.core import AcceleratorConfig, InputError, Jobs, QFormat
+from eskin.pages.stability_page import figure_in_words, write_page
+from eskin.pages.views import words
+from eskin.study.stability import suite as stability
+from eskin.study.stability.core import GROUPS, Bench, Curve, Outcome
+from eskin.study.stability.memory import Upset, flipped
+from eskin.study.stability.suite import judge, run_modes
+from eskin.study.stability.table import MODES
+from eskin.verbs import stability_job
+from tests.support import stability_case
+from tests.support.broken_designs import BROKEN_CAMPAIGNS, BROKEN_DESIGNS, broken_design
+from tests.support.broken_variants import BROKEN
+
+WITHOUT_COSIM = {"cosim": False, "compare": False}
+GOLDEN = {name: mode for name, mode in MODES.items() if callable(mode.run)}
+HARDWARE = [mode for mode in MODES.values() if isinstance(mode.run, str)]
+
+
+@pytest.mark.parametrize("name", GOLDEN)
+def test_a_broken_variant_fails_and_the_sound_one_holds(name):
+    bench, mode = stability_case.bench(), MODES[name]
+    sound, _ = judge(mode, bench)
+    broken, _ = judge(mode, BROKEN[name](bench))
+    assert sound["passed"], (sound["value"], sound["bound"], sound["worst_case"])
+    assert not broken["passed"], (broken["value"], broken["bound"])
+    json.dumps(sound, allow_nan=False)
+    assert mode.description.endswith(".") and sound["reason"] and len(sound["curve"]["x"]) >= 1
+    assert all(len(line) == len(sound["curve"]["x"]) for line in sound["curve"]["lines"].values())
+
+
+def in_hardware(case: Bench, folder) -> stability_job._Hardware:
+    """Icarus: it builds fastest."""
+    keep = stability_job._Records(folder / "cache", "content", Jobs(workers=1))
+    return stability_job._Hardware(case, keep, work=folder / "work", simulator="icarus")
+
+
+NUMBERS = [
+    name for name, mode in GOLDEN.items() if mode.group in ("numeric", "memory") and "state" not in mode.needs
+]
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_a_linear_cell_on_all_kinds_of_feature_is_judged_too(name):
+    """What asks nothing of the network's skill: numbers and memories; a broken variant fails and the sound
+    one holds."""
+    bench, mode = stability_case.linear_bench(), MODES[name]
+    sound = judge(mode, bench)[0]
+    broken = judge(mode, BROKEN[name](bench))[0]
+    assert sound["passed"], f"{name}: {sound['value']} against {sound['bound']}: {sound['worst_case']}"
+    assert not broken["passed"], (
+        f"{name}: {broken['value']} against {broken['bound']}: {broken['worst_case']}"
+    )
+
+
+@pytest.mark.parametrize(
+    "mode",
+    [
+        pytest.param(mode, id=mode.run, marks=pytest.mark.slow if mode.run == "probe" else ())
+        for mode in HARDWARE
+        if mode.run in BROKEN_DESIGNS
+    ],
+)
+def test_a_broken_design_fails_and_the_sound_one_holds(mode, tmp_path, monkeypatch):
+    monkeypatch.setattr(stability_job, "STREAMED", 1)
+    bench = stability_case.bench()
+    hardware, design = in_hardware(bench, tmp_path), broken_design(bench.model, mode.run, tmp_path / "broken")
+    sound, broken = hardware.measure(mode.run), hardware.measure(mode.run, hardware=design)
+    assert sound.value <= mode.bound(bench) < broken.value, (
+        sound.rtl["mismatch_list"],
+        broken.rtl["mismatch_list"],
+    )
+    assert sound.rtl["compared_values"] > 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "mode", [mode for mode in HARDWARE if mode.run not in BROKEN_DESIGNS], ids=lambda mode: mode.run
+)
+def test_a_campaign_without_the_defence_fails_and_with_it_holds(mode, tmp_path):
+    calls = []
+    case = dataclasses.replace(stability_case.bench(), flips=600)
+    keep = stability_job._Records(tmp_path, "content", Jobs(workers=1))
+    hardware = stability_job._Hardware(case, keep, lambda *call: calls.append(call))
+    bound = mode.bound(case)
+    assert hardware.measure(mode.run).value <= bound and calls[-1] == (
+        f"{mode.run} in simulation",
+        calls[-1][2],
+        calls[-1][2],
+    )
+    assert hardware.measure(mode.run, **BROKEN_CAMPAIGNS[mode.run]).value > bound
+
+
+def test_a_design_without_the_place_to_break_is_no_broken_variant():
+    for broken in BROKEN_DESIGNS.values():
+        with pytest.raises(RuntimeError, match="has 0 places for a broken variant"):
+            broken("module accelerator(i__valid); endmodule")
+
+
+def test_there_are_modes_enough_in_every_group_and_each_has_a_broken_variant():
+    groups = [mode.group for mode in MODES.values()]
+    assert len(MODES) >= 40 and all(groups.count(group) >= 5 for group in GROUPS)
+    assert set(BROKEN) == set(GOLDEN) and {mode.run for mode in HARDWARE} == {
+        *BROKEN_DESIGNS,
+        *BROKEN_CAMPAIGNS,
+    }
+
+
+def a_mode(value: float = 2.0, name: str = "state bits", **bound):
+    """A mode of the table with a figure and a bound of its own."""
+    curve = Curve("x", "y", [1, 2, 3, 4], {"y": [0.0, 2.0, 2.5, 1.0]})
+    bound = {"at_most": None, "at_least": None, **bound}
+    return dataclasses.replace(MODES[name], run=lambda bench: Outcome(value, "seven <b>", curve), **bound)
+
+
+@pytest.mark.parametrize(
+    ("bound", "passed", "fails_at", "room"),
+    [
+        ({"at_most": 2.0}, True, 3, 0),
+        ({"at_least": 2.0}, True, 1, 0),
+        ({"at_most": 1.999}, False, 2, -0.001 / 1.999),
+    ],
+)
+def test_a_bound_is_inclusive_and_the_first_point_beyond_it_is_named(bound, passed, fails_at, room):
+    record, case = judge(a_mode(**bound), stability_case.bench())
+    assert (record["passed"], record["fails_at"], case) == (passed, fails_at, None) and record[
+        "room"
+    ] == pytest.approx(room)
+    for bounds in ({"at_most": 1.0, "at_least": 1.0}, {}):
+        with pytest.raises(ValueError, match="give one bound and one of numeric, stream"):
+            a_mode(**bounds)
+
+
+def test_the_weakest_are_the_failed_ones_then_those_with_least_room():
+    rows = [("a", True, 0.1), ("b", False, -0.2), ("c", True, 0.9), ("d", False, -3.0)]
+    records = [{"name": name, "passed": passed, "room": room} for name, passed, room in rows]
+    assert [record["name"] for record in stability.weakest(records)] == ["d", "b", "a"]
+
+
+def test_modes_that_do_not_apply_or_need_hardware_are_listed_not_passed():
+    calls: list[tuple[int, int]] = []
+    options = {
+        "judged": lambda names: [{"name": name, "passed": True, "room": 1.0} for name in names],
+        "progress": lambda what, done, total: calls.append((done, total)),
+    }
+    bench, count = stability_case.bench(), len(MODES)
+
+    def names_of(records):
+        return [record["name"] for record in records]
+
+    result = run_modes(bench, **options)
+    assert names_of(result["modes"]) == [*GOLDEN] and calls == [(count, count)]
+    reasons = {row["name"]: row["why"] for row in result["not_run"]}
+    assert reasons == {mode.name: "needs a co-simulation" for mode in HARDWARE}
+
+    def simulated(mode):
+        return judge(mode, bench, lambda key: Outcome(float(key == "stalls"), "seen"))[0]
+
+    result = run_modes(bench, simulated=simulated, **options)
+    assert names_of(result["modes"]) == [*MODES] and not result["not_run"]
+    assert calls[1:] == [(count - left, count) for left in range(len(HARDWARE), -1, -1)]
+    failed = [record for record in result["modes"] if not record["passed"]]
+    assert names_of(failed) == [HARDWARE[0].name] == result["weakest"][:1]
+    for changes, name, why in (
+        ({"loadable": False}, "weight write during a touch", "weights are in ROM: there is nothing to write"),
+        (
+            {"onset": "immediate", "rest": "initial"},
+            "no touch",
+            "the gate opens at once: no onset is looked for",
+        ),
+        (
+            {"cell": "linear"},
+            "state error without reset",
+            "a linear cell has no state, no gates and no tables",
+        ),
+    ):
+        case = stability_case.linear_bench() if "cell" in changes else bench.changed(changes)
+        result = run_modes(case, names=[name, "feature bits"], simulated=simulated)
+        assert names_of(result["modes"]) == ["feature bits"] and result["not_run"][0]["why"] == why
+    with pytest.raises(InputError, match="mode 'tie': is unknown"):
+        run_modes(bench, names=["tie"])
+
+
+def test_flipping_a_bit_is_twos_complement():
+    for code in (-128, -1, 0, 5, 127):
+        for bit in range(8):
+            expected = np.array(code, np.int8).view(np.uint8) ^ np.uint8(1 << bit)
+            assert flipped(np.array([code]), bit, QFormat(4, 4)) == [expected.view(np.int8)]
+
+
+def test_upsets_of_the_network_equal_those_of_the_model_one_by_one():
+    bench = stability_case.bench()
+    few = bench.sample
+    name = "W_z"
+    variants = np.repeat(bench.model.arrays[name][None], 3, axis=0)
+    for v in range(3):
+        variants[v, v, v] = flipped(variants[v, v, v], 7, bench.config.formats.weight_format)
+    together = bench.model.logits_of({name: variants}, few.codes)
+    for v in range(3):
+        alone = bench.changed(arrays={name: variants[v]}).forward(few.codes)[1]
+        assert np.array_equal(together[v], alone)
+    assert not np.array_equal(together[0], together[1])
+
+
+def test_a_state_upset_changes_one_bit_of_one_unit_after_its_step():
+    bench = stability_case.bench()
+    codes = bench.codes[:2]
+    upset = Upset(bench.config, np.array([3, 0]), np.array([1, 2]), np.array([4, 5]))
+    hit, plain = bench.forward(codes, upset)[0], bench.forward(codes)[0]
+    assert np.array_equal(hit[0, :3], plain[0, :3]) and np.argwhere(hit[0, 3] != plain[0, 3]).tolist() == [
+        [1]
+    ]
+    assert abs(hit[0, 3, 1] - plain[0, 3, 1]) == 16 and np.argwhere(hit[1, 0] != plain[1, 0]).tolist() == [
+        [2]
+    ]
+
+
+# ---------------------------------------------------------------------- the job and its files
+NAMES = ["state error without reset", "frames lost", "one dead taxel, mean", "state bit flips"]
+
+
+def job(tmp_path, **options):
+    folder = tmp_path / "model"
+    if not folder.exists():
+        stability_case.model_folder(folder)
+    options = {"few": 6, "points": 1, "long": 200, "flips": 60, "workers": 1, **WITHOUT_COSIM, **options}
+    return stability_job.run(
+        folder, stability_case.recordings(), out=tmp_path / "out", cache=tmp_path / "cache", **options
+    )
+
+
+def test_the_job_writes_its_files_and_takes_finished_experiments_over(tmp_path, monkeypatch):
+    result = job(tmp_path, names=NAMES)
+    written = json.loads((tmp_path / "out" / "stability.json").read_text())
+    assert written == json.loads(json.dumps(result)) and result["passed"]
+    assert [mode["name"] for mode in written["modes"]] == NAMES
+    for mode in written["modes"]:
+        assert {"name", "group", "value", "bound", "unit", "passed", "worst_case"} <= set(mode)
+    page = (tmp_path / "out" / "stability.html").read_text()
+    curves = [mode["curve"]["lines"].values() for mode in written["modes"]]
+    moving = sum(any(len(set(line)) > 1 for line in lines) for lines in curves)
+    assert all(name in page for name in NAMES) and "http" not in page.replace("http-equiv", "")
+    assert page.count("<img") == moving > 0
+    chosen = AcceleratorConfig.load(tmp_path / "out" / "recommended.json")
+    assert chosen.faults.fault_frames == 64 and chosen.onset_rule.onset_threshold == 5
+    monkeypatch.setattr(stability, "judge", lambda *args: pytest.fail("a finished experiment was run again"))
+    again = job(tmp_path, names=NAMES)
+    assert again["modes"] == result["modes"]
+    with pytest.raises(pytest.fail.Exception):  # other recordings of a curve: another content
+        job(tmp_path, names=NAMES, few=5)
+
+
+def test_a_mode_beyond_its_bound_fails_the_job_and_is_named_on_the_page(tmp_path, monkeypatch):
+    monkeypatch.setitem(MODES, "state bits", a_mode(7.0, at_most=0.0))
+    result = job(tmp_path, names=["state bits", "feature bits"])
+    assert not result["passed"] and result["weakest"][0] == "state bits"
+    page = (tmp_path / "out" / "stability.html").read_text()
+    assert "1 of 2 failure modes are beyond their bounds" in page and "seven &lt;b&gt;" in page
+
+
+def test_a_record_of_the_hardware_that_differs_fails_the_job(tmp_path, monkeypatch):
+    def differs(bench, case, *where, **options):
+        return {"bit_exact": False, "recordings": 1, "compared_values": 9, "mismatches": 1, "probe": None}
+
+    monkeypatch.setattr(stability_job, "play_case", differs)
+    result = job(tmp_path, names=["state bits", "frames lost"], cosim=True)
+    assert not result["passed"]
+    assert result["modes"][1]["rtl"]["mismatches"] == 1
+    assert result["modes"][0]["rtl"] is None
+    assert "differ in frames lost" in (tmp_path / "out" / "stability.html").read_text()
+
+
+def test_figures_in_words():
+    assert figure_in_words(0.99371, "accuracy") == "99.37\u00a0%" and figure_in_words(0, "wrong sums") == "0"
+    assert figure_in_words(1.14249, "error at step t / error at step 20") == "1.142"
+
+
+PAGE = {"model": "m", "data": "d", "recordings": 1, "clean_accuracy": 1.0, "not_run": [], "defences": []}
+
+
+def test_the_page_needs_a_curve_only_where_there_is_one(tmp_path):
+    record, _ = judge(MODES["state bits"], stability_case.bench())
+    moving = {**record["curve"], "x": [1, 2], "lines": {"y": [0.0, 1.0]}}
+    still = {**record["curve"], "x": [1, 2], "lines": {"y": [0.5, 0.5], "z": [1.0, 1.0]}}
+    modes = [
+        {**record, "curve": moving},
+        {**record, "name": "rtl", "curve": None},
+        {**record, "name": "still", "curve": still},
+    ]
+    result = PAGE | {"modes": modes, "not_run": [{"name": "n", "group": "memory", "why": "later"}]}
+    page = write_page(tmp_path, result).read_text()
+    assert page.count("<img") == 1 and "n (later)" in page and page.count("Its curve is flat") == 1
+    assert page.index("<details>") < page.index("All 3 modes")
+
+
+def test_bounds_of_accuracy_are_relative_and_a_detector_that_is_off_is_not_failed(monkeypatch):
+    bench, name = stability_case.bench(), "one taxel sticks high in the touch"
+    halved = dataclasses.replace(bench, memo={})
+    monkeypatch.setattr(type(halved), "clean_accuracy", 0.5, raising=False)
+    for value, passed in ((0.475, True), (0.465, False)):
+        record, _ = judge(a_mode(value, name, at_least=MODES[name].at_least), halved)
+        assert record["bound"] == pytest.approx(0.47) and record["passed"] == passed
+    result = stability.run_modes(bench.changed({"fault_frames": 0}), names=[name])
+    assert not result["modes"] and "fault detector is off" in result["not_run"][0]["why"]
+
+
+SPLIT = {
+    "groups": ["trial"],
+    "accuracy": 0.9,
+    "spread": 0.0,
+    "threshold": 7,
+    "coverage": 0.95,
+    "without": 0.9,
+}
+SPLIT |= {"curve": [{"threshold": 7, "coverage": 0.95, "accuracy": 0.99}]}
+FAULT = {"mean": 0.8, "worst": 0.7, "worst_taxel": 1}
+JUDGED = {"clean": [SPLIT], "margin": [SPLIT], **dict.fromkeys(("dead", "stuck", "stuck, masked"), FAULT)}
+HARDWARE_COST = dict(logic_cells=1234, bram=28, frame_cycles=22, step_cycles=226, decision_cycles=253)
+HARDWARE_COST |= dict(lanes=4, lane_type="dsp", board="icebreaker", bit_exact=True)
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_every_set_of_defences_is_costed_and_a_design_that_differs_fails_the_job(
+    tmp_path, monkeypatch, exact
+):
+    costed = []
+
+    def compare(recordings, rows, *args, **options):
+        return [{"name": rows[0].name, **JUDGED}]
+
+    def cost(config, recordings):
+        costed.append(config)
+        alike = exact or not config.network.margin_threshold
+        return HARDWARE_COST | {"logic_cells": 1000 + len(costed), "bit_exact": alike}
+
+    monkeypatch.setattr(stability_job.defences, "compare_defences", compare)
+    monkeypatch.setattr(stability_job, "hardware_cost", cost)
+    result = job(tmp_path, names=["state bits"], cosim=True, compare=True)
+    cells = [record["hardware"]["logic_cells"] for record in result["defences"]]
+    assert cells == [1001, 1002, 1002, 1003, 1004, 1005] and result["passed"] == exact
+    assert [bool(c.faults.fault_frames) for c in costed] == [False, True, True, True, True]
+    assert costed[-1].network.margin_threshold == 7
+    assert result["defences"][-1]["name"] == "the same, watchdog, checksum, unsure below a margin of 7"
+
+
+def test_the_costs_of_defences_are_on_the_page_and_in_the_table(tmp_path):
+    record, (mode, _) = {"name": "none", **JUDGED}, judge(MODES["state bits"], stability_case.bench())
+    wrong = HARDWARE_COST | {"logic_cells": None, "bit_exact": False}
+    rows = [{**record, "hardware": cost} for cost in (HARDWARE_COST, wrong)]
+    result = PAGE | {"modes": [mode], "weakest": ["state bits"], "defences": rows}
+    page = write_page(tmp_path, result).read_text()
+    for phrase in ('<td class="n">1234</td>', "logic cells", "with 4 dsp lanes", "which DIFFERS"):
+        assert phrase in page
+    said = words("stability", **result, figure=figure_in_words, page="")
+    assert "1234" in said and "253" in said
+    result["defences"] = [{**record, "hardware": None}]  # without a co-simulation
+    assert "1234" not in write_page(tmp_path, result).read_text()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_the_whole_suite_on_recorded_touches(tmp_path, shared_data):
+    """Acceptance: the numeric modes hold at the recommended formats, and at least 35 modes run on real
+    recordings."""
+    from eskin.data import load_recordings
+    from eskin.golden.core import PRESETS
+    from eskin.study import defences
+    from eskin.training import train
+    from eskin.training.quantise import quantise
+
+    data = load_recordings(shared_data / "pvdf_indent" / "recordings.npz", config=PRESETS["pvdf"])
+    config = defences.recommended(data, PRESETS["pvdf"])
+    train.train(data, config, train.TrainingRequest(folds=0, protocol="robust"), out=tmp_path / "model")
+    quantise(tmp_path / "model")
+    result = stability_job.run(
+        tmp_path / "model",
+        data,
+        out=tmp_path / "out",
+        cache=tmp_path / "cache",
+        few=30,
+        flips=400,
+        **WITHOUT_COSIM,
+    )
+    assert len(result["modes"]) >= 35
+    assert all(mode["passed"] for mode in result["modes"] if mode["group"] in ("numeric", "memory"))
+    held = {mode["name"]: mode["passed"] for mode in result["modes"]}
+    assert all(
+        held[f"one dead taxel, {which}"] and held[f"one taxel stuck at full scale, masked, {which}"]
+        for which in ("mean", "worst")
+    )

@@ -1,0 +1,189 @@
+"""The energy estimate: its sums against sums by hand, its bounds, its page."""
+
+import dataclasses
+import re
+
+import pytest
+
+from eskin.golden.core import PRESETS, InputError
+from eskin.pages.energy_page import render
+from eskin.pages.views import unit
+from eskin.study.energy import (
+    BATTERY_J,
+    PARTS,
+    RAM_READ_ASSUMED_J,
+    Activity,
+    Part,
+    compare,
+    counted_activity,
+    estimate,
+    scheduled_activity,
+)
+from eskin.verbs.energy_job import parse_configuration
+from tests.support.table import each_row
+
+CONFIG = PRESETS["thesis"].replace(feature_shift=(10, 9))
+ACTIVITY = Activity(
+    step_cycles=200,
+    step_toggles=30_000,
+    step_multiplies=1_200,
+    frame_cycles=16,
+    quiet_frame_cycles=12,
+    frame_toggles=900,
+    idle_toggles=3,
+    ram_reads=20,
+    source="made up",
+    recordings=2,
+)
+PART = Part(
+    name="made",
+    static_w=100e-6,
+    clock_j=50e-12,
+    toggle_j=0.2e-12,
+    multiply_j=20e-12,
+    oscillator_w={1e6: 300e-6, 6e6: 500e-6},
+    clock_stops=True,
+    band=2.0,
+    rests_on="a test",
+    measured=True,
+)
+
+
+def test_a_step_a_touch_and_the_powers_are_the_sums_by_hand():
+    energy = estimate(CONFIG, PART, ACTIVITY, 2e6)
+    step = 200 * 50e-12 + 30_000 * 0.2e-12 + 1_200 * 20e-12
+    assert energy["per_step_j"] == pytest.approx(step, rel=1e-12) == pytest.approx(40e-9)
+    assert (
+        energy["per_touch_j"]
+        == pytest.approx(20 * step)
+        == pytest.approx(sum(energy["per_touch_parts_j"].values()))
+    )
+    frame = 16 * 50e-12 + 900 * 0.2e-12
+    assert energy["preprocessing_per_touch_j"] == pytest.approx(6144 * frame)
+    assert energy["ram_reads_per_touch_j"] == pytest.approx(20 * 200 * 20 * RAM_READ_ASSUMED_J)
+    on, stopped, own = energy["choices"]  # 1 MHz of its own would be too slow
+    added = 20 * (step - 200 * 50e-12)
+    idle = 100e-6 + 2e6 * (50e-12 + 3 * 0.2e-12) + 3000 * 900 * 0.2e-12
+    assert energy["idle_w"] == on["idle_w"] == pytest.approx(idle) and on["average_w"] == pytest.approx(
+        idle + added
+    )
+    assert (
+        stopped["average_w"]
+        == pytest.approx(100e-6 + 3000 * (frame - 4 * 50e-12) + 20 * step + 6144 * 4 * 50e-12)
+        and stopped["average_w"] < on["average_w"]
+    )
+    assert own["clock_hz"] == 6e6 and own["idle_w"] == pytest.approx(
+        500e-6 + 6e6 * 3 * 0.2e-12 + 3000 * 900 * 0.2e-12
+    )
+    assert BATTERY_J == 18000 and on["hours"] == pytest.approx(18000 / on["average_w"] / 3600)
+    assert on["touches"] == pytest.approx(18000 / (idle * 2.048 + added))
+    always = estimate(CONFIG, dataclasses.replace(PART, clock_stops=False), ACTIVITY, 2e6)["choices"]
+    assert [choice["name"] for choice in always] == ["outside clock, always on", "own oscillator, 6 MHz"]
+
+
+def test_the_fit_meets_what_the_source_measured():
+    """UP5K, total of all supplies as published: outside 12 MHz with a 28-bit counter, and one more 196 cells
+    of counters."""
+    part = PARTS["iCE40UP5K"]
+    rails = 4.1e-6 * 1.219 + (1.3 + 3.4 + 1.5) * 1e-6 * 3.283
+    measured = 613.5e-6 * 1.219 + rails
+    assert part.static_w + 12e6 * (part.clock_j + 2 * part.toggle_j) == pytest.approx(measured, rel=0.05)
+    # seven counters more, two bits a cycle each
+    assert 12e6 * 7 * 2 * part.toggle_j == pytest.approx(27.8e-6 * 1.219, rel=0.05)
+    assert 12e6 * part.multiply_j == pytest.approx((882 - 645) * 1e-6 * 1.219, rel=0.05)
+    assert part.oscillator_w[6e6] == pytest.approx(388.4e-6 * 1.219 + 4.1e-6 * 1.219 + 8.66e-6 * 3.283)
+
+
+def test_idle_toggles_are_what_two_runs_differ_by():
+    full = {"cycles": 1000, "toggles": {"cell": 400, "classifier": 40, "ring": 600}, "multiplies": 300}
+    slow = {"cycles": 3000, "toggles": {"cell": 410, "classifier": 40, "ring": 4590}, "multiplies": 300}
+    counts = dict(frames=60, steps=4, step_cycles=77, frame_cycles=39, quiet_frame_cycles=19, recordings=1)
+    activity = counted_activity(CONFIG, full | {"ram_reads": 5000, "large_uses": 1500}, slow, **counts)
+    steps = (activity.step_cycles, activity.step_toggles, activity.step_multiplies)
+    assert steps == (77, 110, 75) and (activity.ram_reads, activity.large_uses) == (5, 1.5)
+    assert (activity.frame_cycles, activity.quiet_frame_cycles) == (39, 19)
+    assert (activity.frame_toggles, activity.idle_toggles) == (10, 2)
+
+
+def test_an_uncounted_build_says_so():
+    energy = estimate(CONFIG, "iCE40UP5K", scheduled_activity(CONFIG, 197, 23, 19, multipliers=7), 1e6)
+    assert (
+        "cycles of the schedule" in energy["method"] and energy["band"] == 2.0 and energy["per_touch_j"] > 0
+    )
+    assert (
+        estimate(CONFIG, "LFE5U-25F", scheduled_activity(CONFIG, 8568, 23, 19, 0), 26e6)["per_touch_parts_j"][
+            "multiplies"
+        ]
+        == 0
+    )
+
+
+def rows(**changes):
+    made = []
+    for name, part, cycles in (("a", "iCE40UP5K", 200), ("b", "iCE40UP5K", 1100), ("c", "LFE5U-25F", 120)):
+        figures = estimate(CONFIG, part, dataclasses.replace(ACTIVITY, step_cycles=cycles), 5e3 * cycles)
+        made.append({"name": name, "bit_exact": name not in changes.get("wrong", ()), **figures})
+    return made
+
+
+def test_only_exact_configurations_win():
+    result = compare(rows())
+    assert result["passed"] and result["least_touch"] == "a"  # c takes less, by figures that nobody measured
+    assert (
+        result["least_average"]["name"] == "a"
+        and result["least_average"]["choice"] == "outside clock, stops between samples"
+    )
+    assert [check["met"] for check in result["checks"]] == [True, True]
+    result = compare(rows(wrong="ca"))
+    assert (
+        not result["passed"]
+        and result["least_touch"] == "b"
+        and [check["configuration"] for check in result["checks"]] == ["b", "b"]
+    )
+    assert [check["met"] for check in result["checks"]] == [False, False]
+    assert (
+        compare(rows(wrong="ab"))["least_touch"] == "c" and compare(rows(wrong="abc"))["least_touch"] is None
+    )
+
+
+def test_an_image_has_an_aim_of_its_own_and_its_own_words():
+    result = compare(rows(), what="image")
+    (check,) = result["checks"]
+    assert (
+        check["limit"] == 100e-6 and check["name"] == "compute of an image on the iCE40UP5K" and check["met"]
+    )
+    assert not compare([row | {"per_touch_j": 1.01e-4} for row in rows()], what="image")["checks"][0]["met"]
+    page = render(result)
+    assert (
+        "Energy of an image" in page and "large memories used a cycle" in page and "cycles a step" not in page
+    )
+    assert "a image" not in page and "an image by configuration" in page
+    assert "large memories used" not in render(compare(rows()))
+
+
+def test_the_page_shows_every_figure_with_its_band():
+    result = compare(rows(wrong="b"))
+    page = render(result)
+    for row in result["configurations"]:
+        assert unit(row["per_touch_j"], "J") in page and row["rests_on"][:40] in page
+        assert all(unit(choice["average_w"], "W") in page for choice in row["choices"])
+    assert "estimate" in page.lower() and "b is not bit-exact" in page and page.count("data:image/svg") == 2
+    assert all(entry["conditions"] in page for entry in result["published"])
+    assert not re.findall(r"(?:src|href)=\"(?!data:)", page)
+    assert render(result) == page
+
+
+@each_row(
+    ("value", "said"),
+    [(0.94e-6, "940 nJ"), (1e-6, "1.00 µJ"), (226.5e-6, "226 µW"), (0, "0 J"), (5e-13, "0.500 pJ")],
+)
+def test_units(value, said):
+    assert unit(value, said[-1]).replace("\u00a0", " ") == said
+
+
+def test_configurations_are_parsed():
+    assert parse_configuration("icebreaker:1:dsp") == ("icebreaker", 1, "dsp")
+    assert parse_configuration("ulx3s:12") == ("ulx3s", 12, None)
+    for text, said in (("icebreaker", "is not of the form"), ("nonesuch:1", "is no known board")):
+        with pytest.raises(InputError, match=said):
+            parse_configuration(text)

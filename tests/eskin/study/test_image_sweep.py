@@ -1,0 +1,129 @@
+"""The sweep over networks for images: its points, its folds, what it names, what it refuses. No network is
+trained but in one test."""
+
+import numpy as np
+import pytest
+
+from eskin.golden.core import InputError, Jobs, Memo
+from eskin.pages.sweep_charts import accuracy_chart
+from eskin.rtl.program.image_passes import plan_of
+from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points, map_values
+from eskin.study.sweep import flat_rows, smallest_at, sweep
+from eskin.verbs import sweep_job
+from tests.support.image_scenes import shapes
+from tests.support.table import each_row
+
+SMALL = [
+    {"layers": ["conv 3 4", "pool"], "weight_bits": [8, 4]},
+    {"size": ["6x8"], "layers": [["conv 3 2", "pool"], ["conv 1 2"]]},
+]
+COST = {"cycles_step": 100, "cycles_decision": 102, "energy_j": 1e-6, "compute_j": 1e-6}
+
+
+def judged(shared, piece):
+    """Float knows all; 8 bits know the first two classes; 4 bits the first one. What it says is on images of
+    the piece's size."""
+    images, labels = shared
+    size = f"{piece.config.image.height}x{piece.config.image.width}"
+    assert images[size].shape[1:] == (piece.config.image.height, piece.config.image.width)
+    truth = labels[np.array(piece.left_out)]
+    found = {"float": truth, "w8": np.minimum(truth, 1), "w4": 0 * truth}
+    found |= {"tuned": 0 * truth} if piece.tuned_bits else {}
+    return {name: values.tolist() for name, values in found.items()} | {"wall_s": 0.0}
+
+
+def swept(scene, tmp_path, judging=judged, **changes):
+    request = ImageSweepRequest(points=make_image_points(scene, SMALL), folds=3, **changes)
+    jobs = Jobs(workers=1)
+    return sweep(
+        scene, request, cost_of=lambda _: COST, jobs=jobs, keep=Memo(tmp_path / "kept"), judging=judging
+    )
+
+
+def test_the_default_grid_has_the_published_sizes_and_enough_networks():
+    scene = shapes(3, 0, (28, 50))
+    points = make_image_points(scene, default_grid(28, 50))
+    tact = [point for point in points if point.network == "tactnet" and point.config.weight_bits == 8]
+    assert [point.size for point in tact] == ["28x50", "26x47", "28x40", "28x32", "24x32"]
+    assert len({(point.network, point.size) for point in points}) >= 12 and {
+        point.config.weight_bits for point in points
+    } == {4, 8}
+    assert all(point.config.hardware.lanes == 8 for point in points)
+
+
+def test_memories_of_maps_are_those_of_the_hardware():
+    scene = shapes(3, 0, (28, 50))
+    for point in make_image_points(scene, default_grid(28, 50)):
+        ours, plan = map_values(point.config), plan_of(point.config)
+        assert ours == plan.map_values
+        weights = plan.conv_words * plan.lanes + plan.dense_words * 32 // plan.weight_bits
+        # the hardware fills up groups of lanes
+        assert point.cost()["weight_memory_bits"] <= weights * plan.weight_bits
+
+
+def test_points_share_one_training_and_each_is_judged_by_its_bits(tmp_path):
+    scene, asked = shapes(6, 0, (8, 10)), []
+
+    def counted(shared, piece):
+        image = piece.config.image
+        asked.append((image.layers, image.width, piece.tuned_bits, piece.seed, piece.left_out))
+        return judged(shared, piece)
+
+    result = swept(scene, tmp_path, counted, seeds=(0, 1))
+    # three networks, three folds, two seeds; not four points
+    assert len(asked) == len(set(asked)) == 3 * 3 * 2
+    assert [entry[:2] for entry in asked[:3]] != [
+        asked[0][:2]
+    ] * 3  # a fold of every network before the next fold
+    eight, four, *others = result["points"]
+    assert (eight["accuracy"], four["accuracy"]) == (pytest.approx(2 / 3), pytest.approx(1 / 3)) and eight[
+        "float_accuracy"
+    ] == 1
+    assert {point["config"]["size"] for point in others} == {"6x8"} and result["judged_images"] == 18
+    assert [entry["point"] for entry in result["smallest"]] == [None] * 4 and smallest_at(
+        result["points"], 0.6
+    ) == 3
+    assert result["recommended"] == 3 and result["recommendation"]["met"]
+    again = swept(scene, tmp_path, None, seeds=(0, 1))  # all is kept: nothing is judged again
+    assert again == result
+    assert [row["recommended"] for row in flat_rows(result)] == [False, False, False, True]
+    figure = accuracy_chart(result | {"data": "shapes"})
+    assert len(figure.axes) == 3 and all(axes.get_xlabel() and axes.get_ylabel() for axes in figure.axes)
+
+
+def test_some_folds_are_enough_when_that_is_asked_for(tmp_path):
+    scene = shapes(6, 0, (8, 10))
+    result = swept(scene, tmp_path, parts=1)
+    assert result["parts"] == 1 and result["folds"] == 3 and result["judged_images"] == 6
+
+
+@each_row(
+    ("grid", "words"),
+    [
+        ({"hidden": [3]}, "unknown field hidden; a grid for images varies size, layers"),
+        ({"size": "2x8"}, "--size 2x8: is no size of images"),
+        ({"size": 28}, "field size: is 28; give height x width as text"),
+        ({"layers": "gru"}, "field layers: is 'gru'; give tactnet, "),
+        ({"layers": [["conv 3 4", "pool", "pool"]]}, "has a pool that follows no convolution"),
+        ({"layers": [["conv 7 4"]]}, "has a kernel of 7; take 1, 3 or 5"),
+        ({"weight_bits": 6}, "field weight_bits: is 6; give 8 or 4"),
+        ({"lanes": "8"}, "field lanes: is '8'; give a whole number"),
+        ({"clock_hz": -1}, "field clock_hz: is -1; give a clock in Hz"),
+        ({"size": []}, "a field has an empty list"),
+    ],
+)
+def test_a_grid_that_cannot_be_is_refused_before_any_training(grid, words):
+    with pytest.raises(InputError, match=words) as refused:
+        make_image_points(shapes(3, 0, (8, 10)), [grid])
+    assert "\n" not in str(refused.value)
+
+
+def test_what_the_verb_cannot_do_is_refused(tmp_path):
+    scene = shapes(6, 0, (8, 10))
+    with pytest.raises(InputError, match="--parts 4: there are 3 folds"):
+        sweep_job.request_of(scene, None, folds=3, parts=4)
+    with pytest.raises(InputError, match="--grid bits: is for recordings"):
+        sweep_job.request_of(scene, None, grid="bits")
+    (tmp_path / "g.json").write_text('{"layers": ["conv 3 4"], "lanes": 3}')
+    with pytest.raises(InputError, match="runs on 1, 2, 4"):
+        sweep_job.request_of(scene, None, grid=tmp_path / "g.json")

@@ -1,0 +1,426 @@
+"""eskin/study/sweep.py and eskin/verbs/sweep_job.py: points, costs, the front, the choice, the memory of
+finished trainings, the files."""
+
+import csv
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, Jobs, Memo
+from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, schedule, step_cycles
+from eskin.rtl.views.complexity import cost
+from eskin.study import sweep as sweeping
+from eskin.study.energy import FRAME_TOGGLES, ONSET_TOGGLES, STEP_TOGGLES
+from eskin.training import recipe as recipes
+from eskin.verbs import sweep_job
+from eskin.verbs.cost import cost_of
+from tests.support.table import each_row
+from tests.support.touch_scenes import SMALL, archived, scene
+
+GRID = [{"hidden": [4, 6], "weight_bits": [6, 8], "lanes": [1, 2]}]
+
+
+class Stub:
+    """Stands in for training: better with more units and bits, better with the seed; what was asked is in
+    ``jobs``."""
+
+    def __init__(self) -> None:
+        self.jobs: list[sweeping.Job] = []
+
+    def __call__(self, recordings, job):
+        self.jobs.append(job)
+        accuracy = 0.7 + 0.02 * job.config.network.hidden + 0.005 * job.widths.get("weight_bits", 8)
+        if job.baseline:
+            sizes = {"label": job.baseline, "parameters": 10, "multiplies_decision": 20}
+            return sizes | {"splits": [self.split(groups, 0.6, job) for groups in job.splits]}
+        splits = [self.split(groups, accuracy - 0.1 * n, job) for n, groups in enumerate(job.splits)]
+        return {"splits": splits}
+
+    @staticmethod
+    def split(groups, accuracy, job):
+        by_seed = [accuracy + 0.001 * (seed - np.mean(job.seeds)) for seed in job.seeds]
+        times = [0.01 * (k + 1) for k in range(job.config.windows.steps)]
+        fold = {"accuracy": accuracy, "by_seed": by_seed}
+        return {
+            "groups": list(groups),
+            "accuracy": accuracy,
+            **sweeping.spread_of(by_seed, 60),
+            "float_accuracy": accuracy,
+            "float_by_seed": by_seed,
+            "agreement": 0.99,
+            "decision_time_s": times[-1],
+            "per_step": [{"step": k, "time_s": t, "accuracy": accuracy / 2} for k, t in enumerate(times, 1)],
+            "per_fold": [fold | {"held_out": f"person {n}"} for n in range(3)],
+        }
+
+
+def cost_by_size(config):
+    cycles = {"cycles_step": step_cycles(config), "cycles_decision": decision_cycles(config)}
+    return cycles | {"energy_j": 1e-6 * (100 + config.multiplies), "compute_j": 1e-9 * config.multiplies}
+
+
+def do_sweep(tmp_path, stub, grids=GRID, workers=1, progress=None, version="1", **options):
+    options = {"base": SMALL, "splits": [["person"], []], "seeds": (0, 1, 2), **options}
+    return sweeping.sweep(
+        scene(20),
+        sweeping.SweepRequest(points=sweeping.make_points(SMALL, grids), **options),
+        cost_of=cost_by_size,
+        jobs=Jobs(workers=workers, progress=progress),
+        keep=Memo(tmp_path / "cache"),
+        version=version,
+        judging=stub,
+    )
+
+
+# ---------------------------------------------------------------------- points
+def test_a_grid_is_every_combination_once():
+    points = sweeping.make_points(
+        PRESETS["pvdf"], [*GRID, {"hidden": 4, "weight_bits": 8, "lanes": 1}, {"cell": "lstm", "hop": 48}]
+    )
+    assert len(points) == 9 and len({point.name for point in points}) == 9
+    shown = [points[0].to_dict()[key] for key in ("hidden", "weight_bits", "lanes")]
+    last = points[-1].config
+    assert shown == [4, 6, 1] and (last.network.cell, last.formats.state_format.int_bits) == ("lstm", 4)
+    assert (last.windows.hop, last.windows.window) == (48, 96)
+    (odd,) = sweeping.make_points(PRESETS["thesis"], [{"hop": 200}])
+    assert (odd.config.windows.hop, odd.config.windows.window) == (200, 401)
+    looks = [
+        {"compand": "log", "compand_knee": [9, 11]},
+        {"decision": "early", "early_margin": [100], "early_steps": 3},
+    ]
+    names = [point.name for point in sweeping.make_points(PRESETS["pvdf"], looks)]
+    assert names[1] == "GRU 12 companded at 2^11, 8 bit, 4 lanes"
+    assert names[2] == "GRU 12 early 100 x 3, 8 bit, 4 lanes"
+    assert len(sweeping.make_points(SMALL, [{"cell": "lstm", "reset": ["before", "after"]}])) == 1
+
+
+def test_the_default_grid_is_made_of_points_that_can_work():
+    for name in ("pvdf", "fabric", "synthetic", "thesis"):
+        points = sweeping.make_points(PRESETS[name], sweeping.DEFAULT_GRID)
+        assert len(points) == 84
+        assert {point.config.weight_bits for point in points} == {4, 6, 8}
+
+
+@each_row(
+    ("grid", "words"),
+    [
+        ({"hiden": [4]}, "unknown field hiden"),
+        ({"hidden": [4, 3]}, "field hidden"),
+        ({"hidden": []}, "empty list"),
+        ({"hidden": ["4"]}, "whole number"),
+        ({"weight_bits": [1]}, "weight_format"),
+        ({"cell": ["rnn"]}, "field cell"),
+        ({"lanes": [0]}, "field lanes"),
+        ({"hop": [0]}, "field hop"),
+    ],
+)
+def test_a_grid_that_cannot_work_is_refused_before_training(grid, words):
+    with pytest.raises(InputError, match=words):
+        sweeping.make_points(SMALL, [grid], "grid 'g.json'")
+
+
+@each_row(
+    ("text", "words"),
+    [(None, "g.json"), ("{", "not JSON"), ("3", "object of fields"), ("[]", "object of fields")],
+)
+def test_a_grid_file_that_cannot_be_read_is_refused(tmp_path, text, words):
+    if text is not None:
+        (tmp_path / "g.json").write_text(text)
+    with pytest.raises(InputError, match=words):
+        sweeping.read_grid(tmp_path / "g.json")
+
+
+@each_row("cell", [{"cell": "gru", "reset": "before"}, {"cell": "gru", "reset": "after"}, {"cell": "lstm"}])
+@each_row(("lanes", "lane_type"), [(1, "plain"), (3, "plain"), (1, "dsp")])
+def test_costs_are_those_of_the_hardware(cell, lanes, lane_type):
+    """Multiplies and weight bits against what the program itself holds; cycles are the program's."""
+    grid = {**cell, "hidden": 7, "weight_bits": 6, "lanes": lanes, "lane_type": lane_type}
+    (point,) = sweeping.make_points(SMALL, [grid])
+    counted, own, config = cost(point.config), point.cost(), point.config
+    assert config.weight_bits == 6 and own["weight_memory_bits"] == counted["weight_bits"]
+    assert own["multiplies_step"] == counted["multiplies"] == own["multiplies_decision"] / 6
+    cycles = (counted["step_cycles"], counted["decision_cycles"])
+    assert (step_cycles(config), decision_cycles(config)) == cycles
+
+
+# ---------------------------------------------------------------------- the memory
+def test_points_that_differ_in_lanes_share_a_training_and_a_repeat_trains_nothing(tmp_path):
+    stub = Stub()
+    moves = []
+    first = do_sweep(tmp_path, stub, progress=lambda *move: moves.append(move))
+    assert len(first["points"]) == 8 and len(stub.jobs) == 4
+    assert [move[1:] for move in moves] == [(k, 4) for k in range(5)]
+    again = do_sweep(tmp_path, stub)
+    assert len(stub.jobs) == 4 and again == first
+    pairs = [(p["accuracy"], p["config"]["lanes"], p["cycles_step"]) for p in first["points"][:2]]
+    assert pairs[0][0] == pairs[1][0] and pairs[0][2] > pairs[1][2]
+
+
+@each_row(
+    "change",
+    [
+        {"version": "2"},
+        {"seeds": (0, 1, 3)},
+        {"splits": [["person"]]},
+        {"folds": 4},
+        {"grids": [{**GRID[0], "hop": 8}]},
+    ],
+)
+def test_what_was_trained_on_other_terms_is_trained_again(tmp_path, change):
+    stub = Stub()
+    do_sweep(tmp_path, stub)
+    do_sweep(tmp_path, stub, **change)
+    assert len(stub.jobs) == 8
+
+
+def test_real_training_of_a_tiny_grid(tmp_path, monkeypatch):
+    quick = dataclasses.replace(recipes.RECIPES["onset"], updates=10, epochs=0)
+    monkeypatch.setattr(recipes, "RECIPES", dict.fromkeys(recipes.RECIPES, quick))
+    grid = [{"hidden": 4, "weight_bits": [6, 8]}]
+    result = do_sweep(tmp_path, sweeping.judge, grid, splits=[["person"]], seeds=(0, 1))
+    for point in result["points"]:
+        (split,) = point["splits"]
+        assert split["accuracy"] == pytest.approx(np.mean(split["by_seed"])) and len(split["by_seed"]) == 2
+        assert split["spread"] == pytest.approx(np.std(split["by_seed"], ddof=1))
+        assert 0 <= split["agreement"] <= 1
+        assert len(split["per_step"]) == SMALL.windows.steps and len(split["per_fold"]) == 5
+    floats = [point["float_accuracy"] for point in result["points"]]
+    assert floats[0] == floats[1]  # the float network does not know of its bits
+
+
+def test_quantisation_aware_training_is_a_field_of_the_grid(tmp_path, monkeypatch):
+    asked = []
+
+    def note(*args, quantisation_aware, **options):
+        asked.append(quantisation_aware)
+        raise InputError("enough")
+
+    monkeypatch.setattr(sweeping, "cross_validate", note)
+    with pytest.raises(InputError, match="enough"):
+        do_sweep(tmp_path, sweeping.judge, [{"quantisation_aware": [False, True], "lanes": [1, 2]}])
+    assert asked == [False, True]
+    with pytest.raises(InputError, match="true or false"):
+        sweeping.make_points(SMALL, [{"quantisation_aware": 1}])
+
+
+def test_widths_that_cannot_hold_the_trained_network_are_told(tmp_path):
+    def refusing(recordings, job):
+        return {"refused": "no format"} if job.widths["weight_bits"] == 6 else Stub()(recordings, job)
+
+    result = do_sweep(tmp_path, refusing)
+    assert [p["config"]["weight_bits"] for p in result["points"]] == [8] * 4
+    assert [r["config"]["weight_bits"] for r in result["refused"]] == [6] * 4
+    with pytest.raises(InputError, match="no format"):
+        do_sweep(tmp_path / "all", lambda recordings, job: {"refused": "no format"})
+
+
+# ---------------------------------------------------------------------- front and choice
+def made(accuracy, latency, multiplies, bits=100, lanes=1, error=0.0, energy=1.0):
+    return dict(
+        name=f"{accuracy}/{latency}/{multiplies}",
+        accuracy=accuracy,
+        latency_s=latency,
+        multiplies_decision=multiplies,
+        weight_memory_bits=bits,
+        standard_error=error,
+        config={"lanes": lanes},
+        energy_j=energy,
+    )
+
+
+figure = st.tuples(st.integers(0, 10), st.integers(1, 10), st.integers(1, 10)).map(
+    lambda t: made(t[0] / 10, t[1], t[2])
+)
+figures = st.lists(figure, min_size=1, max_size=12)
+
+
+@settings(deadline=None, derandomize=True)
+@given(figures)
+def test_the_front_is_what_nothing_beats(records):
+    def beats(a, b):
+        as_good = a["accuracy"] >= b["accuracy"] and a["latency_s"] <= b["latency_s"]
+        return as_good and (a["accuracy"], a["latency_s"]) != (b["accuracy"], b["latency_s"])
+
+    expected = {i for i, record in enumerate(records) if not any(beats(other, record) for other in records)}
+    assert set(sweeping.pareto(records, "latency_s")) == expected
+
+
+bound = st.none() | st.integers(1, 10)
+
+
+@settings(deadline=None, derandomize=True)
+@given(figures, st.integers(1, 10), bound, bound)
+def test_the_recommended_meets_the_bounds_and_nothing_smaller_does(records, floor, latency, energy):
+    for number, record in enumerate(records):
+        record["energy_j"] = 1 + (3 * number) % 7
+    bounds = sweeping.Bounds(accuracy_floor=floor / 10, latency_budget=latency, energy_budget=energy)
+
+    def misses(record, names):
+        over = {"accuracy floor": floor / 10 - record["accuracy"]}
+        over |= {"latency budget": record["latency_s"] - (latency or 99)}
+        over |= {"energy budget": record["energy_j"] - (energy or 99)}
+        return {name: over[name] for name in names if over[name] > 0}
+
+    choice, names = sweeping.recommend(records, bounds), bounds.given()
+    chosen = records[choice["point"]]
+    meeting = [record for record in records if not misses(record, names)]
+    assert choice["met"] == bool(meeting)
+    if not meeting:
+        assert choice["misses"] == misses(chosen, names) != {} and choice["binding"] == list(choice["misses"])
+        return
+    least = min(map(sweeping.size, meeting))
+    assert sweeping.size(chosen) == least
+    without = {
+        name: [record for record in records if not misses(record, set(names) - {name})] for name in names
+    }
+    assert choice["binding"] == [name for name in names if min(map(sweeping.size, without[name])) < least]
+
+
+FOUR = [made(0.90, 1.0, 10), made(0.96, 8.0, 20), made(0.96, 2.0, 20, lanes=4), made(0.99, 9.0, 40)]
+JOULE = [(0.96, 20, 155.9e-6), (0.96, 30, 154.2e-6), (0.99, 40, 156.5e-6), (0.90, 10, 153.0e-6)]
+ENERGIES = [made(accuracy, 1, multiplies, energy=joule) for accuracy, multiplies, joule in JOULE]
+TIES, CLEAR = (
+    [made(0.970, 1, 10), made(0.985, 1, 20), made(0.990, 1, 40, error=error)] for error in (0.006, 0.004)
+)
+EQUAL = [
+    made(0.9, 1, 10, bits=80, lanes=1),
+    made(0.9, 1, 10, bits=60, lanes=4),
+    made(0.9, 1, 10, bits=60, lanes=2),
+]
+OPTIONS = (
+    {"compand": "log"},
+    {"decision": "early", "compand": "none"},
+    {"decision": "vote", "compand": "none"},
+)
+PLAIN = [made(0.9, 1, 10) | {"config": {"lanes": 1} | option} for option in OPTIONS]
+
+
+@each_row(
+    ("records", "bounds", "point", "words"),
+    [
+        (FOUR, (None, 5.0, None), 2, "the latency budget binds"),
+        (FOUR, (None, None, None), 3, "the smallest within one standard error of the most accurate"),
+        (ENERGIES, (0.985, None, 156e-6), 2, "it misses the energy budget 156 uJ by 0.5 uJ"),
+        (TIES, (None, None, None), 1, "0.985"),
+        (CLEAR, (None, None, None), 2, "0.99"),
+        (TIES, (0.995, None, None), 1, "it misses the accuracy floor 99.5 % by 1 %"),
+        (EQUAL, (0.8, None, None), 2, "0.9"),
+        (PLAIN, (0.8, None, None), 2, "0.9"),
+    ],
+)
+def test_the_recommendation_says_why(records, bounds, point, words):
+    """Ties within a standard error go to the smaller; of equal multiplies fewer weight bits, then lanes, then
+    options decide."""
+    names = ("accuracy_floor", "latency_budget", "energy_budget")
+    choice = sweeping.recommend(records, sweeping.Bounds(**dict(zip(names, bounds, strict=True))))
+    assert choice["point"] == point and words in choice["sentence"], choice
+
+
+@each_row(("by_seed", "spread", "error"), [([0.9], None, 0.03), ([0.8, 0.9, 1.0, 0.9], 0.0816, 0.0408)])
+def test_one_seed_has_no_spread_and_the_error_of_a_share(by_seed, spread, error):
+    figures = sweeping.spread_of(by_seed, 100)
+    assert figures["standard_error"] == pytest.approx(error, abs=1e-4)
+    assert figures["spread"] == (spread if spread is None else pytest.approx(spread, abs=1e-4))
+
+
+# ---------------------------------------------------------------------- energy
+def test_energy_of_a_touch_by_hand():
+    """151 uW at rest, 52 pJ a cycle, 24 pJ a multiply, 0.2 pJ a toggle."""
+    cycles = step_cycles(SMALL)
+    frames, seconds = 70, 0.07
+    frame, quiet = ((70 - 6) * (4 + 7) + 6 * (3 * 4 + 7)) / 70, 4 + 7
+    assert SMALL.last_frame == frames and mean_frame_cycles(SMALL) == (pytest.approx(frame), quiet)
+    multiplies = 3 * 6 * (4 + 6) + 2 * 6 + 3 * 6
+    of_step, of_frame = (
+        52e-12 + 0.2e-12 * toggles for toggles in (STEP_TOGGLES, FRAME_TOGGLES + ONSET_TOGGLES)
+    )
+    made = 6 * 24e-12 * (multiplies + 4)
+    touch = frames * frame * of_frame + 6 * cycles * of_step + made
+    found = sweep_job.cost_of(SMALL)
+    assert found["energy_j"] == pytest.approx(151e-6 * seconds + touch)
+    assert found["compute_j"] == pytest.approx(6 * cycles * of_step + made)
+    # on the lanes that suit the board, without waiting
+    suited = SMALL.with_lanes(4, "dsp")
+    touch = frames * frame * of_frame + 6 * step_cycles(suited) * of_step + made
+    assert cost_of(SMALL).energy_touch_j == pytest.approx(touch)
+
+
+# ---------------------------------------------------------------------- the verb
+@pytest.fixture
+def archive(tmp_path, monkeypatch):
+    """An archive of the scene and its configuration in the current folder; training is the stub."""
+    archived(scene(20), tmp_path)
+    (tmp_path / "g.json").write_text(json.dumps(GRID))
+    monkeypatch.chdir(tmp_path)
+    stub = Stub()
+    monkeypatch.setattr(sweeping.sweep, "__kwdefaults__", {**sweeping.sweep.__kwdefaults__, "judging": stub})
+    real = sweep_job.run
+    monkeypatch.setattr(sweep_job, "run", lambda *args, **options: real(*args, **options | {"workers": 1}))
+    return stub
+
+
+def call(*words):
+    from eskin.cli.main import app
+
+    return CliRunner().invoke(
+        app, ["sweep", "--data", "data.npz", "--config", "c.json", "--grid", "g.json", *words]
+    )
+
+
+def test_the_verb_writes_json_csv_and_charts(archive, tmp_path):
+    done = call("--group", "person", "--accuracy-floor", "0.8", "--energy-budget", "1e-3", "--out", "out")
+    assert done.exit_code == 0, done.output
+    result = json.loads((tmp_path / "out" / "sweep.json").read_text())
+    contract = set("config accuracy agreement cycles_step latency_s lut dsp bram energy_j on_front".split())
+    for point in result["points"]:
+        assert contract <= set(point) and all(point[key] is None for key in ("lut", "dsp", "bram"))
+        assert 0 < point["compute_j"] < point["energy_j"]
+        assert point["latency_s"] == point["cycles_decision"] / SMALL.hardware.clock_hz
+    chosen = result["points"][result["recommended"]]
+    assert chosen["accuracy"] >= 0.8
+    assert chosen["name"] in done.output and "energy budget 1000 uJ" in done.output
+    assert [baseline["name"] for baseline in result["baselines"]] == ["logistic", "svm", "cnn"]
+    with (tmp_path / "out" / "sweep.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(result["points"]) == 8 and [r["recommended"] for r in rows].count("True") == 1
+    assert float(rows[3]["accuracy person"]) == result["points"][3]["accuracy"]
+    for name in ("accuracy", "time", "bits"):
+        assert (tmp_path / "out" / f"{name}.png").stat().st_size > 10_000
+        assert "</svg>" in (tmp_path / "out" / f"{name}.svg").read_text()
+    assert "person 2" not in done.output
+    config, point = AcceleratorConfig.load(tmp_path / "out" / "recommended.json"), chosen["config"]
+    assert (config.network.hidden, config.hardware.lanes) == (point["hidden"], point["lanes"])
+    assert schedule(config).step_cycles == chosen["cycles_step"]
+    picture = (tmp_path / "out" / "accuracy.svg").read_text()
+    axes = ("latency of a decision", "energy of a touch", "accuracy (%)")
+    for words in (f"recommended: {chosen['name']}", "DIFFERENT data set", "GRU20, 12 neurons", *axes):
+        assert words in picture
+
+
+def test_every_point_is_told_with_the_groups_left_out(archive, tmp_path):
+    done = call("--group", "person", "--out", "out", "--all-points", "--no-baselines")
+    assert done.exit_code == 0, done.output
+    assert "person 2" in done.output and done.output.count("GRU 6, 8 bit, 2 lanes") >= 2
+    assert not any(job.baseline for job in archive.jobs)
+
+
+@each_row(
+    ("options", "words"),
+    [
+        (["--accuracy-floor", "1.2"], "--accuracy-floor"),
+        (["--latency-budget", "0"], "--latency-budget"),
+        (["--group", "colour"], "colour"),
+        (["--grid", "none.json"], "none.json"),
+        (["--latency-budget", "nan"], "--latency-budget"),
+        (["--energy-budget", "-1"], "--energy-budget"),
+    ],
+)
+def test_bad_usage_trains_nothing_and_writes_nothing(archive, tmp_path, options, words):
+    done = call("--out", "out", *options)
+    assert isinstance(done.exception, InputError) and words in str(done.exception)
+    assert not archive.jobs and not (tmp_path / "out").exists() and not (tmp_path / "build").exists()

@@ -1,0 +1,194 @@
+"""Configurations derived from archives: presets where they fit, sizes that work where they do not, and the
+reasons said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eskin.choose.choose_front_end import configure
+from eskin.data import load_recordings
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.data import Recordings
+from eskin.golden.model import find_touches
+from eskin.training.derive import derive_config
+from tests.support.parts import of_parts
+from tests.support.prices import priced
+from tests.support.table import each_row
+
+
+@pytest.fixture(scope="module")
+def pvdf(shared_data) -> Recordings:
+    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
+    return recordings.subset(recordings.evenly(50))
+
+
+@pytest.fixture(scope="module")
+def fabric(shared_data) -> Recordings:
+    recordings = load_recordings(shared_data / "fabric_slide" / "recordings.npz")
+    return recordings.subset(recordings.evenly(120))
+
+
+def cut(recordings: Recordings, *, taxels=None, decimate=1, shift=0, begin=0, end=None) -> Recordings:
+    """``recordings`` as another sensor would have given them: fewer taxels, a lower rate, fewer bits, another
+    part of the time."""
+    parts = [recordings.recording(i)[begin:end:decimate, :taxels] >> shift for i in range(len(recordings))]
+    return of_parts(
+        recordings,
+        parts,
+        sample_rate_hz=recordings.sample_rate_hz / decimate,
+        sample_bits=recordings.sample_bits - shift,
+        volt_per_code=recordings.volt_per_code * 2**shift,
+    )
+
+
+def touched(config, recordings) -> tuple[float, float]:
+    """Shares of recordings with a touch and with a touch whose steps all complete."""
+    touches = find_touches(config, recordings)
+    first = touches.first_touch()
+    return (first >= 0).mean(), ((first >= 0) & (touches.completed[first] == config.windows.steps)).mean()
+
+
+def test_the_presets_are_recognised(pvdf, fabric):
+    renamed = replace(pvdf, class_names=("a", "b", "c", "d", "e"))
+    config, reasons = derive_config(renamed)
+    assert config == PRESETS["pvdf"].replace(
+        class_names=renamed.class_names, volt_per_code=pvdf.volt_per_code
+    )
+    assert "preset 'pvdf', which was taken" in reasons[-1]
+    config, reasons = derive_config(fabric)
+    assert config == PRESETS["fabric"] and "preset 'fabric'" in reasons[-1]
+
+
+def test_a_slightly_other_rate_still_fits_a_preset_and_is_kept(pvdf):
+    config, _ = derive_config(replace(pvdf, sample_rate_hz=1985.0))
+    assert config == PRESETS["pvdf"].replace(sample_rate_hz=1985.0, volt_per_code=pvdf.volt_per_code)
+
+
+@each_row("change", [dict(sample_rate_hz=1900.0), dict(sample_signed=True), dict(sample_bits=15)])
+def test_another_rate_or_code_is_no_preset(pvdf, change):
+    config, reasons = derive_config(replace(pvdf, **change))
+    assert config.name == "derived" and "fit no preset" in reasons[0]
+
+
+@each_row(
+    "change",
+    [
+        dict(taxels=5, decimate=4),
+        dict(taxels=5, decimate=4, shift=4),
+        dict(taxels=6),
+        dict(decimate=40),
+        dict(end=6000),
+    ],
+)
+def test_a_quiet_lead_in_gives_an_onset_rule_that_finds_the_touch(pvdf, change):
+    recordings = cut(pvdf, **change)
+    config, reasons = derive_config(recordings)
+    assert config.onset_rule.onset == "baseline"
+    assert config.rest_level.rest == "tracked"
+    assert config.network.class_names == pvdf.class_names
+    assert (config.sensor.taxels, config.sensor.sample_bits, config.sensor.sample_rate_hz) == (
+        recordings.taxels,
+        recordings.sample_bits,
+        recordings.sample_rate_hz,
+    )
+    touching, full = touched(config, recordings)
+    assert touching >= 0.9 and full >= 0.75, reasons
+    # The axis touches down 0.4 s to 2.8 s into the recording: an onset in the lead-in would be noise.
+    onsets = find_touches(config, recordings, steps=0)
+    early = (
+        onsets.onset_frame[onsets.first_touch()[onsets.first_touch() >= 0]] < 0.3 * recordings.sample_rate_hz
+    )
+    assert early.mean() <= 0.05
+    assert any("onset when a taxel's mean" in reason for reason in reasons) or config.name == "pvdf"
+
+
+@each_row("change", [dict(taxels=12), dict(decimate=2), dict(taxels=5, decimate=3)])
+def test_recordings_that_start_in_contact_open_at_once(fabric, change):
+    recordings = cut(fabric, **change)
+    config, reasons = derive_config(recordings)
+    assert config.onset_rule.onset == "immediate"
+    assert config.rest_level.rest == "initial"
+    assert config.name == "derived"
+    assert any("start in contact" in reason for reason in reasons)
+    assert touched(config, recordings)[1] >= 0.9
+
+
+def test_a_preset_whose_rule_finds_nothing_is_not_taken(pvdf):
+    faint = replace(pvdf, samples=29000 + (pvdf.samples - 29000) // 8)
+    config, reasons = derive_config(faint)
+    assert config.name == "derived"
+    assert "preset 'pvdf' has the same taxels, rate and codes but was not taken" in reasons[0]
+    assert touched(config, faint)[0] >= 0.9
+
+
+def test_a_preset_whose_windows_are_too_long_is_not_taken(pvdf):
+    """Every recording is cut 1300 frames after its onset: the preset's windows need 2016."""
+    ends = find_touches(PRESETS["pvdf"], pvdf, steps=0)
+    ends = ends.onset_frame[ends.first_touch()] + 1300
+    short = of_parts(pvdf, [pvdf.recording(i)[: ends[i]] for i in range(len(pvdf))])
+    config, reasons = derive_config(short)
+    assert config.name == "derived"
+    assert "preset 'pvdf'" in reasons[0]
+    assert "windows end after the recording" in reasons[0]
+    assert config.onset_rule.onset == "baseline" and config.windows.steps == 20 and config.last_frame < 2016
+    assert touched(config, short)[0] >= 0.9
+
+
+@each_row(("lengths", "steps"), [((40,) * 6, 20), ((9,) * 6, 8), ((2,) * 6, 1)])
+def test_very_short_recordings_get_a_configuration_too(make_recordings, lengths, steps):
+    config, _ = derive_config(make_recordings(lengths=lengths))
+    assert config.windows.steps == steps
+    assert config.onset_rule.onset == "immediate"
+    assert config.sensor.taxels == 4
+
+
+def test_eight_bits_at_500_hz_with_five_taxels(make_recordings):
+    rng = np.random.default_rng(5)
+    recordings = make_recordings(lengths=[1500] * 20, taxels=5, sample_bits=8)
+    samples = rng.integers(120, 123, recordings.samples.shape)
+    for i in range(20):
+        samples[recordings.offsets[i] + 500 : recordings.offsets[i + 1], i % 5] += 60
+    samples[:, 4] = 7
+    recordings = replace(recordings, samples=samples.astype(np.int32))
+    config, reasons = derive_config(recordings)
+    assert str(config.sample_format) == "UQ(8,0)"
+    assert config.sensor.taxels == 5
+    assert config.sensor.masked_taxels == (4,)
+    assert any("taxel 4 never changes and is masked" in reason for reason in reasons)
+    touching, full = touched(config, recordings)
+    assert touching == full == 0.8  # taxel 4 of every fifth recording shows nothing
+    onsets = find_touches(config, recordings, steps=0).onset_frame
+    assert (onsets > 500).all() and (onsets <= 500 + config.onset_rule.onset_mean_frames).all()
+
+
+def test_what_no_accelerator_has_is_refused_with_the_file_named(make_recordings):
+    with pytest.raises(
+        InputError,
+        match="recordings 'made' give no working configuration: .*taxels: is 257; it must lie in 1..256",
+    ):
+        derive_config(make_recordings(taxels=257))
+    with pytest.raises(InputError, match="every taxel is constant"):
+        derive_config(replace(make_recordings(), samples=np.full((220, 4), 9, np.int32)))
+    with pytest.raises(InputError, match="class_names: has 1 names"):
+        derive_config(make_recordings(classes=1))
+
+
+def test_the_fast_and_wide_sensor_gets_a_clock_that_can_take_it(make_recordings):
+    config, _ = derive_config(make_recordings(taxels=160, sample_rate_hz=20000.0))
+    assert config.hardware.clock_hz >= 2 * 160 * 20000.0
+
+
+def test_a_preset_takes_the_classes_of_the_recordings_and_a_file_does_not(make_recordings):
+    recordings = make_recordings(taxels=8, sample_rate_hz=2000.0)
+    front_end = configure(recordings, PRESETS["pvdf"], priced())
+    assert front_end.config == PRESETS["pvdf"].replace(class_names=("class0", "class1"))
+    assert "class0, class1" in front_end.reasons[1]
+    assert front_end.record is None
+    own = PRESETS["pvdf"].replace(name="mine")
+    with pytest.raises(
+        InputError, match="array class_names: is class0, class1 and configuration 'mine' has Cube3"
+    ):
+        configure(recordings, own, priced())
+    with pytest.raises(InputError, match="has 8 taxels and configuration 'fabric', field taxels, has 16"):
+        configure(recordings, PRESETS["fabric"], priced())

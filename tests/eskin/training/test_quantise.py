@@ -1,0 +1,483 @@
+"""eskin/training/quantise.py: ranges, formats, the integers against the float network, and what is
+refused."""
+
+import dataclasses
+import shutil
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eskin.golden.core import PRESETS, InputError
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    find_touches,
+    load_config,
+    load_training,
+    run,
+    with_network,
+)
+from eskin.golden.model.pipeline import float_features
+from eskin.training import quantise as quantisation
+from eskin.training.evaluate import compare, evaluate, held
+from eskin.training.network import RecurrentClassifier
+from eskin.training.quantise import (
+    COVERED_FEATURE,
+    LAST_LOGIT,
+    choose_formats,
+    closest_range,
+    covering_format,
+    merged_parameters,
+    profile,
+    quantise,
+    quantise_model,
+)
+from tests.golden.model.test_cells import CELLS
+from tests.support.folder import contents
+from tests.support.table import each_row
+from tests.support.touch_scenes import SMALL, scene
+
+
+def float_model(config=SMALL, seed=0):
+    """An untrained network, scaled as a trained one would be."""
+    network = RecurrentClassifier(config, generator=torch.Generator().manual_seed(seed))
+    return FloatModel(
+        config,
+        {k: 2.5 * v for k, v in network.arrays().items()} | {"mu": np.array(5.0), "sigma": np.array(40.0)},
+    )
+
+
+def saved(folder, config=SMALL):
+    recordings = scene(20, seed=1)
+    model = float_model(config)
+    ranges = [
+        {"signal": s, "min": low, "max": high}
+        for s, (low, high) in profile(model, find_touches(config, recordings)).items()
+    ]
+    model.save(folder, {"ranges": ranges, "config": config.to_dict()})
+    return recordings
+
+
+@given(st.floats(-1000, 0), st.floats(0, 1000), st.integers(2, 16), st.none() | st.integers(-4, 12))
+@settings(deadline=None, derandomize=True)
+def test_a_covering_format_holds_the_range_and_no_finer_one_does(low, high, bits, max_frac):
+    fmt = covering_format((low, high), bits, max_frac=max_frac)
+    assert fmt.width == bits and (max_frac is None or fmt.frac_bits <= max_frac)
+    lsb = 2.0**-fmt.frac_bits
+    for value in (low, high):
+        assert abs(fmt.to_real(fmt.quantise(value)) - value) <= lsb / 2
+    if fmt.frac_bits < (2 * bits if max_frac is None else min(2 * bits, max_frac)):
+        finer = 2.0 ** (fmt.frac_bits + 1)
+        assert high * finer > fmt.max_code + 0.5 or low * finer < fmt.min_code - 0.5
+
+
+@each_row(("cell", "reset"), CELLS)
+@each_row(
+    "widths",
+    [{}, {"weight_bits": 6, "state_bits": 10, "feature_bits": 8, "gate_bits": 8, "table_entries": 128}],
+)
+def test_formats_hold_what_was_profiled(cell, reset, widths):
+    config, recordings = with_network(SMALL, cell=cell, reset=reset), scene(20, seed=2)
+    if reset == "after" or cell == "lstm":
+        widths = widths | ({"state_bits": 12} if widths else {})
+    model = float_model(config)
+    ranges = profile(model, find_touches(config, recordings))
+    chosen = quantise_model(model, ranges, **widths).config
+    weights = (
+        ("weight", chosen.formats.weight_format),
+        ("recurrent", chosen.formats.recurrent_format),
+        ("dense", chosen.formats.dense_format),
+    )
+    held = () if widths else weights  # weights of few bits may saturate
+    for signal, fmt in (
+        *held,
+        ("logit", chosen.formats.logit_format),
+        (COVERED_FEATURE, chosen.formats.feature_format),
+    ):
+        lsb = 2.0**-fmt.frac_bits
+        assert (
+            fmt.to_real(fmt.min_code) - lsb / 2 <= ranges[signal][0]
+            and ranges[signal][1] <= fmt.to_real(fmt.max_code) + lsb / 2
+        ), signal
+    assert (
+        chosen.formats.weight_format.width
+        == chosen.formats.recurrent_format.width
+        == chosen.formats.dense_format.width
+        == widths.get("weight_bits", 8)
+    )
+    assert chosen.formats.state_format.int_bits == (2 if (cell, reset) == ("gru", "before") else 4)
+    assert chosen.formats.table_entries == widths.get(
+        "table_entries", 512
+    ) and chosen.formats.gate_frac == widths.get("gate_bits", 13)
+    assert chosen.operand_bits <= 16 and chosen.feature_align >= 0 and chosen.accumulator_bits <= 32
+
+
+def test_weights_of_up_to_four_bits_bring_a_state_of_twelve():
+    model = float_model()
+    ranges = profile(model, find_touches(SMALL, scene(20, seed=2)))
+    assert [
+        quantise_model(model, ranges, weight_bits=bits).config.formats.state_format.width
+        for bits in (3, 4, 5)
+    ] == [12, 12, 14]
+    assert quantise_model(model, ranges, weight_bits=4, state_bits=10).config.formats.state_format.width == 10
+
+
+@each_row(
+    ("cell", "reset", "changes"),
+    [
+        *((*cell, {}) for cell in CELLS),
+        ("gru", "before", {"compand": "log", "compand_knee": 7, "compand_frac": 6}),
+    ],
+)
+def test_integers_follow_the_float_network(cell, reset, changes):
+    """Wide formats give nearly the float logits: a wrong scale, name or merged bias would be far off."""
+    config, recordings = with_network(SMALL, cell=cell, reset=reset).replace(**changes), scene(40, seed=3)
+    model = float_model(config, seed=4)
+    if changes:  # its mean and spread are those of window means
+        model = FloatModel(config, dict(model.arrays) | {"mu": np.array(0.1), "sigma": np.array(1.5)})
+    touches = find_touches(config, recordings)
+    integer = quantise_model(
+        model, profile(model, touches), weight_bits=10, state_bits=16, table_entries=1024
+    )
+    ideal, exact = run(model, recordings, touches=touches), run(integer, recordings, touches=touches)
+    logits = integer.config.formats.logit_format.to_real(exact.logits)
+    assert np.abs(logits - ideal.logits).max() < 0.03 * np.ptp(ideal.logits)
+    features = integer.config.formats.feature_format.to_real(exact.features)
+    done = np.arange(config.windows.steps) < touches.completed[:, None]
+    assert (
+        np.abs(features - ideal.features)[done].max()
+        < 2 * 2.0**-integer.config.formats.feature_format.frac_bits
+    )
+    assert exact.agreement(ideal) > 0.9
+
+
+@given(st.integers(2, 6), st.integers(0, 2**32 - 1))
+@settings(deadline=None, derandomize=True)
+def test_the_closest_range_has_the_format_of_least_loss(bits, seed):
+    values = np.random.default_rng(seed).normal(0, 1, 200) ** 3
+    chosen = covering_format(closest_range(values, bits), bits)
+
+    def loss(frac):
+        codes = np.clip(np.rint(values * 2.0**frac), -(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+        return np.mean((codes / 2.0**frac - values) ** 2)
+
+    assert loss(chosen.frac_bits) == min(loss(frac) for frac in range(-12, 2 * bits + 1))
+
+
+def test_the_second_bias_rows_of_reset_after_are_merged():
+    config = with_network(SMALL, reset="after")
+    model = float_model(config)
+    merged = merged_parameters(model)
+    assert "bh_z" not in merged and "bh_r" not in merged
+    np.testing.assert_array_equal(merged["b_z"], model.arrays["b_z"] + model.arrays["bh_z"])
+    np.testing.assert_array_equal(merged["b_n"], model.arrays["b_n"])
+    np.testing.assert_array_equal(merged["bh_n"], model.arrays["bh_n"])
+    assert (model.arrays["bh_z"] != 0).all()
+
+
+def test_profiled_ranges_are_the_extremes_of_the_run():
+    model, recordings = float_model(), scene(20, seed=5)
+    touches = find_touches(SMALL, recordings)
+    ranges = profile(model, touches)
+    trace = run(model, recordings, touches=touches)
+    done = np.arange(SMALL.windows.steps) < touches.completed[:, None]
+    assert ranges["feature"] == pytest.approx((trace.features[done].min(), trace.features[done].max()))
+    assert ranges["logit"][0] <= trace.logits[done].min() and ranges["logit"][1] >= trace.logits[done].max()
+    assert ranges["weight"] == (
+        min(model.arrays[f"W_{g}"].min() for g in "zrn"),
+        max(model.arrays[f"W_{g}"].max() for g in "zrn"),
+    )
+    below, above = ranges[COVERED_FEATURE]
+    assert np.mean((trace.features[done] >= below) & (trace.features[done] <= above)) >= 0.995
+
+
+def test_quantise_writes_the_integers_into_the_folder(tmp_path):
+    folder = tmp_path / "model"
+    recordings = saved(folder)
+    integer = quantise(folder, recordings)
+    assert load_config(folder) == integer.config
+    for name, array in IntegerModel.load(folder).arrays.items():
+        np.testing.assert_array_equal(array, integer.arrays[name])
+    record = {entry["signal"]: entry for entry in load_training(folder)["ranges"]}
+    assert record["state"]["format"] == "SQ(2,12)" and record["logit"]["format"] == str(
+        integer.config.formats.logit_format
+    )
+    # ranges noted at training give the same integers without the recordings
+    without = quantise(folder)
+    assert without.config == integer.config
+    assert all((without.arrays[name] == integer.arrays[name]).all() for name in integer.arrays)
+
+
+def test_a_second_quantisation_starts_afresh(tmp_path):
+    folder = tmp_path / "model"
+    saved(folder)
+    first = quantise(folder)
+    assert (
+        quantise(folder, weight_bits=4, state_bits=8, gate_bits=8, table_entries=128).config != first.config
+    )
+    assert quantise(folder).config == first.config
+
+
+@each_row("gone", [False, True])
+def test_a_folder_that_changes_meanwhile_stays_as_another_program_left_it(tmp_path, monkeypatch, gone):
+    """It holds another network by then, or is not there any more."""
+    folder, real = tmp_path / "model", quantisation.quantise_model
+    saved(folder)
+
+    def meanwhile(*model, **widths):
+        shutil.rmtree(folder)
+        if not gone:
+            float_model(seed=1).save(folder, {})
+        left.append(contents(tmp_path))
+        return real(*model, **widths)
+
+    left: list[dict[str, bytes]] = []
+    monkeypatch.setattr(quantisation, "quantise_model", meanwhile)
+    with pytest.raises(InputError, match="was changed by another program meanwhile"):
+        quantise(folder)
+    assert [contents(tmp_path)] == left
+
+
+@each_row(
+    ("widths", "words"),
+    [
+        ({"weight_bits": 1}, "field weight_format: 1 bits"),
+        ({"weight_bits": -1}, "field weight_format: -1 bits"),
+        ({"weight_bits": 17}, "field weight_format: 17 bits"),
+        ({"state_bits": 3}, "field state_format: 3 bits"),
+        ({"feature_bits": 40}, "field feature_format: 40 bits"),
+        ({"table_entries": 100}, "table_entries"),
+        ({"gate_bits": 20}, "gate_frac"),
+    ],
+)
+def test_widths_that_cannot_work_are_refused_and_nothing_changes(tmp_path, widths, words):
+    saved(tmp_path / "model")
+    before = contents(tmp_path)
+    with pytest.raises(InputError, match=words):
+        quantise(tmp_path / "model", **widths)
+    assert contents(tmp_path) == before
+
+
+def test_weights_of_16_bits_widen_the_accumulator_and_dsp_lanes_refuse_them():
+    model = float_model()
+    ranges = profile(model, find_touches(SMALL, scene(20, seed=2)))
+    config = quantise_model(model, ranges, weight_bits=16, feature_bits=16).config
+    assert config.weight_bits == 16 and 32 < config.accumulator_bits <= 48 and config.addend_parts == 3
+    dsp = FloatModel(model.config.with_lanes(4, "dsp"), model.arrays)
+    with pytest.raises(
+        InputError, match="field lane_type: is 'dsp', whose accumulator has 32 bits, and these formats need"
+    ):
+        quantise_model(dsp, ranges, weight_bits=16, feature_bits=16)
+
+
+def test_quantising_without_touches_or_ranges_is_refused(tmp_path):
+    folder = tmp_path / "model"
+    recordings = saved(folder)
+    with pytest.raises(InputError, match="no completed step"):
+        quantise(folder, recordings.subset([0]))
+    float_model().save(folder, {})
+    with pytest.raises(InputError, match="--data"):
+        quantise(folder)
+    with pytest.raises(InputError, match=r"no config\.json"):
+        quantise(tmp_path / "nothing")
+
+
+UNIT = dict.fromkeys(("weight", "recurrent", "dense", "bias", "dense bias", "logit"), (-1.0, 1.0))
+UNIT |= {COVERED_FEATURE: (-7.0, 7.0)}
+
+
+def in_words(formats) -> str:
+    """Of features, recurrent weights and state."""
+    return f"{formats.feature_format} {formats.recurrent_format} {formats.state_format}"
+
+
+def test_the_rarest_features_get_bits_on_top_and_the_state_makes_room_for_recurrent_weights():
+    def chosen(rarest: float, **widths):
+        return choose_formats(PRESETS["fabric"], UNIT | {"feature": (-rarest, 7.0)}, **widths).formats
+
+    assert in_words(chosen(7.5)) == "SQ(4,8) SQ(2,6) SQ(2,12)"
+    finer = chosen(30.0)  # as fine as before, and nothing saturates
+    assert in_words(finer) == "SQ(6,8) SQ(2,6) SQ(2,10)"
+    # as in the preset: one table serves gates and states
+    assert finer.gate_frac == finer.state_format.frac_bits + 1
+    # no state gives up more, and recurrent weights nothing
+    assert in_words(chosen(500.0)) == in_words(finer)
+    # as asked for: the rarest saturate, or the state makes no room
+    for widths in ({"feature_bits": 12}, {"state_bits": 14}):
+        assert in_words(chosen(30.0, **widths)) == "SQ(4,8) SQ(2,6) SQ(2,12)"
+    assert in_words(chosen(30.0, lean=True)).startswith("SQ(4,")
+
+
+@pytest.mark.parametrize(
+    "last, changes, widths, dense",
+    [
+        ((-30.0, 30.0), {}, {}, "SQ(2,6)"),  # of a logistic regression: rounding is nothing beside them
+        ((-2.0, 6.0), {}, {}, "SQ(2,9)"),  # 20 x 16 terms, each off by 2**-9 / sqrt(12)
+        ((-2.0, 6.0), {}, {"weight_bits": 8}, "SQ(2,6)"),  # as asked for
+        ((0.0, 0.0), {}, {}, "SQ(2,10)"),  # as far as an accumulator of DSP lanes goes
+        ((-2.0, 6.0), {"name": "fabric"}, {"plain": True}, "SQ(2,6)"),
+        ((-12.0, 12.0), {}, {}, "SQ(2,7)"),
+        ((-12.0, 12.0), {"weight_sets": "one"}, {}, "SQ(2,9)"),  # the same error in each window
+    ],
+)
+def test_weights_of_a_linear_cell_are_as_fine_as_its_last_logits_ask_for(last, changes, widths, dense):
+    config = with_network(PRESETS["fabric"], cell="linear").replace(**{"name": "derived"} | changes)
+    ranges = UNIT | {"dense": (-1.6, 1.6), "logit": (-20.0, 20.0), LAST_LOGIT: last}
+    chosen = choose_formats(config, ranges, **widths)
+    assert str(chosen.formats.dense_format) == dense and chosen.accumulator_bits <= 32
+    # noted by a version that did not know the last logits
+    del ranges[LAST_LOGIT]
+    assert choose_formats(config, ranges).weight_bits == 8
+
+
+def test_the_last_logits_of_a_linear_cell_are_those_of_the_last_window_that_ended():
+    """Touch by touch, also where a touch has more windows than the network reads."""
+    config = with_network(SMALL, cell="linear")
+    touches = find_touches(config, scene(20, seed=2))
+    for steps in (config.windows.steps, 3):
+        model = float_model(config.replace(steps=steps))
+        logits = model.forward(float_features(model, touches)[:, :steps])[1]
+        for touch in np.flatnonzero(touches.completed)[:8]:
+            last = logits[touch, min(touches.completed[touch], steps) - 1]
+            seen = profile(model, touches.take([touch]))[LAST_LOGIT]
+            assert seen == pytest.approx((last.min(), last.max()), rel=1e-12)
+
+
+def test_a_preset_keeps_the_formats_that_it_always_had():
+    """Version 0.1.0: features of 12 bits for all but the rarest, the state as the preset has it."""
+    config = PRESETS["fabric"].replace(hidden=4)
+    arrays = float_model(config).arrays
+
+    def formats(name: str, **widths) -> str:
+        model = FloatModel(config.replace(name=name), arrays, "made")
+        return in_words(quantise_model(model, UNIT | {"feature": (-30.0, 7.0)}, **widths).config.formats)
+
+    assert (
+        formats("fabric") == "SQ(4,8) SQ(2,6) SQ(2,12)" and formats("derived") == "SQ(6,8) SQ(2,6) SQ(2,10)"
+    )
+    # asked for: no preset's any more
+    assert formats("fabric", feature_bits=14) == formats("derived", feature_bits=14)
+
+
+def test_weak_signals_get_features_finer_than_their_sums():
+    """A spread of 0.2 codes over 20 frames: 12-bit features would need a scale beyond 16 bits, so means get
+    fraction bits; a preset's own formats are as coarse as the sums."""
+    model = float_model()
+    weak = FloatModel(SMALL, dict(model.arrays) | {"sigma": np.array(0.2), "mu": np.array(0.0)})
+    ranges = profile(model, find_touches(SMALL, scene(20, seed=1)))
+    integer = quantise_model(weak, ranges)
+    assert integer.config.features.feature_shift == (-6,) and 2**14 <= integer.arrays["scale"][0] < 2**15
+    assert integer.config.mean_frac == 6
+    assert integer.config.formats == quantise_model(model, ranges).config.formats
+    preset = FloatModel(SMALL.replace(name="thesis"), weak.arrays, "made")
+    plain = quantise_model(preset, ranges).config
+    assert plain.mean_frac == 0 and plain.formats.feature_format.frac_bits < 8
+
+
+@each_row("cell, recurrent, most", [("linear", 1.0, 16), ("gru", 1.0, 16), ("gru", 64.0, 12)])
+def test_bits_of_a_feature_are_given_or_refused(cell, recurrent, most, tmp_path):
+    """Recurrent weights that are far larger than the others leave products, and so features, fewer bits."""
+    model = float_model(with_network(SMALL, cell=cell))
+    factor = {"U": recurrent, "W": 1 / recurrent}
+    arrays = {name: factor.get(name[0], 1.0) * array for name, array in model.arrays.items()}
+    model = FloatModel(model.config, arrays | {"sigma": np.array(0.2), "mu": np.array(0.05)})
+    model.save(tmp_path / "model", {})
+    given = []
+    for bits in range(4, 17):
+        try:
+            integer = quantise(tmp_path / "model", scene(20, seed=1), feature_bits=bits)
+            assert integer.config.formats.feature_format.width == bits
+            given.append(bits)
+        except InputError as error:
+            assert f"{bits} bits were asked for" in str(error) and f"at most {given[-1]} feat" in str(error)
+    assert given == list(range(4, most + 1))
+
+
+# ---------------------------------------------------------------------- evaluation
+def test_evaluate_counts_what_it_says(tmp_path):
+    folder = tmp_path / "model"
+    recordings = saved(folder)
+    quantise(folder)
+    result = evaluate(folder, recordings)
+    trace, ideal = run(IntegerModel.load(folder), recordings), run(FloatModel.load(folder), recordings)
+    assert result["recordings"] == 20 and result["not_touched"] == 1 and result["partial"] == 1
+    right = sum(int(d == label) for d, label in zip(trace.decision, recordings.labels, strict=True))
+    assert result["integer_accuracy"] == pytest.approx(right / 20)
+    same = sum(int(a == b) for a, b in zip(trace.decision, ideal.decision, strict=True))
+    assert result["agreement"] == pytest.approx(same / 20)
+    assert np.sum(result["confusion"]) == 20
+    assert np.trace(result["confusion"]) == right
+    assert np.sum(result["confusion"], axis=0)[-1] == 1
+    assert [row["step"] for row in result["per_step"]] == [1, 2, 3, 4, 5, 6]
+    assert sum(
+        c["recordings"] * c["integer_accuracy"] for c in result["per_class"].values()
+    ) == pytest.approx(right)
+    last = trace.local[trace.first[trace.first >= 0], 5] == recordings.labels[trace.first >= 0]
+    # no touch, or cut short: wrong
+    assert result["per_step"][5]["integer_accuracy"] == pytest.approx(last.sum() / 20)
+
+
+def test_float_and_integer_decisions_are_not_mixed_up():
+    model, recordings = float_model(), scene(20, seed=1)
+    trace = run(quantise_model(model, profile(model, find_touches(SMALL, recordings))), recordings)
+    ideal = dataclasses.replace(trace, decision=np.where(trace.decision < 0, -1, (trace.decision + 1) % 3))
+    result = compare(ideal, trace, np.maximum(trace.decision, 0))
+    assert result["integer_accuracy"] == 0.95
+    assert result["float_accuracy"] == 0
+    assert result["agreement"] == 0.05
+    assert np.trace(result["confusion"]) == 19
+    classes = result["per_class"].values()
+    assert sum(row["recordings"] * row["integer_accuracy"] for row in classes) == pytest.approx(19)
+    assert all(row["float_accuracy"] == 0 for row in classes)
+
+
+def test_what_holds():
+    good = {"float_accuracy": 0.95, "integer_accuracy": 0.945, "agreement": 0.985}
+    assert held(good)
+    assert not held(good | {"integer_accuracy": 0.93})
+    assert not held(good | {"agreement": 0.97})
+
+
+def test_recordings_of_another_task_are_refused(tmp_path):
+    recordings = saved(tmp_path / "model")
+    quantise(tmp_path / "model")
+
+    with pytest.raises(InputError, match="class_names"):
+        evaluate(tmp_path / "model", dataclasses.replace(recordings, class_names=("a", "b", "c")))
+
+
+@each_row(("cell", "reset"), CELLS)
+def test_lean_formats_need_no_saturated_logit_and_one_shift(cell, reset, tmp_path):
+    config, recordings = with_network(SMALL, cell=cell, reset=reset), scene(30, seed=4)
+    model = float_model(config)
+    ranges = profile(model, find_touches(config, recordings))
+    plain, lean = quantise_model(model, ranges), quantise_model(model, ranges, lean=True)
+    chosen = lean.config
+    assert chosen.features.aligned_means and not plain.config.features.aligned_means
+    assert len(set(chosen.features.feature_shift)) == 1
+    assert not (lean.arrays["mean"] % (1 << chosen.features.feature_shift[0])).any()
+    assert chosen.formats.feature_format.frac_bits >= plain.config.formats.feature_format.frac_bits
+    assert chosen.operand_bits <= 16
+    # every weight, bias and state at its worst: the logit still fits
+    worst = chosen.network.hidden * 2 ** (
+        chosen.formats.dense_format.width - 1 + chosen.formats.state_format.width - 1
+    )
+    worst += (2 ** (chosen.formats.dense_bias_format.width - 1) << chosen.dense_bias_shift) + (
+        1 << chosen.logit_shift - 1
+    )
+    assert chosen.logit_proven and worst >> chosen.logit_shift <= chosen.formats.logit_format.max_code
+    runs = [run(integer, recordings) for integer in (plain, lean)]
+    assert np.mean(runs[0].decision == runs[1].decision) >= 0.9, "hardly another network"
+    lean.save(tmp_path / "model")
+    with np.load(tmp_path / "model" / "weights.npz") as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    arrays["mean"] = arrays["mean"] + 1
+    if chosen.features.feature_shift[0]:
+        np.savez(tmp_path / "model" / "weights.npz", **arrays)
+        with pytest.raises(
+            InputError, match=r"array mean: is no multiple of 2\*\*\d+, which aligned_means promises"
+        ):
+            IntegerModel.load(tmp_path / "model")

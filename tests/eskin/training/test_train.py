@@ -1,0 +1,599 @@
+"""eskin/training/train.py: determinism, splits, learning, the record; and the accuracy on the real
+recordings (slow in full)."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from eskin.data import load_recordings
+from eskin.golden.core import FEATURE_KINDS, PRESETS, InputError
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    float_features,
+    load_config,
+    load_training,
+    normalise,
+    real_features,
+    run,
+    with_network,
+)
+from eskin.training import batches as batching
+from eskin.training import crossval, datasets, losses
+from eskin.training import fit as fitting
+from eskin.training import recipe as recipes
+from eskin.training.crossval import cross_validate
+from eskin.training.evaluate import evaluate
+from eskin.training.quantise import IntegerNetwork, profile, quantise
+from eskin.training.recipe import RECIPES, choose_recipe
+from eskin.training.splits import default_splits, split_folds
+from eskin.training.train import TrainingRequest, train
+from tests.golden.model.test_cells import CELLS
+from tests.support.table import each_row
+from tests.support.touch_scenes import SMALL, scene
+
+QUICK = replace(RECIPES["onset"], updates=200)
+
+
+def few(updates: int, recipe=QUICK, **changes):
+    """The recipe with so many updates."""
+    return replace(recipe, updates=updates, **changes)
+
+
+def touches_of(recordings, config=SMALL, recipe=QUICK):
+    """(data set, its rows)."""
+    data = datasets.find_dataset(recordings, config, recipe)
+    return data, datasets.touch_rows(data, np.arange(len(recordings)))
+
+
+def fit(data, parts, recipe, config=SMALL, curves=None, told=lambda *_: None):
+    return fitting.fit_networks(data, config, recipe, parts, 0, told, curves)
+
+
+# ---------------------------------------------------------------------- learning and repeating
+def test_the_network_learns_a_task_that_a_constant_cannot():
+    recordings = scene(90, seed=1)
+    (result,) = cross_validate(recordings, SMALL, [["person"]], (0, 1), recipe=QUICK)
+    # chance is a third; one recording has no touch
+    assert result["float_accuracy"] > 0.9 and result["integer_accuracy"] > 0.9
+    assert result["agreement"] > 0.95
+    assert result["float_accuracy"] <= 89 / 90
+    assert len(result["per_step"]) == SMALL.windows.steps and result["per_step"][-1]["integer_accuracy"] > 0.9
+
+
+def test_a_training_curve_is_of_touches_left_out_and_changes_no_weight():
+    """The last point against the float model alone: the loss of the one touch that each network has not
+    seen."""
+    recordings, recipe = scene(30, seed=4), few(30)
+    data, rows = touches_of(recordings, recipe=recipe)
+    parts, tests = [rows[1:], rows[:-1], rows], [rows[:1], rows[-1:], rows[:0]]
+    curves = losses.LossCurves(data, SMALL, recipe, tests)
+    models = fit(data, parts, recipe, curves=curves)
+    plain = fit(data, parts, recipe)
+    for one, other in zip(models, plain, strict=True):
+        assert all(np.array_equal(one.arrays[name], other.arrays[name]) for name in one.arrays)
+    assert len(curves.updates) == losses.CURVE_POINTS
+    assert curves.updates[-1] == 30
+    assert curves.losses.shape == (20, 3, 2)
+    for m in (0, 1):
+        touch = data.touches.take(tests[m])
+        logits = models[m].forward(float_features(models[m], touch))[1][0, : touch.completed[0]]
+        expected = np.log(np.exp(logits).sum(axis=1)) - logits[:, data.labels[touch.recording[0]]]
+        assert curves.losses[-1, m, 1] == pytest.approx(expected.mean(), rel=1e-4)
+    assert np.isnan(curves.losses[:, 2, 1]).all() and np.isfinite(curves.losses[..., 0]).all()
+    (record,) = cross_validate(recordings, SMALL, [["person"]], (0,), folds=2, recipe=recipe)
+    curve = record["training_curve"]
+    assert len(curve["held_out_loss"]) == len(curve["updates"]) == 20
+    assert curve["training_loss"][-1] < curve["training_loss"][0]
+    linear = with_network(SMALL, cell="linear")
+    (record,) = cross_validate(
+        recordings, linear, [["person"]], (0,), folds=2, recipe=few(5, RECIPES["linear"])
+    )
+    assert record["training_curve"] is None
+
+
+def test_many_networks_are_trained_in_shares(monkeypatch):
+    """Folds and seeds that a user may ask for do not all lie in memory at once; every network is there, and
+    its own curve."""
+    recordings, recipe, sizes = scene(30, seed=4), few(4), []
+    data, rows = touches_of(recordings, recipe=recipe)
+    parts = [np.delete(rows, place) for place in range(7)]
+    make = fitting.RecurrentClassifier
+
+    def noted(config, *, batch, generator):
+        sizes.append(batch)
+        return make(config, batch=batch, generator=generator)
+
+    monkeypatch.setattr(fitting, "RecurrentClassifier", noted)
+    monkeypatch.setattr(fitting, "TOGETHER", 3)
+    curves, told = losses.LossCurves(data, SMALL, recipe, [rows[[place]] for place in range(7)]), []
+    models = fit(data, parts, recipe, curves=curves, told=lambda *done: told.append(done))
+    assert sizes == [(3,), (3,), (1,)]
+    assert len(models) == 7
+    assert curves.losses.shape == (4, 7, 2)
+    assert told[-1] == (12, 12)
+    assert len({model.arrays["W_z"].tobytes() for model in models}) == 7, (
+        "each begins with weights of its own"
+    )
+    assert not np.isnan(curves.losses).any()
+
+
+def test_an_early_decision_is_earlier_and_its_mean_time_is_told():
+    recordings, recipe = scene(30, seed=4), few(20)
+
+    def time_of(**changes):
+        (result,) = cross_validate(recordings, SMALL.replace(**changes), [[]], (0,), folds=2, recipe=recipe)
+        return result["decision_time_s"], [row["time_s"] for row in result["per_step"]]
+
+    time, times = time_of(decision="early", early_steps=2, early_margin=0)
+    assert times[1] <= time < times[-1]
+    assert time_of(decision="early", early_steps=1, early_margin=0)[0] == pytest.approx(times[0])
+
+
+def test_parameters_stay_within_the_limit(tmp_path, monkeypatch):
+    monkeypatch.setitem(recipes.RECIPES, "onset", few(30, weight_limit=0.4))
+    train(scene(30, seed=4), SMALL, TrainingRequest(folds=0), out=tmp_path / "m")
+    arrays = FloatModel.load(tmp_path / "m").arrays
+    largest = max(np.abs(array).max() for name, array in arrays.items() if name not in ("mu", "sigma"))
+    assert largest == pytest.approx(0.4)  # reached, and not passed
+
+
+def test_the_thesis_recipe_learns_from_the_last_step():
+    recipe = replace(RECIPES["thesis"], epochs=30, learning_rate=0.02)
+    (result,) = cross_validate(scene(90, seed=1), SMALL.replace(decision="last"), [[]], (0,), recipe=recipe)
+    assert result["float_accuracy"] > 0.8
+
+
+def test_the_seed_alone_decides_and_torch_is_left_as_it_was(tmp_path, quick):
+    """Neither the folds nor what torch drew before; and folds of one seed give one cross-validation."""
+    recordings, threads, state = scene(30, seed=4), torch.get_num_threads(), torch.get_rng_state()
+    for name, seed, folds in (("a", 5, 2), ("b", 5, 2), ("c", 5, 0), ("d", 6, 0)):
+        train(recordings, SMALL, TrainingRequest(folds=folds, seeds=1, seed=seed), out=tmp_path / name)
+    a, b, c, d = (FloatModel.load(tmp_path / name).arrays for name in "abcd")
+    assert all((a[name] == b[name]).all() and (a[name] == c[name]).all() for name in a)
+    assert any((a[name] != d[name]).any() for name in a)
+    first, second = (load_training(tmp_path / name)["cross_validation"] for name in "ab")
+    assert first == second and len(first)
+    assert torch.get_num_threads() == threads and (torch.get_rng_state() == state).all()
+
+
+# ---------------------------------------------------------------------- quantisation-aware
+WIDTHS = [
+    {"weight_bits": 8},
+    {"weight_bits": 4, "state_bits": 12, "gate_bits": 8, "table_entries": 128},
+    {"weight_bits": 2, "state_bits": 12, "feature_bits": 8, "table_entries": 64},
+    {"weight_bits": 3, "state_bits": 16, "gate_bits": 14, "feature_bits": 6},
+]
+
+
+@each_row(("cell", "reset", "widths"), [(*CELLS[number % 3], widths) for number, widths in enumerate(WIDTHS)])
+def test_the_forward_pass_of_a_training_step_is_the_integer_model(monkeypatch, cell, reset, widths):
+    """Every batch of a fine-tuning run: features, then logits, against numpy and IntegerModel.forward of what
+    is exported then."""
+    config = with_network(SMALL, cell=cell, reset=reset)
+    forward, seen = IntegerNetwork.forward, []
+
+    def checked(network, codes):
+        logits = forward(network, codes)
+        for model, code, logit in zip(network.export(), codes, logits.detach(), strict=True):
+            _, exact = model.forward(code.numpy().astype(np.int64))
+            np.testing.assert_array_equal(model.config.formats.logit_format.quantise(logit.numpy()), exact)
+            np.testing.assert_array_equal(model.config.formats.logit_format.to_real(exact), logit.numpy())
+            seen.append({name: array.copy() for name, array in model.arrays.items()})
+        return logits
+
+    monkeypatch.setattr(IntegerNetwork, "forward", checked)
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 12)
+    monkeypatch.setattr(fitting, "FINE_TUNING_RATE", 0.1)
+    recipe = replace(RECIPES["onset"], updates=10, batch=16)
+    cross_validate(
+        scene(30, seed=4), config, [[]], (0,), folds=2, recipe=recipe, widths=widths, quantisation_aware=True
+    )
+    assert len(seen) == 24
+    assert any(
+        (seen[0][name] != seen[-1][name]).any()
+        for name in ("W_" + config.gates[0], "U_" + config.gates[-1], "V")
+    )
+
+
+def test_bits_of_a_feature_that_no_format_uses_are_refused_in_training_too(monkeypatch):
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 2)
+    asked = dict(recipe=few(2), folds=2, quantisation_aware=True)
+    cross_validate(scene(30, seed=4), SMALL, [[]], (0,), widths={"feature_bits": 6}, **asked)
+    with pytest.raises(InputError, match="16 bits were asked for.* give at most 1. feature bits"):
+        cross_validate(scene(30, seed=4), SMALL, [[]], (0,), widths={"feature_bits": 16}, **asked)
+
+
+@each_row(
+    "config",
+    [
+        SMALL,
+        SMALL.replace(compand="log", compand_knee=7, compand_frac=6),
+        SMALL.replace(feature_kinds=FEATURE_KINDS, activity_block=2, integral_knee=4, feature_scale="taxel"),
+    ],
+)
+def test_training_features_go_through_the_integer_normaliser(config):
+    data, part = touches_of(scene(30, seed=4), config)
+    models = fit(data, [part, part[::2]], few(2), config)
+    starts = [fitting.post_training(model, data, part, {}) for model in models]
+    network = IntegerNetwork(models, [starts[0], IntegerModel(starts[0].config, starts[1].arrays)])
+    began = network.export()[0].arrays
+    assert all((began[name] == array).all() for name, array in starts[0].arrays.items()), "its own weights"
+    real = np.stack([model.features(real_features(config, data.touches.sums)) for model in models])
+    codes = network.feature_codes(torch.tensor(real)).numpy()
+    done = data.touches.completed == config.windows.steps
+    for model, start, code in zip(models, starts, codes, strict=True):
+        exact = normalise(
+            starts[0].config,
+            data.touches.sums,
+            data.touches.completed,
+            start.arrays["mean"],
+            start.arrays["scale"],
+        )
+        np.testing.assert_array_equal(code[done], exact[done])
+        assert np.ptp(exact) > 100 and (model.arrays["sigma"] > (1 if config is SMALL else 0.5)).all()
+
+
+def test_quantisation_aware_training_wins_back_what_few_bits_lose(monkeypatch):
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 80)
+    recordings = scene(60, seed=1)
+    by_training = {}
+    for aware in (False, True):
+        for bits in (2,) if aware else (8, 2):
+            (record,) = cross_validate(
+                recordings,
+                SMALL,
+                [["person"]],
+                (0, 1),
+                folds=2,
+                recipe=QUICK,
+                widths={"weight_bits": bits},
+                quantisation_aware=aware,
+            )
+            by_training[aware, bits] = record
+            for kind in ("float", "integer"):
+                assert record[f"{kind}_accuracy"] == pytest.approx(np.mean(record[f"{kind}_by_seed"]))
+                assert len(record[f"{kind}_by_seed"]) == len(record["per_fold"]) == 2
+    assert by_training[True, 2]["integer_accuracy"] > by_training[False, 2]["integer_accuracy"] + 0.05
+    assert by_training[False, 8]["agreement"] > 0.95
+    # they start from the same float networks
+    assert len({record["float_accuracy"] for record in by_training.values()}) == 1
+
+
+def test_networks_of_different_formats_are_tuned_as_if_alone(monkeypatch):
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 5)
+    data, part = touches_of(scene(30, seed=4))
+    first, second = fit(data, [part, part], few(5))
+    second = FloatModel(
+        SMALL, {name: array * (3 if name.startswith("V") else 1) for name, array in second.arrays.items()}
+    )
+    both = fitting.fine_tune(data, QUICK, [part, part], [first, second], 0, {}, lambda *_: None)
+    assert both[0].config != both[1].config
+    for model, together in zip((first, second), both, strict=True):
+        (alone,) = fitting.fine_tune(data, QUICK, [part], [model], 0, {}, lambda *_: None)
+        assert alone.config == together.config and all(
+            (alone.arrays[name] == together.arrays[name]).all() for name in alone.arrays
+        )
+
+
+def test_the_folder_of_quantisation_aware_training_holds_its_integers(tmp_path, quick, monkeypatch):
+    monkeypatch.setattr(fitting, "FINE_TUNING_UPDATES", 20)
+    recordings = scene(30, seed=9)
+    record = train(
+        recordings,
+        SMALL,
+        TrainingRequest(folds=2, seeds=1, quantisation_aware=True, widths={"weight_bits": 4}),
+        out=tmp_path / "m",
+    )
+    tuned = IntegerModel.load(tmp_path / "m")
+    assert load_training(tmp_path / "m") == record
+    assert record["quantisation_aware"]
+    assert record["widths"] == {"weight_bits": 4}
+    assert tuned.config.weight_bits == 4 and record["cross_validation"][0]["agreement"] > 0
+    assert {entry["signal"]: entry["format"] for entry in record["ranges"]}["weight"] == str(
+        tuned.config.formats.weight_format
+    )
+    evaluate(tmp_path / "m", recordings)
+    after = quantise(tmp_path / "m", weight_bits=4)
+    assert after.config == tuned.config and any(
+        (after.arrays[name] != tuned.arrays[name]).any() for name in after.arrays
+    )
+    assert not load_training(tmp_path / "m")["quantisation_aware"]
+
+
+# ---------------------------------------------------------------------- splits
+def test_no_group_is_on_both_sides(monkeypatch):
+    """What is trained on and what is judged, as cross_validate really uses them."""
+    recordings, seen = scene(60, seed=5), []
+    fit, judge, quantise_part = fitting.fit_networks, crossval._judge, fitting.post_training
+
+    def noting_fit(data, config, recipe, parts, seed, progress, curves):
+        seen.append([set(data.touches.recording[rows]) for rows in parts])
+        curve_of = [set(data.touches.recording[rows]) for rows in curves._rows]
+        assert all(not trained & shown for trained, shown in zip(seen[-1], curve_of, strict=True))
+        return fit(data, config, few(1, recipe), parts, seed, progress, curves)
+
+    profiled, judged = [], []
+
+    def noting_quantisation(model, data, rows, widths):
+        profiled.append(set(data.touches.recording[rows]))
+        return quantise_part(model, data, rows, widths)
+
+    def noting_judge(model, integer, data, test):
+        judged.append(set(test))
+        return judge(model, integer, data, test)
+
+    monkeypatch.setattr(crossval, "post_training", noting_quantisation)
+    monkeypatch.setattr(crossval, "fit_networks", noting_fit)
+    monkeypatch.setattr(crossval, "_judge", noting_judge)
+    results = cross_validate(recordings, SMALL, [["person"], []], (0, 1))
+    (trained,) = seen
+    assert len(trained) == len(profiled) == len(judged) == 2 * (5 + 5) and [r["folds"] for r in results] == [
+        5,
+        5,
+    ]
+    person = recordings.groups["person"]
+    for part, rows, test in zip(trained, profiled, judged, strict=True):
+        assert part == rows and not part & test
+        assert part | test >= set(range(1, 60))  # all but the recording without a touch
+    for part, test in list(zip(trained, judged, strict=True))[:5]:
+        assert not {person[i] for i in part} & {person[i] for i in test}
+    for seed in range(2):
+        assert sorted(i for test in judged[10 * seed : 10 * seed + 5] for i in test) == list(range(60))
+
+
+def test_scaling_comes_from_the_training_part_only(monkeypatch):
+    recordings = scene(30, seed=6)
+    loud = replace(recordings, groups={"half": (np.arange(30) >= 15).astype(int)})
+    samples = recordings.samples.copy()
+    start = recordings.offsets[15]
+    samples[start:] = 1000 + 3 * (samples[start:] - 1000)
+    models = []
+    judge = crossval._judge
+    monkeypatch.setattr(crossval, "_judge", lambda model, *rest: models.append(model) or judge(model, *rest))
+    config = SMALL.replace(clip=0)
+    cross_validate(replace(loud, samples=samples), config, [["half"]], (0,), recipe=few(1))
+    # the first fold leaves the quiet half out
+    quiet, loud_sigma = (models[1].arrays["sigma"], models[0].arrays["sigma"])
+    assert loud_sigma > 2 * quiet
+
+
+def test_label_is_a_group_name_and_unknown_groups_are_refused():
+    recordings = scene(60, seed=7)
+    folds = split_folds(recordings, ["label", "person"], 5, None)
+    pairs = [{(recordings.labels[i], recordings.groups["person"][i]) for i in fold} for fold in folds]
+    assert sum(map(len, pairs)) == len(set().union(*pairs))
+    with pytest.raises(InputError, match="'nobody'"):
+        split_folds(recordings, ["nobody"], 5, None)
+
+
+def test_default_splits_are_those_the_recordings_can_make():
+    recordings = scene(30, seed=8)
+    assert default_splits(recordings, SMALL) == [[]]
+    assert default_splits(recordings, PRESETS["synthetic"]) == [["person"]]
+    assert default_splits(recordings, PRESETS["pvdf"]) == [[]]
+    some = replace(recordings, groups={"trial": recordings.labels, "seq": recordings.labels})
+    assert default_splits(some, PRESETS["pvdf"]) == [["trial"], ["seq"]]
+
+
+def test_the_recipe_follows_the_configuration():
+    assert choose_recipe(PRESETS["pvdf"]).warp > 1 and choose_recipe(PRESETS["fabric"]).warp == 1
+    thesis = choose_recipe(PRESETS["pvdf"], "thesis")
+    assert (thesis.loss, thesis.epochs, thesis.batch, thesis.noise, thesis.warp) == ("last", 96, 48, 0.0, 1.0)
+    with pytest.raises(InputError, match="protocol"):
+        choose_recipe(PRESETS["pvdf"], "quick")
+
+
+def drawn(config=SMALL, **changes) -> tuple[np.ndarray, tuple[float, float]]:
+    """Features of one touch, drawn 400 times and changed as a recipe says, and their scale."""
+    recipe = recipes.Recipe(name="plain", batch=400, **changes)
+    data, part = touches_of(scene(30, seed=4), config, recipe)
+    batches = batching.Batches(data, config, recipe, [part[:1]], torch.Generator().manual_seed(1))
+    return batches.draw()[0][0].numpy(), batches.scales[0]
+
+
+def test_gains_offsets_and_dropped_channels_hold_for_the_whole_touch_and_differ_by_taxel():
+    same, (mu, sigma) = drawn()
+    factors = (drawn(taxel_gain=1.5)[0] * sigma + mu) / (same * sigma + mu)
+    np.testing.assert_allclose(factors, factors[:, :1].repeat(SMALL.windows.steps, axis=1), rtol=1e-3)
+    assert 1 / 1.5 - 1e-3 < factors.min() < 0.75 and 1.4 < factors.max() < 1.5 + 1e-3
+    dropped = drawn(channel_dropout=0.2)[0]
+    gone = (dropped == 0).all(axis=1)  # (touches, taxels)
+    assert np.array_equal(dropped, np.where(gone[:, None], 0, same)) and 0.15 < gone.mean() < 0.25
+    offsets = drawn(taxel_offset=0.5)[0] - same
+    np.testing.assert_allclose(offsets, offsets[:, :1].repeat(SMALL.windows.steps, axis=1), atol=1e-5)
+    assert 0.45 < offsets[:, 0].std() < 0.55
+    for of_taxel in (factors[:, 0], gone):
+        assert np.corrcoef(of_taxel.T)[0, 1:].max() < 0.3
+
+
+def test_a_taxel_that_fails_in_training_sticks_and_is_masked_three_windows_later():
+    config = SMALL.replace(clip=100)
+    (same, (mu, sigma)), (failing, _) = drawn(config), drawn(config, taxel_failure=0.3)
+    limits = (np.array([-100, 100]) - mu) / sigma
+    changed = (failing != same).any(axis=1)  # (touches, taxels)
+    assert 0.22 < changed.mean() < 0.34
+    lengths = set()
+    for touch, taxel in np.argwhere(changed):
+        course = failing[touch, :, taxel]
+        moved = course != same[touch, :, taxel]
+        at_limit = moved & np.isclose(course[:, None], limits, rtol=1e-4).any(axis=1)
+        first = int(np.flatnonzero(moved)[0])
+        assert not course[first + 3 :].any() and at_limit.sum() <= 3
+        lengths.add(int(at_limit[first + 1 : first + 3].sum()))
+    assert 2 in lengths and np.all(np.isclose(failing, same) | changed[:, None])
+
+
+def test_the_robust_recipe_lets_taxels_fail_and_keeps_the_rest():
+    for config in (PRESETS["pvdf"], PRESETS["fabric"]):
+        robust, plain = choose_recipe(config, "robust"), choose_recipe(config)
+        assert robust.channel_dropout > 0 and robust.taxel_failure > 0 and robust.updates == 2 * plain.updates
+        same = {"name": plain.name, "updates": plain.updates, "channel_dropout": 0.0, "taxel_failure": 0.0}
+        assert replace(robust, **same) == plain
+
+
+def test_thesis_epochs_use_every_touch_once_an_epoch():
+    pool = batching.TouchPool([np.arange(10), np.arange(20, 27)], torch.Generator().manual_seed(1))
+    drawn = torch.cat([pool.draw(5, in_order=True) for _ in range(14)], dim=1)
+    assert all(sorted(drawn[0, 10 * e : 10 * e + 10].tolist()) == list(range(10)) for e in range(7))
+    assert all(sorted(drawn[1, 7 * e : 7 * e + 7].tolist()) == list(range(20, 27)) for e in range(10))
+
+
+# ---------------------------------------------------------------------- the record and the folder
+def test_the_folder_and_the_record(tmp_path, quick):
+    recordings = scene(30, seed=9)
+    lines = []
+    request, config = (
+        TrainingRequest(folds=3, seeds=2, splits=[["person"]], seed=3),
+        with_network(SMALL, hidden=8, steps=5),
+    )
+    record = train(recordings, config, request, out=tmp_path / "m", progress=lambda *line: lines.append(line))
+    assert json.loads((tmp_path / "m" / "training.json").read_text()) == record
+    config = load_config(tmp_path / "m")
+    assert (config.network.hidden, config.windows.steps) == (8, 5) and record[
+        "parameters"
+    ] == config.parameter_count
+    assert record["seed"] == 3
+    assert record["recordings"] == 30
+    assert record["touched"] == 29
+    assert record["data"] == "scene"
+    (split,) = record["cross_validation"]
+    assert split["groups"] == ["person"]
+    assert split["seeds"] == [3, 4]
+    assert split["folds"] == len(split["per_fold"]) == 3
+    assert np.sum(split["confusion"]) == 2 * 30
+    shares = [fold["recordings"] * fold["integer_accuracy"] for fold in split["per_fold"]]
+    assert (
+        split["integer_accuracy"]
+        == pytest.approx(sum(shares) / 30)
+        == pytest.approx(np.trace(split["confusion"]) / 60)
+    )
+    assert {what for what, _, _ in lines} == {"cross-validation", "training on all recordings"}
+    quantise(tmp_path / "m", recordings)
+    result = evaluate(tmp_path / "m", recordings)
+    assert result["recordings"] == 30 and result["not_touched"] == 1
+
+
+@each_row(
+    ("changes", "words"),
+    [
+        ({"splits": [["nobody"]]}, "nobody"),
+        ({"folds": 1}, "folds"),
+        ({"protocol": "quick"}, "protocol"),
+        ({"quantisation_aware": True, "widths": {"weight_bits": 1}}, "field weight_format"),
+        ({"quantisation_aware": True, "widths": {"table_entries": 100}}, "field table_entries"),
+    ],
+)
+def test_what_cannot_work_is_refused_before_any_work(tmp_path, monkeypatch, changes, words):
+    monkeypatch.setattr(crossval, "fit_networks", None)  # any training would end in a TypeError
+    with pytest.raises(InputError, match=words):
+        train(scene(30, seed=9), SMALL, TrainingRequest(**changes), out=tmp_path / "m")
+    assert not list(tmp_path.iterdir())
+
+
+def test_recordings_without_a_touch_or_of_another_task_are_refused(tmp_path):
+    recordings = scene(30, seed=9)
+    with pytest.raises(InputError, match="no touch"):
+        train(recordings, SMALL.replace(onset_threshold=5000), TrainingRequest(folds=0), out=tmp_path / "m")
+    with pytest.raises(InputError, match="class_names"):
+        train(
+            recordings,
+            SMALL.replace(class_names=("a", "b", "c")),
+            TrainingRequest(folds=0),
+            out=tmp_path / "m",
+        )
+    assert not list(tmp_path.iterdir())
+
+
+# ---------------------------------------------------------------------- real recordings
+def test_one_split_of_the_piezo_recordings(shared_data):
+    """Quick: one seed of the split by speed with half the updates; the full figures are below."""
+    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
+    recipe = QUICK
+    (result,) = cross_validate(recordings, PRESETS["pvdf"], [["speed"]], (0,), recipe=recipe)
+    assert result["integer_accuracy"] >= 0.94 and result["agreement"] >= 0.985
+
+
+@pytest.mark.slow
+def test_accuracy_on_the_piezo_recordings(shared_data):
+    recordings = load_recordings(shared_data / "pvdf_indent" / "recordings.npz")
+    trial, speed, seq = cross_validate(
+        recordings, PRESETS["pvdf"], [["trial"], ["speed"], ["seq"]], (0, 1, 2)
+    )
+    assert trial["integer_accuracy"] >= 0.99
+    assert speed["integer_accuracy"] >= 0.97
+    assert seq["integer_accuracy"] >= 0.70
+    assert min(split["agreement"] for split in (trial, speed, seq)) >= 0.995
+    assert trial["per_step"][2]["integer_accuracy"] >= 0.98
+
+
+@pytest.mark.slow
+def test_accuracy_on_the_fabric_recordings(shared_data):
+    recordings = load_recordings(shared_data / "fabric_slide" / "recordings.npz")
+    (result,) = cross_validate(
+        recordings, PRESETS["fabric"], default_splits(recordings, PRESETS["fabric"]), (0, 1, 2)
+    )
+    assert result["integer_accuracy"] >= 0.94 and result["agreement"] >= 0.99
+
+
+# ---------------------------------------------------------------------- the fault detector's masks
+DETECTING = SMALL.replace(fault_frames=16, fault_activity=17)
+
+
+def test_folds_judge_as_the_pipeline_runs_with_a_fault_detector():
+    """Decisions, float and integer, of every fold: those of eskin.golden.model.pipeline on the same
+    recordings."""
+    recordings = scene(40, seed=3)
+    work = crossval.Folds(recordings, DETECTING, few(15), [["person"]], (0,), 5)
+    models = work.fit(None)
+    integers = work.quantise(models, {})
+    assert work.data.touches.faults.any() and not work.data.touches.faults.all()
+    for model, integer, test in zip(models, integers, work.tests, strict=True):
+        judged = crossval._judge(model, integer, work.data, test)
+        for trace, decision, local in (
+            (run(integer, recordings), judged.integer_global, judged.integer_local),
+            (run(model, recordings), judged.float_global, judged.float_local),
+        ):
+            np.testing.assert_array_equal(decision, trace.decision[test])
+            np.testing.assert_array_equal(local, trace.first_local()[test])
+    (record,) = work.records(models, integers)
+    by_fold = [
+        run(one, recordings.subset(test)).accuracy(recordings.labels[test])
+        for one, test in zip(integers, work.tests, strict=True)
+    ]
+    assert [fold["integer_accuracy"] for fold in record["per_fold"]] == pytest.approx(by_fold)
+
+
+def test_networks_are_trained_and_profiled_on_what_the_fault_detector_leaves():
+    plain = recipes.Recipe(name="plain", batch=400, warp=1.5)
+    data, part = touches_of(scene(40, seed=3), DETECTING, plain)
+    faults = data.touches.faults
+    row = next(row for row in part if 0 < faults[row].any(axis=0).sum() < 4)
+    batches = batching.Batches(data, DETECTING, plain, [part[part == row]], torch.Generator().manual_seed(1))
+    features, _, counts = (value[0].numpy() for value in batches.draw())
+    whole = faults[row].all(axis=0)
+    assert (features[..., faults[row].any(axis=0)][:, -1] == 0).any() and (features[..., whole] == 0).all()
+    assert (features[..., ~faults[row].any(axis=0)][counts] != 0).all()
+    # mean and deviation, and the ranges, do not know what a masked taxel reads
+    loud = replace(
+        data,
+        means=np.where(data.faults, 1e6, data.means),
+        touches=replace(data.touches, sums=np.where(faults, 10**9, data.touches.sums)),
+    )
+    models, profiles = [], []
+    for one in (data, loud):
+        (model,) = fit(one, [part], few(3, plain), DETECTING)
+        models.append(model)
+        profiles.append(profile(model, one.touches))
+    assert profiles[0] == profiles[1]
+    assert all((models[0].arrays[name] == models[1].arrays[name]).all() for name in models[0].arrays)
+    with pytest.raises(InputError, match="field fault_activity: is 17.*masks every taxel"):
+        datasets.scaling(
+            DETECTING,
+            data.means[part, : SMALL.windows.steps],
+            data.touches.completed[part],
+            np.ones_like(faults[part]),
+        )

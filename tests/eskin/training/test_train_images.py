@@ -1,0 +1,303 @@
+"""Training networks for images: batch norm folded, augmentation, formats, few-bit weights, folders, refusals.
+Tiny images, few epochs."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+import torch
+
+from eskin.choose.choose_network import train_chosen
+from eskin.data import load_recordings
+from eskin.golden.core import AcceleratorConfig, InputError, Memo, QFormat
+from eskin.golden.data import save_archive
+from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, load_training, run_images
+from eskin.training.evaluate import evaluate
+from eskin.training.image_formats import (
+    _scale,
+    choose_image_formats,
+    equalised,
+    integers_of,
+    profile_images,
+    quantised,
+    weight_fraction,
+)
+from eskin.training.image_models import CANDIDATES, _candidate_rows, image_config, train_image_model
+from eskin.training.quantise import quantise
+from eskin.training.train_images import ImageNetwork, ImageRecipe, augmented, train_network, tune_network
+from tests.support.folder import exchanges
+from tests.support.image_scenes import SHAPES, shapes
+from tests.support.prices import priced
+from tests.support.table import each_row
+
+LAYERS = ("conv 3 4", "pool", "conv 3 6", "pool", "dense 3")
+QUICK = ImageRecipe(
+    epochs=30, batch=16, turn=0.0, mirror=False, shift=0.05, zoom=0.0, dropout=0.1, tuning_epochs=8
+)
+
+
+def config() -> AcceleratorConfig:
+    return AcceleratorConfig.of_image(8, 8, LAYERS, SHAPES, name="shapes")
+
+
+@pytest.fixture(scope="module")
+def trained() -> FloatModel:
+    scene = shapes(30, 0)
+    return train_network(config(), images_of(scene), scene.labels, recipe=QUICK, seed=0)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("images") / "model"
+    scene = shapes(20, 1)
+    record = train_image_model(
+        scene, config(), out=out, folds=2, recipe=QUICK, workers=1, keep=Memo(out.parent / "kept")
+    )
+    return out, scene, record
+
+
+def test_batch_norm_is_folded_into_what_hardware_computes():
+    torch.manual_seed(0)
+    network = ImageNetwork(config(), 0.0)
+    for norm in network.norms.values():
+        with torch.no_grad():
+            (
+                norm.running_mean.uniform_(-1, 1),
+                norm.running_var.uniform_(0.5, 2),
+                norm.weight.uniform_(-1, 1),
+                norm.bias.uniform_(-1, 1),
+            )
+    network.eval()
+    images = images_of(shapes(4, 2))
+    folded = float_images(FloatModel(config(), network.folded()), images).logits
+    direct = network(torch.from_numpy(images.astype(np.float32))[:, None] / 256).detach().numpy()
+    assert np.allclose(folded, direct, atol=1e-4) and np.ptp(folded) > 0.1
+
+
+def test_it_has_the_parameters_that_are_counted():
+    assert sum(each.numel() for each in ImageNetwork(config(), 0.0).parameters()) == config().parameter_count
+
+
+def test_shapes_are_learned_and_the_integers_agree(trained):
+    scene = shapes(40, 7)
+    images = images_of(scene)
+    ideal = float_images(trained, images)
+    whole = run_images(quantised(trained, images), images)
+    assert ideal.accuracy(scene.labels) > 0.9
+    assert whole.agreement(ideal) > 0.97 and not np.array_equal(
+        whole.config.formats.logit_format.to_real(whole.logits), ideal.logits
+    )
+
+
+def test_the_seed_alone_decides():
+    scene = shapes(4, 0)
+    few = dataclasses.replace(QUICK, epochs=1)
+    once, again, other = (
+        train_network(config(), images_of(scene), scene.labels, recipe=few, seed=seed) for seed in (3, 3, 4)
+    )
+    assert (once.arrays["W_0"] == again.arrays["W_0"]).all() and (
+        once.arrays["W_0"] != other.arrays["W_0"]
+    ).any()
+
+
+def test_training_with_four_bits_loses_little(trained):
+    scene, test = shapes(30, 0), shapes(60, 9)
+    images = images_of(scene)
+    rounded = integers_of(trained, choose_image_formats(trained, profile_images(trained, images), 4))
+    _, tuned = tune_network(trained, images, scene.labels, weight_bits=4, recipe=QUICK, seed=0)
+    assert tuned.config.weight_bits == 4 and all(np.abs(tuned.arrays[f"W_{n}"]).max() <= 8 for n in (0, 2, 4))
+    right = [run_images(each, images_of(test)).accuracy(test.labels) for each in (tuned, rounded)]
+    assert right[0] >= 0.9 and right[0] >= right[1] - 0.02
+
+
+def test_an_image_is_moved_only_as_far_as_the_recipe_says():
+    generator = torch.Generator().manual_seed(0)
+    still = dataclasses.replace(
+        ImageRecipe(), turn=0.0, mirror=False, shift=0.0, zoom=0.0, intensity=0.0, noise=0.0
+    )
+    images = torch.rand(6, 1, 10, 14)
+    assert torch.allclose(augmented(images, still, generator), images, atol=1e-5)
+    spot = torch.zeros(64, 1, 20, 40)
+    spot[:, 0, 10, 20] = 1
+    moved = augmented(spot, dataclasses.replace(still, shift=0.15), generator)
+    places = [divmod(int(each.argmax()), 40) for each in moved]
+    rows, across = zip(*places, strict=True)
+    assert max(abs(row - 10) for row in rows) in (2, 3, 4) and max(abs(column - 20) for column in across) in (
+        5,
+        6,
+        7,
+    )
+
+
+def test_a_turned_bar_keeps_its_length():
+    """Angles are those of the skin, not of a square that the image is stretched to."""
+    bar = torch.zeros(200, 1, 30, 60)
+    bar[:, 0, 14:16, 15:45] = 1
+    generator = torch.Generator().manual_seed(1)
+    still = dataclasses.replace(
+        ImageRecipe(), turn=30.0, mirror=False, shift=0.0, zoom=0.0, intensity=0.0, noise=0.0
+    )
+    lengths = []
+    for each in augmented(bar, still, generator)[:, 0]:
+        row, column = torch.nonzero(each > 0.3, as_tuple=True)
+        lengths.append(
+            float(torch.hypot((row.max() - row.min()).float(), (column.max() - column.min()).float()))
+        )
+    assert min(lengths) > 26 and max(lengths) < 33
+
+
+def test_other_scales_inside_leave_the_function_and_lose_less(trained):
+    """Channels whose scales lie far apart, as batch norm may leave them."""
+    images = images_of(shapes(40, 5))
+    rng = np.random.default_rng(0)
+    arrays = {name: array.copy() for name, array in trained.arrays.items()}
+    for stage, reader in itertools.pairwise(trained.config.weighted_stages):
+        _scale(arrays, stage, reader, 2.0 ** rng.uniform(-3, 3, stage.outputs))
+    uneven = FloatModel(trained.config, arrays)
+    even = equalised(uneven, images)
+    ideal = float_images(trained, images).logits
+    assert np.allclose(float_images(even, images).logits, ideal, atol=1e-9)
+
+    def error(model):
+        whole = quantised(model, images)
+        return np.square(
+            whole.config.formats.logit_format.to_real(run_images(whole, images).logits) - ideal
+        ).mean()
+
+    assert error(even) < 0.2 * error(uneven)
+
+
+def test_weights_take_the_closest_format():
+    values = np.random.default_rng(0).normal(0, 0.2, 1000)
+    for bits in (4, 8):
+        fraction = weight_fraction(values, bits)
+        errors = [
+            np.square(QFormat(bits - f, f).to_real(QFormat(bits - f, f).quantise(values)) - values).sum()
+            for f in range(-2, 14)
+        ]
+        assert fraction == int(np.argmin(errors)) - 2
+
+
+def test_a_shift_is_never_below_zero():
+    """A layer of weights so coarse that its sums have fewer fraction bits than its map could have."""
+    arrays = {
+        "W_0": np.full((4, 3, 3, 1), 100.0),
+        "b_0": np.zeros(4),
+        "W_2": np.full((6, 3, 3, 4), 100.0),
+        "b_2": np.zeros(6),
+    }
+    arrays |= {"W_4": np.full((3, 24), 100.0), "b_4": np.zeros(3)}
+    model = FloatModel(config(), arrays)
+    chosen = choose_image_formats(model, {"0": 1e-9, "2": 1e-9, "4": 1e-9})
+    assert min(chosen.layer_shifts) >= 0
+
+
+def test_a_folder_is_trained_quantised_and_judged(folder, monkeypatch):
+    out, scene, record = folder
+    (split,) = record["cross_validation"]
+    assert split["folds"] == 2 and 0.6 < split["integer_accuracy"] <= 1 and split["agreement"] > 0.9
+    integer = quantise(out)
+    assert integer.config.weight_bits == 8 and load_training(out)["ranges"].keys() == {"0", "2", "4"}
+    result = evaluate(out, scene)
+    assert result["recordings"] == 60 and result["passed"] and len(result["stages"]) == 3
+    assert result["logit_error"]["stage"] in ("0 conv 3 4", "2 conv 3 6", "4 dense 3")
+    assert result["logit_error"]["max"] > 0
+    written = exchanges(monkeypatch)
+    coarse = quantise(out, scene, weight_bits=4)
+    assert written == ["model"]
+    assert coarse.config.weight_bits == 4
+    assert evaluate(out, scene)["logit_error"]["mean"] > 2 * result["logit_error"]["mean"]
+
+
+def test_each_kind_of_weights_is_judged_seed_by_seed(folder, monkeypatch):
+    out, scene, record = folder
+    (split,) = record["cross_validation"]
+    by = {row["weights"]: row for row in split["by_weights"]}
+    assert list(by) == ["float", "8 bits, rounded", "4 bits, rounded"] and by["float"]["agreement"] == 1
+    assert by["float"]["by_seed"] == [split["float_accuracy"]] and by["8 bits, rounded"]["by_seed"] == [
+        split["integer_accuracy"]
+    ]
+
+    # right with float, one image in two with 8 bits, none with 4 bits of seed 1, all of seed 0
+    def made(shared, piece):
+        _, truth = shared
+        out = np.array(piece.left_out)
+        wrong = (truth[out] + 1) % 3
+        few = truth[out] if piece.seed == 0 else wrong
+        half = np.where(out % 2, truth[out], wrong)
+        return {
+            "float": truth[out].tolist(),
+            "w8": half.tolist(),
+            "w4": few.tolist(),
+            "tuned": few.tolist(),
+            "wall_s": 0.0,
+        }
+
+    monkeypatch.setattr("eskin.training.image_models.judge", made)
+    many = train_image_model(
+        scene, config(), out=out.parent / "many", folds=2, seeds=2, recipe=QUICK, workers=1
+    )
+    by = {row["weights"]: row for row in many["cross_validation"][0]["by_weights"]}
+    assert by["8 bits, rounded"]["by_seed"] == [0.5, 0.5] and by["8 bits, rounded"]["spread"] == 0
+    assert by["4 bits, rounded"]["by_seed"] == [1.0, 0.0]
+    assert by["4 bits, rounded"]["accuracy"] == by["4 bits, rounded"]["agreement"] == 0.5
+    assert by["4 bits, rounded"]["spread"] == pytest.approx(0.5**0.5)
+
+
+def test_auto_takes_the_smallest_that_is_level():
+    scene = shapes(1, 0, (28, 50))
+    candidates = [image_config(scene, name) for name in CANDIDATES]
+    for shares, taken in [
+        ((0.93, 0.925, 0.90), "four"),
+        ((0.93, 0.90, 0.925), "tactnet-half"),
+        ((0.96, 0.9, 0.9), "tactnet"),
+    ]:
+        correct = [(np.arange(400) < 400 * share).astype(float) for share in shares]
+        rows = _candidate_rows(
+            candidates, [{"float_accuracy": share, "agreement": 1.0} for share in shares], correct, 1
+        )
+        assert [each["cell"] for each in rows if each["chosen"]] == [taken]
+
+
+@each_row(
+    ("options", "words"),
+    [
+        ({"cell": "gru"}, "--cell gru: reads recordings, and shapes holds images; use tactnet, "),
+        ({"cell": "tactnet", "hidden": 8}, "--hidden 8: --cell tactnet takes no number of units"),
+        ({"cell": "tactnet", "steps": 3}, "--steps: networks for images have none"),
+        ({"cell": "tactnet", "widths": {"state_bits": 8}}, "--state-bits: networks for images have none"),
+        (
+            {"cell": "tactnet", "widths": {"weight_bits": 6}},
+            "--weight-bits 6: networks for images have weights of 4 or 8 bits",
+        ),
+        ({"market": priced(named=True)}, "--fits: networks for images have none"),
+        ({"market": priced(prefer="cells")}, "--prefer: networks for images have none"),
+        ({"cell": "auto", "folds": 0}, "--cell auto: needs folds"),
+        (
+            {"asked": config()},
+            "array images: holds images of 8 x 9 pixels and configuration 'shapes' takes 8 x 8",
+        ),
+    ],
+)
+def test_what_images_do_not_have_is_refused_before_any_work(tmp_path, options, words):
+    scene = shapes(3, 0, (8, 9))
+    with pytest.raises(InputError, match=words) as refused:
+        train_chosen(
+            scene, options.pop("asked", None), options.pop("market", priced()), out=tmp_path / "m", **options
+        )
+    assert "\n" not in str(refused.value) and not (tmp_path / "m").exists()
+
+
+def test_models_and_data_of_the_other_kind_are_refused(folder, tmp_path):
+    out, scene, _ = folder
+    with pytest.raises(InputError, match="images of 8 x 10 pixels and configuration 'shapes' takes 8 x 8"):
+        evaluate(out, shapes(2, 0, (8, 10)))
+    with pytest.raises(InputError, match="--gate-bits: networks for images have no such width"):
+        quantise(out, gate_bits=8)
+    with pytest.raises(InputError, match="--weight-bits 5: networks for images have weights of 4 or 8 bits"):
+        quantise(out, weight_bits=5)
+    save_archive(scene, tmp_path / "images.npz")
+    again = load_recordings(tmp_path / "images.npz")
+    assert again.image_shape == (8, 8) and (again.samples == scene.samples).all()
+    assert IntegerModel.load(out, images=True).config.is_image
