@@ -28,6 +28,8 @@ KINDS = (*STAGES, *"frame waited sent scan rested lost unstable unknown stuck".s
 EVENT = np.dtype([("word", "<u4"), ("stamp", "<u8")])
 SLICE = 16
 """Events in one word of ``wrapper.events``."""
+REGISTERS = ("STATUS", "FAULTS", "TOUCHES", "LONGEST")
+"""Read when all is played."""
 WAVES_AFTER = 500
 """Cycles kept behind a mismatch."""
 PATTERN = 1024
@@ -79,7 +81,9 @@ class EventReader:
             count = self._count.value.to_unsigned()
             words = [part.value for part in self._slices[: -(-count // SLICE)]]
             try:
-                rows = np.frombuffer(b"".join(word.to_bytes(byteorder="little") for word in words), EVENT)[:count]
+                rows = np.frombuffer(b"".join(word.to_bytes(byteorder="little") for word in words), EVENT)[
+                    :count
+                ]
             except ValueError:  # of an X
                 bits = "".join(map(str, reversed(words)))[-96 * count :]
                 each = (bits[at : at + 96] for at in range(len(bits) - 96, -1, -96))
@@ -147,11 +151,15 @@ class FrameSource:
     """
 
     def __init__(self, dut, events: EventReader, *, block: int, bits: int, period: float) -> None:
-        self._dut, self._block, self._type, self._period = dut, block, f"<u{bits // 8}", period
+        self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
         self._free, self._marked = Event(), deque[int]()
         self.frames = self.overruns = self.waited = self._toggle = 0
         self.taken: dict[int, int] = {}
-        events.take |= {"sent": lambda _: self._free.set(), "waited": self._has_waited, "frame": self._was_taken}
+        events.take |= {
+            "sent": lambda _: self._free.set(),
+            "waited": self._has_waited,
+            "frame": self._was_taken,
+        }
 
     def begin(self, stalls: np.random.Generator | None = None) -> None:
         """A recording begins: its first frame is due now. ``stalls`` draws gaps between numbers, and cycles in which no
@@ -159,7 +167,9 @@ class FrameSource:
         self._due = self._dut.cycle.value.to_unsigned() + 1
         self._sent = 0
         self.taken.clear()
-        for pattern in (self._dut.offers, self._dut.accepts) if stalls else ():
+        if stalls is None:
+            return
+        for pattern in (self._dut.offers, self._dut.accepts):
             # mostly short gaps, now and then a long one
             rare = stalls.random(PATTERN) < 0.02
             gaps = np.where(rare, stalls.integers(0, 128, PATTERN), stalls.integers(0, 3, PATTERN))
@@ -170,7 +180,7 @@ class FrameSource:
         """Offer the recording's next frames (frames, numbers); returns when the last block is on its way. ``marks``:
         frames whose end is to be noted in ``taken``."""
         dut, numbers = self._dut, self._sent + 1 + np.arange(len(frames))
-        dues = np.ceil(self._due + (numbers - 1) * self._period) * (self._period > 0)
+        dues = np.ceil(self._due + (numbers - 1) * self.period) * (self.period > 0)
         marked = np.isin(numbers, list(marks))
         words = dues.astype("<u8") | marked.astype("<u8") << np.uint64(47)
         for low in range(0, len(frames), self._block):
@@ -189,7 +199,9 @@ class FrameSource:
     @property
     def position(self) -> int:
         """Frame of the recording (from 1 on) that is being offered."""
-        return max(0, self._sent - self._dut.frames.value.to_unsigned()) + self._dut.frame.value.to_signed() + 1
+        return (
+            max(0, self._sent - self._dut.frames.value.to_unsigned()) + self._dut.frame.value.to_signed() + 1
+        )
 
     async def through(self) -> None:
         """All frames that were sent are taken."""
@@ -206,6 +218,57 @@ class FrameSource:
     def _was_taken(self, values: Values) -> None:
         for cycle in values.cycles.tolist():
             self.taken[self._marked.popleft()] = cycle
+
+
+class ScanMonitor:
+    """The frames' way from a converter's pins: when scans begin, when its port rests, when frames are through."""
+
+    def __init__(self, dut, source: FrameSource, events: EventReader, fault: list[int] | None) -> None:
+        self._dut, self._source, self._fault = dut, source, fault
+        self.features: list[int] = []
+        self._cycles: dict[str, list[int]] = {"scan": [], "rested": []}
+        self._found: dict[str, Any] = {"scan_cycles": 0, "jitter_cycles": 0.0, "feature_cycles": None}
+        events.take |= {"scan": self._has_begun, "lost": events.take["frame"]}
+        events.take["rested"] = lambda values: self._cycles["rested"].extend(values.cycles.tolist())
+
+    def _has_begun(self, values: Values) -> None:
+        scans = self._cycles["scan"]
+        scans += values.cycles.tolist()
+        if self._fault and len(scans) == self._fault[0] + 1:
+            cocotb.start_soon(self._misbehave())
+
+    async def _misbehave(self) -> None:
+        _, frames, kind = self._fault or (0, 0, 0)
+        self._dut.misbehaves.value = kind
+        await Timer((int(frames * self._source.period) - 1) * CYCLE_NS, "ns")
+        self._dut.misbehaves.value = 0
+
+    def end(self, recording: Recording) -> None:
+        """A recording is over."""
+        through = list(self._source.taken.values())
+        scans, rests = (np.array(self._cycles[name]) for name in ("scan", "rested"))
+        begins, ends = (at[np.searchsorted(at, through, side="right") - 1] for at in (scans, rests))
+        late = begins - begins[:1] - np.arange(len(begins)) * self._source.period
+        frames = recording["decision_frame"][recording["decision"][:, 0] == 0]
+        # of two windows that end with one frame the second waits for the first, not for the converter
+        first = np.concatenate([[True], frames[1:] != frames[:-1]])[: len(self.features)]
+        waits = (np.array(self.features) - ends[frames[: len(first)] - 1])[first].tolist()
+        found = self._found
+        found["scan_cycles"] = max(found["scan_cycles"], int((ends - begins).max(initial=0)))
+        found["jitter_cycles"] = max(found["jitter_cycles"], round(float(np.abs(late).max(initial=0)), 3))
+        if waits:
+            waits += found["feature_cycles"] or []
+            found["feature_cycles"] = [int(min(waits)), int(max(waits))]
+        self.features.clear()
+        for cycles in self._cycles.values():
+            cycles.clear()
+
+    @property
+    def result(self) -> dict[str, Any]:
+        """scan_cycles (from a scan's begin to its last channel, at most), jitter_cycles (largest distance of a scan's begin
+        from the declared rate), feature_cycles (from a frame's last channel to the first feature of the window that
+        it ends, at least and at most; None where no window was complete), faults (bits of ConverterFault)."""
+        return self._found | {"faults": self._dut.faults.value.to_unsigned()}
 
 
 class Bench:
@@ -227,9 +290,14 @@ class Bench:
             self.recordings = recordings_of(dict(archive))
         self.bus = HostBus(dut, self.map["registers"], self.map["bits"]["CONTROL"])
         self.events = EventReader(dut)
-        self.source = FrameSource(dut, self.events, **{name: self.settings[name] for name in ("block", "bits", "period")})
+        self.source = FrameSource(
+            dut, self.events, **{name: self.settings[name] for name in ("block", "bits", "period")}
+        )
         self.scoreboard = Scoreboard(self.config, self.recordings[0].arrays, probes=self.settings["probes"])
         self.measured = Measured()
+        self.scans = None
+        if self.settings["frames"] == "codes":
+            self.scans = ScanMonitor(dut, self.source, self.events, self.settings["fault"])
         self.result: dict[str, Any] = {"probe": None, "mismatch": None}
 
     async def start(self) -> None:
@@ -239,11 +307,15 @@ class Bench:
             monitor = StageMonitor(stage)
             events.take["state" if stage == "map" else stage] = monitor.put
             cocotb.start_soon(self._guarded(self._follow(monitor)))
-        events.unknown = lambda kind, cycle, bits: self._differs(kind, "a value with unknown bits", bits, cycle)
+        events.unknown = lambda kind, cycle, bits: self._differs(
+            kind, "a value with unknown bits", bits, cycle
+        )
         events.take |= {
             "unstable": lambda _: self._differs("handshake", "a decision changed before it was taken"),
             "unknown": lambda _: self._differs("handshake", "an X on valid, ready or busy"),
-            "stuck": lambda _: self._differs("input", "no number was taken for the watchdog's time", "a standstill"),
+            "stuck": lambda _: self._differs(
+                "input", "no number was taken for the watchdog's time", "a standstill"
+            ),
         }
         cocotb.start_soon(self._guarded(events.run()))
         for _ in range(4):
@@ -269,7 +341,8 @@ class Bench:
         dut.measured.value = 1
         seed = settings["stalls"]
         source.begin(None if seed is None else np.random.default_rng([seed, recording.number]))
-        frames, marks = recording[settings["frames"]], recording["decision_frame"].tolist()
+        frames = recording[settings["frames"]]
+        marks = range(1, len(frames) + 1) if self.scans else recording["decision_frame"].tolist()
         held = settings.get("write_at")
         if held and held[0] == recording.number:
             await source.send(frames[: held[1]], marks)
@@ -281,8 +354,10 @@ class Bench:
         await self.bus.command("FINISH")
         await self.settle()
         dut.measured.value = 0
+        if self.scans:
+            self.scans.end(recording)
         words = range(-(-self.config.sensor.taxels // 16) if self.config.faults.fault_frames else 0)
-        status = {name: await self.bus.read(name) for name in ("STATUS", "FAULTS", "TOUCHES")}
+        status = {name: await self.bus.read(name) for name in REGISTERS}
         status["TAXEL_FAULTS"] = sum([await self.bus.read("TAXEL_FAULTS", k) << 16 * k for k in words])
         self.scoreboard.end(status)
         self.measured.end(recording["decision_frame"].tolist(), source.taken)
@@ -290,7 +365,9 @@ class Bench:
     async def refused_write(self) -> dict[str, int]:
         """A weight write in an open touch: FAULTS before, after, and once cleared."""
         status = await self.bus.read("STATUS")
-        assert status & self.map["bits"]["STATUS"]["TOUCH"], f"the touch is not open: STATUS is 0x{status:04x}"
+        assert status & self.map["bits"]["STATUS"]["TOUCH"], (
+            f"the touch is not open: STATUS is 0x{status:04x}"
+        )
         found = {"before": await self.bus.read("FAULTS")}
         await self.bus.write("MEMORY_SELECT", 0)
         for _ in range(4):
@@ -319,6 +396,9 @@ class Bench:
             if monitor.stage == "decision":
                 codes = codes.view(np.uint32)
                 self.measured.decisions(cycles)
+            if monitor.stage == "feature" and self.scans:
+                seen, size = self.scoreboard.seen("feature"), self.config.inputs
+                self.scans.features += cycles[-seen % size :: size].tolist()
             self.scoreboard.check(monitor.stage, codes, cycles)
 
     async def __aenter__(self) -> None:
@@ -333,12 +413,14 @@ class Bench:
                 self.dut.dump.value = 0
                 await FallingEdge(self.dut.clk)
         elif error is None:
-            names = ("STATUS", "FAULTS", "TOUCHES", "LONGEST")
-            self.result["registers"] = {name: await self.bus.read(name) for name in names}
+            read = self.bus.read
+            self.result["registers"] = {name: await read(name) for name in REGISTERS}
         dut, source = self.dut, self.source
         counts = {name: getattr(source, name) for name in ("frames", "overruns", "waited")}
         names = ("cycle", "longest", "measured_cycles", "clocked_cycles", "violations")
         counts |= {name: getattr(dut, name).value.to_unsigned() for name in names}
+        if self.scans:
+            self.result["conversion"] = self.scans.result
         self.result |= {**counts, **self.measured.counts, "compared": dict(self.scoreboard.compared)}
         Path("result.json").write_text(json.dumps(self.result))
 

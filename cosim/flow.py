@@ -3,8 +3,8 @@
 import copy
 import json
 import operator
-import shutil
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import reduce
 from itertools import chain
 from pathlib import Path
@@ -14,7 +14,7 @@ import numpy as np
 
 from eskin.cosim import latency, runner
 from eskin.cosim.netlist import Hardware
-from eskin.cosim.scoreboard import Mismatch, flat_stages, recordings_of, stages_of
+from eskin.cosim.scoreboard import Mismatch, recordings_of, stages_of
 from eskin.golden.core import (
     AcceleratorConfig,
     Arrays,
@@ -47,6 +47,93 @@ class NoClock(SimulationError):
     """No clock was found that meets every budget."""
 
 
+@dataclass(frozen=True)
+class Run:
+    """A design, its vectors and a simulator: what a cocotb test needs. settings: of `eskin.cosim.bench.Bench`."""
+
+    config: AcceleratorConfig
+    expected: Arrays
+    hardware: Hardware
+    simulator: str
+    builds: Path
+    clock_hz: float
+    settings: Record
+
+    @classmethod
+    def of(
+        cls,
+        design: Path,
+        vectors: Path,
+        *,
+        simulator: str = "verilator",
+        pace: str = "full",
+        clock_hz: float | None = None,
+        hardware: Hardware | None = None,
+        builds: Path,
+    ) -> "Run":
+        """Parameters and errors as for `cosim`."""
+        design = Path(design)
+        config = AcceleratorConfig.load(design / "config.json")
+        with np.load(vectors) as archive:
+            expected = dict(archive)
+        clock_hz = float(clock_hz or config.hardware.clock_hz)
+        check(config, expected, vectors, pace, clock_hz)
+        converting = config.interface.converter != "none"
+        if hardware is None and converting:
+            hardware = converter_hardware(design, config)
+        hardware = hardware or Hardware((design / "accelerator.sv",))
+        frames, bits = ("codes", 32) if converting else ("samples", 16)
+        hop = 32 if config.is_image else config.windows.hop
+        settings = {
+            "design": str(design.resolve()),
+            "frames": frames,
+            "block": max(1, min(hop, BLOCK_BITS // (bits * expected[frames].shape[1]))),
+            "bits": bits,
+            "period": clock_hz / config.sensor.sample_rate_hz if pace == "declared" else 0.0,
+            "patience": latency.standstill_cycles(config),
+            "probes": hardware.probes,
+            "measure": "STEP",
+            "stalls": None,
+            "fault": None,
+        }
+        return cls(config, expected, hardware, simulator, Path(builds), clock_hz, settings)
+
+    def play(
+        self,
+        work: Path,
+        settings: Mapping[str, Any],
+        *,
+        bench: str = "eskin.cosim.bench",
+        waves: bool = False,
+    ) -> tuple[Record, float]:
+        """What the cocotb tests of module ``bench`` answer, with these settings beside the run's own, and the wall time in
+        seconds."""
+        config, hardware, settings = self.config, self.hardware, {**self.settings, **settings}
+        parameters = {"FRAMES": settings["block"], "PATIENCE": settings["patience"]}
+        parameters |= {"TAXELS": config.sensor.taxels, "SAMPLE_BITS": config.sensor.sample_bits}
+        if settings["frames"] == "codes":
+            parameters |= converter_parameters(config)
+        options = [
+            *hardware.options,
+            *["-DNO_PROBES"] * (not hardware.probes),
+            *["-DIMAGES"] * config.is_image,
+        ]
+        built = runner.build(
+            self.simulator, hardware.sources, parameters, self.builds, options=options, waves=waves
+        )
+        work.mkdir(parents=True, exist_ok=True)
+        (work / "bench.json").write_text(json.dumps(settings))
+        np.savez(work / "vectors.npz", allow_pickle=False, **self.expected)
+        frames, steps = len(self.expected["samples"]), len(self.expected["decision"])
+        cycles = frames * (
+            config.sensor.taxels * (1 if settings["stalls"] is None else 6) + settings["period"]
+        )
+        cycles += steps * 3 * (config.step_ideal + 500) + 20000
+        limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[hardware.level, self.simulator]
+        wall_s = runner.run(built, work, limit_s=limit_s, bench=bench)
+        return json.loads((work / "result.json").read_text()), wall_s
+
+
 def cosim(
     design: Path,
     vectors: Path,
@@ -60,7 +147,6 @@ def cosim(
     hardware: Hardware | None = None,
     measure: str = "step",
     waves: bool = True,
-    fault: tuple[int, int, int] | None = None,
     work: Path,
     builds: Path,
 ) -> Record:
@@ -89,9 +175,6 @@ def cosim(
         ``registers`` LONGEST.
     waves:
         On a mismatch, play its recording once more and keep waves.
-    fault:
-        With a converter: (first frame, frames, kind) in which its model misbehaves, in every recording; kinds
-        as in its file.
     work:
         Folder for settings, log, answer and waves; made when absent.
     builds:
@@ -115,53 +198,19 @@ def cosim(
     SimulationError
         The simulator fails or takes too long.
     """
-    design, vectors, work = Path(design), Path(vectors), Path(work)
-    config = AcceleratorConfig.load(design / "config.json")
-    with np.load(vectors) as archive:
-        expected = dict(archive)
-    clock_hz = float(clock_hz or config.hardware.clock_hz)
-    check(config, expected, vectors, pace, clock_hz)
+    run = Run.of(
+        design, vectors, simulator=simulator, pace=pace, clock_hz=clock_hz, hardware=hardware, builds=builds
+    )
+    config, expected, hardware = run.config, run.expected, run.hardware
     if measure not in MEASURES:
         raise InputError(f"measure {measure}: is unknown; use {', '.join(MEASURES[:-1])} or {MEASURES[-1]}")
-    converting = config.interface.converter != "none"
-    if converting:
-        hardware = hardware or converter_hardware(design, config)
-    hardware = hardware or Hardware((design / "accelerator.sv",))
-    frames = "codes" if converting else "samples"
-    bits = 32 if converting else 16
-    block = max(1, min(config.windows.hop, BLOCK_BITS // (bits * expected[frames].shape[1])))
-    settings: Record = {
-        "design": str(design.resolve()),
-        "frames": frames,
-        "block": block,
-        "bits": bits,
-        "period": clock_hz / config.sensor.sample_rate_hz if pace == "declared" else 0.0,
-        "stalls": seed & 0x7FFFFFFF if stalls else None,
-        "patience": latency.standstill_cycles(config),
-        "probes": hardware.probes,
-        "measure": measure.upper(),
-        "fault": fault,
-    }
+    settings: Record = {"measure": measure.upper(), "stalls": seed & 0x7FFFFFFF if stalls else None}
     if probe and config.hardware.loadable:
         settings["write_at"] = _open_touch(config, expected)
-    parameters = {"FRAMES": block, "PATIENCE": settings["patience"], "TAXELS": config.sensor.taxels}
-    parameters |= {"SAMPLE_BITS": config.sensor.sample_bits}
-    parameters |= converter_parameters(config) if converting else {}
-    options = [*hardware.options, *["-DNO_PROBES"] * (not hardware.probes), *["-DIMAGES"] * config.is_image]
-
-    def play(folder: Path, settings: Record, arrays: Path, waves: bool) -> tuple[Record, float]:
-        built = runner.build(simulator, hardware.sources, parameters, builds, options=options, waves=waves)
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "bench.json").write_text(json.dumps(settings))
-        if arrays.resolve() != (folder / "vectors.npz").resolve():
-            shutil.copy(arrays, folder / "vectors.npz")
-        cycles = len(expected[frames]) * (config.sensor.taxels * (6 if stalls else 1) + settings["period"])
-        cycles += len(expected["decision"]) * 3 * (config.step_ideal + 500) + 20000
-        limit_s = 120 + cycles / SLOWEST_CYCLES_PER_S[hardware.level, simulator]
-        wall_s = runner.run(built, folder, limit_s=limit_s)
-        return json.loads((folder / "result.json").read_text()), wall_s
-
-    said, wall_s = play(work, settings, vectors, False)
+    said, wall_s = run.play(Path(work), settings)
+    converting = config.interface.converter != "none"
+    if converting:
+        said["overruns"] = said["conversion"]["faults"] >> 2 & 1
     result = result_of(
         config,
         len(expected["numbers"]),
@@ -174,11 +223,11 @@ def cosim(
             "stalls": stalls,
             "seed": seed,
         },
-        clock_hz=clock_hz,
+        clock_hz=run.clock_hz,
         wall_s=wall_s,
     )
     refused = said["probe"]
-    if "-DCLOCKED" in options:
+    if "-DCLOCKED" in hardware.options:
         result["clocked_share"] = said["clocked_cycles"] / max(1, said["measured_cycles"])
     if converting:
         result["conversion"] = said["conversion"] | {
@@ -192,7 +241,7 @@ def cosim(
         and (refused is None or (refused["after"] & 1 == 1 and refused["cleared"] & 1 == 0))
     )
     if said["mismatch"] and waves:
-        result["waves"] = str(_keep_waves(config, expected, said["mismatch"], settings, work, play))
+        result["waves"] = str(_keep_waves(run, said["mismatch"], settings, Path(work)))
     return result
 
 
@@ -218,7 +267,11 @@ def result_of(
     bulk:
         The recordings were played in this process, without cocotb.
     """
-    mismatch = Mismatch(**{k: v for k, v in said["mismatch"].items() if k != "since_arm"}) if said["mismatch"] else None
+    mismatch = (
+        Mismatch(**{k: v for k, v in said["mismatch"].items() if k != "since_arm"})
+        if said["mismatch"]
+        else None
+    )
     cycles = {
         "frame_max": said["longest"],
         **{name: said[name] for name in ("step_min", "step_max")},
@@ -289,7 +342,7 @@ def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[
 
 JOINED: dict[str, Callable[[list[Any]], Any]] = {
     **dict.fromkeys(
-        "recordings frames steps decisions compared_values mismatches simulated_cycles overruns input_stalls "
+        "recordings cocotb_recordings bulk_recordings frames steps decisions compared_values mismatches simulated_cycles overruns input_stalls "
         "wall_s conversion.violations".split(),
         sum,
     ),
@@ -302,7 +355,7 @@ JOINED: dict[str, Callable[[list[Any]], Any]] = {
     **dict.fromkeys(("registers.FAULTS", "conversion.faults"), lambda values: reduce(operator.or_, values)),
     **dict.fromkeys(("registers.STATUS", "registers.TOUCHES"), lambda values: values[-1]),
     "conversion.feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)] if pairs else None,
-    "mismatch_list": lambda values: [*chain.from_iterable(values)][:KEPT_MISMATCHES],
+    "mismatch_list": lambda values: [*chain.from_iterable(values)],
     "gave_up": lambda values: next(iter(values), None),
 }
 """What becomes of the parts' values by their place in a result, None left out."""
@@ -461,33 +514,18 @@ def stage_formats(config: AcceleratorConfig) -> dict[str, QFormat]:
     }
 
 
-def _keep_waves(
-    config: AcceleratorConfig,
-    expected: Arrays,
-    mismatch: Record,
-    settings: Record,
-    work: Path,
-    play: Callable[..., Any],
-) -> Path:
+def _keep_waves(run: Run, mismatch: Record, settings: Record, work: Path) -> Path:
     """Play the recording of the mismatch alone, with waves around it; beside them the meaning of the signals.
     The folder."""
-    played = recordings_of(expected)
+    played = recordings_of(run.expected)
     recording = next((part for part in played if part.number == mismatch["recording"]), played[0])
     folder = work / f"waves_recording{recording.number}"
-    folder.mkdir(parents=True, exist_ok=True)
-    alone = {"numbers": expected["numbers"][[recording.position]], "touches": expected["touches"][[recording.position]]}
-    for name in expected:
-        if name.endswith("offsets"):
-            alone[name] = np.array([0, len(recording[name.removesuffix("_offsets") if name != "offsets" else "samples"])])
-        elif name == "flags":
-            alone[name] = expected[name][[recording.position]]
-        elif name not in alone:
-            alone[name] = recording[name]
-    np.savez(folder / "vectors.npz", **alone)
     since = mismatch["since_arm"] if mismatch["cycle"] >= 0 else 0
-    play(folder, settings | {"waves_from": max(0, since - WAVES_BEFORE)}, folder / "vectors.npz", True)
-    formats = stage_formats(config)
+    alone = replace(run, expected=recording.alone())
+    settings = settings | {"waves_from": max(0, since - WAVES_BEFORE)}
+    said, _ = alone.play(folder, settings, waves=True)
+    formats = stage_formats(run.config)
     signals = {f"wrapper.{'state' if stage == 'map' else stage}": str(fmt) for stage, fmt in formats.items()}
-    said = json.loads((folder / "result.json").read_text())["mismatch"]
-    (folder / "signals.json").write_text(json.dumps({"mismatch": said, "formats": signals}, indent=2) + "\n")
+    described = {"mismatch": said["mismatch"], "formats": signals}
+    (folder / "signals.json").write_text(json.dumps(described, indent=2) + "\n")
     return folder

@@ -7,6 +7,7 @@ first rising edge at which that window's decision can be taken, in cycles.
 import math
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
+from typing import Any
 
 from eskin.golden.core import AcceleratorConfig, Record
 
@@ -23,7 +24,7 @@ class Measured:
     """Counts cycles as values come. counts: steps, decisions, step_min, step_max, latency_max; None: there was none."""
 
     def __init__(self) -> None:
-        self.counts: dict[str, int | None] = {"steps": 0, "decisions": 0}
+        self.counts: dict[str, Any] = {"steps": 0, "decisions": 0}
         self.counts |= dict.fromkeys(("step_min", "step_max", "latency_max"))
         self._offered: list[int] = []
 

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -66,9 +66,10 @@ def verilator_command() -> tuple[Path, dict[str, str]]:
 
 
 class _Limited(cocotb_runner.Runner):
-    """With a wall-clock limit."""
+    """With a wall-clock limit, seconds. compiling: how g++ optimises what Verilator writes."""
 
     limit_s = 3600.0
+    compiling: Sequence[str] = ()
 
     def _get_sim_cmd_prefix(self) -> list[str]:
         return ["timeout", "-k", "5", f"{self.limit_s:.3f}"]
@@ -80,8 +81,6 @@ class _Icarus(_Limited, cocotb_runner.Icarus):
 
 class _Verilator(_Limited, cocotb_runner.Verilator):
     """Without ``--public-flat-rw``: the wrapper marks what the bench may touch, and the rest is optimised."""
-
-    compiling: Sequence[str] = COMPILE_OPTIONS
 
     def _simulator_in_path_build_only(self) -> None:
         command, environment = verilator_command()
@@ -95,7 +94,11 @@ class _Verilator(_Limited, cocotb_runner.Verilator):
     def _execute_cmds(self, cmds: Any, cwd: Any, stdout: Any = None) -> None:
         for command in cmds:
             shared = command[0] == "make"
-            with _shared_runtime(Path(cwd), ["cocotb", self.waves, *self.compiling]) if shared else nullcontext():
+            with (
+                _shared_runtime(Path(cwd), ["cocotb", self.waves, *self.compiling])
+                if shared
+                else nullcontext()
+            ):
                 super()._execute_cmds([command], cwd, stdout)
 
 
@@ -160,7 +163,7 @@ def build(
     need_tools(tools, f"co-simulation with {simulator}")
     paths = [*([wrapper] if wrapper else []), *map(Path, design)]
     sources = sorted(paths, key=lambda path: path.suffix != ".svh")  # the others in their order
-    chosen = {
+    chosen: dict[str, Any] = {
         "hdl_toplevel": top,
         "parameters": dict(parameters),
         "waves": waves and verilator,
@@ -178,7 +181,7 @@ def build(
 
     def make(folder: Path) -> None:
         log = folder / "build.log"
-        runner = _Verilator() if verilator else _Icarus()
+        runner: _Limited = _Verilator() if verilator else _Icarus()
         runner.compiling = compiling
         headers = [path for path in sources if path.suffix == ".svh"]
         try:
@@ -190,12 +193,21 @@ def build(
                 **chosen,
             )
         except (RuntimeError, SystemExit) as error:
-            raise SimulationError(f"building the simulator failed ({error}) in {folder}\n{_tail(log)}") from None
+            raise SimulationError(
+                f"building the simulator failed ({error}) in {folder}\n{_tail(log)}"
+            ) from None
 
     return Build(simulator, kept(root, simulator, described, make), waves, top)
 
 
-def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cosim.bench") -> float:
+def run(
+    simulator: Build,
+    work: Path,
+    *,
+    limit_s: float,
+    bench: str = "eskin.cosim.bench",
+    plusargs: Mapping[str, int] | None = None,
+) -> float:
     """Run the cocotb tests of module ``bench`` in ``work``; the wall time in seconds.
 
     They answer in ``result.json`` there.
@@ -208,10 +220,10 @@ def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cos
     """
     log, result = work / "simulation.log", work / "result.json"
     result.unlink(missing_ok=True)
-    runner = _Verilator() if simulator.simulator == "verilator" else _Icarus()
+    runner: _Limited = _Verilator() if simulator.simulator == "verilator" else _Icarus()
     runner.limit_s = limit_s
     begin = time.monotonic()
-    try:
+    with suppress(RuntimeError, SystemExit):  # what became of it is in the answer and in the log
         runner.test(
             test_module=bench,
             hdl_toplevel=simulator.top,
@@ -219,10 +231,9 @@ def run(simulator: Build, work: Path, *, limit_s: float, bench: str = "eskin.cos
             build_dir=simulator.folder,
             test_dir=work,
             extra_env={"OPENBLAS_NUM_THREADS": "1"},
+            plusargs=[f"+{name}={value}" for name, value in (plusargs or {}).items()],
             log_file=log,
         )
-    except (RuntimeError, SystemExit):
-        pass  # what became of it is in the answer and in the log
     wall_s = time.monotonic() - begin
     if not result.exists():
         late = f"took longer than {limit_s:.0f} s" if wall_s >= limit_s else "failed"
@@ -291,7 +302,11 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: st
     def make(folder: Path) -> None:
         (folder / "design.sv").write_text(design)
         words = ["-cc", "--exe", "-Mdir", ".", "--top-module", top, "--prefix", "Vtop", "-o", "device.so"]
-        _step([str(verilator), *words, *LIBRARY_OPTIONS, "design.sv", str(kernel.resolve())], folder, environment)
+        _step(
+            [str(verilator), *words, *LIBRARY_OPTIONS, "design.sv", str(kernel.resolve())],
+            folder,
+            environment,
+        )
         ports = PORT.findall((folder / "Vtop.h").read_text())
         rows = (f'{{"{name.replace("___05F", "__")}", &top.{name}, sizeof top.{name}}},\n' for name in ports)
         (folder / "ports.h").write_text("".join(rows))
@@ -307,8 +322,14 @@ def build_library(design: str, top: str, kernel: Path, builds: Path, purpose: st
 def _step(command: list[str], folder: Path, environment: Mapping[str, str]) -> None:
     log = folder / "build.log"
     with log.open("a") as output:
-        streams = {"stdout": output, "stderr": subprocess.STDOUT}
-        ended = subprocess.run(command, cwd=folder, env=os.environ | environment, check=False, **streams)
+        ended = subprocess.run(
+            command,
+            cwd=folder,
+            env=os.environ | environment,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            check=False,
+        )
     if ended.returncode:
         status = ended.returncode
         raise SimulationError(f"building the simulator failed (status {status}) in {folder}\n{_tail(log)}")

@@ -4,8 +4,7 @@ first that differs: a wrong one, one too many, one that is missing, one with an 
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -103,8 +102,21 @@ class Recording:
 
     def __getitem__(self, name: str) -> np.ndarray:
         # an array without offsets of its own has a row a frame
-        offsets = self.arrays.get(f"{name.removesuffix('_frame')}_offsets", self.arrays["offsets"])
+        own = f"{name.removesuffix('_frame')}_offsets"
+        offsets = self.arrays[own if own in self.arrays else "offsets"]
         return self.arrays[name][slice(*offsets[self.position : self.position + 2].tolist())]
+
+    def alone(self) -> dict[str, np.ndarray]:
+        """The arrays of this recording alone."""
+        single = ("numbers", "touches", "flags")
+        arrays = {name: self.arrays[name][[self.position]] for name in single if name in self.arrays}
+        for name in self.arrays:
+            if name.endswith("offsets"):
+                of = name.removesuffix("_offsets") if name != "offsets" else "samples"
+                arrays[name] = np.array([0, len(self[of])])
+            elif name not in arrays:
+                arrays[name] = self[name]
+        return arrays
 
 
 def recordings_of(expected: Arrays) -> list[Recording]:
@@ -136,14 +148,20 @@ class Scoreboard:
             "map": _kept_values(config) if config.is_image else 0,
         }
         chain = (*flat_stages(config), "decision", "status")
-        self.compared = Counter({stage: 0 for stage in chain if stage != "fault" or config.faults.fault_frames})
+        self.compared = Counter(
+            {stage: 0 for stage in chain if stage != "fault" or config.faults.fault_frames}
+        )
 
     def begin(self, recording: Recording) -> None:
         """What comes from now on is of ``recording``."""
         self.recording = recording
         self._seen = dict.fromkeys((*self._flat, "decision"), 0)
 
-    def check(self, stage: str, values: np.ndarray, cycles: Sequence[int] = ()) -> None:
+    def seen(self, stage: str) -> int:
+        """Values of the present recording that came so far."""
+        return self._seen[stage]
+
+    def check(self, stage: str, values: np.ndarray, cycles: np.ndarray | None = None) -> None:
         """The next values of a stage, and the cycles they came in.
 
         Raises
@@ -156,6 +174,7 @@ class Scoreboard:
         self.compared[stage] += wanted.size
         if stage == "decision":
             pairs = (self._wrong_field(*pair) for pair in zip(wanted.tolist(), values.tolist(), strict=False))
+            wrong: list[tuple[int, str, int | None, int]]
             wrong = [(index, *found) for index, found in enumerate(pairs) if found]
         else:
             differing = np.flatnonzero(values[: len(wanted)] != wanted)[:1]
@@ -163,7 +182,7 @@ class Scoreboard:
         if not wrong and len(wanted) < len(values):
             wrong = [(len(wanted), "one too many", None, int(values[len(wanted)]))]
         for index, place, want, got in wrong[:1]:
-            raise self.mismatch(stage, low + index, place, want, got, cycles[index] if len(cycles) else -1)
+            raise self.mismatch(stage, low + index, place, want, got, -1 if cycles is None else cycles[index])
 
     def end(self, status: Mapping[str, int]) -> None:
         """The recording is over, and these are the registers STATUS, FAULTS, TOUCHES and, where there are fault flags,
@@ -177,7 +196,9 @@ class Scoreboard:
             wanted = self.recording[stage]
             if seen < len(wanted):
                 value = wanted[seen]
-                label, place = (value[2], "class") if stage == "decision" else (value, self._place(stage, seen))
+                label, place = (
+                    (value[2], "class") if stage == "decision" else (value, self._place(stage, seen))
+                )
                 raise self.mismatch(stage, seen, f"{place}, the first that is missing", int(label), None)
         touches = int(self._expected["touches"][self.recording.position])
         faults = status["FAULTS"]
@@ -239,8 +260,3 @@ def stages_of(compared: Mapping[str, int], mismatch: Mismatch | None) -> dict[st
         }
         for name in names
     }
-
-
-def as_plain(mismatch: Mismatch | None) -> dict[str, Any] | None:
-    """As JSON holds it."""
-    return asdict(mismatch) if mismatch else None
