@@ -153,7 +153,7 @@ class FrameSource:
     def __init__(self, dut, events: EventReader, *, block: int, bits: int, period: float) -> None:
         self._dut, self._block, self._type, self.period = dut, block, f"<u{bits // 8}", period
         self._free, self._marked = Event(), deque[int]()
-        self.frames = self.overruns = self.waited = self._toggle = 0
+        self.frames = self.overruns = self.waited = self._toggle = self._sent = 0
         self.taken: dict[int, int] = {}
         events.take |= {
             "sent": lambda _: self._free.set(),
@@ -199,9 +199,7 @@ class FrameSource:
     @property
     def position(self) -> int:
         """Frame of the recording (from 1 on) that is being offered."""
-        return (
-            max(0, self._sent - self._dut.frames.value.to_unsigned()) + self._dut.frame.value.to_signed() + 1
-        )
+        return max(0, self._sent - self._dut.frames.value.to_unsigned()) + int(self._dut.frame.value) + 1
 
     async def through(self) -> None:
         """All frames that were sent are taken."""
@@ -302,7 +300,8 @@ class Bench:
 
     async def start(self) -> None:
         """Reset, the monitors, register ID, the model."""
-        dut, events = self.dut, self.events
+        dut, events, self.armed_at = self.dut, self.events, 0
+        self.scoreboard.begin(self.recordings[0])
         for stage in (*flat_stages(self.config), "decision", "step"):
             monitor = StageMonitor(stage)
             events.take["state" if stage == "map" else stage] = monitor.put
@@ -406,13 +405,15 @@ class Bench:
 
     async def __aexit__(self, kind: Any, error: BaseException | None, _: Any) -> None:
         """The result: the registers at the end, or the first mismatch, behind which the waves go on for a while."""
-        if isinstance(error, Mismatch):
+        if error is not None and not isinstance(error, Mismatch):
+            return  # no answer: the log says why
+        if error is not None:
             self.result["mismatch"] = vars(error) | {"since_arm": error.cycle - self.armed_at}
             if "waves_from" in self.settings:
                 await Timer(WAVES_AFTER * CYCLE_NS, "ns")
                 self.dut.dump.value = 0
                 await FallingEdge(self.dut.clk)
-        elif error is None:
+        else:
             read = self.bus.read
             self.result["registers"] = {name: await read(name) for name in REGISTERS}
         dut, source = self.dut, self.source

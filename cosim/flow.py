@@ -78,7 +78,7 @@ class Run:
             expected = dict(archive)
         clock_hz = float(clock_hz or config.hardware.clock_hz)
         check(config, expected, vectors, pace, clock_hz)
-        converting = config.interface.converter != "none"
+        converting = config.interface.converter.name != "none"
         if hardware is None and converting:
             hardware = converter_hardware(design, config)
         hardware = hardware or Hardware((design / "accelerator.sv",))
@@ -208,7 +208,7 @@ def cosim(
     if probe and config.hardware.loadable:
         settings["write_at"] = _open_touch(config, expected)
     said, wall_s = run.play(Path(work), settings)
-    converting = config.interface.converter != "none"
+    converting = config.interface.converter.name != "none"
     if converting:
         said["overruns"] = said["conversion"]["faults"] >> 2 & 1
     result = result_of(
@@ -231,7 +231,7 @@ def cosim(
         result["clocked_share"] = said["clocked_cycles"] / max(1, said["measured_cycles"])
     if converting:
         result["conversion"] = said["conversion"] | {
-            "converter": config.interface.converter,
+            "converter": config.interface.converter.name,
             "code_bits": converters.code_bits(config),
             "violations": said["violations"],
         }
@@ -306,7 +306,7 @@ def result_of(
         "cycles_per_s": round(said["cycle"] / wall_s),
         "overruns": overruns,
         "input_stalls": said["waited"],
-        "registers": said.get("registers", {}),
+        "registers": said.get("registers") or dict.fromkeys(("STATUS", "FAULTS", "TOUCHES", "LONGEST")),
         "probe": said.get("probe"),
         "mismatch_list": [str(mismatch)] if mismatch else [],
         "waves": None,
@@ -335,7 +335,7 @@ def converter_hardware(design: Path, config: AcceleratorConfig) -> Hardware:
 def converter_model(config: AcceleratorConfig) -> tuple[tuple[Path, ...], tuple[str, ...]]:
     """Files and compiler options of the converter's model and of its wiring. `spi.sv` stands for every SPI
     chip that has no model of its own."""
-    folder, name = Path(__file__).with_name("converters"), config.interface.converter
+    folder, name = Path(__file__).with_name("converters"), config.interface.converter.name
     models = (folder / f"{model}.sv" for model in (name, "spi"))
     return (folder / "pins.svh", next(filter(Path.is_file, models))), (f"-DCONVERTER_{name}",)
 
@@ -352,8 +352,10 @@ JOINED: dict[str, Callable[[list[Any]], Any]] = {
         lambda values: max(values, default=None),
     ),
     "cycles.step_min": lambda values: min(values, default=None),
-    **dict.fromkeys(("registers.FAULTS", "conversion.faults"), lambda values: reduce(operator.or_, values)),
-    **dict.fromkeys(("registers.STATUS", "registers.TOUCHES"), lambda values: values[-1]),
+    **dict.fromkeys(
+        ("registers.FAULTS", "conversion.faults"), lambda values: reduce(operator.or_, values, 0)
+    ),
+    **dict.fromkeys(("registers.STATUS", "registers.TOUCHES"), lambda values: values[-1] if values else None),
     "conversion.feature_cycles": lambda pairs: [f(chain(*pairs)) for f in (min, max)] if pairs else None,
     "mismatch_list": lambda values: [*chain.from_iterable(values)],
     "gave_up": lambda values: next(iter(values), None),

@@ -77,8 +77,6 @@ class Program:
         A Liberty function in C's operators, which are Python's.
     wrong:
         A logic cell that says the opposite.
-    unit_delay:
-        Delays are one tick a cell, not those of its table.
 
     Attributes
     ----------
@@ -94,11 +92,8 @@ class Program:
         cells: Mapping[str, Any],
         expression: Callable[[str], str],
         wrong: str | None = None,
-        *,
-        unit_delay: bool = False,
     ) -> None:
         self._expression, self._wrong = expression, wrong
-        self._ticks = (lambda cell, pin: 1) if unit_delay else _ticks
         root = module["ports"]["clk"]["bits"][0]
         nets = [
             bit
@@ -221,7 +216,7 @@ class Program:
                 kind.words,
                 len(pins["A_ADDR"]),
                 len(shows),
-                self._ticks(kind, "A_DOUT"),
+                _ticks(kind, "A_DOUT"),
                 *pins["A_ADDR"],
                 *pins["A_DIN"],
                 *pins["A_BM"],
@@ -240,7 +235,7 @@ class Program:
         for pin, port in kind.pins.items():
             if port.direction == "output" and connections.get(pin):
                 nets[port.function == kind.state["state"]] = connections[pin][0]
-                delay = self._ticks(kind, pin)
+                delay = _ticks(kind, pin)
         return nets[True], nets[False], delay
 
     def _evaluated(self, function: str, ends: Mapping[str, int | str]) -> tuple[list[int], int]:
@@ -258,7 +253,7 @@ class Program:
         )
         if name == self._wrong:
             table ^= (1 << (1 << len(inputs))) - 1
-        return connections[pin][0], inputs, table, self._ticks(kind, pin)
+        return connections[pin][0], inputs, table, _ticks(kind, pin)
 
     def _logic(self, rows: list[tuple[str, Any, dict]]) -> list[tuple[str, Any, dict, str]]:
         """Outputs of logic cells, each behind those that it reads."""
@@ -307,8 +302,7 @@ class Chip:
     seed:
         Of what states and memories begin with.
     delays:
-        None: nets settle without delay; ``cells``: each cell takes its table's delay; ``unit``: all take the
-        same.
+        Each cell takes its table's delay; otherwise nets settle without one.
     builds:
         Where the compiled program is kept.
     Others as of `Program`.
@@ -327,14 +321,14 @@ class Chip:
         seed: int,
         wrong: str | None = None,
         *,
-        delays: str | None = None,
+        delays: bool = False,
         builds: Path = BUILDS,
     ) -> None:
         self.delays = delays
         self.library = _library(builds)
-        program = self.program = Program(module, cells, expression, wrong, unit_delay=delays == "unit")
+        program = self.program = Program(module, cells, expression, wrong)
         self._chip = self.library.make(ctypes.byref(program.tables))
-        if delays is not None:
+        if delays:
             self.library.with_delays(self._chip)
         ports: dict[str, list[int]] = {}
         for name, port in module["ports"].items():

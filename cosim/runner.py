@@ -76,7 +76,10 @@ class _Limited(cocotb_runner.Runner):
 
 
 class _Icarus(_Limited, cocotb_runner.Icarus):
-    pass
+    """The wrapper chooses what is dumped, which ``-none`` would forbid."""
+
+    def _test_command(self) -> list[Any]:
+        return [[word for word in command if word != "-none"] for command in super()._test_command()]
 
 
 class _Verilator(_Limited, cocotb_runner.Verilator):

@@ -171,7 +171,8 @@ class Scoreboard:
         low = self._seen[stage]
         self._seen[stage] = high = low + len(values)
         wanted = self.recording[stage][low:high]
-        self.compared[stage] += wanted.size
+        if wanted.size:
+            self.compared[stage] += wanted.size
         if stage == "decision":
             pairs = (self._wrong_field(*pair) for pair in zip(wanted.tolist(), values.tolist(), strict=False))
             wrong: list[tuple[int, str, int | None, int]]

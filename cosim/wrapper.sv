@@ -106,14 +106,17 @@ module wrapper #(
         if (valid[3]) say(3, state, cycle);
         if (valid[4]) say(4, logit, cycle);
         if (valid[5]) say(5, step, cycle);
-        if (stalled && (!o_valid || o_payload !== held)) say(UNSTABLE, o_payload, cycle);
+        if (stalled && (!o_valid || o_payload !== held)) begin
+            hurry = 1'b1;
+            say(UNSTABLE, o_payload, cycle);
+        end
         if (o_valid && !offered) offered_at = cycle;
         if (o_valid && o_ready) say(6, o_payload, offered_at);
         offered = o_valid && !o_ready;
         stalled = offered && !rst;
         held = o_payload;
         if (!x_seen && !rst && (^{i_ready, o_valid, busy, valid}) === 1'bx) begin
-            x_seen = 1'b1;
+            {x_seen, hurry} = 2'b11;
             say(UNKNOWN, 0, cycle);
         end
         // ------------------------------------------------------------ frames
@@ -125,7 +128,7 @@ module wrapper #(
         end else if (i_valid) begin
             waited = waited + 1;
             if (waited == PATIENCE) say(STUCK, 0, cycle);
-            hurry = waited == PATIENCE;
+            if (waited == PATIENCE) hurry = 1'b1;
         end
         if (left == 0 && sent != loaded) begin
             {playing, due, left, frame, loaded, hurry} = {block, dues, {16'd0, frames}, 32'd0, sent, 1'b1};
@@ -144,7 +147,7 @@ module wrapper #(
             hurry = 1'b1;
             say(SCAN, 0, cycle);
         end
-        run <= left != 0;
+        run <= left != 0 || sent != loaded;  // the sample clock goes on from block to block
         if (port_was && !(`PORT_BUSY)) say(RESTED, 0, cycle);
         port_was = `PORT_BUSY;
         faults <= faults | fault_bits;

@@ -264,7 +264,7 @@ class Model(Estimator):
                 callback=callback,
                 **self._options,
             )
-            quantise(folder)
+            quantise(folder, recordings if load_config(folder).has_prototypes else None)
             fitted = Model.load(folder)
         self._integer, self._real, self._training = fitted._integer, fitted._real, fitted._training
         return self

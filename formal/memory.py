@@ -20,6 +20,8 @@ class OpenMemory(Elaboratable):
     words:
         The registers; their names begin with ``free_``, which makes formal/run.py leave out their initial
         values.
+    reads, writes:
+        Their ports.
     """
 
     def __init__(self, *, shape, depth: int, init=(), attrs=None) -> None:
@@ -27,8 +29,8 @@ class OpenMemory(Elaboratable):
             raise ValueError("a memory with contents stays what it is")
         self.layout, self.shape, self.depth = shape, Shape.cast(shape), depth
         self.words = Array(Signal(self.shape, name=f"free_word_{k}") for k in range(depth))
-        self._reads: list = []
-        self._writes: list = []
+        self.reads: list = []
+        self.writes: list = []
 
     def _port(self, kind: list, name: str):
         port = SimpleNamespace(
@@ -41,20 +43,20 @@ class OpenMemory(Elaboratable):
 
     def read_port(self):
         """As of the real memory: a cycle late, only with ``en``."""
-        return self._port(self._reads, "read")
+        return self._port(self.reads, "read")
 
     def write_port(self):
         """As of the real memory, without granularity."""
-        return self._port(self._writes, "write")
+        return self._port(self.writes, "write")
 
     def elaborate(self, platform):
         m = Module()
-        for port in self._writes:
+        for port in self.writes:
             with m.If(port.en):
                 m.d.sync += self.words[port.addr].eq(Value.cast(port.data))
-        for port in self._reads:
+        for port in self.reads:
             collides = Value.cast(0)
-            for other in self._writes:
+            for other in self.writes:
                 collides = collides | (other.en & (other.addr == port.addr))
             with m.If(port.en):
                 m.d.sync += Value.cast(port.data).eq(Mux(collides, AnySeq(self.shape), self.words[port.addr]))

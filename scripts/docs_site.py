@@ -65,7 +65,7 @@ def packages() -> dict[str, list[Path]]:
 def _choices(schema: dict[str, Any]) -> str:
     """What may be given for a field, from its JSON schema."""
     if "$ref" in schema:
-        return "signed format"
+        return "a name, or an object" if schema["$ref"].endswith("Converter") else "signed format"
     if "enum" in schema:
         return ", ".join(f"`{word}`" for word in schema["enum"])
     if "anyOf" in schema:

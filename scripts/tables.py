@@ -19,6 +19,8 @@ buses [SHELL ...]
 features [KINDS ...]
     Kinds of feature on the PVDF preset; frame, frame_plain: most cycles of a frame that ends a window, and of
     another.
+steps
+    Cycles of a step against the ideal, formats of preset ``thesis``.
 checks
     Checksum and watchdog, placed once, with the link, which tells the faults.
 readouts
@@ -36,6 +38,7 @@ import json
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +50,7 @@ from eskin.golden.data import Recordings
 from eskin.golden.model import random_integer_model, random_recordings
 from eskin.rtl.fpga.generate import generate
 from eskin.rtl.fpga.implementation import place
-from eskin.rtl.fpga.synthesis import ICE40, Chain, Harness, PoweredOn, counted, synthesise
+from eskin.rtl.fpga.synthesis import ICE40, Chain, Harness, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import target
 from eskin.rtl.program.memory_map import prototype_words
 from eskin.rtl.program.schedule import (
@@ -90,7 +93,6 @@ FEATURES: dict[str, Record] = {
 """Changes to the preset by the name of the row."""
 BUSES: dict[str, Record] = {
     "Wishbone": {"bus": "wishbone"},
-    "APB": {"bus": "apb"},
     "AXI4-Lite": {"bus": "axi4lite"},
     "Wishbone, no queue": {"bus": "wishbone", "depth": 0},
     "Wishbone, a queue of 4": {"bus": "wishbone", "depth": 4},
@@ -122,10 +124,17 @@ def scene(text: str) -> tuple[str, AcceleratorConfig, list[Record]]:
     return name or Path(folder).name, AcceleratorConfig.load(Path(folder) / "config.json"), candidates
 
 
+CELLS = dict(
+    lut="SB_LUT4", carry="SB_CARRY", ff="SB_DFF", bram="SB_RAM40_4K", spram="SB_SPRAM", dsp="SB_MAC16"
+)
+"""How the names of the cells begin that a column counts."""
+
+
 def cells_of(design: Any) -> dict[str, int]:
     """Cells by kind."""
     with tempfile.TemporaryDirectory() as folder:
-        return counted(synthesise(design, ICE40, Path(folder)).cells)
+        counts = synthesise(design, ICE40, Path(folder)).cells.items()
+    return {kind: sum(n for cell, n in counts if cell.startswith(name)) for kind, name in CELLS.items()}
 
 
 # ---------------------------------------------------------------------- cells
@@ -338,6 +347,23 @@ def taught_chip(config: AcceleratorConfig, pdk: str, liberty: Sequence[Path]) ->
     )
 
 
+def step_rows(asked: argparse.Namespace) -> Iterator[Row]:
+    """Cells, three sizes and 1 to 12 lanes."""
+    base = PRESETS[asked.preset]
+    cells = (("gru", "before"), ("gru", "after"), ("lstm", "before"))
+    for (cell, reset), (taxels, hidden, classes) in product(cells, ((16, 12, 3), (8, 8, 5), (64, 32, 32))):
+        names = tuple(f"class{k}" for k in range(classes))
+        sized = base.replace(cell=cell, reset=reset, taxels=taxels, hidden=hidden, class_names=names)
+        for lanes in (1, 2, 4, 6, 12):
+            plan = schedule(sized.replace(lanes=lanes))
+            ideal = plan.config.step_ideal
+            yield (
+                f"{cell.upper()} reset {reset}" if cell == "gru" else "LSTM",
+                *(taxels, hidden, classes, lanes, plan.step_cycles, ideal),
+                *(f"{plan.step_cycles / ideal:.3f}", f"{100 * plan.busy_share:.1f} %", plan.decision_cycles),
+            )
+
+
 TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
     "cells": (
         "scene | cell | accuracy | multiplies a touch | cycles a step | latency | LUT | flip-flops | multipliers "
@@ -358,6 +384,10 @@ TABLES: dict[str, tuple[str, Callable[[argparse.Namespace], Iterator[Row]]]] = {
         "readout | cells | memories | MHz | cycles a step, to the decision | a touch | teaching | waiting",
         readout_rows,
     ),
+    "steps": (
+        "cell | taxels | hidden | classes | lanes | cycles | ideal | ratio | busy share | features to decision",
+        step_rows,
+    ),
     "checks": ("checks | cells | flip-flops | block memories | cycles a step", check_rows),
 }
 """Columns and rows of each table."""
@@ -373,9 +403,9 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("table", choices=TABLES)
     parser.add_argument("rows", nargs="*", metavar="ROW")
     parser.add_argument("--lanes", type=int, default=LANES, help="of features, checks")
-    parser.add_argument("--lane-type", default="dsp", help="of features, checks: plain, dsp or serial")
+    parser.add_argument("--lane-type", default="dsp", help="of features, checks: plain or dsp")
     parser.add_argument("--block", type=int, default=24, help="of features: frames of a block of activity")
-    parser.add_argument("--preset", default="thesis", help="of checks")
+    parser.add_argument("--preset", default="thesis", help="of checks, steps")
     parser.add_argument("--pdk", default="ihp-sg13g2", help="of designs, readouts")
     parser.add_argument(
         "--liberty", nargs="*", type=Path, default=(), help="of designs, readouts: the chip's process"

@@ -80,7 +80,7 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     ),
     "quantise": ("quantise {model}", ("linear", "image")),
     "quantise --readout": (
-        "quantise {model} --data {data} --readout prototypes --group person --unknown 0.1",
+        "quantise {model} --data {data} --readout prototypes --group person",
         ("linear", "lstm", "image"),
     ),
     "quantise --logit-error": ("quantise {model} --data {data} --logit-error 5 --group person", ("image",)),
@@ -88,13 +88,11 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "compare": ("compare {model} --out {out}", ("gru-after", "image")),
     "generate": ("generate {model} --out {out}/design", ("rom", "prototypes", "image")),
     "generate --bus": ("generate {model} --bus axi4lite --out {out}/design", ("image",)),
-    "generate --streams": ("generate {model} --bus apb --fifo 4 --streams axis --out {out}/design", ()),
+    "generate --streams": ("generate {model} --bus wishbone --fifo 4 --streams axis --out {out}/design", ()),
     "export --to c": ("export {model} --to c --out {out}/c", ("linear", "image")),
     "export --to onnx": ("export {model} --to onnx --out {out}/onnx", ("lstm", "image")),
     "import onnx": ("import {onnx} --out {out}/model", ("linear", "gru-after", "image")),
     "schedule": ("schedule {model} --out {out}", ("gru-before", "image")),
-    "schedule --table": ("schedule {model} --table", ("image",)),
-    "schedule --complexity": ("schedule {model} --complexity --out {out}", ("image",)),
     "cosim": ("cosim {model} --data {data} --recordings 1 --simulator icarus", ("linear", "converter")),
     "cosim netlist": (
         "cosim {model} --data {data} --recordings 1 --level netlist --target icebreaker",
@@ -103,7 +101,6 @@ ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     "run": (f"run {JUDGED} --recordings 1 --out {{out}}/result", ("linear",)),
     "report": ("report {result}", ()),
     "build": ("build {model} --target icebreaker --out {out}/board", ()),
-    "build --synthesis-only": ("build {model} --synthesis-only gatemate --out {out}/netlist", ()),
     "build --standalone --flash": (
         "build {model} --target icebreaker --converter ads7953 --standalone --flash --out {out}/board",
         ("image",),
@@ -156,8 +153,6 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
         ("rom",),
         "field loadable: is false, and the memory of prototypes is one that the host fills",
     ),
-    (("schedule --table",), ("image",), "--table: is for cells that read windows"),
-    (("schedule --complexity",), ("image",), "--complexity: is for cells that read windows"),
     (
         ("cosim netlist",),
         ("converter",),
@@ -178,6 +173,13 @@ REFUSED: list[tuple[tuple[str, ...], tuple[str, ...], str]] = [
     (("export --to c",), ("prototypes",), "field readout: is 'prototypes', which C does not have"),
     (("import onnx",), ("prototypes", "image"), "--config: is missing"),
     (("enrol",), ("prototypes",), "field readout: is 'prototypes', which weights trained on would not fit"),
+    (("quantise --readout",), ("early",), "field early_margin: is 64 in config.json, of logits"),
+    (("quantise",), ("prototypes",), "field readout: is 'prototypes', which are made of the recordings"),
+    (
+        ("quantise --logit-error",),
+        ("prototypes",),
+        "field readout: is 'prototypes', and logit_error is of logits",
+    ),
     (("quantise --readout",), ("image",), "--readout: is for models that read recordings"),
     (
         ("enrol", "enrol --teach", "asic"),

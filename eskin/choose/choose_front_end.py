@@ -40,7 +40,7 @@ from eskin.choose.choice_table import front_end_words, left_out
 from eskin.choose.cost import Market
 from eskin.golden.core import PRESETS, AcceleratorConfig, InputError, QFormat, Record
 from eskin.golden.core.groups import Features
-from eskin.golden.data import Recordings, check_fit
+from eskin.golden.data import Recordings, check_fit, no_group
 from eskin.golden.model import first_touches, normalise, normaliser_constants, real_features, with_network
 from eskin.golden.model.preprocess import FirstTouches, cut_windows
 from eskin.training.datasets import scaling
@@ -178,17 +178,16 @@ def choose_split(recordings: Recordings, groups: Sequence[str] | None) -> tuple[
     """The groups that stay together while front end and network are chosen, and where they come from, in
     words.
 
-    Those asked for; else the archive's first group array of which every class has two values at least and
-    which is not one of a kind for each recording; else none: single recordings.
+    Those asked for; else the archive's first group array of which every class has two values at least
+    (``no_group``: what is none); else none: single recordings.
     """
     if groups is not None:
         return list(groups), "as asked for"
     for name, values in recordings.groups.items():
-        count = len(np.unique(values))
         seen_twice = all(
             len(np.unique(values[recordings.labels == label])) >= 2 for label in np.unique(recordings.labels)
         )
-        if 2 <= count < len(recordings) and seen_twice:
+        if seen_twice and not no_group(values, recordings.labels):
             return [name], "the archive's first group"
     return [], "the archive has no group that can be left out, so single recordings are"
 

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from eskin.cli.common import (
     DATA,
@@ -66,9 +66,6 @@ def convert(
     rate: Annotated[
         float | None, option("Frames a second; default: of the time column.", metavar="HZ")
     ] = None,
-    time: Annotated[
-        str | None, option("The time column, by name or number from 1.", metavar="COLUMN")
-    ] = None,
     columns: Annotated[
         str | None,
         option("The taxels: names or numbers from 1, such as 2-17; default: all else.", metavar="A,B.."),
@@ -79,13 +76,10 @@ def convert(
     class_: Annotated[
         str | None,
         option(
-            "Long table: the class of a row. .mat, .h5: the array of classes. Log: the topic of classes.",
+            "The class: a column, an attribute, of .mat and .h5 the array of classes, of a log their topic.",
             "--class",
             metavar="NAME",
         ),
-    ] = None,
-    group: Annotated[
-        str | None, option("Long table: columns that are groups. .mat, .h5: arrays.", metavar="A,B..")
     ] = None,
     delimiter: Annotated[str | None, option("What separates the cells: a character, or tab, blank.")] = None,
     samples: Annotated[
@@ -95,6 +89,10 @@ def convert(
         Path | None,
         option("Log: a .csv table of start, end (s) and class, a row a recording.", metavar="FILE"),
     ] = None,
+    clock: Annotated[
+        Literal["log", "header"],
+        option("Log: whose times frames and labels have, the log's or their headers'."),
+    ] = "log",
     scale: Annotated[
         float | None, option("What one code is worth; default: whole numbers are codes, others get a scale.")
     ] = None,
@@ -114,14 +112,13 @@ def convert(
     check_target(out)
     reading = Reading(
         rate_hz=rate,
-        time=time,
         columns=tuple(group_names(columns or "")),
         recording=recording,
         label=class_,
-        groups=tuple(group_names(group or "")),
         delimiter=delimiter,
         samples=samples,
         labels=labels,
+        clock=clock,
         scale=scale,
     )
     recordings = load_recordings(source, reading=reading)

@@ -32,7 +32,7 @@ from eskin.cli.common import (
     show,
     stop,
 )
-from eskin.golden.core import InputError, Record, check_folder, check_target, replacing
+from eskin.golden.core import PREFIX, InputError, Record, check_folder, check_target, replacing
 
 Simulator = Literal["verilator", "icarus", "compiled"]
 """Simulators."""
@@ -42,7 +42,7 @@ Level = Literal["rtl", "netlist"]
 """What is simulated."""
 
 
-Bus = Literal["wishbone", "axi4lite", "apb"]
+Bus = Literal["wishbone", "axi4lite"]
 """Buses of a user's system."""
 
 
@@ -67,6 +67,14 @@ def generate(
     streams: Annotated[
         Literal["axis"] | None, option("Frames under AXI-Stream names; without --bus decisions too.")
     ] = None,
+    top: Annotated[
+        str | None,
+        option(
+            "Name of the topmost module; all other modules and the driver begin with it, so that several designs go into "
+            "one system.",
+            metavar="NAME",
+        ),
+    ] = None,
 ) -> None:
     """Write the accelerator: Verilog, memory images, config.json, register map, C header, self-checking
     testbench."""
@@ -81,7 +89,14 @@ def generate(
 
     integer = integer_model(model)
     recordings = None if data is None else recordings_for(data, integer.config)
-    design = {"lanes": lanes, "lane_type": lane_type, "bus": bus, "axis": streams is not None, "depth": depth}
+    design = {
+        "lanes": lanes,
+        "lane_type": lane_type,
+        "bus": bus,
+        "axis": streams is not None,
+        "depth": depth,
+        "top": top,
+    }
     folder = generate_design(integer, out, recordings=recordings, **design)  # type: ignore[arg-type]
     say(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
 
@@ -99,6 +114,13 @@ def export(
     data: Annotated[
         str | None, option("What eskin_check.c plays, or onnxruntime is compared on; default: made-up ones.")
     ] = None,
+    prefix: Annotated[
+        str | None,
+        option(
+            "With --to c: begins the names of files, types, functions and macros, so that several models go into one "
+            "program; default eskin."
+        ),
+    ] = None,
     json: JsonOption = None,
 ) -> Record:
     """Write a model in the words of other tools, with what checks it."""
@@ -107,8 +129,15 @@ def export(
 
     exported: Any = integer_model(model) if to == "c" else FloatModel.load(model, images=True)
     recordings = None if data is None else recordings_for(data, exported.config)
-    write = export_c if to == "c" else export_onnx
-    result: Record = {"to": to} | write(exported, out, recordings=recordings)
+    if to == "c":
+        result: Record = export_c(
+            exported, out, recordings=recordings, prefix=PREFIX if prefix is None else prefix
+        )
+    elif prefix is not None:
+        raise InputError("--prefix: is for --to c; an ONNX file declares no names")
+    else:
+        result = export_onnx(exported, out, recordings=recordings)
+    result = {"to": to} | result
     show("export", **result)
     return result
 
@@ -243,7 +272,7 @@ def _clock(text: str | None) -> float | None:
 @app.command(epilog="Example: eskin build model --target icebreaker --seeds 5")
 def build(
     model: ModelArgument,
-    target: Annotated[str | None, option("icebreaker, upduino, ulx3s or tangnano9k.", metavar="NAME")] = None,
+    target: Annotated[str, option("icebreaker, upduino, ulx3s or tangnano9k.", metavar="NAME")],
     lanes: Annotated[
         int | None,
         option("Multipliers that work at once; default: the model's, fewer where they do not fit."),
@@ -294,80 +323,38 @@ def build(
         int, option("How many seeds to try; the fastest placement is kept.", min=1, max=1000)
     ] = 1,
     out: Annotated[Path | None, option("New folder or an earlier build; default build/board/NAME.")] = None,
-    table: Annotated[
-        bool, option("Build for every part, and with several lanes, and print one table.", "--table")
-    ] = False,
-    synthesis_only: Annotated[
-        str | None,
-        option(
-            "Count the cells of another family and write its netlist, without a bitstream: gatemate, xilinx "
-            "(7 series) or intel (Cyclone V).",
-            metavar="FAMILY",
-        ),
-    ] = None,
 ) -> None:
     """Make a board's bitstream; tell its area block by block, its highest clock and slowest path, and the
     clock each budget needs."""
-    from eskin.rtl.fpga.synthesis import counted_family
     from eskin.rtl.fpga.targets import target as board
     from eskin.study.converter_power import in_words
     from eskin.verbs import build_job as job
+    from eskin.verbs.flow import with_converter
 
-    if synthesis_only is not None:
-        options = (target, class_pins, converter, baud, clock)
-        if table or stimulator or standalone or flash or not link or seed != 1 or seeds != 1 or any(options):
-            raise InputError(
-                "--synthesis-only: places nothing; it goes with --lanes, --lane-type and --out alone"
-            )
-        family = counted_family(synthesis_only)
-        folder = out or job.COUNTED / family.name
-        check_folder(folder, job.MARK)
-        with progress_bars() as report:
-            report("synthesis", 0, 1)
-            counted, netlist = job.synthesis_only(integer_model(model), family, lanes, lane_type)
-            report("synthesis", 1, 1)
-        job.write(counted, None, netlist, folder)
-        show("synthesis", **counted, folder=folder)
-        return
-    if table == (target is not None):
-        raise InputError(
-            "--table: goes through the boards by itself; leave out --target"
-            if table
-            else "--target: is missing; name one"
-        )
     if class_pins and not link:
         raise InputError("--class-pins: is for a build with the link; leave it out, or leave out --no-link")
-    if table and not (link and lanes is lane_type is clock is baud is class_pins is None):
-        extra = "--lanes, --lane-type, --no-link, --class-pins, --clock and --baud"
-        raise InputError(f"--table: goes through designs by itself; leave out {extra}")
     if stimulator and not (standalone or converter):
         raise InputError(
             "--stimulator: is for a board with a converter; add --converter NAME or --standalone"
         )
-    if converter and not standalone and (table or not link or class_pins is not None):
+    if converter and not standalone and (not link or class_pins is not None):
         raise InputError(
-            "--converter: goes with the link or --standalone; leave out --table, --no-link and --class-pins"
+            "--converter: goes with the link or --standalone; leave out --no-link and --class-pins"
         )
     if flash and not standalone:
         raise InputError("--flash: is for a board without a host; add --standalone")
-    if standalone and (table or not link or baud is not None or class_pins is not None):
-        raise InputError("--standalone: has no link; leave out --table, --no-link, --baud and --class-pins")
-    folder = out or job.BOARDS / (target or "table")
-    if table:
-        check_target(folder / job.TABLE)
-    else:
-        board(target or "")
-        check_folder(folder, job.MARK)
+    if standalone and (not link or baud is not None or class_pins is not None):
+        raise InputError("--standalone: has no link; leave out --no-link, --baud and --class-pins")
+    folder, part = out or job.BOARDS / target, board(target)
+    check_folder(folder, job.MARK)
     integer = integer_model(model)
-    config = integer.config if table else job.suited(integer.config, board(target or ""), lanes, lane_type)
-    if converter is not None:
-        config = config.replace(converter=converter)
+    config = with_converter(job.suited(integer.config, part, lanes, lane_type), converter)
     if stimulator and config.interface.stimulator == "none":
         config = config.replace(stimulator="decisions")
     request = job.BuildRequest(
         config=config,
         arrays=integer.arrays,
-        target=board(target or job.LARGEST),
+        target=part,
         link=link,
         standalone=standalone,
         flash=flash,
@@ -379,13 +366,6 @@ def build(
         seed=seed,
         seeds=seeds,
     )
-    if table:
-        with progress_bars() as report:
-            records = job.table(request, folder, progress=report)
-        say(f"best of {seeds} seeds" if seeds > 1 else f"seed {seed}")
-        show("builds", builds=records)
-        say(f"files: {folder}")
-        return
     try:
         with progress_bars() as report:
             built = job.build(request, report)
@@ -482,24 +462,13 @@ def schedule(
     model: Annotated[str, argument("A model folder, or a preset: thesis, synthetic, pvdf, fabric.")],
     lanes: LanesOption = None,
     lane_type: LaneTypeOption = None,
-    out: Annotated[
-        Path | None, option("Folder of the files; default build/schedule, with --table none.")
-    ] = None,
-    table: Annotated[
-        bool, option("Cycles against the ideal for every cell, three sizes and 1 to 12 lanes.", "--table")
-    ] = False,
-    complexity: Annotated[
-        bool, option("Cycles and memory against taxels and against classes.", "--complexity")
-    ] = False,
+    out: Annotated[Path, option("Folder of the files.")] = Path("build/schedule"),
 ) -> None:
     """Draw which unit does what in which cycle, from the very program that goes into the hardware."""
     from eskin.golden.core import PRESETS
     from eskin.pages.views import terminal_table
     from eskin.rtl.views import schedule_view
 
-    if table and (complexity or lanes is not None or lane_type is not None):
-        extra = "--complexity" if complexity else "--lanes" if lanes is not None else "--lane-type"
-        raise InputError(f"--table: goes through lanes and sizes by itself; leave out {extra}")
     if model in PRESETS:
         config = PRESETS[model]
     else:
@@ -507,13 +476,7 @@ def schedule(
 
         config = load_config(model)
     config = config.with_lanes(lanes, lane_type)
-    folder = out or Path("build/schedule")
-    check_target(folder / "schedule")
-    if config.is_image and (table or complexity):
-        raise InputError(
-            f"--{'table' if table else 'complexity'}: is for cells that read windows; leave it out for a "
-            "model of images"
-        )
+    check_target(out / "schedule")
     if config.is_image:
         from eskin.rtl.program.image_passes import plan_of
         from eskin.rtl.top.image_accelerator import refuse_hardware
@@ -527,36 +490,15 @@ def schedule(
             image_view.COLUMNS,
             image_view.cells(passes),
         )
-    elif table:
-        rows, left_out = schedule_view.ratio_table(config)
-        files = schedule_view.table_files(rows) if out else {}
-        cells = [schedule_view.ratio_cells(row) for row in rows]
-        shown = ("cycles of a step against the ideal", schedule_view.RATIO_COLUMNS, cells)
-    elif complexity:
-        from eskin.rtl.views import complexity as costs
-
-        with progress_bars() as report:
-            sweeps = costs.complexity(config, report)
-        files = costs.files(config, sweeps)
-        shown = (
-            "complexity",
-            costs.COLUMNS,
-            [costs.cells(point) for sweep in sweeps.values() for point in sweep],
-        )
     else:
         from eskin.rtl.program.schedule import schedule as plan_step
 
         plan = plan_step(config)
         files = schedule_view.drawing_files(plan)
         shown = (schedule_view.title(plan).partition("\n")[0], ("what", "value"), schedule_view.figures(plan))
-    _write_files(folder, files)
+    _write_files(out, files)
     console.print(terminal_table(*shown))
-    if table:
-        say(schedule_view.RATIO_NOTE)
-        for reason in left_out:
-            say(f"left out: {reason}")
-    if files:
-        say(f"files: {', '.join(str(folder / name) for name in files)}")
+    say(f"files: {', '.join(str(out / name) for name in files)}")
 
 
 def _write_files(folder: Path, files: dict[str, Callable[[Path], None]]) -> None:

@@ -113,7 +113,7 @@ def train(
     from eskin.golden.core import Memo
     from eskin.golden.model import check_model_target
     from eskin.training.image_models import KEPT
-    from eskin.training.splits import split_folds
+    from eskin.training.splits import check_split
     from eskin.verbs.cost import market
 
     check_units(cell, hidden, weight_sets)
@@ -128,7 +128,7 @@ def train(
     recordings, user_config = load_data(data, config)
     groups = groups_of(group)
     if groups is not None and folds:
-        split_folds(recordings, groups, folds, None)  # an unknown group is refused before anything is said
+        check_split(recordings, groups, folds)  # an unknown group is refused before anything is said
     plan = (
         None
         if recordings.image_shape
@@ -480,8 +480,12 @@ def quantise(
         ),
     ] = None,
     readout: Annotated[
-        Readout, option("What decides: the dense layer, or the nearest stored trajectory; that needs --data.")
-    ] = "dense",
+        Readout | None,
+        option(
+            "What decides: the dense layer, or the nearest stored trajectory; that needs --data. Default: as the "
+            "model's config.json says."
+        ),
+    ] = None,
     prototypes: Annotated[
         int | None, option("With --readout: prototypes a class at most; default: 8.", min=1, max=16)
     ] = None,
@@ -529,7 +533,7 @@ def quantise(
         "spare_classes": spare_classes,
     }
     of_readout = {name: value for name, value in asked.items() if value is not None}
-    if readout == "dense":
+    if readout != "prototypes":
         if group is not None and logit_error is None:
             raise InputError("--group says what --logit-error leaves out; give both")
         for name in of_readout:
@@ -549,25 +553,21 @@ def quantise(
         return
     if lean and feature_bits is not None:
         raise InputError("--lean chooses the bits of a feature; give it or --feature-bits")
-    if readout == "prototypes":
-        if recordings is not None and recordings.image_shape:
-            raise InputError("--readout: is for models that read recordings; leave it out for one of images")
-        prototypes_of = {"groups": groups_of(group)} | of_readout
-        options: Record = {"readout": prototypes_of, "lean": lean}
-    else:
-        options = {"lean": lean}
-    integer = to_integers(model, recordings, **options, **widths)
+    if readout is not None and recordings is not None and recordings.image_shape:
+        raise InputError("--readout: is for models that read recordings; leave it out for one of images")
+    decided_by = {"groups": groups_of(group)} | of_readout if readout == "prototypes" else readout
+    integer = to_integers(model, recordings, readout=decided_by, lean=lean, **widths)
     show("quantise", tried=[], formats=describe_formats(integer.config))
 
 
 def _quantise_by_error(model: Path, recordings: Recordings, limit: float, group: str | None) -> None:
     from eskin.golden.model import describe_formats
-    from eskin.training.splits import split_folds
+    from eskin.training.splits import check_split
     from eskin.training.widths import FOLDS, quantise_by_error
 
     groups = groups_of(group)
     if groups is not None:
-        split_folds(recordings, groups, FOLDS, None)  # refuses before the work begins
+        check_split(recordings, groups, FOLDS)  # refuses before the work begins
     with progress_bars() as report:
         integer, record = quantise_by_error(model, recordings, limit, group=groups, progress=report)
     show("quantise", tried=record["tried"], formats=describe_formats(integer.config))

@@ -3,4 +3,4 @@
 from eskin.data.load import load_recordings
 from eskin.data.pictures import image_size, resized
 from eskin.data.scene import synthetic_recordings
-from eskin.data.text import Reading
+from eskin.data.table import Reading

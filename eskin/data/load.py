@@ -1,29 +1,43 @@
-"""The recordings that ``--data`` names, whatever their form."""
+"""The recordings that ``--data`` names, whatever their form: each kind of file has a door that makes tables
+of it, and ``eskin.data.meaning`` makes recordings of these."""
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
-from eskin.data import frames, hdf5
-from eskin.data.logs import is_log
-from eskin.data.matlab import load_matlab
+import numpy as np
+
+from eskin.data import frames
+from eskin.data.arrays import Group, Opened, tables_of
+from eskin.data.hdf5 import read_hdf5
+from eskin.data.logs import is_log, read_log
+from eskin.data.matlab import read_matlab
+from eskin.data.meaning import understand
 from eskin.data.pictures import is_picture_folder, load_picture_folder
 from eskin.data.scene import scene_of, synthetic_recordings
-from eskin.data.tables import PARQUET, SUFFIXES, is_table_folder, load_folder, load_long_table
-from eskin.data.text import Reading
+from eskin.data.table import Reading, Refuse, Table, check_regular, check_unpacked, table_of
+from eskin.data.text import read_text
 from eskin.data.turns import turn_recordings
-from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.core.errors import without_extra
 from eskin.golden.data.archive import load_archive
-from eskin.golden.data.recordings import Recordings
+from eskin.golden.data.recordings import Recordings, natural
 
 if TYPE_CHECKING:
     import pandas as pd
 
+TEXT = (".csv", ".tsv", ".txt", ".lvm")
+ARRAYS = {".mat": read_matlab, ".h5": read_hdf5, ".hdf5": read_hdf5}
+KINDS = (
+    {suffix: "text" for suffix in TEXT} | {".parquet": "text"} | dict.fromkeys((*ARRAYS, ".npy"), "arrays")
+)
+"""What a file of recordings ends in, and what kind it is; logs are text's kind, since they are tables, too."""
 FORMS = (
-    "an .npz archive, a folder by class of .csv, .parquet, .lvm or .png files or logs, a long .csv or .parquet "
-    "table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic or synthetic-easy"
+    "an .npz archive, a folder with a sub-folder a class (of .csv, .lvm, .parquet, .mat, .h5, .npy or .png files or "
+    "logs), a long .csv or .parquet table, a .mat or .h5 file, a log (.mcap, or a ROS bag) or the word synthetic"
 )
 
 SCENES = {"synthetic": turn_recordings, "synthetic-easy": synthetic_recordings}
@@ -36,20 +50,17 @@ def load_recordings(
     config: AcceleratorConfig | None = None,
     reading: Reading | None = None,
 ) -> Recordings:
-    """The recordings that ``--data`` names (docs/recordings.md): an npz archive, a folder by class of
-    ``.csv``, ``.parquet``, ``.lvm`` or ``.png`` files or logs, one long table, a ``.mat`` or HDF5 file, a
-    log, or a word of SCENES.
+    """The recordings that ``--data`` names (docs/recordings.md), or a word of SCENES.
 
     Parameters
     ----------
     data:
         Path or the word; in Python also one long table as a pandas DataFrame.
     config:
-        Gives volt_per_code, the code's format and (without a usable time column) the rate of ``.lvm`` files
-        (default: the thesis preset); what one code is worth, and a rate that is not said, of real samples in
-        other files; scene, array and rate of ``synthetic`` (``scene_of``).
+        What one code of real samples is worth, and a rate that is not said; scene, array and rate of
+        ``synthetic`` (``scene_of``).
     reading:
-        What is said about text tables and ``.mat`` files; None: everything is found out.
+        What is said about tables and arrays; None: everything is found out.
 
     Raises
     ------
@@ -58,7 +69,7 @@ def load_recordings(
     """
     reading = reading or Reading()
     if type(data).__name__ == "DataFrame":  # by name: pandas need not be installed
-        return load_long_table(data, reading, config)
+        return understand([table_of(data, "'DataFrame'")], reading, config, "DataFrame")
     if not isinstance(data, str | Path):
         raise InputError(
             f"recordings: are of type {type(data).__name__}; give {FORMS}, or a pandas DataFrame"
@@ -66,40 +77,156 @@ def load_recordings(
     if str(data) in SCENES:
         return SCENES[str(data)]() if config is None else scene_of(config, easy=str(data) != "synthetic")
     path = Path(data)
-    if reading.labels is not None and not is_log(path):
-        raise InputError(
-            f"recordings '{path}': --labels is for one log, a .mcap file or a ROS bag; leave it out"
-        )
+    for option, given in (("--labels", reading.labels is not None), ("--clock", reading.clock != "log")):
+        if given and not is_log(path):
+            why = f"{option} is for one log, a .mcap file or a ROS bag; leave it out"
+            raise InputError(f"recordings '{path}': {why}")
     try:
-        if is_log(path) and path.exists():
-            return load_long_table(path, reading, config)
-        if path.is_dir() and is_picture_folder(path):
-            return load_picture_folder(path)
-        if path.is_dir():
-            lvm = not is_table_folder(path)
-            return load_folder(path, reading, config or PRESETS["thesis"] if lvm else config, lvm)
-        if not path.exists():
-            raise InputError(f"recordings '{path}': is not there; give {FORMS}")
-        if path.suffix.lower() == ".mat" and path.is_file():
-            return load_matlab(path, reading, config)
-        if path.suffix == frames.SUFFIX and path.is_file():
-            return frames.load_frames(path)
-        if path.suffix.lower() in hdf5.SUFFIXES and path.is_file():
-            return hdf5.load_hdf5(path, reading, config)
-        if path.suffix.lower() in (*SUFFIXES, PARQUET):
-            return load_long_table(path, reading, config)
-        if path.suffix != ".npz":
-            raise InputError(
-                f"recordings '{path}': ends in '{path.suffix}', which is no format of recordings; give {FORMS}"
-            )
-        return load_archive(path, reading.scale or (config.sensor.volt_per_code or None if config else None))
+        return _load(path, reading, config)
     except ModuleNotFoundError as error:
         sentence = without_extra(error)
         if sentence is None:
             raise
         raise InputError(f"recordings '{path}': {sentence}") from None
     except OSError as error:
-        raise InputError(
-            f"recordings '{path}': cannot be read ({error.strerror or error}); check the path and its "
-            "permissions"
-        ) from None
+        why = f"cannot be read ({error.strerror or error}); check the path and its permissions"
+        raise InputError(f"recordings '{path}': {why}") from None
+
+
+def _load(path: Path, reading: Reading, config: AcceleratorConfig | None) -> Recordings:
+    if not path.exists():
+        raise InputError(f"recordings '{path}': is not there; give {FORMS}")
+    if path.is_dir() and not is_log(path):
+        return load_picture_folder(path) if is_picture_folder(path) else _folder(path, reading, config)
+    if path.suffix == frames.SUFFIX:
+        return frames.load_frames(path)
+    if path.suffix == ".npz":
+        return load_archive(path, reading.scale or (config.sensor.volt_per_code or None if config else None))
+    if _kind(path) is None:
+        why = f"ends in '{path.suffix}', which is no format of recordings"
+        raise InputError(f"recordings '{path}': {why}; give {FORMS}")
+    opened = open_file(path, reading, alone=True)
+    if is_log(path):
+        reading = replace(reading, label=None, recording=None)
+    return understand(
+        opened.tables, reading, config, str(path), class_names=opened.class_names, of_one_file=True
+    )
+
+
+def _kind(path: Path) -> str | None:
+    return "text" if is_log(path) else KINDS.get(path.suffix.lower())
+
+
+def open_file(path: Path, reading: Reading, *, alone: bool = False) -> Opened:
+    """The tables of one file. alone: it is the whole source.
+
+    Raises
+    ------
+    InputError
+        It is damaged, or what it holds cannot be understood.
+    """
+
+    def refuse(why: str, array: str = "") -> NoReturn:
+        raise InputError(f"recordings '{path}'{f', array {array}' if array else ''}: {why}")
+
+    suffix = path.suffix.lower()
+    if is_log(path):
+        table = read_log(path, reading)
+        if alone and reading.label is None and reading.labels is None:
+            refuse(
+                "says no classes; write an archive with them, eskin convert SOURCE --out FILE.npz with --class TOPIC or "
+                "--labels TABLE.csv, or put each class's logs into a folder named after the class"
+            )
+        return Opened([table], [])
+    if suffix in TEXT:
+        return Opened([read_text(path, reading)], [])
+    if suffix == ".parquet":
+        return Opened([_parquet(path, refuse)], [])
+    root = ARRAYS[suffix](path, refuse) if suffix in ARRAYS else _npy(path, refuse)
+    return tables_of(root, path, reading, refuse, alone=alone, from_one=suffix == ".mat")
+
+
+def _npy(path: Path, refuse: Refuse) -> Group:
+    check_regular(path, refuse)
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError, SyntaxError, MemoryError):
+        refuse("is damaged or no .npy file of numbers; write it again with numpy.save")
+    root = Group()
+    root.take(path.stem, array)
+    return root
+
+
+def _parquet(path: Path, refuse: Refuse) -> Table:
+    import pandas as pd
+    from pyarrow import parquet
+
+    check_regular(path, refuse)
+    try:
+        with parquet.ParquetFile(path) as file:
+            groups = [file.metadata.row_group(number) for number in range(file.metadata.num_row_groups)]
+            cells = file.metadata.num_rows * file.metadata.num_columns
+        check_unpacked(path, max(8 * cells, sum(group.total_byte_size for group in groups)), refuse)
+        return table_of(pd.read_parquet(path), f"'{path}'")
+    except InputError:
+        raise
+    except Exception as error:  # a damaged file can fail anywhere inside the library
+        if isinstance(error, OSError) and error.errno:
+            raise
+        refuse("is damaged or no Parquet file; write it again")
+
+
+# ---------------------------------------------------------------------- folders
+def _visible(folder: Path) -> list[Path]:
+    entries = (entry for entry in folder.iterdir() if not entry.name.startswith("."))
+    return sorted(entries, key=lambda entry: natural(entry.name))
+
+
+def _files(folder: Path, levels: int = 8) -> list[Path]:
+    """Every file below a folder, so many levels deep; a ROS 2 bag's folder is one."""
+    files = []
+    for entry in _visible(folder):
+        inner = entry.is_dir() and not is_log(entry)
+        files += (_files(entry, levels - 1) if levels else []) if inner else [entry]
+    return files
+
+
+def _folder(folder: Path, reading: Reading, config: AcceleratorConfig | None) -> Recordings:
+    """A folder with a sub-folder a class: a file below is a recording, or parts itself into some; the levels
+    between are groups.
+
+    Raises
+    ------
+    InputError
+        There is no such folder or file, or files of several kinds; what there is, is said.
+    """
+
+    def refuse(where: Path, why: str) -> NoReturn:
+        raise InputError(f"recordings '{where}': {why}; give {FORMS}")
+
+    def found(files: list[Path]) -> str:
+        counts = Counter(file.suffix.lower() or file.name for file in files)
+        return ", ".join(f"{count} {suffix}" for suffix, count in counts.most_common(6)) or "nothing"
+
+    files = _files(folder)
+    class_folders = [entry for entry in _visible(folder) if entry.is_dir() and not is_log(entry)]
+    if not class_folders:
+        refuse(folder, f"has no sub-folder (it holds {found(files)}), so no classes")
+    kept = []
+    for each in class_folders:
+        own = [file for file in files if each in file.parents and _kind(file) is not None]
+        if not own:
+            refuse(each, f"has no file of recordings (it holds {found(_files(each))})")
+        kept += own
+    if len({_kind(file) for file in kept}) > 1:
+        refuse(folder, f"holds files of several kinds ({found(kept)}); leave one kind in it")
+    tables = []
+    for file in kept:
+        opened, parts = open_file(file, reading).tables, file.relative_to(folder).parts
+        inner = [table.paths[0] if len(opened) > 1 else () for table in opened]
+        tables += [
+            replace(table, paths=((*parts, *path),)) for table, path in zip(opened, inner, strict=True)
+        ]
+    left = len(files) - len(kept)
+    notes = [f"{left} files that are no recordings were left out"] if left else []
+    return understand(tables, reading, config, str(folder), notes=notes)

@@ -1,21 +1,28 @@
-"""Recordings from logs of robots: MCAP files (ROS 2 or JSON messages) and ROS bags, as tables of one topic.
+"""Logs of robots as tables of one topic: MCAP files (ROS 2 or JSON messages) and ROS bags.
 
 A frame is a message of the topic: the ``data`` of a ``std_msgs/*MultiArray``, or the ``values`` of all
 ``sensors`` of a ``tactile_msgs/TactileState``. What a recording is, and its class, say a folder a class with
-a log a recording, another topic, or a table of times (docs/other_tools.md).
+a log a recording, another topic, or a table of times (docs/other_tools.md). Frames and labels go by one
+clock: the log's, unless ``Reading.clock`` is header.
 """
 
 from __future__ import annotations
 
+import bz2
 import json
+import sqlite3
+import struct
 from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from eskin.data.text import MOST_BYTES, Reading, read_table
+from eskin.data.table import MOST_BYTES, Reading, Refuse, Table, check_regular, check_unpacked, table_of
+from eskin.data.text import read_text
 from eskin.golden.core import InputError, Record
 
 if TYPE_CHECKING:
@@ -24,9 +31,9 @@ if TYPE_CHECKING:
 SUFFIXES = (".mcap", ".db3", ".bag")
 TYPES = ("MultiArray", "TactileState")
 """How the types of messages end that are frames."""
+CLOCK_OFF_S = 1.0
+"""A header's clock that is further off the log's is told."""
 _START, _END, _CLASS = ("start", "begin", "from"), ("end", "stop", "to"), ("class", "label", "class_name")
-
-Refuse = Callable[[str], NoReturn]
 
 
 class _Log(NamedTuple):
@@ -36,12 +43,19 @@ class _Log(NamedTuple):
     read: Callable[[str], Iterator[tuple[int, Any]]]
 
 
+class _Times(NamedTuple):
+    """Of the messages of a topic (ns): when each was logged, and the stamp in its header (0: none)."""
+
+    log: np.ndarray
+    header: np.ndarray
+
+
 def is_log(path: Path) -> bool:
     """Whether a path is an MCAP file, a bag's file, or the folder of a ROS 2 bag."""
     return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix.lower() in SUFFIXES
 
 
-def read_log(path: Path, reading: Reading) -> pd.DataFrame:
+def read_log(path: Path, reading: Reading) -> Table:
     """One row a frame: ``time`` in seconds, then ``t0``, ``t1`` and so on; where ``reading`` names a topic or
     a table of labels also ``recording``, ``class`` and the table's other columns, without the frames of no
     recording.
@@ -49,24 +63,21 @@ def read_log(path: Path, reading: Reading) -> pd.DataFrame:
     Raises
     ------
     InputError
-        The log is damaged, has not one topic of frames, or no frame in a recording.
+        The log is damaged, unpacks to far more than it holds, has not one topic of frames, or no frame in a
+        recording; its clock is not there.
     """
     import pandas as pd
 
     def refuse(why: str) -> NoReturn:
         raise InputError(f"recordings '{path}': {why}")
 
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    for file in files:
-        if not file.is_file():  # opening a pipe without a writer would wait for ever
-            refuse(f"{file.name} is no regular file; remove it or write it again")
-    if sum(file.stat().st_size for file in files) > MOST_BYTES:
-        refuse(f"has more than {MOST_BYTES >> 30} GB; split it")
     try:
+        _check_unpacked(path, refuse)
         log = (_mcap if path.suffix.lower() == ".mcap" else _bag)(path, refuse)
         topic = _topic(log, reading, refuse)
-        times, rows = _frames(log, topic, refuse)
-        marks = [] if reading.label is None else _marks(log, reading.label, refuse)
+        stamps, rows = _frames(log, topic, refuse)
+        times = _clock(stamps, topic, reading, refuse)
+        marks = [] if reading.label is None else _marks(log, reading, refuse)
     except (InputError, ModuleNotFoundError):
         raise
     except Exception as error:  # a damaged log can fail anywhere inside the libraries
@@ -76,8 +87,8 @@ def read_log(path: Path, reading: Reading) -> pd.DataFrame:
     frame = pd.DataFrame(rows, columns=[f"t{column}" for column in range(rows.shape[1])])
     frame.insert(0, "time", (times - times[0]) / 1e9)
     if reading.labels is not None:
-        return _between(frame, times, _intervals(reading.labels), refuse)
-    if reading.label is not None:
+        frame = _between(frame, times, _intervals(reading.labels), refuse)
+    elif reading.label is not None:
         begins = np.array([when for when, _ in marks])
         number = np.searchsorted(begins, times, side="right") - 1
         frame.insert(0, "class", [marks[mark][1] if mark >= 0 else "" for mark in number])
@@ -85,17 +96,16 @@ def read_log(path: Path, reading: Reading) -> pd.DataFrame:
         frame = frame[frame["class"] != ""].reset_index(drop=True)
         if not len(frame):
             refuse(f"no frame follows a label of topic {reading.label}")
-    return frame
+    return table_of(frame, f"'{path}'", row_is="message", notes=tuple(_of_clocks(stamps, topic, reading)))
 
 
 def _topic(log: _Log, reading: Reading, refuse: Refuse) -> str:
     """The topic of frames: the one asked for, or the only one that can be."""
     listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(log.topics.items())[:12]) or "none"
-    if reading.label is not None and reading.label not in log.topics:
-        refuse(f"--class {reading.label}: is no topic; there are {listed}")
+    for option, asked in (("--class", reading.label), ("--samples", reading.samples)):
+        if asked is not None and asked not in log.topics:
+            refuse(f"{option} {asked}: is no topic; there are {listed}")
     if reading.samples is not None:
-        if reading.samples not in log.topics:
-            refuse(f"--samples {reading.samples}: is no topic; there are {listed}")
         return reading.samples
     fit = [name for name, kind in log.topics.items() if kind.endswith(TYPES) and name != reading.label]
     if len(fit) != 1:
@@ -103,58 +113,97 @@ def _topic(log: _Log, reading: Reading, refuse: Refuse) -> str:
     return fit[0]
 
 
-def _frames(log: _Log, topic: str, refuse: Refuse) -> tuple[np.ndarray, np.ndarray]:
-    """Times (ns: the header's, or when it was logged) and values of every message."""
-    times: list[int] = []
+def _frames(log: _Log, topic: str, refuse: Refuse) -> tuple[_Times, np.ndarray]:
+    """Times and values of every message."""
+    times: list[tuple[int, int]] = []
     rows: list[np.ndarray] = []
     for when, message in log.read(topic):
-        parts = (
-            [sensor.values for sensor in message.sensors] if hasattr(message, "sensors") else [message.data]
-        )
-        row = np.concatenate([np.asarray(part) for part in parts])
+        sensors = getattr(message, "sensors", None)
+        parts = [
+            getattr(each, "values", None)
+            for each in sensors or [SimpleNamespace(values=getattr(message, "data", None))]
+        ]
+        row = np.concatenate([np.atleast_1d(np.asarray(part)) for part in parts])
         if row.ndim != 1 or row.dtype.kind not in "iuf" or not row.size:
             refuse(
                 f"topic {topic}: message {len(rows)} holds no list of numbers; name another with --samples"
             )
         if rows and len(row) != len(rows[0]):
-            refuse(
-                f"topic {topic}: message {len(rows)} has {len(row)} values and the first {len(rows[0])}; a "
-                "frame has one value a taxel"
-            )
-        stamp = getattr(getattr(message, "header", None), "stamp", None)
-        nanoseconds = 0 if stamp is None else int(stamp.sec) * 10**9 + int(stamp.nanosec)
-        times.append(nanoseconds or when)
+            why = f"message {len(rows)} has {len(row)} values and the first {len(rows[0])}"
+            refuse(f"topic {topic}: {why}; a frame has one value a taxel")
+        times.append((when, _stamp(message)))
         rows.append(row)
     if not rows:
         refuse(f"topic {topic}: has no message")
-    return np.array(times, dtype=np.int64), np.array(rows)
+    return _Times(*np.array(times, dtype=np.int64).T), np.array(rows)
 
 
-def _marks(log: _Log, topic: str, refuse: Refuse) -> list[tuple[int, str]]:
+def _stamp(message: Any) -> int:
+    """The header's time, ns, as ROS 2 and ROS 1 call its parts; 0: none."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    parts = [next((getattr(stamp, name) for name in names if hasattr(stamp, name)), 0)
+             for names in (("sec", "secs"), ("nanosec", "nsecs", "nsec"))]  # fmt: skip
+    return int(parts[0]) * 10**9 + int(parts[1])
+
+
+def _clock(times: _Times, topic: str, reading: Reading, refuse: Refuse) -> np.ndarray:
+    """The times by the clock that was asked for."""
+    if reading.clock == "header":
+        missing = int((times.header == 0).sum())
+        if missing:
+            of = f"{missing} of {len(times.header)} messages of topic {topic} have no stamp in a header"
+            refuse(f"--clock header: {of}; leave it out, the log's clock counts then")
+        return times.header
+    return times.log
+
+
+def _of_clocks(times: _Times, topic: str, reading: Reading) -> list[str]:
+    """What is to be told where messages have stamps of their own."""
+    stamped = times.header != 0
+    if not stamped.any():
+        return []
+    notes = [f"times of frames and labels are the {reading.clock}'s (--clock log or header)"]
+    if not stamped.all():
+        notes.append(
+            f"{int((~stamped).sum())} of {len(stamped)} stamps in the headers of topic {topic} are 0"
+        )
+    off = np.abs(times.header - times.log)[stamped].max() / 1e9
+    if off > CLOCK_OFF_S:
+        notes.append(f"the headers' clock of topic {topic} is up to {off:.4g} s off the log's")
+    return notes
+
+
+def _marks(log: _Log, reading: Reading, refuse: Refuse) -> list[tuple[int, str]]:
     """When a label begins (ns), and it; an empty one ends the recording before."""
-    marks = [(when, str(message.data).strip()) for when, message in log.read(topic)]
-    if not marks:
+    topic = str(reading.label)
+    read = [(when, _stamp(message), str(message.data).strip()) for when, message in log.read(topic)]
+    if not read:
         refuse(f"--class {topic}: has no message, so no label")
-    return sorted(marks)
+    times = _clock(_Times(*np.array([each[:2] for each in read], dtype=np.int64).T), topic, reading, refuse)
+    return sorted(zip(times.tolist(), [label for *_, label in read], strict=True))
 
 
 # ---------------------------------------------------------------------- a table of times
 def _intervals(path: Path) -> pd.DataFrame:
     """The rows of a table of times: start, end and class, then its other columns."""
-    table = read_table(path, Reading())
+    table = read_text(path, Reading())
     names = [name.lower() for name in table.names]
     frame = table.frame.set_axis(names or range(table.frame.shape[1]), axis=1)
     for what, words in (("start", _START), ("end", _END), ("class", _CLASS)):
         name = next((word for word in words if word in names), None)
         if name is None:
-            table.refuse(
-                f"has no column {what} ({', '.join(words)}); give start, end and class, a row a recording", 0
-            )
+            why = f"has no column {what} ({', '.join(words)})"
+            table.refuse(f"{why}; give start, end and class, a row a recording", 0)
         frame = frame.rename(columns={name: what})
     bounds = table.numbers([[*frame.columns].index("start"), [*frame.columns].index("end")])
     wrong = np.flatnonzero(bounds[:, 1] <= bounds[:, 0])
     if len(wrong):
         table.refuse("ends before it starts; correct the line", int(wrong[0]))
+    order = np.argsort(bounds[:, 0], kind="stable")
+    for before, row in zip(order[:-1].tolist(), order[1:].tolist(), strict=True):
+        if bounds[row, 0] < bounds[before, 1]:
+            why = f"begins at {bounds[row, 0]:g} s, before line {table.lines[before]} ends at {bounds[before, 1]:g} s"
+            table.refuse(f"{why}: rows overlap; a frame has one label, so correct one of them", row)
     return frame.assign(start=bounds[:, 0], end=bounds[:, 1])
 
 
@@ -168,15 +217,76 @@ def _between(frame: pd.DataFrame, times: np.ndarray, intervals: pd.DataFrame, re
     for number, row in enumerate(intervals.itertuples(index=False)):
         part = frame[(seconds >= row.start) & (seconds < row.end)].copy()
         if not len(part):
-            refuse(
-                f"no frame lies between {row.start:g} and {row.end:g} s; give seconds from its first frame, or of its clock"
-            )
+            why = f"no frame lies between {row.start:g} and {row.end:g} s"
+            refuse(f"{why}; give seconds from its first frame, or of its clock")
         more = intervals.drop(columns=["start", "end"]).iloc[number]
         for name in reversed(more.index):
             part.insert(0, name, more[name])
         part.insert(0, "recording", number)
         parts.append(part)
     return pd.concat(parts, ignore_index=True)
+
+
+# ---------------------------------------------------------------------- what a log unpacks to
+def _check_unpacked(path: Path, refuse: Refuse) -> None:
+    """Refuse a log whose chunks or messages unpack to far more than it holds, whatever they say of
+    themselves: the libraries unpack them whole."""
+    total = 0
+    for file in sorted(path.iterdir()) if path.is_dir() else [path]:
+        check_regular(file, refuse)
+        with file.open("rb") as opened:
+            for packed in _packed(file, opened):
+                while block := packed.read(1 << 20):
+                    total += len(block)
+                    check_unpacked(path, total, refuse)
+
+
+def _packed(path: Path, file: Any) -> Iterator[Any]:
+    """Files of what is unpacked when a log is read: chunks of MCAP and ROS 1, messages of SQLite, and files
+    that are packed whole. What cannot be read ends it; the library says so."""
+    kind, size = path.suffix.lower(), path.stat().st_size
+    with suppress(struct.error, sqlite3.Error):
+        if kind == ".zstd":
+            yield _unpacking("zstd", file)
+        elif kind == ".db3":
+            with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
+                for (data,) in base.execute("select data from messages"):
+                    yield _unpacking("zstd" if bytes(data[:4]) == b"\x28\xb5\x2f\xfd" else "", BytesIO(data))
+        elif kind == ".bag":
+            file.seek(13)
+            while file.tell() < size:
+                head = file.read(*struct.unpack("<I", file.read(4)))
+                data = struct.unpack("<I", file.read(4))[0]
+                if b"op=\x05" in head:
+                    packing = next(
+                        (name for name in ("bz2", "lz4") if f"compression={name}".encode() in head), ""
+                    )
+                    yield _unpacking(packing, BytesIO(file.read(data)))
+                else:
+                    file.seek(data, 1)
+        elif kind == ".mcap":
+            file.seek(8)
+            while file.tell() < size - 8:
+                record, length = struct.unpack("<BQ", file.read(9))
+                if record == 6:
+                    body = file.read(min(length, size))
+                    named = 32 + struct.unpack_from("<I", body, 28)[0]
+                    yield _unpacking(body[32:named].decode("latin-1"), BytesIO(body[named + 8 :]))
+                else:
+                    file.seek(min(length, size), 1)
+
+
+def _unpacking(packing: str, file: Any) -> Any:
+    """A file that unpacks another one as it is read."""
+    if packing == "zstd":
+        from zstandard import ZstdDecompressor
+
+        return ZstdDecompressor().stream_reader(file, read_across_frames=True)
+    if packing == "lz4":
+        import lz4.frame
+
+        return lz4.frame.open(file)
+    return bz2.open(file) if packing == "bz2" else file
 
 
 # ---------------------------------------------------------------------- the libraries

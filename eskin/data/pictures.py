@@ -10,6 +10,7 @@ from eskin.golden.core import InputError
 from eskin.golden.data.recordings import Recordings, recordings_of
 
 SUFFIX = ".png"
+LARGEST_SIDE = 256
 RECORDED = (".csv", ".tsv", ".txt", ".lvm", ".parquet", ".mcap", ".db3", ".bag")
 """Files that are recordings themselves."""
 
@@ -49,6 +50,9 @@ def load_picture_folder(path: Path) -> Recordings:
             try:
                 with Image.open(file) as picture:
                     mode = picture.mode
+                    if picture.width > LARGEST_SIDE or picture.height > LARGEST_SIDE:
+                        why = f"has {picture.height} x {picture.width} pixels, and a side at most {LARGEST_SIDE}"
+                        raise InputError(f"image '{file}': {why}; save it smaller")
                     pixels = np.asarray(picture.convert("L") if picture.mode in ("1", "P", "L") else picture)
             except (
                 OSError,

@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 
 from eskin.exchange.plain_c import SOURCE
-from eskin.golden.core import SimulationError
+from eskin.golden.core import PREFIX, SimulationError, prefixed
 
 CORES = {
     "Cortex-M0+": ("thumb-freestanding-eabi", "cortex_m0plus"),
@@ -18,7 +18,7 @@ CORES = {
 }
 """Target and core of each, as ziglang calls them."""
 WARNINGS = ("-std=c99", "-Wall", "-Wextra", "-Werror")
-STATE = '#include "eskin_model.h"\neskin_state eskin_the_state = { 0 };\n'
+STATE = '#include "eskin_model.h"\neskin_state the_state = { 0 };\n'
 
 
 def there() -> bool:
@@ -71,16 +71,16 @@ def symbols(elf: bytes) -> dict[str, int]:
     return sizes
 
 
-def sizes(folder: Path, core: str, image: bool) -> dict[str, int]:
-    """Bytes of ``code``, ``tables`` and ``state`` of an exported model on a core."""
+def sizes(folder: Path, core: str, image: bool, prefix: str = PREFIX) -> dict[str, int]:
+    """Bytes of ``code``, ``tables`` and ``state`` of a model exported with ``prefix`` on a core."""
     with tempfile.TemporaryDirectory() as work:
         model, state = Path(work) / "model.o", Path(work) / "state.o"
-        compile_for(core, folder.absolute() / SOURCE, model)
+        compile_for(core, folder.absolute() / prefixed(SOURCE, prefix), model)
         of_model = sections(model.read_bytes())
         writable = of_model
         if not image:
             source = Path(work) / "state.c"
-            source.write_text(STATE)
+            source.write_text(prefixed(STATE, prefix))
             compile_for(core, source, state, "-c", f"-I{folder.absolute()}")
             writable = sections(state.read_bytes())
     total = lambda table, *starts: sum(size for name, size in table.items() if name.startswith(starts))

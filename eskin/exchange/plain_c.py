@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eskin.golden.core import (
+    PREFIX,
     AcceleratorConfig,
     Conv,
     InputError,
@@ -133,7 +134,7 @@ def _frame_values(config: AcceleratorConfig) -> Record:
     ends = [last for _, last in config.window_spans]
     depth = max((end - 1) // windows.hop - k + 1 for k, end in enumerate(ends)) if touch_mode else 2
     mean_needed = "mean" in kinds or (integral and not touch_mode and not immediate)
-    flagged = f"s->flag_age[i]{' > back' if ring > 1 else ''}"
+    flagged = f"s->flag_age[i]{' > (uint16_t)back' if ring > 1 else ''}"
     out_of_use = [*["MASK[i]"] * bool(config.sensor.masked_taxels), *[flagged] * bool(faults)]
     counts = [*["!MASK[i]"] * bool(config.sensor.masked_taxels), *["!s->flag_age[i]"] * bool(faults)]
     limit = rule.onset_threshold * rule.onset_mean_frames
@@ -301,9 +302,9 @@ def products(config: AcceleratorConfig) -> dict[str, float]:
     return {"most": together * of_step, "mean": round(config.windows.steps * of_step / config.last_frame, 2)}
 
 
-def sources(model: IntegerModel) -> dict[str, str]:
+def sources(model: IntegerModel, prefix: str = PREFIX) -> dict[str, str]:
     """``eskin_model.h`` and ``eskin_model.c``, library.properties of Arduino and module.yml of Zephyr with
-    what it names: text by path.
+    what it names: text by path. Their names and all that they declare begin with ``prefix``.
 
     Raises
     ------
@@ -344,7 +345,12 @@ def sources(model: IntegerModel) -> dict[str, str]:
         "zephyr/module.yml": "module.yml",
         "zephyr/CMakeLists.txt": "CMakeLists.txt",
     }
-    return {path: template(__file__, name, brackets=_brackets).render(values) for path, name in names.items()}
+    return _rendered(names, values, prefix)
+
+
+def _rendered(names: dict[str, str], values: Record, prefix: str) -> dict[str, str]:
+    fill = lambda name: template(__file__, name, prefix, brackets=_brackets).render(values)
+    return {path.replace(f"{PREFIX}_", f"{prefix}_"): fill(name) for path, name in names.items()}
 
 
 def table_bytes(model: IntegerModel) -> int:
@@ -395,6 +401,7 @@ def check_sources(
     samples: np.ndarray,
     lengths: Sequence[int],
     calls: Sequence[Sequence[tuple[int, ...]]],
+    prefix: str = PREFIX,
 ) -> dict[str, str]:
     """``eskin_check.c``, whose ``main`` plays recordings and compares what comes, and its ``test_vectors.h``.
 
@@ -406,6 +413,8 @@ def check_sources(
         Frames of each recording.
     calls:
         Of `expected`.
+    prefix:
+        Of `sources`.
     """
     kind = "uint8_t" if config.is_image else "int32_t"
     rows = [(number, *call) for number, of_recording in enumerate(calls) for call in of_recording]
@@ -422,4 +431,4 @@ def check_sources(
         ),
     }
     names = {CHECK: "eskin_check.c", VECTORS: "test_vectors.h"}
-    return {path: template(__file__, name, brackets=_brackets).render(values) for path, name in names.items()}
+    return _rendered(names, values, prefix)

@@ -10,7 +10,7 @@ import numpy as np
 
 from eskin.golden.core import NETWORKS, AcceleratorConfig, InputError, Record, replacing
 from eskin.golden.core.images import network, stages_of
-from eskin.golden.data import Recordings
+from eskin.golden.data import Recordings, no_group
 from eskin.golden.data.rate import wrong_rate
 from eskin.golden.model import find_onsets, images_of
 from eskin.pages.charts import draw_events
@@ -46,7 +46,7 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     Returns
     -------
     dict with source, recordings, sample_min, sample_max, classes (name -> recordings), groups (name -> number
-    of values), values (arrays of another value in each recording, which are no groups).
+    of values), values (arrays of one value a recording that are no groups: ``no_group``).
 
     Of recordings also frames, taxels, sample_rate_hz, sample_format, volt_per_code, unit, lengths (min,
     median, max; frames), taxel (list of min, max, deviation (codes), held (``held_shares``), state: ok,
@@ -58,6 +58,7 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
     image), networks (name -> multiplies an image), reasons (what the loader chose).
     """
     values = {name: len(np.unique(array)) for name, array in recordings.groups.items()}
+    why_none = {name: no_group(array, recordings.labels) for name, array in recordings.groups.items()}
     common = {
         "source": recordings.source,
         "recordings": len(recordings),
@@ -67,8 +68,8 @@ def inspect(recordings: Recordings, config: AcceleratorConfig | None = None) -> 
             name: int(count)
             for name, count in zip(recordings.class_names, recordings.class_counts, strict=True)
         },
-        "groups": {name: count for name, count in values.items() if count < len(recordings)},
-        "values": [name for name, count in values.items() if count == len(recordings)],
+        "groups": {name: count for name, count in values.items() if not why_none[name]},
+        "values": [name for name in values if why_none[name]],
     }
     return common | (_of_images(recordings) if recordings.image_shape else _of_recordings(recordings, config))
 

@@ -1,7 +1,6 @@
 """What a converter takes by itself, by its data sheet: beside the chain's estimate, never in its sum."""
 
 from eskin.golden.core import AcceleratorConfig, Record, converter_plan
-from eskin.golden.core.converters import CONVERTERS
 
 
 def converter_power(config: AcceleratorConfig) -> Record | None:
@@ -13,17 +12,16 @@ def converter_power(config: AcceleratorConfig) -> Record | None:
         converter, chips, power_w (None: no figure at hand), per_touch_j (of the touch's frames, None
         likewise), rests_on (words).
     """
-    name = config.interface.converter
-    if name == "none":
+    converter, power, energy = config.interface.converter, None, None
+    if converter.name == "none":
         return None
-    converter, power, energy = CONVERTERS[name], None, None
     count, words = converter_plan(config).chips, "no figure of its data sheet at hand"
     if converter.watt is not None:
         power = count * converter.watt
         energy = power * (config.last_frame / config.sensor.sample_rate_hz)
         words = f"{converter.stated}; never idle, so an upper figure at this rate; not measured"
     figures = {"power_w": power, "per_touch_j": energy, "rests_on": words}
-    return {"converter": name, "chips": count, **figures}
+    return {"converter": converter.name, "chips": count, **figures}
 
 
 def in_words(power: Record) -> str:

@@ -49,6 +49,7 @@ from eskin.training.fit import fit_networks, one_thread, post_training
 from eskin.training.losses import Progress, class_loss, descend
 from eskin.training.prototypes import (
     PARTS,
+    by_last_step,
     dense,
     group_numbers,
     teach_recordings,
@@ -642,7 +643,7 @@ def judge_classes(
     whole = data.touches.completed == config.windows.steps
     rows = []
     for label, (name, model, part) in enumerate(zip(names, models, parts, strict=True)):
-        network = _with_last(post_training(model, data, part, {}), label)
+        network = by_last_step(_with_last(post_training(model, data, part, {}), label))
         # the new class becomes the last one, which is the spare one
         place = np.argsort([*(set(range(len(names))) - {label}), label])
         shown = part[whole[part]]
@@ -788,7 +789,9 @@ def _taught(
         options: Record = {"taught": max(1, *question.ks), "source": f"recordings '{recordings.source}'"}
         rows = where[whole]
         ready.append(
-            with_prototypes(network, data.touches.take(whole), labels[rows], groups[rows], **options)
+            with_prototypes(
+                by_last_step(network), data.touches.take(whole), labels[rows], groups[rows], **options
+            )
         )
     return [
         teach_touches(ready[number], data.touches.take(rows), labels[where[rows]]) for number, _, rows in jobs

@@ -12,17 +12,9 @@ import numpy as np
 from eskin.golden.core import AcceleratorConfig, InputError, QFormat
 from eskin.golden.core.images import BIAS_BITS, PIXEL_FORMAT, Stage
 from eskin.golden.data import Recordings, check_fit
-from eskin.golden.model import (
-    FloatModel,
-    IntegerModel,
-    float_images,
-    images_of,
-    layer_formats,
-    load_training,
-    model_files,
-    run_images,
-)
+from eskin.golden.model import FloatModel, IntegerModel, float_images, images_of, layer_formats, run_images
 from eskin.golden.model.model import TRAINING_FILE
+from eskin.training.trained import load_trained, written_by
 
 COVERED = 0.9999
 """Share of the values of a map that its format holds; rarer ones saturate."""
@@ -193,8 +185,8 @@ def quantise_image_model(
                 f"--{name.replace('_', '-')}: networks for images have no such width; leave it out, or give "
                 "--weight-bits 4"
             )
-    unchanged = model_files(model_dir)
-    model, record = FloatModel.load(model_dir, images=True), load_training(model_dir)
+    trained = load_trained(model_dir, images=True)
+    model, record = trained.model, trained.record
     model = FloatModel(model.config.replace(weight_formats=(), map_formats=()), model.arrays, model.source)
     if recordings is not None:
         check_fit(recordings, model.config)
@@ -203,9 +195,15 @@ def quantise_image_model(
     else:
         ranges = _noted(model_dir, model.config, record)
     integer = integers_of(model, choose_image_formats(model, ranges, weight_bits or 8))
-    record |= {"quantisation_aware": False, "widths": {"weight_bits": weight_bits or 8}, "ranges": ranges}
+    trained.check_kept(integer.config, {"weight_bits": weight_bits})
+    record |= {
+        "quantisation_aware": False,
+        "widths": {"weight_bits": weight_bits or 8},
+        "ranges": ranges,
+        **written_by(trained.model.config, integer),
+    }
     # the float network too: the same function at other scales, beside which the integers are judged layer by layer
-    model.save(model_dir, record, integer, unchanged)
+    model.save(model_dir, record, integer, trained.files)
     return integer
 
 

@@ -34,6 +34,7 @@ from eskin.training.train_images import (
     train_network,
     tune_network,
 )
+from eskin.training.trained import written_by
 
 AUTO = "auto"
 CANDIDATES = ("tactnet", "four", "tactnet-half")
@@ -174,6 +175,8 @@ def train_image_model(
     }
     if len(candidates) > 1:
         record["candidates"] = rows
+    if integer:
+        record |= written_by(config, integer)
     record = json.loads(json.dumps(record))
     model.save(out, record, integer)
     return record

@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 from eskin.golden.core import AcceleratorConfig, InputError, Record
 from eskin.golden.data import Recordings
 from eskin.golden.model import IntegerModel, Touches, decide_touches, find_touches
+from eskin.golden.model.pipeline import decide
 from eskin.golden.model.prototypes import check_teachable, class_distances, narrowed, teach, trajectory_codes
 
 PROTOTYPES, TAUGHT, CODE_BITS = 8, 3, 4
@@ -83,7 +84,7 @@ def with_prototypes(
     taught: int = TAUGHT,
     state_code_bits: int = CODE_BITS,
     unknown: float | None = None,
-    decision: str = "last",
+    unknown_above: int = 0,
     spare_classes: int = 0,
     source: str = "recordings",
 ) -> IntegerModel:
@@ -99,11 +100,9 @@ def with_prototypes(
         A class at most.
     unknown:
         Share of a left out group's touches that may be further from every prototype than `unknown_above`,
-        which follows from it. None: nothing is unknown.
+        which follows from it. None: that is given.
     spare_classes:
         The last classes of ``model``, which no touch shows.
-    decision:
-        ``last``, by distances of the whole touch; or ``vote``.
 
     Raises
     ------
@@ -121,9 +120,9 @@ def with_prototypes(
         "state_code_bits": state_code_bits,
         "state_code_shift": code_shift(model.config, values, state_code_bits),
         "spare_classes": spare_classes,
+        "unknown_above": unknown_above,
     }
-    config = model.config.replace(decision=decision, margin_threshold=0, early_margin=0, early_steps=1)
-    config = config.with_readout(**rule)
+    config = model.config.with_readout(**rule)
 
     def of(rows: np.ndarray) -> IntegerModel:
         centres = _centres(config, values[rows], labels[rows], config.readout_rule.prototypes)
@@ -156,7 +155,9 @@ def with_prototypes(
                 shifted = IntegerModel(
                     config.with_readout(**rule, taught_shift=shift), without.arrays, source
                 )
-                decided = class_distances(shifted, codes[~held_out])[:, -1].argmin(axis=-1)
+                known = codes[~held_out]
+                steps = np.full(len(known), config.windows.steps)
+                decided = decide(shifted.config, -class_distances(shifted, known), steps)[2]
                 lost += sign * int((decided != labels[~held_out]).sum())
             counted += int((~held_out).sum())
     rule["taught_shift"] = int(counted > 0 and lost <= HALVING_COSTS * counted)
@@ -170,6 +171,12 @@ def with_prototypes(
         rule["unknown_above"] = int(np.clip(np.ceil(limit), 1, config.distance_bound // config.windows.steps))
     whole = of(np.ones(len(labels), dtype=bool))
     return IntegerModel(config.with_readout(**rule), whole.arrays, whole.source)
+
+
+def by_last_step(model: IntegerModel) -> IntegerModel:
+    """``model`` decided by its last step, whatever the margin: what the readout is judged with."""
+    rule: Record = {"decision": "last", "margin_threshold": 0, "early_margin": 0, "early_steps": 1}
+    return IntegerModel(model.config.replace(**rule), model.arrays, model.source)
 
 
 def _check_labels(config: AcceleratorConfig, labels: np.ndarray, trained: int, source: str) -> None:

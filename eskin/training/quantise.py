@@ -4,7 +4,7 @@ train it on as integers."""
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -21,8 +21,6 @@ from eskin.golden.model import (
     find_touches,
     float_features,
     load_config,
-    load_training,
-    model_files,
     network_formats,
     network_shapes,
     normaliser_constants,
@@ -34,6 +32,7 @@ from eskin.golden.model.preprocess import by_input, shifts_by_input
 from eskin.golden.model.straight_through import straight_through
 from eskin.training.image_formats import quantise_image_model
 from eskin.training.prototypes import of_recordings, training_groups
+from eskin.training.trained import Trained, load_trained, written_by
 
 Range = tuple[float, float]
 
@@ -632,25 +631,15 @@ def range_records(config: AcceleratorConfig, ranges: Mapping[str, Range]) -> lis
     ]
 
 
-def load_trained(model_dir: str | Path) -> tuple[FloatModel, Record]:
-    """The float model and its training record: widths start from the configuration of the training, not from
-    an earlier quantisation."""
-    model, record = FloatModel.load(model_dir), load_training(model_dir)
-    if "config" in record:
-        config = AcceleratorConfig.from_dict(record["config"], f"{model_dir}/{TRAINING_FILE}, field config")
-        model = FloatModel(config, model.arrays, model.source)
-    return model, record
-
-
 def quantise(
     model_dir: str | Path,
     recordings: Recordings | None = None,
     *,
-    readout: Mapping[str, Any] | None = None,
+    readout: Mapping[str, Any] | Literal["dense"] | None = None,
     **widths: Any,
 ) -> IntegerModel:
     """Quantise the float model in a model folder and write config.json and weights.npz into it; the ranges go
-    into training.json.
+    into training.json. What config.json says beside formats stays.
 
     Parameters
     ----------
@@ -658,30 +647,80 @@ def quantise(
         Recordings to profile ranges on (the training data). Without them the ranges noted at training are
         used.
     readout:
-        Prototypes decide: groups (None: those of the training) and what else
-        `eskin.training.prototypes.with_prototypes` takes, made of ``recordings``. None: logits do.
+        ``dense``: logits decide. A mapping: prototypes do, made of ``recordings``: groups (None: those of the
+        training) and what else `eskin.training.prototypes.with_prototypes` takes. None: as config.json says.
     widths:
         weight_bits, state_bits, feature_bits, gate_bits, table_entries: see ``choose_formats``.
 
     Raises
     ------
     InputError
-        When the folder is no model folder, or no format of the asked widths works.
+        When the folder is no model folder, or no format of the asked widths works; naming a field of
+        config.json that cannot be kept.
     """
     if load_config(model_dir).is_image:
         return quantise_image_model(model_dir, recordings, **widths)
-    files = model_files(model_dir)
-    model, record = load_trained(model_dir)
+    trained = load_trained(model_dir, ranges=recordings is None)
+    model, record = trained.model, trained.record
+    options: Mapping[str, Any] = readout if isinstance(readout, Mapping) else {}
+    prototypes = readout != "dense" and (readout is not None or model.config.has_prototypes)
+    if prototypes:
+        options = _of_prototypes(trained, options, recordings)
     if recordings is not None:
         ranges = profile(model, find_touches(model.config, recordings))
     else:
         ranges = _noted_ranges(model_dir, model.config, record)
     integer = quantise_model(model, ranges, **widths)
     check_given(integer.config, widths.get("feature_bits"))
-    if readout is not None and recordings is not None:
-        groups = training_groups(recordings, record, readout.get("groups"))
-        options = {name: value for name, value in readout.items() if name != "groups"}
-        integer = of_recordings(integer, recordings, groups, **options)
-    record |= {"quantisation_aware": False, "widths": widths, "ranges": range_records(integer.config, ranges)}
-    integer.save(model_dir, training=record, unchanged=files)
+    if prototypes and recordings is not None:
+        groups = training_groups(recordings, record, options.get("groups"))
+        integer = of_recordings(
+            integer, recordings, groups, **{k: v for k, v in options.items() if k != "groups"}
+        )
+    trained.check_kept(integer.config, {**widths, **(readout if isinstance(readout, Mapping) else {})})
+    record |= {
+        "quantisation_aware": False,
+        "widths": widths,
+        "ranges": range_records(integer.config, ranges),
+        **written_by(model.config, integer),
+    }
+    integer.save(model_dir, training=record, unchanged=trained.files)
     return integer
+
+
+KEPT_OF_READOUT = ("prototypes", "taught", "state_code_bits", "spare_classes", "unknown_above")
+"""Fields that prototypes are made anew with, where no option says otherwise."""
+
+IN_LOGITS = ("margin_threshold", "early_margin")
+"""Fields of a margin, of logits or of distances."""
+
+
+def _of_prototypes(
+    trained: Trained, asked: Mapping[str, Any], recordings: Recordings | None
+) -> Mapping[str, Any]:
+    """What prototypes are made with: as asked, else as config.json says.
+
+    Raises
+    ------
+    InputError
+        There are no recordings to make them of; a margin is of logits.
+    """
+    config = trained.current
+    if recordings is None:
+        raise InputError(
+            f"model '{trained.folder}', field readout: is 'prototypes', which are made of the recordings of the "
+            "training; give them (--data), or --readout dense"
+        )
+    if config.has_prototypes:
+        kept = {name: config.value(name) for name in KEPT_OF_READOUT}
+        if asked.get("unknown") is not None:
+            del kept["unknown_above"]
+        return {**kept, **asked}
+    if config.network.decision != "vote":  # which counts steps, whatever decides them
+        for field in IN_LOGITS:
+            if config.value(field):
+                raise InputError(
+                    f"model '{trained.folder}', field {field}: is {config.value(field)} in config.json, of logits, "
+                    "and prototypes decide by distances; set it to 0 there, and to one of distances afterwards"
+                )
+    return asked

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from eskin.golden.core import PRESETS, AcceleratorConfig
-from eskin.golden.data import Recordings, grouped_folds
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.data import Recordings, grouped_folds, no_group
 from eskin.training.derive import fits_sensor
 
 SPLITS: dict[str, list[list[str]]] = {
@@ -35,6 +35,24 @@ def split_folds(
     if "label" in groups:
         recordings = dataclasses.replace(recordings, groups={**recordings.groups, "label": recordings.labels})
     return grouped_folds(recordings, groups, folds, seed)
+
+
+def check_split(recordings: Recordings, groups: Sequence[str], folds: int) -> None:
+    """Refuse groups that cannot be left out, before the work begins.
+
+    Raises
+    ------
+    InputError
+        A group that is not there, has one value, or is none (``no_group``); folds that cannot be made.
+    """
+    for name in groups:
+        why = no_group(recordings.groups[name], recordings.labels) if name in recordings.groups else ""
+        if why and name != "label":
+            why = f"array {name} {why.rstrip(',')}: leaving out a value of it would show nothing"
+            raise InputError(
+                f"recordings '{recordings.source}', {why}; choose another --group, or leave it out"
+            )
+    split_folds(recordings, groups, folds, None)
 
 
 def held_out(recordings: Recordings, groups: Sequence[str], test: np.ndarray) -> str:

@@ -20,7 +20,8 @@ from eskin.training.fit import fine_tune, fit_networks
 from eskin.training.losses import Callback, Told
 from eskin.training.quantise import check_widths, profile, range_records
 from eskin.training.recipe import Recipe, choose_recipe
-from eskin.training.splits import default_splits, split_folds
+from eskin.training.splits import check_split, default_splits
+from eskin.training.trained import written_by
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,6 +153,8 @@ def train(
     if notes:
         record |= notes(record)
         record["wall_s"] = time.perf_counter() - begin  # notes may take long
+    if integer:
+        record |= written_by(config, integer)
     record = json.loads(json.dumps(record))  # what the file will hold: lists, not tuples
     model.save(out, record, integer)
     return record
@@ -170,7 +173,7 @@ def _cross_validation(
     if splits is None:
         splits = [[]] if request.protocol == "thesis" else default_splits(recordings, config)
     for groups in splits:
-        split_folds(recordings, groups, request.folds, None)  # refuses before the work begins
+        check_split(recordings, groups, request.folds)  # refuses before the work begins
     records = {tuple(record["groups"]): record for record in request.known}
     missing = [list(groups) for groups in splits if tuple(groups) not in records]
     if missing:

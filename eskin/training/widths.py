@@ -20,7 +20,6 @@ from eskin.golden.model import (
     find_touches,
     float_features,
     logit_error,
-    model_files,
     stage_errors,
 )
 from eskin.golden.model.stage_error import StageError
@@ -29,13 +28,13 @@ from eskin.training.quantise import (
     COVERED_FEATURE,
     OPERAND_BITS,
     Range,
-    load_trained,
     profile,
     quantise_model,
     range_records,
 )
 from eskin.training.recipe import RECIPES, Recipe, choose_recipe
 from eskin.training.splits import default_splits
+from eskin.training.trained import load_trained, written_by
 
 WEIGHTS, TABLES = tuple(range(4, 17)), (512, 1024)
 """Bits of a weight and entries of a table that are tried, in the order of what they cost: weights first."""
@@ -272,8 +271,13 @@ def quantise_by_error(
         raise InputError(
             f"quantisation, field logit_error: is {limit:g}; give the largest difference of a logit, 0.5 say"
         )
-    files = model_files(model_dir)
-    model, record = load_trained(model_dir)
+    trained = load_trained(model_dir)
+    model, record = trained.model, trained.record
+    if model.config.has_prototypes:
+        raise InputError(
+            f"model '{model_dir}', field readout: is 'prototypes', and logit_error is of logits; quantise it with "
+            "--readout dense first"
+        )
     config = model.config
     splits = [split["groups"] for split in record.get("cross_validation", [])] or default_splits(
         recordings, config
@@ -306,6 +310,8 @@ def quantise_by_error(
         "widths": chosen.widths,
         "ranges": range_records(integer.config, ranges),
         "logit_error": summary,
+        **written_by(model.config, integer),
     }
-    integer.save(model_dir, training=record, unchanged=files)
+    trained.check_kept(integer.config, {})
+    integer.save(model_dir, training=record, unchanged=trained.files)
     return integer, summary

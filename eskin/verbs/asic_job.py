@@ -64,24 +64,18 @@ def chip_config(config: AcceleratorConfig, lanes: int | None, rom: bool) -> Acce
 
 
 def netlist_of(
-    config: AcceleratorConfig, arrays: Arrays, process: Process, *, probes: bool = False, latches: bool = True
+    config: AcceleratorConfig, arrays: Arrays, process: Process, *, probes: bool = False
 ) -> Netlist:
     """The netlist of one design; an unchanged one is taken from the build folder."""
     images = None if config.hardware.loadable else memory_images(config, arrays)
     macros = [macro.name for macro in process.macros]
     key = content_key(
-        config.to_dict(),
-        repr(images),
-        probes,
-        latches,
-        process.library.path,
-        macros,
-        code_version("rtl", "golden"),
+        config.to_dict(), repr(images), probes, process.library.path, macros, code_version("rtl", "golden")
     )
     design = Accelerator if probes else Chain
 
     def make(folder: Path) -> None:
-        synthesise(design(config, images), process, folder, top=TOP, latches=latches)
+        synthesise(design(config, images), process, folder, top=TOP)
 
     return Netlist.of(Memo(CACHE).folder(key, make), TOP)
 
@@ -116,20 +110,11 @@ def libraries_of(paths: Sequence[Path]) -> dict[str, list[Library]]:
 
 
 def asic(
-    model: IntegerModel,
-    pdk: str,
-    paths: Sequence[Path],
-    *,
-    latches: bool = True,
-    recordings: Recordings | None = None,
-    wire_load: str = WIRE_LOAD,
-    delays: str = "cells",
+    model: IntegerModel, pdk: str, paths: Sequence[Path], *, recordings: Recordings | None = None
 ) -> tuple[Record, Netlist]:
     """The result (`asic.json`) and the netlist; ``model`` with a configuration of `chip_config`.
 
-    With ``recordings`` one of them is played into the netlist and its energy counted, glitches by ``delays``
-    (`eskin.verbs.chip_energy.DELAYS`). ``wire_load``: name of the nets' wire load; empty for nets without
-    wires.
+    With ``recordings`` one of them is played into the netlist and its energy counted.
 
     Raises
     ------
@@ -139,7 +124,7 @@ def asic(
     config = model.config
     libraries = libraries_of(paths)
     process = process_of(pdk, libraries["typ"])
-    netlist = netlist_of(config, model.arrays, process, latches=latches)
+    netlist = netlist_of(config, model.arrays, process)
     nets, counted = Nets(netlist.module, process.cells), netlist.counted(process)
     by_kind = _sums((cell.kind, cell.area * number) for cell, number in counted)
     total = sum(by_kind.values())
@@ -147,17 +132,15 @@ def asic(
     def number_of(kind: str) -> int:
         return sum(number for cell, number in counted if cell.kind == kind)
 
-    load = timing.wire_load_of(process.library, wire_load) if wire_load else ""
+    load = timing.wire_load_of(process.library, WIRE_LOAD)
     wire = process.library.wire_loads.get(load, WireLoad(lengths={}, slope=0.0, farad=0.0))
-    slowest = _slowest(netlist, process, libraries, load)
+    slowest = _slowest(netlist, libraries, load) if timing.has_sta() else dict.fromkeys(("typ", "slow"))
     leakage = sum(cell.leakage * number for cell, number in counted)
     energy: Record = {"step_j": None, "interval_j": None, "touch_j": None, "leakage_w": leakage, "band": BAND}
     energy |= {"waiting_cycle_j": costs(nets, process.library.voltage, wire).root_j}
     energy |= {"method": f"{chip_energy.METHOD}; what needs recordings is null without --data"}
     if recordings is not None:
-        energy |= chip_energy.measured(
-            model, nets, process.library.voltage, wire, leakage, recordings, delays=delays
-        )
+        energy |= chip_energy.measured(model, nets, process.library.voltage, wire, leakage, recordings)
     result = {
         "pdk": pdk,
         "corner": f"typ {process.library.voltage:g} V {process.library.temperature:g} C",
@@ -175,7 +158,7 @@ def asic(
         "clock_gates": number_of("gate"),
         "memories": [{key: row[key] for key in row if key != "cell"} for row in netlist.memories],
         "fmax_hz": {corner: path and path.fmax_hz for corner, path in slowest.items()},
-        "timing_by": timing.BY_STA if timing.has_sta() else timing.BY_TABLES,
+        "timing_by": timing.BY_STA if timing.has_sta() else timing.NOT_TOLD,
         "wire_load": (load or None) if timing.has_sta() else None,
         "paths": {
             corner: {
@@ -203,7 +186,7 @@ def _sums(rows) -> dict[str, float]:
 
 
 def _slowest(
-    netlist: Netlist, process: Process, libraries: Mapping[str, Sequence[Library]], load: str
+    netlist: Netlist, libraries: Mapping[str, Sequence[Library]], load: str
 ) -> dict[str, timing.Slowest | None]:
     """The slowest path of each corner; None without a file of its cells."""
     kinds = {row["kind"] for row in netlist.memories}
@@ -219,12 +202,8 @@ def _slowest(
         foreign = [] if macros_of(corner) else macros_of("typ")
         if not any(library.holds_logic for library in own):
             paths[corner] = None
-        elif timing.has_sta():
-            paths[corner] = timing.slowest(netlist.verilog, TOP, own, foreign, load, netlist.folder)
         else:
-            cells = process.cells | {name: cell for library in own for name, cell in library.cells.items()}
-            late = [name for library in foreign for name in library.cells]
-            paths[corner] = timing.estimated(Nets(netlist.module, cells), late)
+            paths[corner] = timing.slowest(netlist.verilog, TOP, own, foreign, load, netlist.folder)
     return paths
 
 

@@ -32,7 +32,7 @@ from eskin.study.baselines.rows import nearest, orders, row_of
 from eskin.study.baselines.scene import Scene, array_shape
 from eskin.study.baselines.transfer import LEARNT_NOT, read_weights
 from eskin.training import LEARNING
-from eskin.training.splits import default_splits, split_folds
+from eskin.training.splits import check_split, default_splits
 from eskin.verbs.cost import CODE as COST
 from eskin.verbs.cost import market
 
@@ -174,11 +174,11 @@ def run(
     names = choose_methods(methods, full)
     arrays = None if weights is None else read_weights(weights)
     if group is not None:
-        split_folds(recordings, group, folds, None)
+        check_split(recordings, group, folds)
     config, reasons = front_end(recordings, user_config, group, folds, cache, progress)
     splits = [list(group)] if group is not None else default_splits(recordings, config)
     for groups in splits:
-        split_folds(recordings, groups, folds, None)
+        check_split(recordings, groups, folds)
     shared = Shared(recordings, config, array_shape(config, shape), arrays)
     every = tuple(range(seed, seed + seeds))
     pieces = []

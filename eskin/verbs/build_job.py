@@ -32,13 +32,11 @@ from eskin.golden.core import (
     write_json,
 )
 from eskin.golden.core.config import WIDEST_DSP_ACCUMULATOR
-from eskin.golden.model import IntegerModel
-from eskin.pages.views import words, write_text
 from eskin.rtl.common.memory_style import LARGE_MEMORIES, lanes_in_large_memories, short_of_blocks
 from eskin.rtl.engine.lanes import LANE_TYPES
 from eskin.rtl.fpga import blocks, implementation
 from eskin.rtl.fpga.implementation import PACKERS, DoesNotFit, Implementation, NoRoute, place
-from eskin.rtl.fpga.synthesis import Chain, Family, Netlist, counted, synthesise
+from eskin.rtl.fpga.synthesis import Family, Netlist, synthesise
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as board
 from eskin.rtl.fpga.tools import need_tool
@@ -62,28 +60,13 @@ from eskin.study.energy import PARTS, estimate, scheduled_activity
 CACHE = Path("build/implementations")
 """Finished netlists and placements by content; safe to delete."""
 
-COUNTED = Path("build/synthesis")
-"""Where netlists of families without a bitstream are written by default, a folder a family."""
-
 BOARDS = Path("build/board")
 """Where builds are written by default, a folder a board."""
 
 MARK = "build.json"
 """A folder with this file was built and may be replaced."""
 
-TABLE = "builds.md"
-"""The table for a README."""
-
 TOP, CHAIN = "accelerator", "inner.chain"
-
-TABLE_ROWS = (
-    ("icebreaker", 1, False),
-    ("icebreaker", 1, True),
-    ("icebreaker", 4, False),
-    ("icebreaker", 6, False),
-    ("ulx3s", 12, False),
-)
-"""(board, lanes, with the link) of the rows of ``--table``."""
 
 LARGEST = "ulx3s"
 """The board with the largest part."""
@@ -323,52 +306,13 @@ def build(request: BuildRequest, progress: Progress | None = None) -> tuple[Reco
         result |= {
             "link": request.sensing,
             "standalone": request.standalone,
-            "converter": interface.converter,
+            "converter": interface.converter.name,
         }
         result |= {"stimulator": interface.stimulator != "none", "wiring": wiring.table()}
     if request.flash:
         result["flash_image"] = image = flash_image(config, request.arrays)
         result["flash"] = {"image": FLASH_IMAGE, "offset": FLASH_OFFSET, "bytes": len(image)}
     return result, best.bitstream, netlist.verilog
-
-
-def synthesis_only(
-    model: IntegerModel, family: Family, lanes: int | None, lane_type: str | None, *, cache: Path = CACHE
-) -> tuple[Record, Path]:
-    """The accelerator, onset to decision, in the cells of a family for which there is no bitstream: the
-    result and the netlist as Verilog.
-
-    Raises
-    ------
-    InputError
-        Lanes that there are not.
-    """
-    if lane_type == "dsp":
-        raise InputError("--lane-type dsp: is made of an iCE40's multipliers; leave it out, or give plain")
-    config = model.config.with_lanes(
-        lanes, lane_type or ("plain" if model.config.hardware.lane_type == "dsp" else None)
-    )
-    if config.is_image:
-        refuse_hardware(config)
-    images = None if config.hardware.loadable else memory_images(config, model.arrays)
-    netlist = _netlist(lambda: Chain(config, images), family, (), cache)[0]
-    result = {
-        "synthesis_only": family.name,
-        "lanes": config.hardware.lanes,
-        "lane_type": config.hardware.lane_type,
-        "link": False,
-        **counted(netlist.cells),
-        "cell_types": netlist.cells,
-        "cycles": {
-            "step": step_cycles(config),
-            "step_ideal": config.step_ideal,
-            "decision": decision_cycles(config),
-        },
-        "lowest_clock_hz": lowest_clock_hz(config),
-        "bitstream": None,
-        "tools": _versions(),
-    }
-    return result, netlist.verilog
 
 
 def default_baud(clock_hz: float) -> float:
@@ -417,7 +361,7 @@ def link_of(folder: Path) -> tuple[int, int, Any]:
         ) from None
     if not with_link:
         raise InputError(
-            f"--build {folder}: was built with --no-link or --synthesis-only, so no host can talk to it; build it "
+            f"--build {folder}: was built with --no-link, so no host can talk to it; build it "
             "anew without that option"
         )
     return rate, *lanes
@@ -438,34 +382,6 @@ def write(result: Record, bitstream: Path | None, netlist: Path, out: Path) -> N
         if image is not None:
             (folder / FLASH_IMAGE).write_bytes(image)
         write_json(folder / MARK, result)
-
-
-def table(request: BuildRequest, out: Path, *, progress: Progress | None = None) -> list[Record]:
-    """Records of `TABLE_ROWS`, also written into ``out`` as builds.md and builds.json; ``request`` with any
-    board, lanes and link. One that did not fit says why in place of its critical path."""
-    results, records = [], []
-    for count, (name, lanes, link) in enumerate(TABLE_ROWS):
-        target = board(name)
-        if progress:
-            progress("builds", count, len(TABLE_ROWS))
-        config = request.config.with_lanes(lanes, suited_lane_type(request.config, target))
-        record: Record = {"device": target.device, "target": name, "lanes": lanes, "link": link}
-        record |= {"lane_type": config.hardware.lane_type}
-        record |= dict.fromkeys(
-            ("logic_cells", "lut", "ff", "dsp", "bram", "fmax_hz", "seed", "step", "of_ideal")
-        )
-        try:
-            result = build(replace(request, config=config, target=target, link=link, lanes_asked=True))[0]
-            step, ideal = result["cycles"]["step"], result["cycles"]["step_ideal"]
-            needed = {budget["name"]: budget["needed_clock_hz"] for budget in result["budgets"]}
-            record |= result | {"step": step, "of_ideal": step / ideal, "needed": needed}
-            results.append(result)
-        except BuildError as error:
-            record |= {"critical_path": str(error), "needed": dict.fromkeys(("step", "decision"))}
-        records.append(record)
-    write_text(out / TABLE, words("builds", builds=records))
-    write_json(out / "builds.json", results)
-    return records
 
 
 def _result(

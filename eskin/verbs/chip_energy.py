@@ -41,12 +41,10 @@ METHOD = (
     "changes of nets from cycle to cycle at gate level, Liberty energy and capacitance, wire load; glitches "
     "apart; no clock tree, no layout"
 )
-DELAYS = {
-    "cells": "cells take their Liberty delay at a short edge and a small load, shorter pulses are "
-    "swallowed, a glitch costs a full swing",
-    "unit": "all cells take the same time, shorter pulses are swallowed, a glitch costs a full swing",
-}
-"""How glitches are counted, by the word for `eskin.cosim.gates.Chip`."""
+GLITCHES_BY = (
+    "cells take their Liberty delay at a short edge and a small load, shorter pulses are swallowed, a glitch "
+    "costs a full swing"
+)
 
 
 def with_touches(
@@ -91,7 +89,6 @@ def measured(
     recordings: Recordings,
     *,
     wrong: str | None = None,
-    delays: str = "cells",
 ) -> Record:
     """The energies of `asic.json`, in joule, of one recording with a whole touch; what glitches add is told
     apart as ``glitches``.
@@ -104,8 +101,6 @@ def measured(
         Of the whole chip.
     wrong:
         A logic cell that says the opposite, to see that it is seen.
-    delays:
-        One of `DELAYS`: by which glitches come about.
 
     Raises
     ------
@@ -116,7 +111,7 @@ def measured(
     _, chosen = with_touches(model, recordings, 1)
     trace, cost, blocks = run(model, chosen), costs(nets, voltage, wire), blocks_of(nets)
     library = {cell.name: cell for cell in nets.cells.values()}
-    chip = Chip(nets.module, library, expression, SEED, wrong, delays=delays)
+    chip = Chip(nets.module, library, expression, SEED, wrong, delays=True)
     program = chip.program
     part_of = {
         net: (kind, blocks[nets.driver[net][0]] if net in nets.driver else OTHERS)
@@ -154,7 +149,7 @@ def measured(
     of_part["clock", TRUNK] = of_part.get(("clock", TRUNK), 0.0) + cost.root_j * rows[:, 1]
     energies = summary(config, rows, of_part, onset, cost.root_j, leakage_w, clock)
     beyond = summary(config, rows, extra, onset, 0.0, 0.0, clock)
-    glitches = {key: beyond[key] for key in GLITCHES} | {"method": DELAYS[delays]}
+    glitches = {key: beyond[key] for key in GLITCHES} | {"method": GLITCHES_BY}
     hours = BATTERY_J / (energies["average_w"] + glitches["average_w"]) / 3600
     energies |= _taught(model, device, joule[: len(place)], cost.root_j, leakage_w / clock)
     energies["glitches"] = glitches | {"battery_hours_with": hours}

@@ -12,10 +12,10 @@ from functools import lru_cache, partial
 
 from eskin.choose.cost import PREFERENCES, Cost, Market, Prefer
 from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.rtl.fpga.block_memories import block_memories
 from eskin.rtl.fpga.targets import TARGETS, Target
 from eskin.rtl.fpga.targets import target as find_target
 from eskin.rtl.program.schedule import decision_cycles, mean_frame_cycles, step_cycles
-from eskin.rtl.views.complexity import block_memories
 from eskin.study.energy import estimate, scheduled_activity
 from eskin.verbs.build_job import suited
 

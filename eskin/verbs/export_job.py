@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from eskin.exchange import compiled, plain_c
-from eskin.golden.core import InputError, Record, replacing_folder
+from eskin.golden.core import PREFIX, InputError, Record, check_prefix, prefixed, replacing_folder
 from eskin.golden.data import Recordings
 from eskin.golden.model import (
     FloatModel,
@@ -23,7 +23,12 @@ from eskin.golden.model import (
 
 
 def export_c(
-    model: IntegerModel, out: Path, *, recordings: Recordings | None = None, seed: int = 1
+    model: IntegerModel,
+    out: Path,
+    *,
+    recordings: Recordings | None = None,
+    prefix: str = PREFIX,
+    seed: int = 1,
 ) -> Record:
     """Write the model as plain C into ``out``, new or an earlier exported folder, whole or not at all.
 
@@ -31,27 +36,30 @@ def export_c(
     ----------
     recordings:
         What eskin_check plays; default: made-up ones that reach a decision, or images.
+    prefix:
+        Begins the names of files and of all that they declare, so that several models go into one program.
 
     Returns
     -------
     dict
-        out, decisions (that eskin_check compares), table_bytes, products (`plain_c.products`), cores: {name,
+        out, prefix, decisions (that eskin_check compares), table_bytes, products (`plain_c.products`), cores: {name,
         code, tables, state}, bytes, of each of `compiled.CORES`; empty without the compiler.
     """
-    check_folder(out, plain_c.HEADER)
-    files = plain_c.sources(model)
+    check_folder(out, prefixed(plain_c.HEADER, check_prefix("--prefix", prefix)))
+    files = plain_c.sources(model, prefix)
     samples, lengths, calls = _vectors(model, recordings, seed)
-    files |= plain_c.check_sources(model.config, samples, lengths, calls)
+    files |= plain_c.check_sources(model.config, samples, lengths, calls, prefix)
     with replacing_folder(out) as folder:
         for name, text in files.items():
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text(text)
         cores = [
-            {"name": core} | compiled.sizes(folder, core, model.config.is_image)
+            {"name": core} | compiled.sizes(folder, core, model.config.is_image, prefix)
             for core in (compiled.CORES if compiled.there() else ())
         ]
     return {
         "out": str(out),
+        "prefix": prefix,
         "decisions": sum(map(len, calls)),
         "table_bytes": plain_c.table_bytes(model),
         "products": plain_c.products(model.config),

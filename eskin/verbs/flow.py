@@ -95,7 +95,7 @@ def cosimulate(
     _check_target(level, target, chip)
     config = with_converter(model.config.with_lanes(lanes, lane_type), converter, options.get("clock_hz"))
     codes = None
-    if config.interface.converter != "none":
+    if config.interface.converter.name != "none":
         if level != "rtl" or lowest or options.get("stalls"):
             raise InputError(
                 f"--converter: is {config.interface.converter}, which goes with the design's own Verilog "
@@ -130,7 +130,7 @@ def cosimulate(
         and options.get("simulator", "verilator") == "verilator"
         and not lowest
     )
-    if stopping and config.interface.converter == "none":
+    if stopping and config.interface.converter.name == "none":
         options["hardware"] = Hardware((design / "accelerator.sv",), ("-DCLOCKED",))
     vectors = expected_of(model, recordings, work / "vectors.npz", numbers, trace=trace, codes=codes)
     if chips:
@@ -239,10 +239,11 @@ def _chips_played(
 def with_converter(
     config: AcceleratorConfig, converter: str | None, clock_hz: float | None = None
 ) -> AcceleratorConfig:
-    """The configuration with that converter (None: its own) at the clock it is used with, which is checked
-    against its pace."""
-    changes: Record = {} if converter is None else {"converter": converter}
-    if clock_hz and (converter or config.interface.converter) != "none":
+    """The configuration with that converter (None, or the name of its own: as it is) at the clock it is used
+    with, which is checked against its pace."""
+    own = config.interface.converter.name
+    changes: Record = {} if converter in (None, own) else {"converter": converter}
+    if clock_hz and (converter or own) != "none":
         changes["clock_hz"] = float(clock_hz)
     return config.replace(**changes) if changes else config
 

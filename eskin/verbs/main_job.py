@@ -43,7 +43,7 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.files import exchange
 from eskin.golden.data import Recordings
-from eskin.golden.model import IntegerModel, find_touches, load_training, pipeline, write_vectors
+from eskin.golden.model import IntegerModel, find_touches, load_config, load_training, pipeline, write_vectors
 from eskin.pages import report
 from eskin.pages.views import compared, hertz, percent, verdict
 from eskin.rtl.fpga.generate import generate
@@ -52,7 +52,7 @@ from eskin.rtl.program.image_passes import plan_of
 from eskin.rtl.program.schedule import frame_cycles
 from eskin.training import LEARNING, evaluate, quantise
 from eskin.training.image_models import KEPT, chosen_config
-from eskin.training.splits import split_folds
+from eskin.training.splits import check_split
 from eskin.verbs import cost
 from eskin.verbs.build_job import weights_sentence
 from eskin.verbs.cost import CODE as COST
@@ -161,7 +161,7 @@ def run(
                 check_alike(held, loaded)
                 held = held.of_classes(loaded.class_names, f"--data {loaded.source}")
             if group:
-                split_folds(loaded, group, 5, None)
+                check_split(loaded, group, 5)
             if loaded.image_shape:
                 chosen_config(loaded, user_config, cell)
             plan = (
@@ -379,7 +379,8 @@ class _Steps:
 
     def _quantise(self, trained: Path, folder: Path) -> None:
         shutil.copytree(trained / "model", folder / "model")
-        quantise.quantise(folder / "model")
+        prototypes = load_config(folder / "model").has_prototypes  # which are made of recordings
+        quantise.quantise(folder / "model", self.recordings if prototypes else None)
 
     def _evaluate(self, quantised: Path, folder: Path, notify: Progress) -> None:
         write_json(folder / "evaluate.json", evaluate.evaluate(quantised / "model", self.recordings))

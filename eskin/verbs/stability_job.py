@@ -15,7 +15,9 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from eskin.cosim import upsets as bench_upsets
+import numpy as np
+
+from eskin.cosim.device import FOREVER, Design, Device
 from eskin.golden.core import (
     PRESETS,
     AcceleratorConfig,
@@ -30,8 +32,12 @@ from eskin.golden.core import (
 )
 from eskin.golden.core.jobs import Function
 from eskin.golden.data import Recordings
-from eskin.golden.model import FloatModel, IntegerModel, load_config
+from eskin.golden.model import FloatModel, IntegerModel, find_touches, load_config
+from eskin.golden.model import run as run_golden
 from eskin.pages.stability_page import PAGE, write_page
+from eskin.rtl.fpga.export import export
+from eskin.rtl.fpga.generate import boot_writes, pack_decision
+from eskin.rtl.program.memory_map import Control, Register
 from eskin.study import defences
 from eskin.study.stability import suite as stability
 from eskin.study.stability.core import GROUPS, Bench, Case, Mode, Outcome
@@ -39,9 +45,7 @@ from eskin.study.stability.images import ImageBench
 from eskin.training import LEARNING
 from eskin.training.splits import default_splits
 from eskin.verbs import flow
-from eskin.verbs import upset_campaign as campaign_steps
 from eskin.verbs.defence_cost import hardware_cost
-from eskin.verbs.link_upsets import upset_link
 
 CACHE = Path("build/stability_records")
 """Finished experiments by content; safe to delete."""
@@ -55,9 +59,10 @@ STREAMED = 3
 CODE = partial(code_version, *LEARNING, "rtl", "cosim")
 """What records depend on beside their data and model."""
 
-UPSETS = 600
-"""Single upsets of flip-flops, and of memory bits, in simulation; the bench's ``flips`` where that is
-less."""
+LEFT = 150
+"""Random cycles at which a recording is left; a quarter of the bench's ``flips`` where that is less."""
+AROUND = range(-9, 3)
+"""Cycles around a decision's offer at which it is left, too: `arm` falls before, into and behind it."""
 
 
 def run(
@@ -302,62 +307,65 @@ class _Hardware:
 
     def measure(self, key: str, **options: Any) -> Outcome:
         """The figure of such a mode by its key, always measured; options: of the function that does it."""
-        return (self.play if key in ("stalls", "probe") else self.upsets)(key, **options)
+        return self.leave(**options) if key == "reset" else self.play(key, **options)
 
-    def upsets(
-        self,
-        key: str,
-        *,
-        ways: Sequence[int] = (bench_upsets.RESET, bench_upsets.ARM_AGAIN),
-        **defences: bool,
-    ) -> Outcome:
-        """Upsets in the generated design (eskin/verbs/upset_campaign.py): ``reset``, ``flip-flops`` or
-        ``checksum``.
-
-        ways: of leaving a recording. defences: checksum, watchdog, which are on.
-        """
+    def leave(self, ways: Sequence[str] = ("reset", "arm")) -> Outcome:
+        """A recording left at random cycles and around its last two decisions, in each of ``ways``: by a
+        reset, by the next one's `arm`, or (``neither``, which must go wrong) without either. Counted are the
+        following recordings whose decisions are not those of the golden model."""
         model, clean = self.bench.model, self.bench.clean
-        defended = watched(model.config).replace(**defences)
-        played = IntegerModel(defended, model.arrays, model.source)
-        scenario = self.bench.remember(
-            f"upset scenario {defences}", lambda: campaign_steps.scenario(played, clean)
+        touched = np.flatnonzero(find_touches(model.config, clean).first_touch() >= 0)
+        pair = clean.subset(touched[np.argsort(clean.lengths[touched])[:2]])
+        rows, offsets = run_golden(model, pair).streams["decision"]
+        expected = [pack_decision(model.config, row) for row in rows]
+        design = Design(
+            export(model.config, model.arrays), flow.BUILD / "simulators", "leaving a recording at any cycle"
         )
-        campaign = campaign_steps.Campaign.build(scenario, flow.BUILD / "simulators")
-        count, seed = min(UPSETS, self.bench.flips), self.bench.seed
-        options: Record = {
-            "keep": lambda name, make: self.keep.remembered(
-                f"rtl {self.version} {ways} {defences} {name}", make
-            ),
-            "progress": partial(self.progress, f"{key} in simulation") if self.progress else None,
-        }
-        if key == "reset":
-            records = campaign_steps.leave_recordings(campaign, count // 4, seed, ways=ways, **options)
-            value = sum(record["differs"] for record in records)
-            words = f"a reset or a new arm {len(records)} times in a recording with two touches, at every "
-            words += "cycle around a decision too"
-            detail: Record = {"runs": len(records)}
-        elif key == "flip-flops":
-            detail = campaign_steps.summary(campaign_steps.upset_flip_flops(campaign, count, seed, **options))
-            of_link = options["keep"](
-                "link",
-                lambda: upset_link(
-                    campaign.scenario.model.config, count // 2, seed, builds=flow.BUILD / "simulators"
-                ),
-            )
-            dumb = sum(not (record["answers"] and record["decides"]) for record in of_link)
-            value = detail["hangs"] + dumb
-            link = f"of {len(of_link)} more in the serial link {dumb} leave it without an answer"
-            words = f"{campaign_steps.in_words(detail)}; {link}"
-            detail["link"] = {"flips": len(of_link), "hangs": dumb}
-        else:
-            detail = campaign_steps.flagged_by_kind(
-                campaign_steps.upset_constants(campaign, count, seed, **options)
-            )
-            value = sum(flips - flagged for flips, flagged in detail.values())
-            words = "; ".join(
-                f"{kind}: {flagged} of {flips} flagged" for kind, (flips, flagged) in detail.items()
-            )
-        return Outcome(value, words, detail=detail)
+        boot = boot_writes(model.config, model.arrays)
+
+        def play(way: str, at: int = FOREVER) -> tuple[list[int], list[int], int]:
+            """Decisions of the last recording played, their cycles, and the cycles of the first recording."""
+            device = Device(design, model.config.sensor.sample_bits)
+            device.reset(boot)
+            device.write(Register.CONTROL, Control.ARM)
+            device.cycle()  # it clears the chain at the end of the cycle behind it
+            begun = device.state.cycle
+            device.state.stop_at = min(begun + at + 1, FOREVER)
+            if way == "reset":
+                device.poke(begun + at, rst=1)
+            device.frames(pair.recording(0))
+            if device.state.cycle < device.state.stop_at:
+                device.write(Register.CONTROL, Control.FINISH)
+                device.settle()
+            cycles = device.state.cycle - begun
+            if way:
+                device.cycle(max(0, device.state.stop_at - device.state.cycle))
+                device.state.stop_at = FOREVER
+                if way != "neither":
+                    device.write(Register.CONTROL, Control.ARM)
+                    device.cycle()
+                    device.forget()  # what was offered up to here belongs to the first recording
+                device.frames(pair.recording(1))
+                device.write(Register.CONTROL, Control.FINISH)
+                device.settle()
+            events = device.seen()
+            events = events[events["stage"] == 0]
+            return events["value"].tolist(), (events["cycle"] - begun).tolist(), cycles
+
+        first, offered, cycles = play("")
+        if first != expected[: offsets[1]]:
+            raise RuntimeError("the hardware does not decide as the golden model does")
+        times = np.random.default_rng(self.bench.seed).integers(0, cycles, min(LEFT, self.bench.flips // 4))
+        near = {max(at + shift, 0) for at in offered[-2:] for shift in AROUND}
+        leavings = [(ways[number % len(ways)], int(at)) for number, at in enumerate(times)]
+        leavings += [(way, at) for at in sorted(near) for way in ways]
+        value = 0
+        for number, (way, at) in enumerate(leavings, 1):
+            value += play(way, at)[0] != expected[offsets[1] :]
+            if self.progress:
+                self.progress("resets in simulation", number, len(leavings))
+        words = f"{len(leavings)} times in a recording, at every cycle around a decision too"
+        return Outcome(value, f"a reset or a new arm {words}", detail={"runs": len(leavings)})
 
     def play(self, key: str, **options: Any) -> Outcome:
         """A few recordings in co-simulation, with ``stalls`` or with a ``probe`` that writes a weight during

@@ -29,7 +29,7 @@ from eskin.study.baselines.rows import SWEPT
 from eskin.study.image_sweep import ImageSweepRequest, default_grid, make_image_points
 from eskin.training import LEARNING
 from eskin.training.image_models import KEPT
-from eskin.training.splits import default_splits, split_folds
+from eskin.training.splits import check_split, default_splits
 from eskin.training.train_images import CODE as IMAGE_CODE
 from eskin.verbs.cost import estimated
 
@@ -103,7 +103,7 @@ def request_of(
     source = f"grid '{grid}'"
     splits = default_splits(recordings, config) if group is None and config else [list(group or [])]
     for groups in splits:
-        split_folds(recordings, groups, folds, None)
+        check_split(recordings, groups, folds)
     common: Record = {"folds": folds, "bounds": bounds or sweeping.Bounds()}
     if config is not None:
         points: Sequence[Any] = sweeping.make_points(

@@ -68,7 +68,7 @@ class Soc(wiring.Component):
     def __init__(self, config: AcceleratorConfig, program: Sequence[int] | None, *, words: int) -> None:
         self._config, self._program, self._words = config, program, words
         self._accelerator = BusTop(config, bus="wishbone")
-        fed = config.interface.converter == "none"
+        fed = config.interface.converter.name == "none"
         members = {"frame": In(16 * config.sensor.taxels), "due": In(1)}
         pins = {} if fed else {"pins": self._accelerator.signature.members["pins"]}
         flash = {"flash": Out(flash_pins)} if program is None else {}

@@ -140,6 +140,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
         assert config.ring_frames == 2 + slack
         ring_frames = config.ring_frames
     (ring,) = memories
+    (write,), (read,) = ring.writes, ring.reads
     history = config.windows.pretrigger_frames + 1
     keeps_its_beat(dut.o, "o")
     free_sink(dut.o)
@@ -216,8 +217,8 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     oldest, first = Signal(8, name="oldest_word"), Signal(8, name="first_held")
     m.d.comb += [oldest.eq(word - held), first.eq(oldest + passed)]
     mask = ring.depth - 1
-    prove(dut.write.addr == (word & mask), "where it writes")
-    prove(dut.read.addr == (oldest & mask), "where it reads")
+    prove(write.addr == (word & mask), "where it writes")
+    prove(read.addr == (oldest & mask), "where it reads")
     capacity = ring_frames * taxels
     prove(held <= capacity + 1, "the most it holds")
     prove((held <= capacity) | dut.full, "full in time")
@@ -233,7 +234,7 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     m.d.sync += [
         earlier.held.eq(dut.held),
         earlier.push.eq(push & ~passes),
-        earlier.fetch.eq(dut.read.en),
+        earlier.fetch.eq(read.en),
         earlier.starting.eq(starting),
     ]
     prove(dut.counted == earlier.fetch, "a beat fetched is counted a cycle late")
@@ -275,10 +276,10 @@ def _frames_of_a_touch(m: Module, fault_frames: int, one_port: bool = False, tax
     if one_port:
         idle = (dut.held == 0) & ~dut.counted & ~fetched & ~dut.full
         prove(~dut.passing | (dut_touch & idle), "the memory is empty where beats pass it by")
-        prove(~(dut.read.en & dut.write.en), "one port")
-    prove(~fetched | (dut.read.data[:8] == wanted_word), "the beat that was read")
+        prove(~(read.en & write.en), "one port")
+    prove(~fetched | (read.data[:8] == wanted_word), "the beat that was read")
     if fault_frames:
-        prove(~fetched | (dut.read.data[8] == wanted.xor()), "and its mask")
+        prove(~fetched | (read.data[8] == wanted.xor()), "and its mask")
     prove(dut_touch | ((first & (taxels - 1)) == 0), "whole frames are dropped")
     # without a touch: nothing is dropped that a touch could want which begins with the frame under way
     at = number & (taxels - 1)

@@ -94,9 +94,8 @@ def _twins(m: Module):
     for name in ("clear", "restart", "finish", "mask", "busy", "due"):
         prove(getattr(left, name) == getattr(right, name), f"{name} is the same")
     prove(left.load.enable == right.load.enable, "the same writes reach the memories")
-    differ = {id(left.sticky), id(left.bus.r_data)}
     for mine, its in zip(registers("one"), registers("other"), strict=True):
-        if id(mine) not in differ:
+        if mine.name not in ("sticky", "bus__r_data"):
             prove(mine == its, "the same state")
     return left, right, more
 

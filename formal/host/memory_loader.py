@@ -28,7 +28,7 @@ CONFIG = PRESETS["thesis"].replace(taxels=4, feature_shift=(4, 9), checksum=True
 def in_order(m: Module) -> None:
     dut = placed_free(MemoryLoader(CONFIG))
     assume(~(dut.chosen & dut.written))  # one register a write
-    taken = Signal.like(dut.load.address, name="words_taken")
+    taken = Signal.like(dut.address, name="words_taken")
     m.d.sync += taken.eq(Mux(dut.chosen, 0, taken + dut.load.enable))
     prove(~dut.load.enable | (dut.written & ~dut.locked), "only what is written, and not while locked")
     prove(dut.load.enable | (dut.refused == dut.written), "what is not taken is told")

@@ -39,7 +39,7 @@ ON_CYCLES = 14
 def off_follows(m: Module) -> None:
     with mock.patch.object(stimulator_frames, "OFFS_AT_RESET", 1):
         dut = placed_free(StimulatorFrames(Interface(), ON_CYCLES))
-    frame, sending, burst = dut.frame, dut.sending, dut.burst
+    frame, sending, burst = dut.frame, dut.byte.valid, dut.burst
     begins = sending & ~before(sending, "was_sending")  # a frame's first cycle
     # ---- a reference of its own: OFF is owed; a new touch is needed; cycles since the burst began
     owed = Signal()

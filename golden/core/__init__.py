@@ -5,9 +5,12 @@ from eskin.golden.core.config import PRESETS, AcceleratorConfig
 from eskin.golden.core.converters import ConverterFault, SpiPlan, converter_plan
 from eskin.golden.core.errors import InputError, SimulationError, array_of
 from eskin.golden.core.files import (
+    PREFIX,
     ArchiveError,
     check_folder,
+    check_prefix,
     check_target,
+    prefixed,
     read_arrays,
     replacing,
     replacing_folder,

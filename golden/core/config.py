@@ -16,9 +16,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from eskin.golden.core import converters, images
+from eskin.golden.core import images
+from eskin.golden.core.converters import Converter
 from eskin.golden.core.errors import InputError
 from eskin.golden.core.formats import QFormat, signed_bits
+from eskin.golden.core.group import Refusal
 from eskin.golden.core.groups import (
     GROUP_OF,
     GROUPS,
@@ -35,7 +37,6 @@ from eskin.golden.core.groups import (
     Sensor,
     Windows,
 )
-from eskin.golden.core.serial_port import Refusal
 
 WIDEST_ACCUMULATOR = 48
 """Bits of a row accumulator at most: an addend is three of the host's words then, and float64 holds every sum
@@ -122,7 +123,7 @@ class AcceleratorConfig:
                 f"is {clock:g}: {clock / self.sensor.sample_rate_hz:.3g} cycles a frame cannot take "
                 f"{self.sensor.taxels} taxels{kinds}; use at least {least:g}",
             )
-        yield from converters.refusals(self)
+        yield from self.interface.converter.misfits(self)
         if self.interface.position:
             yield from self._position_refusals()
         yield from self._stimulator_refusals()
@@ -356,7 +357,7 @@ class AcceleratorConfig:
         for group in ("rest_level", "faults", "features", "readout_rule"):
             if getattr(self, group) != GROUPS[group]():
                 yield group, "is set, and images have none of it; leave the group out"
-        if self.interface.position or self.interface.converter != "none":
+        if self.interface.position or self.interface.converter.name != "none":
             yield "interface", "has a converter or position, which images do not have; leave it out"
         if logit.width != images.LOGIT_BITS:
             yield "logit_format", f"is {logit}; logits of images have {images.LOGIT_BITS} bits"
@@ -1034,6 +1035,8 @@ def _by_group(fields: dict[str, Any]) -> tuple[dict[str, Any], dict[str, dict[st
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return tuple(map(_plain, value))
+    if isinstance(value, Converter):
+        return value.settings()
     return str(value) if isinstance(value, QFormat) else value
 
 

@@ -5,6 +5,7 @@ import fcntl
 import functools
 import json
 import os
+import re
 import secrets
 import shutil
 import tempfile
@@ -208,13 +209,39 @@ def check_folder(out: Path, mark: str) -> None:
         )
 
 
+PREFIX = "eskin"
+"""Begins every public name of C that is written."""
+
+
+def prefixed(text: str, prefix: str) -> str:
+    """C text whose names begin with ``prefix`` in place of `PREFIX`, macros in capitals."""
+    return re.sub(rf"\b{PREFIX}_", f"{prefix}_", text).replace(f"{PREFIX.upper()}_", f"{prefix.upper()}_")
+
+
+def check_prefix(option: str, prefix: str) -> str:
+    """``prefix``, which names of C and Verilog begin with.
+
+    Raises
+    ------
+    InputError
+        It is no identifier of at most 40 characters; in capitals it begins the macros.
+    """
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", prefix):
+        raise InputError(
+            f"{option} {prefix!r:.60}: begins names in C and Verilog; give a letter, then letters, digits and _, 40 at most"
+        )
+    return prefix
+
+
 @functools.cache
-def template(module: str, name: str, **filters: Any) -> Any:
-    """The template ``name`` in the folder templates/ beside a module's file, for texts that are not HTML."""
+def template(module: str, name: str, prefix: str = PREFIX, **filters: Any) -> Any:
+    """The template ``name`` in the folder templates/ beside a module's file, for texts that are not HTML; its names
+    begin with ``prefix``."""
     import jinja2
 
+    folder = Path(module).with_name("templates")
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(module).with_name("templates")),
+        loader=jinja2.FunctionLoader(lambda name: prefixed((folder / name).read_text(), prefix)),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -7,31 +7,15 @@ Types, ranges and words to choose from stand in the annotations, where pydantic 
 import dataclasses
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args, get_type_hints
+from typing import Annotated, Literal, get_args
 
 from annotated_types import Ge, Gt, Interval
-from pydantic import (
-    AfterValidator,
-    AllowInfNan,
-    BeforeValidator,
-    InstanceOf,
-    StrictBool,
-    StrictFloat,
-    StrictInt,
-    StrictStr,
-    TypeAdapter,
-    ValidationError,
-)
+from pydantic import AfterValidator, BeforeValidator, InstanceOf, StrictBool, StrictInt, StrictStr
 
-from eskin.golden.core.converters import CONVERTERS
-from eskin.golden.core.errors import InputError
+from eskin.golden.core.converters import Converter, NoConverter, converter_of
 from eskin.golden.core.formats import QFormat
+from eskin.golden.core.group import Code, Group, Real, Refusal
 from eskin.golden.core.images import Stage, parse_layer, stages_of
-from eskin.golden.core.serial_port import Refusal
-
-Real = Annotated[StrictFloat, AllowInfNan(False)]
-Code = Annotated[StrictInt, Interval(ge=0, le=65535)]
 
 Rest = Literal["none", "tracked", "initial"]
 OnsetRule = Literal["band", "baseline", "immediate"]
@@ -51,14 +35,6 @@ Decision = Literal["vote", "last", "early"]
 Readout = Literal["dense", "prototypes"]
 LaneType = Literal["plain", "dsp"]
 Stimulator = Literal["none", "decisions", "positions"]
-# a type checker cannot read a Literal that is made of a table; pydantic needs one
-if TYPE_CHECKING:
-    Converter = str
-else:
-    Converter = Literal[("none", *CONVERTERS)]
-DdcVersion = Literal["CK", "C"]
-DdcBits = Literal[16, 20]
-MprChips = Literal[1, 2]
 
 
 def _format(allowed: Callable[[QFormat], bool], words: str) -> AfterValidator:
@@ -92,77 +68,6 @@ ImageMap = Annotated[
     _format(lambda fmt: not fmt.signed and fmt.width == 8, "use unsigned formats of 8 bits, UQ(3,5) say"),
 ]
 LayerText = Annotated[StrictStr, AfterValidator(lambda text: str(parse_layer(text)))]
-
-
-class Group:
-    """Fields that belong together. On construction every field is held against its annotation, then
-    `refusals` against the others."""
-
-    def __post_init__(self) -> None:
-        for field, why in self._misfits() or self.refusals():
-            raise InputError(f"configuration, field {field}: {why}")
-
-    def _misfits(self) -> list[Refusal]:
-        """The first field that its annotation does not allow. Fields that pass get the value that pydantic
-        read."""
-        for name, adapter in _adapters(type(self)).items():  # type: ignore[arg-type]  # a class is hashable whatever its instances are
-            value = getattr(self, name)
-            try:
-                # the dataclass is frozen; pydantic may have read a format's text, or a list as a tuple
-                object.__setattr__(self, name, adapter.validate_python(value))
-            except ValidationError as error:
-                shown = str(value) if isinstance(value, QFormat) else repr(value)
-                return [(name, f"is {shown}; {_in_words(error, type(self), name)}")]
-        return []
-
-    def refusals(self) -> Iterator[Refusal]:
-        """Where fields of this group do not fit each other."""
-        yield from ()
-
-    def replace(self, **changes: Any) -> Self:
-        """A copy with ``changes``, checked again."""
-        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
-
-
-@lru_cache
-def _adapters(group: type[Group]) -> dict[str, TypeAdapter]:
-    return {name: TypeAdapter(hint) for name, hint in get_type_hints(group, include_extras=True).items()}
-
-
-_WORDS = {
-    "float_type": "give a finite number",
-    "finite_number": "give a finite number",
-    "bool_type": "give true or false",
-    "string_type": "give text",
-    "is_instance_of": "give a format, SQ(3,5) say",
-    "tuple_type": "give a list",
-}
-"""What to give instead, by pydantic's name of the mistake."""
-
-
-def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
-    """What to give instead of the first mistake."""
-    first = error.errors(include_url=False)[0]
-    kind, context = first["type"], first.get("ctx", {})
-    # pydantic's own words where they are plain; a location inside the field means that it is a list
-    if kind in ("int_type", "int_from_float"):
-        return "give whole numbers" if first["loc"] else "give a whole number"
-    if kind == "literal_error":
-        return f"give one of {context['expected'].replace(chr(39), '').replace(' or ', ', ')}"
-    if kind == "value_error":
-        return str(context["error"])
-    for bounds in get_args(get_type_hints(group, include_extras=True)[field]):
-        match bounds:
-            case _ if not kind.startswith(("greater_than", "less_than")):
-                break
-            case Gt():
-                return f"it must be above {bounds.gt}"
-            case Ge():
-                return f"it must be at least {bounds.ge}"
-            case Interval():
-                return f"it must lie in {bounds.ge}..{bounds.le}"
-    plain = first["msg"][0].lower() + first["msg"][1:].replace("input should", "it must")
-    return _WORDS.get(kind, plain)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -525,24 +430,8 @@ class Hardware(Group):
 class Interface(Group):
     """What hangs on the pins in front of the chain; nothing of it is built while it is ``none``.
 
-    converter: ``ads7953`` (16 channels), ``mcp3208x2`` (two chips of 8 on shared clock, command and select),
-    ``ad7476`` (a chip a taxel), ``spi``: any other, by the fields ``spi_...``; ``ddc232`` (32 currents),
-    ``mpr121`` (capacitive electrodes), ``matrix`` (rows and columns on multiplexers, one ad7476).
-    converter_hz: of its serial clock, at most (0: 2 MHz, or what its data sheet allows where that is less).
-    data_lines: chips that are read side by side (0: all; fewer: in series, a select line each). code_offset
-    (0, or half the range where samples are signed), code_shift (full scale on full scale): sample = (code -
-    code_offset) >> code_shift, rounded and saturated; a shift below 0 appends zeros.
-
-    spi_frame_bits: clocks of a transfer; spi_channels: of a chip; spi_command: for channel 0;
-    spi_channel_bit: where its number begins; spi_delay: transfers from command to data; spi_code_bit,
-    spi_code_bits, spi_tag_bit, spi_tag_bits: place of the code and of the channel's number in what comes back
-    (0 bits: none); spi_zeros: its bits that are always 0.
-
-    ddc_version; ddc_range (0..7, its full scale); ddc_bits: of a code; ddc_first: input (from 1) of taxel 0
-    (0: the taxels are on those that come first); ddc_ascending: input 1 comes first, not 32;
-    ddc_dvalid_clocks: of its own clock, from CONV to DVALID at most. settle_s: of a matrix, seconds from a
-    new address to the sample. mpr_chips: 1 (places between electrodes are means) or 2 (11 electrodes each,
-    one for every row and column).
+    converter: ``none``, the name of one in golden/core/converters, or an object of its name and its own
+    fields: ``{"name": "ddc232", "bits": 16}``.
 
     rows, columns: of the array (taxel = row x columns + column), for ``matrix``, ``mpr121`` and position.
 
@@ -558,29 +447,7 @@ class Interface(Group):
     seconds that a decision or position is good for; on_limit_s: seconds that an electrode is on at most.
     """
 
-    converter: Converter = "none"
-    converter_hz: Annotated[Real, Ge(0)] = 0.0
-    data_lines: Annotated[StrictInt, Ge(0)] = 0
-    code_offset: StrictInt | None = None
-    code_shift: StrictInt | None = None
-    spi_frame_bits: Annotated[StrictInt, Interval(ge=4, le=32)] = 16
-    spi_channels: Annotated[StrictInt, Interval(ge=1, le=32)] = 8
-    spi_command: Annotated[StrictInt, Ge(0)] = 0
-    spi_channel_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 13
-    spi_delay: Annotated[StrictInt, Interval(ge=0, le=4)] = 0
-    spi_code_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 0
-    spi_code_bits: Annotated[StrictInt, Interval(ge=4, le=24)] = 12
-    spi_tag_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 0
-    spi_tag_bits: Annotated[StrictInt, Interval(ge=0, le=8)] = 0
-    spi_zeros: Annotated[StrictInt, Ge(0)] = 0
-    ddc_version: DdcVersion = "CK"
-    ddc_range: Annotated[StrictInt, Interval(ge=0, le=7)] = 7
-    ddc_bits: DdcBits = 20
-    ddc_first: Annotated[StrictInt, Interval(ge=0, le=32)] = 0
-    ddc_ascending: StrictBool = False
-    ddc_dvalid_clocks: Annotated[StrictInt, Interval(ge=1, le=4095)] = 1382
-    settle_s: Annotated[Real, Ge(0)] = 20e-6
-    mpr_chips: MprChips = 1
+    converter: Annotated[InstanceOf[Converter], BeforeValidator(converter_of)] = NoConverter()
     position: StrictBool = False
     rows: Annotated[StrictInt, Interval(ge=1, le=16)] = 4
     columns: Annotated[StrictInt, Interval(ge=1, le=16)] = 4
@@ -601,10 +468,6 @@ class Interface(Group):
     on_limit_s: Annotated[Real, Gt(0)] = 2.0
 
     def refusals(self) -> Iterator[Refusal]:
-        if self.code_shift is not None and not -15 <= self.code_shift <= 20:
-            yield "code_shift", f"is {self.code_shift}; it must lie in -15..20"
-        if self.code_offset is not None and not -(1 << 23) <= self.code_offset < 1 << 24:
-            yield "code_offset", f"is {self.code_offset}; it must be a code"
         for name in ("amplitude", "delay", "frequency", "width"):
             value, limit = getattr(self, f"stim_{name}"), getattr(self, f"{name}_limit")
             if value > limit:

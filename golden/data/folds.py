@@ -8,6 +8,23 @@ from eskin.golden.core import InputError
 from eskin.golden.data.recordings import Recordings
 
 
+def no_group(values: np.ndarray, labels: np.ndarray) -> str:
+    """Why ``values``, one a recording, are no group to leave out; empty: they are one.
+
+    What lies in one class each takes the class away with it, and what differs in every recording leaves out
+    no more than a recording.
+    """
+    _, keys = np.unique(values, return_inverse=True)
+    count, classes = int(keys.max(initial=0)) + 1, len(np.unique(labels))
+    if count == classes > 1 and len(set(zip(keys.tolist(), labels.tolist(), strict=True))) == count:
+        return "tells the class, too,"
+    if count == len(values) > 1:
+        return "has another value in each recording, so is no group,"
+    if classes > 1 and len(set(zip(keys.tolist(), labels.tolist(), strict=True))) == count:
+        return "has each of its values in one class alone, so is no group,"
+    return ""
+
+
 def grouped_folds(
     recordings: Recordings, groups: Sequence[str], folds: int, seed: int | None
 ) -> list[np.ndarray]:

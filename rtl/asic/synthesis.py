@@ -157,21 +157,13 @@ class Netlist:
 
 
 def synthesise(
-    design,
-    process: Process,
-    folder: Path,
-    *,
-    top: str = "accelerator",
-    latches: bool = True,
-    delay_ps: int = 10000,
+    design, process: Process, folder: Path, *, top: str = "accelerator", delay_ps: int = 10000
 ) -> Netlist:
     """Netlist of ``design`` in ``folder`` (made if missing): TOP.v, cells.json, memories.json and what Yosys
     says.
 
     Parameters
     ----------
-    latches:
-        Small memories are latches where the process has them; otherwise flip-flops.
     delay_ps:
         What the mapping to cells aims at.
     """
@@ -202,7 +194,7 @@ write_json memories_in.json
 write_rtlil begun.il
 """
     _run(folder, "begin", begin)
-    rows = _memories(folder, process, top, latches)
+    rows = _memories(folder, process, top)
     (folder / "memories.json").write_text(json.dumps(rows))
     script = "read_rtlil begun.il\n"
     kinds = {row["kind"] for row in rows}
@@ -256,7 +248,7 @@ write_verilog -noattr -noexpr {top}.v
     return Netlist.of(folder, top)
 
 
-def _memories(folder: Path, process: Process, top: str, latches: bool) -> list[Record]:
+def _memories(folder: Path, process: Process, top: str) -> list[Record]:
     """What each memory of the design is made of."""
     rows = []
     for name, cell in json.loads((folder / "memories_in.json").read_text())["modules"][top]["cells"].items():
@@ -274,7 +266,7 @@ def _memories(folder: Path, process: Process, top: str, latches: bool) -> list[R
         one_port = writes and any(part in name for part in ONE_PORT) and words * width > BITS_OF_MACROS
         if one_port and macro is not None:
             kind = macro.name
-        elif writes and latches and process.latch is not None and single and words >= WORDS_OF_A_LATCH_MEMORY:
+        elif writes and process.latch is not None and single and words >= WORDS_OF_A_LATCH_MEMORY:
             kind = "latches"
         memory_name = value.get("MEMID", name).lstrip("\\").removeprefix(f"{top}.")
         rows.append(

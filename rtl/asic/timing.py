@@ -3,13 +3,11 @@
 import re
 import shutil
 import subprocess
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from graphlib import TopologicalSorter
 from pathlib import Path
 
 from eskin.rtl.asic.liberty import Library
-from eskin.rtl.asic.nets import Nets
 from eskin.rtl.fpga.tools import ToolError
 
 PERIOD_NS = 20.0
@@ -31,45 +29,12 @@ class Slowest:
 
 
 BY_STA = "OpenSTA"
-BY_TABLES = "an estimate, each cell at the middle of its delay table and no wires; OpenSTA tells more: sudo apt-get install opensta"
+NOT_TOLD = "not told without OpenSTA: sudo apt-get install opensta"
 
 
 def has_sta() -> bool:
     """Whether OpenSTA is installed."""
     return shutil.which("sta") is not None
-
-
-def estimated(nets: Nets, foreign: Container[str] = ()) -> Slowest:
-    """The slowest path between states where each cell takes the middle of its delay table; without wires and
-    setup times.
-
-    Parameters
-    ----------
-    nets:
-        The netlist, of one corner's cells.
-    foreign:
-        Macros that are another corner's, taken MACRO_DERATING times slower.
-    """
-    inputs: dict[str, list[int]] = {name: [] for name in nets.cells}
-    for bit, ends in nets.receivers.items():
-        for name, pin, _ in ends:
-            if bit in nets.driver and not nets.cells[name].pins[pin].clock:
-                inputs[name].append(bit)
-    above = {
-        bit: inputs[name] if nets.cells[name].kind == "logic" else []
-        for bit, (name, _) in nets.driver.items()
-    }
-    arrival: dict[int, tuple[float, str]] = {}
-    for bit in TopologicalSorter(above).static_order():
-        name, pin = nets.driver[bit]
-        time, start = max((arrival[before] for before in above[bit]), default=(0.0, name))
-        slower = MACRO_DERATING if nets.cells[name].name in foreign else 1.0
-        arrival[bit] = time + slower * nets.cells[name].pins[pin].delay_s, start
-    ends_at = (
-        name for name, cell in nets.cells.items() if cell.kind in ("flip-flop", "latch", "memory", "gate")
-    )
-    late, start, end = max((*arrival[bit], name) for name in ends_at for bit in inputs[name])
-    return Slowest(1 / late, start, end, bool(foreign))
 
 
 def wire_load_of(library: Library, preferred: str) -> str:

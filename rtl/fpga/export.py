@@ -23,8 +23,8 @@ BUS_TOP = "eskin"
 """Begins the name of the module for a user's system; behind it the bus, or ``axis``."""
 
 
-def export(config: AcceleratorConfig, arrays: Arrays | None = None) -> str:
-    """SystemVerilog text of the accelerator, module ``accelerator``; the same text every time.
+def export(config: AcceleratorConfig, arrays: Arrays | None = None, name: str = TOP) -> str:
+    """SystemVerilog text of the accelerator, module ``name``; the same text every time.
 
     ``arrays`` is the integer model that goes into a ROM design (``loadable`` false); a loadable one is the
     same for every model.
@@ -37,13 +37,13 @@ def export(config: AcceleratorConfig, arrays: Arrays | None = None) -> str:
 
     `PASSES` and a statement for each initial value leave of a linter's warnings those that WAIVER names.
     """
-    return _verilog(make_accelerator(config, _rom(config, arrays)), TOP)
+    return _verilog(make_accelerator(config, _rom(config, arrays)), name)
 
 
-def export_sensing(config: AcceleratorConfig, arrays: Arrays | None = None) -> str:
-    """SystemVerilog text of the accelerator behind its converter, module ``sensing``; as `export`
+def export_sensing(config: AcceleratorConfig, arrays: Arrays | None = None, name: str = SENSING) -> str:
+    """SystemVerilog text of the accelerator behind its converter, module ``name``; as `export`
     otherwise."""
-    return _verilog(Sensing(config, _rom(config, arrays)), SENSING)
+    return _verilog(Sensing(config, _rom(config, arrays)), name)
 
 
 def export_board(
@@ -61,15 +61,16 @@ def export_bus(
     bus: Bus | None,
     axis: bool = False,
     depth: int = 2,
+    name: str = "",
 ) -> tuple[str, str]:
-    """Name and SystemVerilog text of the module for a user's system (`BusTop`); as `export` otherwise.
+    """Name (default: eskin_ and the bus) and SystemVerilog text of the module for a user's system (`BusTop`); as `export` otherwise.
 
     Raises InputError for streams where a converter feeds.
     """
-    converter = config.interface.converter
+    converter = config.interface.converter.name
     if (axis or bus is None) and converter != "none":
         raise InputError(f"--streams: frames come from the converter '{converter}'; leave it out")
-    name = f"{BUS_TOP}_{bus or 'axis'}"
+    name = name or f"{BUS_TOP}_{bus or 'axis'}"
     return name, _verilog(BusTop(config, _rom(config, arrays), bus=bus, axis=axis, depth=depth), name)
 
 

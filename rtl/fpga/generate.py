@@ -6,14 +6,23 @@ and load.hex.
 """
 
 import json
-import re
 from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
 
-from eskin.golden.core import AcceleratorConfig, Arrays, InputError, Record, replacing_folder, template
+from eskin.golden.core import (
+    PREFIX,
+    AcceleratorConfig,
+    Arrays,
+    InputError,
+    Record,
+    check_prefix,
+    prefixed,
+    replacing_folder,
+    template,
+)
 from eskin.rtl import host
 from eskin.rtl.fpga.export import SENSING, TOP, WAIVER, export, export_bus, export_sensing
 from eskin.rtl.program.memory_map import (
@@ -35,7 +44,7 @@ from eskin.rtl.program.memory_map import (
     teach_registers,
     words_per_entry,
 )
-from eskin.rtl.program.register_files import Entry, entries, ip_xact, svd, system_rdl, written
+from eskin.rtl.program.register_files import Entry, entries, system_rdl, written
 from eskin.rtl.top.bus_top import Bus
 
 DRIVER = sorted((Path(host.__file__).parent / "driver").glob("eskin.*"))
@@ -53,6 +62,7 @@ def generate(
     bus: Bus | None = None,
     axis: bool = False,
     depth: int = 2,
+    top: str | None = None,
 ) -> Path:
     """Write the generated folder, whole or not at all.
 
@@ -69,15 +79,18 @@ def generate(
         testbench. None: no testbench.
     bus, axis, depth:
         With ``bus`` or ``axis`` the module of `eskin.rtl.top.bus_top.BusTop` too.
+    top:
+        Name of the module that a system takes; with it all other modules, and the driver with all that it and
+        registers.h declare, begin with this name, so that several designs go into one system.
 
     The folder
     ---------- accelerator.sv (module accelerator), with a converter sensing.sv (module sensing: the
     accelerator behind its pins), config.json, memories/*.hex (one word a line, as MEMORY_SELECT addresses
     them), load.hex (bus writes that load the model: address and word), registers.json, registers.h,
-    eskin.rdl, eskin.svd, component.xml (`eskin.rtl.program.register_files`); with vectors: testbench.sv and
+    eskin.rdl (`eskin.rtl.program.register_files`); with vectors: testbench.sv and
     vectors/*.hex; behind a bus eskin_BUS.sv (module eskin_BUS), eskin.h and eskin.c (its driver), load.h
     (load.hex for it); with streams alone eskin_axis.sv. Of these modules the one that a system takes, the
-    last one named here that is there, is in filelist.f, eskin.core (FuseSoC) and component.xml; waiver.vlt
+    last one named here that is there, is in filelist.f and eskin.core (FuseSoC); waiver.vlt
     has what Verilator's lint shall pass over.
 
     Raises
@@ -92,8 +105,10 @@ def generate(
         raise InputError(f"{out}: is a folder with other files in it; give a new folder with --out")
     if out.exists() and not out.is_dir():
         raise InputError(f"{out}: is a file; give a new folder with --out")
+    if top is not None:
+        check_prefix("--top", top)
     with replacing_folder(out) as folder:
-        _write_all(config, arrays, folder, vectors, bus, axis, depth)
+        _write_all(config, arrays, folder, vectors, bus, axis, depth, top)
     return out
 
 
@@ -105,12 +120,17 @@ def _write_all(
     bus: Bus | None,
     axis: bool,
     depth: int,
+    name: str | None,
 ) -> None:
-    modules = {TOP: export(config, arrays)}
-    if config.interface.converter != "none":
-        modules[SENSING] = export_sensing(config, arrays)
-    if bus or axis:
-        modules |= [export_bus(config, arrays, bus=bus, axis=axis, depth=depth)]
+    sensing, behind = config.interface.converter.name != "none", bool(bus or axis)
+    # the last one is the system's and has the name itself
+    accelerator = name if name and not (sensing or behind) else f"{name}_{TOP}" if name else TOP
+    modules = {accelerator: export(config, arrays, accelerator)}
+    if sensing:
+        chain = name if name and not behind else f"{name}_{SENSING}" if name else SENSING
+        modules[chain] = export_sensing(config, arrays, chain)
+    if behind:
+        modules |= [export_bus(config, arrays, bus=bus, axis=axis, depth=depth, name=name or "")]
     for top, verilog in modules.items():
         (folder / f"{top}.sv").write_text(verilog)
     (folder / "config.json").write_text(config.to_json())
@@ -122,22 +142,21 @@ def _write_all(
     writes = boot_writes(config, arrays)
     _write_hex(folder / "load.hex", [address << 16 | word for address, word in writes], 24)
     (folder / MARK).write_text(json.dumps(register_map(config), indent=2) + "\n")
-    registers = entries(config, bus is not None, config.interface.converter == "none" and not axis)
+    registers = entries(config, bus is not None, config.interface.converter.name == "none" and not axis)
     release = version("eskin")
-    (folder / "registers.h").write_text(c_header(config, registers))
-    (folder / "eskin.rdl").write_text(system_rdl(registers))
-    (folder / "eskin.svd").write_text(svd(registers, release))
-    component = ip_xact(registers, release, top=top, ports=ports_of(verilog, top), bus=bus)
-    (folder / "component.xml").write_text(component)
+    prefix = name or PREFIX
+    (folder / "registers.h").write_text(prefixed(c_header(config, registers), prefix))
+    (folder / "eskin.rdl").write_text(system_rdl(registers).replace("addrmap eskin", f"addrmap {prefix}"))
     if bus:
         for source in DRIVER:
-            (folder / source.name).write_text(source.read_text())
-        (folder / "load.h").write_text(load_header(writes))
+            text = source.read_text().replace('"eskin.h"', f'"{prefix}.h"')
+            (folder / f"{prefix}{source.suffix}").write_text(prefixed(text, prefix))
+        (folder / "load.h").write_text(prefixed(load_header(writes), prefix))
     if vectors is not None:
-        _write_testbench(config, folder, Path(vectors), len(writes))
+        _write_testbench(config, folder, Path(vectors), len(writes), accelerator)
     (folder / "filelist.f").write_text(f"{top}.sv\n")
     (folder / WAIVER.name).write_text(waiver(f"{module}.sv" for module in modules))
-    (folder / "eskin.core").write_text(fusesoc_core(folder, top, release))
+    (folder / "eskin.core").write_text(fusesoc_core(folder, top, accelerator, release))
 
 
 def boot_writes(config: AcceleratorConfig, arrays: Arrays) -> list[tuple[int, int]]:
@@ -175,13 +194,6 @@ def register_map(config: AcceleratorConfig) -> Record:
     }
 
 
-def ports_of(verilog: str, top: str) -> dict[str, tuple[str, int]]:
-    """Direction (``in``, ``out``) and bits of the ports of module ``top``, by name."""
-    body = verilog.partition(f"module {top}(")[2].partition("endmodule")[0]
-    ports = re.findall(r"^ *(in|out)put (?:\[(\d+):0\] )?(\w+);", body, re.MULTILINE)
-    return {name: (way, int(high or 0) + 1) for way, high, name in ports}
-
-
 def waiver(files: Iterable[str]) -> str:
     """Verilator's warnings that are meant in ``files``, with reasons."""
     lines = WAIVER.read_text().splitlines(keepends=True)
@@ -191,12 +203,13 @@ def waiver(files: Iterable[str]) -> str:
     )
 
 
-def fusesoc_core(folder: Path, top: str, release: str) -> str:
+def fusesoc_core(folder: Path, top: str, accelerator: str, release: str) -> str:
     """FuseSoC's core description (CAPI2) of what lies in ``folder``: target ``default`` gives ``top``.sv to a
     system, ``lint`` runs Verilator over it, ``sim`` the testbench in Icarus if there is one."""
     words = [f"{path.relative_to(folder)}" for path in sorted(folder.rglob("*.hex"))]
     return template(__file__, "eskin.core").render(
         top=top,
+        accelerator=accelerator,
         release=release,
         testbench=(folder / TESTBENCH.name).exists(),
         words=[word for word in words if not word.startswith("memories/")],
@@ -236,7 +249,9 @@ def pack_decision(config: AcceleratorConfig, row: Iterable[int]) -> int:
     return label | step << 7 | units << 15 | flags
 
 
-def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, writes: int) -> None:
+def _write_testbench(
+    config: AcceleratorConfig, folder: Path, vectors: Path, writes: int, module: str
+) -> None:
     with np.load(vectors) as archive:
         names = (
             ("map", "logit", "decision")
@@ -277,7 +292,11 @@ def _write_testbench(config: AcceleratorConfig, folder: Path, vectors: Path, wri
         "FINISH": int(Control.FINISH),
         "LIMIT_NS": 10 * cycles,
     }
-    text = TESTBENCH.read_text()
+    text = (
+        TESTBENCH.read_text()
+        .replace(f"{TOP}.sv", f"{module}.sv")
+        .replace(f"    {TOP} dut", f"    {module} dut")
+    )
     for name, value in values.items():
         text = text.replace(f"@{name}@", str(value))
     (folder / "testbench.sv").write_text(text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from amaranth.hdl import Cat, ClockDomain, ClockSignal, Module, Mux, ResetSignal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from eskin.golden.core import AcceleratorConfig, InputError
+from eskin.golden.core import AcceleratorConfig
 from eskin.rtl.common.collisions import open_collisions, without_contents
 from eskin.rtl.fpga.tools import ToolError, run_tool
 from eskin.rtl.host.control import bus_signature
@@ -72,58 +72,6 @@ GOWIN = Family(
     library="+/gowin/cells_sim.v +/gowin/cells_xtra_gw1n.v",
     blocks=ECP5.blocks,
 )
-
-COUNTED_FAMILIES = {
-    "gatemate": Family(
-        name="gatemate",
-        synth="synth_gatemate -noiopad -noclkbuf",
-        dsp="CC_MULT",
-        library="+/gatemate/cells_sim.v +/gatemate/cells_bb.v",
-    ),
-    "xilinx": Family(
-        name="xilinx",
-        synth="synth_xilinx -family xc7 -flatten -noiopad -noclkbuf",
-        dsp="DSP48E1",
-        library="+/xilinx/cells_sim.v +/xilinx/cells_xtra.v",
-    ),
-    "intel": Family(
-        name="intel",
-        synth="synth_intel_alm -family cyclonev -noiopad -noclkbuf",
-        dsp="MISTRAL_MUL",
-        library="+/intel_alm/common/alm_sim.v +/intel_alm/common/dff_sim.v",
-    ),
-}
-"""Families whose cells are counted and nothing more: Cologne Chip GateMate, AMD 7 series, Intel Cyclone V."""
-
-
-def counted_family(name: str) -> Family:
-    """One of `COUNTED_FAMILIES`; InputError: there is none of that name."""
-    if name not in COUNTED_FAMILIES:
-        raise InputError(f"--synthesis-only {name}: is no family; use one of {', '.join(COUNTED_FAMILIES)}")
-    return COUNTED_FAMILIES[name]
-
-
-COUNTED_CELLS = {
-    "lut": ("SB_LUT4", "CC_LUT", "CC_L2T", "LUT", "INV", "MISTRAL_ALUT", "MISTRAL_NOT"),
-    "carry": ("SB_CARRY", "CC_ADDF", "CARRY4", "MISTRAL_ALUT_ARITH"),
-    "ff": ("SB_DFF", "CC_DFF", "FD", "MISTRAL_FF"),
-    "dsp": ("SB_MAC16", "CC_MULT", "DSP48E1", "MISTRAL_MUL"),
-    "bram": ("SB_RAM40_4K", "CC_BRAM", "RAMB", "MISTRAL_M10K"),
-    "spram": ("SB_SPRAM256KA",),
-    "lutram": ("RAM32", "RAM64", "RAM128", "RAM256", "MISTRAL_MLAB", "SRL"),
-}
-"""How the names of the cells begin that a column counts; the longest beginning wins."""
-
-
-def counted(cells: Mapping[str, int]) -> dict[str, int]:
-    """``cells`` by the columns of `COUNTED_CELLS`, and what has none as ``other``."""
-    places = {begin: column for column, begins in COUNTED_CELLS.items() for begin in begins}
-    columns = dict.fromkeys([*COUNTED_CELLS, "other"], 0)
-    for cell, count in cells.items():
-        begin = max((begin for begin in places if cell.startswith(begin)), key=len, default="")
-        columns[places.get(begin, "other")] += count
-    return columns
-
 
 WHOLE_WORDS = Path(__file__).with_name("whole_words.v")
 """A techmap that saves a logic cell for each block memory of an iCE40."""

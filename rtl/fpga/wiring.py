@@ -119,7 +119,7 @@ class Wiring:
         return f" and {classes}; {', '.join([*helps, '--no-link needs none'])}"
 
     def _wires(self) -> dict[str, str]:
-        return converter_plan(self.config).wires(self.config.interface.converter) if self.sensing else {}
+        return converter_plan(self.config).wires(self.config.interface.converter.name) if self.sensing else {}
 
     def table(self) -> list[dict[str, str]]:
         """Each pin of a board with a converter: port, the part's site, what is wired to it."""

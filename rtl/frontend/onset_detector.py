@@ -82,7 +82,6 @@ class OnsetDetector(wiring.Component):
         config, m = self.config, Module()
         has_rest = config.rest_level.rest != "none"
         advance = Signal()
-        held: list[Signal] = []  # valid of each stage
         self.stages: dict[str, SimpleNamespace] = {}
 
         def stage(name: str, **fields) -> SimpleNamespace:
@@ -93,9 +92,8 @@ class OnsetDetector(wiring.Component):
             }
             with m.If(advance):
                 m.d.sync += [registers[key].eq(value) for key, value in fields.items()]
-            held.append(registers["valid"])
             self.stages[name] = SimpleNamespace(**registers)
-            return SimpleNamespace(**registers)
+            return self.stages[name]
 
         m.submodules.aligner = aligner = self.aligner = FrameAligner(config)
         index, offered, good = aligner.index, aligner.offered, aligner.fresh
@@ -200,11 +198,12 @@ class OnsetDetector(wiring.Component):
             self.o.p.complement.eq(complement),
         ]
 
+        held = Cat(stage.valid for stage in self.stages.values())
         if small:
-            m.d.comb += empty[0].eq(~Cat(*held).any())
+            m.d.comb += empty[0].eq(~held.any())
             m.d.sync += empty[1].eq(empty[0])
         if config.hardware.clock_gate:
-            m.d.comb += self.holds.eq(Cat(*held).any())
+            m.d.comb += self.holds.eq(held.any())
 
         armed = self._touches(m, now, frame_left, judged, met)
         if has_rest:

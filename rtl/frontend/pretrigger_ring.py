@@ -86,7 +86,6 @@ class PreTriggerRing(wiring.Component):
             shape=word, depth=1 << address_bits, init=[], attrs=before_an_adder(platform)
         )
         write, read = ring.write_port(), ring.read_port()
-        self.write, self.read = write, read
         # beats in the ring, one fetched in the cycle before included; the beat at the output is not counted
         held = self.held = Signal(address_bits)
         push = Signal()

@@ -225,7 +225,7 @@ class HostControl(wiring.Component):
             events[Fault.TAXEL] = self.raised
         if self._fed_by == "cpu":
             del events[Fault.INPUT_STALLED]
-        sticky = self.sticky = Signal(len(events))
+        sticky = Signal(len(events))
         faults = Signal(len(Fault))
         bits = self.bits = dict(zip(events, sticky, strict=True))
         m.d.sync += sticky.eq(sticky | Cat(*events.values()))

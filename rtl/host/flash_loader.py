@@ -72,7 +72,7 @@ class FlashLoader(wiring.Component):
         timer = self.timer = Signal(range(self._wake_cycles + 1))
         check = Signal(CHECK, init=(1 << CHECK) - 1)
         tick = Signal()
-        last = self.last = Signal()
+        last = Signal()
         checked = Signal()
         unit_now = self.unit_now = Signal(UNIT)
         check_now = self.check_now = Signal(CHECK)

@@ -44,7 +44,7 @@ class MemoryLoader(wiring.Component):
         lane_bits = max(2, (hardware.lanes - 1).bit_length())  # the other memories are told apart by two
         # one line a memory: decoded as it is chosen, not as it is written
         select = Signal(len(lines), init=1)
-        address = Signal(range(load_words(self._config) + hardware.checksum))
+        address = self.address = Signal(range(load_words(self._config) + hardware.checksum))
         refuses = self.locked
         if hardware.checksum:
             refuses = self.locked | at_end(self._config, select, address)

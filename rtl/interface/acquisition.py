@@ -9,9 +9,9 @@ from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, ConverterFault, SpiPlan, converter_plan
 from eskin.golden.core.converters import sample_clock
-from eskin.golden.core.ddc232 import DdcPlan
-from eskin.golden.core.matrix_scan import MatrixPlan
-from eskin.golden.core.mpr121 import MprPlan
+from eskin.golden.core.converters.ddc232 import DdcPlan
+from eskin.golden.core.converters.matrix import MatrixPlan
+from eskin.golden.core.converters.mpr121 import MprPlan
 from eskin.rtl.common.layouts import sample_layout
 from eskin.rtl.interface.converter_ports import FAULT_BITS
 from eskin.rtl.interface.ddc232_converter import Ddc232Converter

@@ -7,7 +7,8 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import ConverterFault
-from eskin.golden.core.ddc232 import (
+from eskin.golden.core.converters.base import HALF_MIN
+from eskin.golden.core.converters.ddc232 import (
     CONFIGURATION_BITS,
     PATTERN,
     PATTERN_BITS,
@@ -16,7 +17,6 @@ from eskin.golden.core.ddc232 import (
     WARM_UP,
     DdcPlan,
 )
-from eskin.golden.core.serial_port import HALF_MIN
 from eskin.rtl.interface.converter_ports import converter_ports
 
 EXPECTED_BITS = CONFIGURATION_BITS + REVISION_BITS + PATTERN_BITS

@@ -6,7 +6,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import ConverterFault
-from eskin.golden.core.matrix_scan import MatrixPlan
+from eskin.golden.core.converters.matrix import MatrixPlan
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.spi_master import SpiMaster
 

@@ -7,8 +7,9 @@ from amaranth.hdl import Array, Const, Module, Mux, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import Out
 
-from eskin.golden.core import ConverterFault, mpr121
-from eskin.golden.core.mpr121 import FULL, MprPlan
+from eskin.golden.core import ConverterFault
+from eskin.golden.core.converters import mpr121
+from eskin.golden.core.converters.mpr121 import FULL, MprPlan
 from eskin.rtl.interface.converter_ports import converter_ports
 from eskin.rtl.interface.i2c_master import I2C_PINS, I2cMaster, I2cOp
 

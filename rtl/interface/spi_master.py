@@ -7,7 +7,7 @@ from amaranth.lib.cdc import FFSynchronizer
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import SpiPlan
-from eskin.golden.core.serial_port import HALF_MIN
+from eskin.golden.core.converters.base import HALF_MIN
 
 
 def spi_pins(lines: int, selects: int) -> wiring.Signature:

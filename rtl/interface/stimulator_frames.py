@@ -73,7 +73,7 @@ class StimulatorFrames(wiring.Component):
         electrode = self.of_burst = Signal(range(24))
         frame = self.frame = Signal(range(OFF + 1))
         place = self.place = Signal(range(69))
-        sending = self.sending = Signal()
+        sending = Signal()
         burst = self.burst = Signal(
             range(ON + 2)
         )  # frames of the burst that have begun; 0: none is under way

@@ -521,9 +521,9 @@ def interface_registers(config: AcceleratorConfig) -> list[InterfaceRegister]:
     """Those that the design has beside `mapped`."""
     interface, register = config.interface, InterfaceRegister
     registers = [register.POSITION, register.POSITION_PEAK, register.POSITIONS] if interface.position else []
-    if interface.converter != "none":
+    if interface.converter.name != "none":
         registers.append(register.CONVERTER_FAULTS)
-    if interface.converter != "none" and interface.stimulator != "none":
+    if interface.converter.name != "none" and interface.stimulator != "none":
         registers += [
             register.STIM_AMPLITUDE,
             register.STIM_DELAY,

@@ -1,10 +1,9 @@
-"""The registers of a design as files for other tools: C header, SystemRDL 2.0, CMSIS-SVD, IP-XACT 1685-2014,
-a table for documents. All are written from `eskin.rtl.program.memory_map`, by the files of templates/."""
+"""The registers of a design as files for other tools: C header, SystemRDL 2.0, a table for documents. All are
+written from `eskin.rtl.program.memory_map`, by the files of templates/."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
-from xml.sax.saxutils import escape
 
 from eskin.golden.core import AcceleratorConfig, template
 from eskin.rtl.program.memory_map import (
@@ -19,17 +18,6 @@ from eskin.rtl.program.memory_map import (
     mask_words,
     teach_registers,
 )
-
-ACCESS = {"ro": "read-only", "wo": "write-only", "rw": "read-write"}
-RANGE = 512
-"""Bytes behind a bus: 7 bits of word addresses."""
-IPXACT = "http://www.accellera.org/XMLSchema/IPXACT/1685-2014"
-BUS_TYPES = {
-    "apb": ("amba.com", "AMBA4", "APB4", "r0p0_0", "s_apb_"),
-    "axi4lite": ("amba.com", "AMBA4", "AXI4-Lite", "r0p0_0", "s_axi_"),
-    "wishbone": ("opencores.org", "wishbone", "wishbone", "b4", "wb_"),
-}
-"""Vendor, library, name and version of each bus in IP-XACT, and how its ports begin."""
 
 
 @dataclass(frozen=True)
@@ -136,32 +124,13 @@ _hex = "0x{:X}".format
 
 def written(name: str, registers: Iterable[Entry], **values: Any) -> str:
     """The text of the file ``name``: its template, filled in."""
-    filled = template(__file__, name, xml=escape, hex=_hex, quoted=_quoted)
-    return filled.render(registers=registers, ACCESS=ACCESS, IPXACT=IPXACT, RANGE=RANGE, **values)
+    filled = template(__file__, name, hex=_hex, quoted=_quoted)
+    return filled.render(registers=registers, **values)
 
 
 def system_rdl(registers: Iterable[Entry]) -> str:
     """SystemRDL 2.0, byte addresses behind a bus."""
     return written("eskin.rdl", registers)
-
-
-def svd(registers: Iterable[Entry], version: str) -> str:
-    """CMSIS-SVD 1.3: one peripheral at address 0, registers of 32 bits."""
-    return written("eskin.svd", registers, version=version)
-
-
-def ip_xact(
-    registers: Iterable[Entry],
-    version: str,
-    *,
-    top: str,
-    ports: Mapping[str, tuple[str, int]],
-    bus: str | None,
-) -> str:
-    """IP-XACT 1685-2014: one memory map, the ports (``in`` or ``out``, bits) of the module ``top`` in
-    ``top``.sv, and its ``bus``."""
-    values = {"version": version, "top": top, "ports": ports, "bus": bus and BUS_TYPES[bus]}
-    return written("component.xml", registers, **values)
 
 
 def markdown() -> str:

@@ -9,7 +9,6 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from eskin.golden.core import AcceleratorConfig, Record
-from eskin.rtl.host.apb_front import ApbFront
 from eskin.rtl.host.axi4lite_front import Axi4LiteFront
 from eskin.rtl.host.bus_shell import BusShell
 from eskin.rtl.host.decision_queue import decision_word
@@ -17,9 +16,9 @@ from eskin.rtl.host.wishbone_front import WishboneFront
 from eskin.rtl.top.image_accelerator import make_accelerator
 from eskin.rtl.top.skin_top import SkinTop
 
-Bus = Literal["wishbone", "axi4lite", "apb"]
+Bus = Literal["wishbone", "axi4lite"]
 """Buses that there is a front for."""
-FRONTS: Record = {"wishbone": WishboneFront, "axi4lite": Axi4LiteFront, "apb": ApbFront}
+FRONTS: Record = {"wishbone": WishboneFront, "axi4lite": Axi4LiteFront}
 FRAMES = {
     "s_axis_tdata": In(16),
     "s_axis_tvalid": In(1),
@@ -62,7 +61,7 @@ class BusTop(wiring.Component):
         axis: bool = False,
         depth: int = 2,
     ) -> None:
-        converter = config.interface.converter
+        converter = config.interface.converter.name
         self._config, self._axis = config, axis or bus is None
         self._front: Any = FRONTS[bus]() if bus else None
         self._core: wiring.Component

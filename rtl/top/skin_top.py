@@ -22,7 +22,7 @@ from eskin.rtl.top.sensing import Sensing
 
 def refuse_standalone(config: AcceleratorConfig) -> None:
     """Refuse (InputError) what a board without a host cannot do."""
-    if config.interface.converter == "none":
+    if config.interface.converter.name == "none":
         raise InputError(
             "--standalone: nothing delivers frames; add --converter NAME, or name one in the model's "
             "config.json"

@@ -1,5 +1,4 @@
-"""A schedule made visible: which unit does what in which cycle, as spans, text, a picture, and the table of
-cycles against the ideal.
+"""A schedule made visible: which unit does what in which cycle, as spans, text and a picture.
 
 Everything is read off a `eskin.rtl.program.scheduler.Schedule`, the same object that becomes the sequencer's
 microcode. Cycles count from the start of phase A. Lanes and the element-wise lane are shown where an
@@ -9,14 +8,14 @@ operation is issued, its memories are addressed.
 import csv
 import itertools
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
-from eskin.golden.core import AcceleratorConfig, InputError, Record
+from eskin.golden.core import AcceleratorConfig, Record
 from eskin.rtl.program.cells import ElementOp, RowBlock
 from eskin.rtl.program.microcode import Microcode
-from eskin.rtl.program.schedule import lowest_clock_hz, schedule
+from eskin.rtl.program.schedule import lowest_clock_hz
 from eskin.rtl.program.scheduler import Schedule
 
 UNITS = ("lanes", "element-wise lane", "row chain", "activation table", "state write", "classifier")
@@ -24,10 +23,6 @@ LANES, ELEMENTS, CHAIN, TABLE, STATE, CLASSIFIER = UNITS
 """The units of a drawing, from top to bottom."""
 WORK = ("unit", "block", "before", "rows", "what")
 """Fields in which spans that follow one another are alike when they are one."""
-
-TABLE_CELLS = (("gru", "before"), ("gru", "after"), ("lstm", "before"))
-TABLE_SIZES = ((16, 12, 3), (8, 8, 5), (64, 32, 32))  # taxels, hidden, classes
-TABLE_LANES = (1, 2, 4, 6, 12)
 
 
 @dataclass(frozen=True)
@@ -336,82 +331,9 @@ def drawing_files(plan: Schedule) -> dict[str, Callable[[Path], None]]:
     }
 
 
-# ---------------------------------------------------------------------- table
-def resized(config: AcceleratorConfig, *, taxels: int, hidden: int, classes: int) -> AcceleratorConfig:
-    """``config`` for other sizes. No count of cycles depends on its pins, which are left out, or on its
-    clock, which is raised where it would be too slow for the taxels."""
-    return config.replace(
-        taxels=taxels,
-        hidden=hidden,
-        class_names=tuple(f"class{k}" for k in range(classes)),
-        masked_taxels=(),
-        converter="none",
-        position=False,
-        stimulator="none",
-        clock_hz=max(config.hardware.clock_hz, 2.0 * taxels * config.sensor.sample_rate_hz),
-    )
-
-
-def ratio_table(config: AcceleratorConfig) -> tuple[list[Record], list[str]]:
-    """The `summary` of every cell, size and lane count of the table that fits ``config``, whose formats and
-    lane type it has; and for the others sentences that say why not."""
-    rows, reasons = [], []
-    for (cell, reset), (taxels, hidden, classes), lanes in itertools.product(
-        TABLE_CELLS, TABLE_SIZES, TABLE_LANES
-    ):
-        try:
-            sized = resized(config, taxels=taxels, hidden=hidden, classes=classes)
-            rows.append(summary(schedule(sized.replace(cell=cell, reset=reset, lanes=lanes))))
-        except InputError as error:
-            reasons.append(str(error))
-    return rows, list(dict.fromkeys(reasons))
-
-
-RATIO_NOTE = (
-    "Ideal = multiplies / lanes, rounded up, and counts the element-wise products of the cell, which have a "
-    "multiplier of their own from "
-    "two lanes on: a ratio can be below 1. Cycles of the normaliser's products, of the pipeline and of the "
-    "decision are overhead."
-)
-RATIOS = {
-    "cell": "{name}",
-    **{name: f"{{{name}}}" for name in ("taxels", "hidden", "classes", "lanes")},
-    "cycles": "{step_cycles}",
-    "ideal": "{ideal_cycles}",
-    "ratio": "{ratio:.3f}",
-    "busy share": "{busy:.1f} %",
-    "features to decision": "{decision_cycles}",
-}
-"""Heading of each column, and what of a row stands in it."""
-RATIO_COLUMNS = tuple(RATIOS)
-
-
-def ratio_cells(row: Record) -> tuple[str, ...]:
-    """A row of the table as words, by ``RATIO_COLUMNS``."""
-    values = row | {"name": cell_name(row["cell"], row["reset"]), "busy": 100 * row["busy_share"]}
-    return tuple(cell.format(**values) for cell in RATIOS.values())
-
-
-def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table for a README; the first column is words, the others are numbers."""
-    lines = [columns, [":--", *["--:"] * (len(columns) - 1)], *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
-
-
 def write_csv(rows: Sequence[Record], path: Path) -> None:
     """``rows``, which share their keys, with a heading."""
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, rows[0].keys(), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)
-
-
-def table_files(rows: Sequence[Record]) -> dict[str, Callable[[Path], None]]:
-    """The table's files by name, each as what writes it to a path."""
-    return {
-        "ratios.json": lambda path: path.write_text(json.dumps(rows, indent=2) + "\n"),
-        "ratios.csv": lambda path: write_csv(rows, path),
-        "ratios.md": lambda path: path.write_text(
-            f"{markdown(RATIO_COLUMNS, map(ratio_cells, rows))}\n{RATIO_NOTE}\n"
-        ),
-    }

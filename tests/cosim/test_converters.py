@@ -25,37 +25,33 @@ CONFIG = SMALL.replace(
 )
 OTHERS = {
     "mcp3208x2": dict(converter="mcp3208x2"),
-    "mcp3208 in series": dict(converter="mcp3208x2", data_lines=1, taxels=16, sample_rate_hz=500.0),
-    "ad7476": dict(converter="ad7476"),
-    "spi": dict(converter="spi", spi_channels=4, spi_frame_bits=20, spi_channel_bit=18, spi_code_bits=16),
-    "spi, late codes with numbers": dict(
-        converter="spi",
-        spi_delay=1,
-        spi_frame_bits=24,
-        spi_channel_bit=3,
-        spi_code_bit=4,
-        spi_code_bits=14,
-        spi_tag_bit=18,
-        spi_tag_bits=3,
+    "mcp3208 in series": dict(
+        converter=dict(name="mcp3208x2", data_lines=1), taxels=16, sample_rate_hz=500.0
     ),
-    "ddc232": dict(converter="ddc232", clock_hz=6e6, ddc_version="C"),
+    "ad7476": dict(converter="ad7476"),
+    "spi": dict(converter=dict(name="spi", channels=4, frame_bits=20, channel_bit=18, code_bits=16)),
+    "spi, late codes with numbers": dict(
+        converter=dict(
+            name="spi",
+            delay=1,
+            frame_bits=24,
+            channel_bit=3,
+            code_bit=4,
+            code_bits=14,
+            tag_bit=18,
+            tag_bits=3,
+        )
+    ),
+    "ddc232": dict(converter=dict(name="ddc232", version="C"), clock_hz=6e6),
     "ddc232, 16 bits, other order": dict(
-        converter="ddc232",
+        converter=dict(name="ddc232", bits=16, first=3, ascending=True, code_offset=3000, code_shift=1),
         clock_hz=6e6,
-        ddc_bits=16,
-        ddc_first=3,
-        ddc_ascending=True,
-        code_offset=3000,
-        code_shift=1,
     ),
     "matrix": dict(converter="matrix", taxels=20, rows=4, columns=5, sample_rate_hz=500.0),
     "ads7953, other clock and shift": dict(
-        converter="ads7953",
+        converter=dict(name="ads7953", hz=4e5, code_shift=-1, code_offset=-3900),
         clock_hz=1.7e6,
         sample_rate_hz=700.0,
-        converter_hz=4e5,
-        code_shift=-1,
-        code_offset=-3900,
     ),
 }
 
@@ -63,34 +59,25 @@ OTHERS = {
 DDC = dict(clock_hz=6e6, sample_rate_hz=1000.0, converter="ddc232")
 ARRAYS = {
     "mpr121, 13 x 9": dict(
-        converter="mpr121", rows=13, columns=9, code_offset=647, code_shift=-1, sample_rate_hz=50.0
+        converter=dict(name="mpr121", code_offset=647, code_shift=-1), rows=13, columns=9, sample_rate_hz=50.0
     ),
     "two mpr121, 13 x 9": dict(
-        converter="mpr121",
+        converter=dict(name="mpr121", chips=2, code_offset=647, code_shift=-1),
         rows=13,
         columns=9,
-        mpr_chips=2,
-        code_offset=647,
-        code_shift=-1,
         sample_rate_hz=100.0,
     ),
     "matrix, 16 x 10": dict(
-        converter="matrix",
+        converter=dict(name="matrix", code_offset=96, code_shift=0, hz=1e6),
         rows=16,
         columns=10,
-        code_offset=96,
-        code_shift=0,
         sample_rate_hz=100.0,
-        converter_hz=1e6,
     ),
     "matrix, 13 x 9": dict(
-        converter="matrix",
+        converter=dict(name="matrix", code_offset=96, code_shift=0, hz=1e6),
         rows=13,
         columns=9,
-        code_offset=96,
-        code_shift=0,
         sample_rate_hz=50.0,
-        converter_hz=1e6,
     ),
 }
 """At a clock that is low enough to simulate them in seconds."""
@@ -99,7 +86,7 @@ ARRAYS = {
 @pytest.mark.parametrize(("name", "model"), [("ad7476", "ad7476.sv"), ("adc128s102", "spi.sv")])
 def test_a_chip_without_a_model_of_its_own_is_played_by_that_of_any_spi_converter(name, model):
     """The second is no row of ours: what a newcomer adds."""
-    config = SimpleNamespace(interface=SimpleNamespace(converter=name))
+    config = SimpleNamespace(interface=SimpleNamespace(converter=SimpleNamespace(name=name)))
     sources, options = flow.converter_model(config)
     assert [path.name for path in sources] == ["pins.svh", model] and options == (f"-DCONVERTER_{name}",)
     assert all(path.is_file() for path in sources)
@@ -158,7 +145,7 @@ def test_generated_touches_on_large_arrays_from_the_pins(name, tmp_path):
     tell(name, "generated touches", config, result)
 
 
-PIEZO = {"ddc232": {}, "spi": dict(spi_channels=8, spi_frame_bits=24, spi_channel_bit=18, spi_code_bits=16)}
+PIEZO = {"ddc232": {}, "spi": dict(channels=8, frame_bits=24, channel_bit=18, code_bits=16)}
 """The other two with their 16 and 20 bits, the rest as it comes."""
 
 
@@ -271,12 +258,14 @@ def test_a_fault_is_flagged_and_the_chain_begins_anew_when_it_is_over(
 def test_five_recordings_at_the_declared_pace(preset, converter, shared_data, tmp_path):
     """Piezo taxels, around whose rest level the converter's 4096 codes lie; the scene, whose 16 bits are rounded."""
     if preset == "pvdf":
-        fields = PIEZO.get(converter, dict(code_offset=-27352, code_shift=0)) | dict(feature_shift=(4,))
+        chip = PIEZO.get(converter, dict(code_offset=-27352, code_shift=0))
+        fields = dict(feature_shift=(4,))
         made = load_archive(shared_data / "pvdf_indent" / "recordings.npz")
     else:
-        fields = {"ddc232": dict(ddc_bits=16, converter_hz=3e6), "spi": PIEZO["spi"]}.get(converter, {})
+        chip = {"ddc232": dict(bits=16, hz=3e6), "spi": PIEZO["spi"]}.get(converter, {})
+        fields = {}
         made = synthetic_recordings(persons=1, trials=2)
-    config = PRESETS[preset].replace(converter=converter, **fields)
+    config = PRESETS[preset].replace(converter=dict(name=converter, **chip), **fields)
     result = cosimulate(random_integer_model(config, 3), beginnings(made, config), work=tmp_path)
     tell(converter, preset, config, result)
     assert result["passed"] and result["recordings"] == 5 and result["decisions"] > 0
@@ -288,30 +277,34 @@ MPR = dict(converter="mpr121", taxels=117, rows=13, columns=9)
 DDC_FAST = dict(converter="ddc232", clock_hz=20e6)
 REFUSED = [
     (
-        dict(converter="mcp3208x2", data_lines=1),
+        dict(converter=dict(name="mcp3208x2", data_lines=1)),
         r"16 transfers of 2 chips in series at 1 MHz take 324 us.*data_lines 2.*takes 163 us.*at most 2777 Hz",
         2777.0,
     ),
     (
         dict(converter="ads7953", sample_rate_hz=6000.0),
-        r"18 transfers at 2 MHz take 156 us.*converter_hz 2e\+07 takes",
+        r"18 transfers at 2 MHz take 156 us.*hz 2e\+07 takes",
         None,
     ),
     (
-        dict(converter="spi", spi_channel_bit=0),
-        "field spi_channel_bit: is 0 with the code's first bit at 11",
+        dict(converter=dict(name="spi", channel_bit=0)),
+        "field converter.channel_bit: is 0 with the code's first bit at 11",
         None,
     ),
     (dict(converter="mcp3208x2", taxels=40), "two chips have 16 channels", None),
     (
-        DDC_FAST | dict(ddc_version="C"),
-        r"DVALID comes up to 277 us after CONV \(version C at 5 MHz\).*ddc_version CK.*at most 2235 Hz",
+        DDC_FAST | dict(converter=dict(name="ddc232", version="C")),
+        r"DVALID comes up to 277 us after CONV \(version C at 5 MHz\).*version CK.*at most 2235 Hz",
         2235.0,
     ),
-    (DDC_FAST | dict(ddc_first=1), "32 words of 20 bits at 2 MHz.*ddc_first 0, or", None),
     (
-        dict(converter="ddc232", clock_hz=12e6, ddc_version="C", sample_rate_hz=2500.0),
-        "; ddc_version CK and converter_hz 3000000, or",
+        DDC_FAST | dict(converter=dict(name="ddc232", first=1)),
+        "32 words of 20 bits at 2 MHz.*first 0, or",
+        None,
+    ),
+    (
+        dict(converter=dict(name="ddc232", version="C"), clock_hz=12e6, sample_rate_hz=2500.0),
+        "; version CK and hz 3000000, or",
         None,
     ),
     (
@@ -326,10 +319,10 @@ REFUSED = [
     ),
     (
         MPR | dict(taxels=135, rows=15, sample_rate_hz=100.0),
-        "mpr_chips: is 1; 15 rows and 9 columns are 13 electrodes and 12 are there",
+        "converter.chips: is 1; 15 rows and 9 columns are 13 electrodes and 12 are there",
         None,
     ),
-    (BIG | dict(converter="mpr121", sample_rate_hz=100.0), "both are odd, or set mpr_chips 2", None),
+    (BIG | dict(converter="mpr121", sample_rate_hz=100.0), "both are odd, or set chips 2", None),
     (
         MPR | dict(sample_rate_hz=2000.0),
         r"12 electrodes over I2C at 375 kHz take 0.799 ms.*at most 1126 Hz works as it is",
@@ -360,7 +353,7 @@ def test_without_a_converter_nothing_of_the_interface_is_built(monkeypatch):
 
     monkeypatch.setattr(acquisition.Acquisition, "__init__", refuse)
     model = random_integer_model(CONFIG, 1)
-    other = model.config.replace(spi_channels=4, converter_hz=1e6, code_shift=3)
+    other = model.config.replace(converter=dict(name="none", hz=1e6, code_shift=3))
     texts = [
         rtlil.convert(BoardTop(config, clock_hz=12e6), name="board_top", emit_src=False)
         for config in (model.config, other)

@@ -276,7 +276,7 @@ endmodule
     [
         ("1'b0", "1'b0", "32'd0", "16'he5c1", "a standstill"),
         ("1'b1", "1'bx", "32'd0", "16'he5c1", "an X on valid, ready or busy"),
-        ("1'b1", "1'b1", "count", "16'he5c1", "changed before it was taken"),
+        ("1'b1", "~o__ready", "count", "16'he5c1", "changed before it was taken"),
         ("1'b1", "1'b0", "32'd0", "16'h1234", "this is no accelerator"),
         ("1'b1", "1'b0", "32'd0", "16'hxxxx", "register ID reads"),
     ],

@@ -13,7 +13,6 @@ from eskin.rtl.asic.energy import costs
 from eskin.rtl.asic.liberty import WireLoad, read
 from eskin.rtl.asic.models import expression
 from eskin.rtl.asic.nets import Nets
-from eskin.rtl.asic.timing import MACRO_DERATING, estimated
 from tests.rtl.asic.test_liberty import CELLS, GATE, file
 
 CLK, D, EN, GCLK, A, B, X, L = range(2, 10)
@@ -120,15 +119,10 @@ def glitching(tmp_path, first_s: float, second_s: float):
     return {"cells": of, "ports": ports | {"x": {"direction": "output", "bits": [X]}}}, cells
 
 
-@pytest.mark.parametrize(
-    "first_s, second_s, delays, pulses",
-    [(4e-12, 2e-12, "cells", 1), (2e-12, 4e-12, "cells", 0), (2e-12, 4e-12, "unit", 1)],
-)
-def test_a_pulse_counts_apart_unless_it_is_shorter_than_the_cell_is_slow(
-    tmp_path, first_s, second_s, delays, pulses
-):
+@pytest.mark.parametrize("first_s, second_s, pulses", [(4e-12, 2e-12, 1), (2e-12, 4e-12, 0)])
+def test_a_pulse_counts_apart_unless_it_is_shorter_than_the_cell_is_slow(tmp_path, first_s, second_s, pulses):
     module, cells = glitching(tmp_path, first_s, second_s)
-    chip = Chip(module, cells, expression, seed=1, delays=delays)
+    chip = Chip(module, cells, expression, seed=1, delays=True)
     joule = np.zeros(2)
     change = np.zeros(chip.program.nets)
     change[X], change[A] = 1.0, 10.0
@@ -159,7 +153,7 @@ def test_a_netlist_that_never_rests_is_an_error(tmp_path):
         ("n", "second", {"A": [L], "B": ["1"], "X": [EN]}),
     ):
         module["cells"][name] = {"type": kind, "connections": pins}  # an open latch of its own opposite
-    for delays in (None, "cells"):
+    for delays in (False, True):
         with pytest.raises(SimulationError, match="rest"):
             Chip(module, cells, expression, seed=1, delays=delays).edge()
 
@@ -182,20 +176,3 @@ def test_costs_of_a_netlist(tmp_path):
         3e-15 * 2**2 / 2
     )
     assert found.joule[GCLK] == pytest.approx(3e-15 * 2**2) and found.root_j == pytest.approx(3e-15 * 2**2)
-
-
-def test_the_slowest_path_without_opensta(tmp_path):
-    cells = dict(read(file(tmp_path, "cells.lib", CELLS + GATE)).cells)
-    for name, pin, seconds in (("ff", "Q", 2e-9), ("sg13g2_xor2_1", "X", 3e-9)):
-        pins = cells[name].pins | {pin: dataclasses.replace(cells[name].pins[pin], delay_s=seconds)}
-        cells[name] = dataclasses.replace(cells[name], pins=pins)
-    path = estimated(Nets(module(), cells))
-    assert (
-        path.fmax_hz == pytest.approx(1 / 5e-9)
-        and path.start in ("a", "b")
-        and path.end == "b"
-        and not path.derated
-    )
-    assert estimated(Nets(module(), cells), ["ff"]).fmax_hz == pytest.approx(
-        1 / (2e-9 * MACRO_DERATING + 3e-9)
-    )

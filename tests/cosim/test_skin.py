@@ -56,8 +56,7 @@ CONFIG = AcceleratorConfig.of(
     loadable=False,
     sample_rate_hz=1000.0,
     clock_hz=3e6,
-    converter="ads7953",
-    converter_hz=7.5e5,
+    converter=dict(name="ads7953", hz=7.5e5),
     stimulator="decisions",
     hold_s=0.06,
     on_limit_s=5.0,
@@ -164,9 +163,21 @@ def test_from_converter_pins_to_stimulator_bytes(level, tmp_path):
 
 
 TWO_CHIPS = CONFIG.replace(
-    taxels=42, rows=6, columns=7, converter="mpr121", mpr_chips=2, converter_hz=0.0, sample_rate_hz=100.0, stimulator="positions",
-    position=True, position_rest=1292, position_threshold=200, hop=6, window=13, touch_frames=60, pretrigger_frames=2, rearm_frames=12,
-)  # fmt: skip
+    taxels=42,
+    rows=6,
+    columns=7,
+    converter=dict(name="mpr121", chips=2, hz=0.0),
+    sample_rate_hz=100.0,
+    stimulator="positions",
+    position=True,
+    position_rest=1292,
+    position_threshold=200,
+    hop=6,
+    window=13,
+    touch_frames=60,
+    pretrigger_frames=2,
+    rearm_frames=12,
+)
 
 
 def test_one_of_two_electrode_chips_that_reads_0_is_a_fault_and_no_position(tmp_path):
@@ -191,7 +202,11 @@ def test_one_of_two_electrode_chips_that_reads_0_is_a_fault_and_no_position(tmp_
 SKIN = dict(converter="ads7953", stimulator="decisions", lanes=1, lane_type="dsp", clock_hz=12e6, hold_s=0.13)
 BOARDS = {
     "thesis": dict(decision="vote", steps=3, touch_frames=1229, **SKIN),
-    "pvdf": dict(steps=4, feature_shift=(4,), code_offset=-27352, code_shift=0, **SKIN),
+    "pvdf": dict(
+        steps=4,
+        feature_shift=(4,),
+        **SKIN | dict(converter=dict(name="ads7953", code_offset=-27352, code_shift=0)),
+    ),
 }
 """Designs at the board's own 12 MHz; fewer steps than the presets' 20, so that a whole touch with its final
 decision is simulated."""
@@ -329,7 +344,7 @@ def test_pins_and_wiring():
     assert pins["stim_tx"] == board.pins[8] and len(set(pins.values())) == len(pins)
     assert {"port": "stim_tx", "site": board.pins[8], "to": "stimulator, RX (115200 baud)"} in wiring.table()
     with pytest.raises(InputError, match="has 16 free pins, and converter, stimulator and 3 classes need 24"):
-        crowded = CONFIG.replace(converter="ad7476", taxels=16, converter_hz=0.0)
+        crowded = CONFIG.replace(converter=dict(name="ad7476", hz=0.0), taxels=16)
         dataclasses.replace(wiring, config=crowded).sites()
 
 

@@ -4,9 +4,7 @@ place."""
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from eskin.cosim import upsets
 from eskin.cosim.netlist import Hardware
 from eskin.golden.model import IntegerModel
 from eskin.rtl.fpga.generate import generate
@@ -45,10 +43,3 @@ def _never_locks(text: str) -> str:
 
 BROKEN_DESIGNS: dict[str, Callable[[str], str]] = {"stalls": _never_waits, "probe": _never_locks}
 """The modes that play recordings: key -> what makes the broken variant of the generated Verilog."""
-
-BROKEN_CAMPAIGNS: dict[str, dict[str, Any]] = {
-    "reset": {"ways": (upsets.NO_ARM,)},
-    "flip-flops": {"watchdog": False},
-    "checksum": {"checksum": False},
-}
-"""The modes that upset the design: key -> the campaign without what defends against it."""

@@ -75,19 +75,6 @@ class Cpu:
         self._put("wb_", cyc=self._random.random() < 0.5, stb=0)
         return value
 
-    async def _apb(self, address, word, select):
-        await self._pauses()
-        write = word is not None
-        self._put(
-            "s_apb_", psel=1, penable=0, pwrite=write, paddr=address, pwdata=word or 0, pstrb=select * write
-        )
-        await self._ctx.tick()
-        self._put("s_apb_", penable=1)
-        value, error = await self._until("s_apb_", "pready", "prdata", "pslverr")
-        self._put("s_apb_", psel=0, penable=0)
-        assert not error
-        return value
-
     async def _axi4lite(self, address, word, select):
         prefix = "s_axi_"
         if word is None:

@@ -33,7 +33,7 @@ def master(dut, bus, rng):
         async def write(address, word):
             await axi.write(4 * address, word.to_bytes(4, "little"))
 
-    elif bus == "wishbone":
+    else:
         from cocotbext.wishbone.driver import WBOp, WishboneMaster
 
         names = {name: name for name in ("cyc", "stb", "we", "adr", "sel", "ack")}
@@ -51,18 +51,6 @@ def master(dut, bus, rng):
 
         async def write(address, word):
             await access(address, word)
-
-    else:
-        from cocotbext.apb import ApbBus, ApbMaster
-
-        apb = ApbMaster(ApbBus.from_prefix(dut, "s_apb"), dut.clk)
-        apb.enable_backpressure(rng.randrange(1000))
-
-        async def read(address):
-            return int.from_bytes(await apb.read(4 * address), "little")
-
-        async def write(address, word):
-            await apb.write(4 * address, word.to_bytes(4, "little"))
 
     return read, write
 

@@ -64,19 +64,6 @@ class Board:
         self._put("wb_", cyc=self._random.random() < 0.5, stb=0)
         return value
 
-    def _apb(self, offset, word):
-        self._pauses()
-        write = word is not None
-        self._put("s_apb_", psel=1, penable=0, pwrite=write, paddr=offset, pwdata=word or 0, pstrb=15 * write)
-        self.device.cycle()
-        self._put("s_apb_", penable=1)
-        self._until("s_apb_pready")
-        value, error = self.device.get("s_apb_prdata"), self.device.get("s_apb_pslverr")
-        self.device.cycle()
-        self._put("s_apb_", psel=0, penable=0)
-        assert not error
-        return value
-
     def _axi4lite(self, offset, word):
         if word is None:
             self._pauses()

@@ -30,7 +30,7 @@ from scipy.io import loadmat, savemat
 from eskin.cli.main import app
 from eskin.exchange.onnx_file import write_onnx
 from eskin.golden.core import AcceleratorConfig
-from eskin.golden.core.converters import CONVERTERS
+from eskin.golden.core.converters import CONVERTERS, NoConverter
 from eskin.golden.core.groups import Interface
 from eskin.golden.data import Recordings
 from eskin.golden.model import FloatModel, random_images, random_integer_model
@@ -562,7 +562,6 @@ export @ --to c --out keep --data ../in/recordings.npz
 energy @ --data ../in/recordings.npz
 stability @ --data ../in/recordings.npz
 build @ --target icebreaker
-build @ --synthesis-only $ --lanes #
 build @ --target # --converter $ --standalone
 build @ --target icebreaker --converter ads7953 --standalone --flash
 asic @ --pdk ihp-sg13g2 --liberty ../in/cells.lib
@@ -656,7 +655,7 @@ def interfaces(case: Path, rng: random.Random) -> list[str]:
     file = case / "in" / "model" / "config.json"
     values = json.loads(file.read_text())
     fields: dict[str, Any] = {
-        "converter": rng.choice((*CONVERTERS, "none")),
+        "converter": (converter := {"name": rng.choice((*CONVERTERS, "none"))}),
         "stimulator": rng.choice(("none", "decisions")),
         "rows": 2,
         "columns": 2,
@@ -684,11 +683,11 @@ def interfaces(case: Path, rng: random.Random) -> list[str]:
         20e6,
         0.3,
     )
-    for name in rng.sample(
-        [field.name for field in dataclasses.fields(Interface)], rng.choice((0, 0, 1, 1, 3))
-    ):
-        fields[name] = rng.choice(rng.choice((numbers, numbers, numbers, VALUES)))
-    values["interface"] = {"mpr_chips": 2} | fields
+    own = [name for name in vars(CONVERTERS.get(converter["name"], NoConverter())) if name != "name"]
+    for part, names in ((fields, [field.name for field in dataclasses.fields(Interface)]), (converter, own)):
+        for name in rng.sample(names, rng.choice((0, 0, 1, 1, 3))):
+            part[name] = rng.choice(rng.choice((numbers, numbers, numbers, VALUES)))
+    values["interface"] = fields
     values["sensor"]["sample_rate_hz"] = rng.choice((500.0, 500.0, 500.0, 50.0, 6000.0))
     values["hardware"]["clock_hz"] = rng.choice((12e6, 12e6, 25e6, 25e6, 2e6, 3e5))
     file.write_text(json.dumps(values))

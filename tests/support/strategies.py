@@ -249,25 +249,21 @@ def _behind(pick: Callable[..., Any], config: AcceleratorConfig, chip: str) -> A
     the widths are: by another most samples would lie beyond the converter's ends.
     """
     taxels, clock, rate = config.sensor.taxels, pick(2e6, 1.7e6), pick(2000.0, 3000.0, 900.0)
-    fields: dict[str, Any] = dict(
-        converter=chip, clock_hz=clock, sample_rate_hz=rate, code_offset=pick(None, 0, 60, -40)
-    )
+    fields: dict[str, Any] = dict(clock_hz=clock, sample_rate_hz=rate)
+    converter: dict[str, Any] = dict(name=chip, code_offset=pick(None, 0, 60, -40))
     if chip == "mcp3208x2":
-        fields["data_lines"] = pick(0, 1)
+        converter["data_lines"] = pick(0, 1)
     elif chip == "matrix":
         rows = pick(*(rows for rows in (1, 2, 3, 4, 5, 7) if taxels % rows == 0))
-        fields |= dict(rows=rows, columns=taxels // rows, settle_s=pick(2e-6, 0.0, 9e-6))
+        fields |= dict(rows=rows, columns=taxels // rows)
+        converter["settle_s"] = pick(2e-6, 0.0, 9e-6)
     elif chip == "spi":
         code, bits, numbered = pick(0, 2), pick(12, 8, 14), pick(0, 5)
         end = code + bits + numbered
-        fields |= dict(
-            spi_channels=pick(taxels, 1, 2, 4), spi_delay=pick(0, 1, 2), spi_code_bit=code, spi_code_bits=bits
-        )
-        fields |= dict(
-            spi_tag_bit=code + bits, spi_tag_bits=numbered, spi_frame_bits=end + 6, spi_channel_bit=end
-        )
-        fields["data_lines"] = pick(0, 1, 2)
-    config = config.replace(**fields)
+        converter |= dict(channels=pick(taxels, 1, 2, 4), delay=pick(0, 1, 2), code_bit=code, code_bits=bits)
+        converter |= dict(tag_bit=code + bits, tag_bits=numbered, frame_bits=end + 6, channel_bit=end)
+        converter["data_lines"] = pick(0, 1, 2)
+    config = config.replace(converter=converter, **fields)
     if lowest_clock_hz(config) > clock:
         reject()
     return config
@@ -317,7 +313,7 @@ def differences(design: Design, folder: Path) -> list[str]:
         recordings = image_recordings(config, random_images(config, 3, design.seed))
     else:
         recordings = touched(design, (2, 1, 0))
-    if config.interface.converter != "none":
+    if config.interface.converter.name != "none":
         recordings = _never_stuck(recordings, config)
     if config.hardware.clock_gate:  # which stops the clock between frames only
         clock = lowest_clock_hz(config) + GATED_CYCLES * config.sensor.sample_rate_hz

@@ -26,7 +26,6 @@ from matplotlib.figure import Figure
 
 from eskin.choose.choose_front_end import Judge
 from eskin.cli import main as command_line
-from eskin.data import hdf5, matlab
 from eskin.study.stability import suite as stability
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -97,8 +96,6 @@ def _watch(case: Path, draws: bool, notes: list[str], stop: Callable[..., Any]) 
         elif event in CHANGING:
             for path in arguments[: CHANGING[event]]:
                 written(path)
-        elif event == "subprocess.Popen" and arguments[1][2:3] in ([matlab.TRIAL], [hdf5.TRIAL]):
-            pass  # a compiled reader tried out, whose file is then read here
         elif event in PROCESSES or (event == "import" and arguments[0] == "distributed"):
             stop()
         elif event == "pickle.find_class":

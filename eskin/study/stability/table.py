@@ -253,11 +253,6 @@ MODES: dict[str, Mode] = {mode.name: mode for mode in (
         "a touch is decided by one set of weights", at_most=0, needs=("loadable",)),
     Mode("stream", "reset at any cycle", "reset", "touches that differ afterwards",
         "a reset leaves nothing behind", at_most=0),
-    Mode("memory", "single flip-flop upsets", "flip-flops", "designs that hang beyond the watchdog's bound",
-        "the watchdog returns to idle", at_most=0),
-    Mode("memory", "weight or constant upset flagged", "checksum",
-        "flips not flagged before the next global decision",
-        "the checksum covers weights, constants and configuration registers", at_most=0),
 )}
 # fmt: on
 """Every mode by its name, in the order of the report."""

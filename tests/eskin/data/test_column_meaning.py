@@ -57,7 +57,7 @@ def folder(tmp_path, text_of):
         ({"byte": lambda r, k: (250 + k) % 256}, {}, "column 'byte' runs on like a time"),
         ({"time": lambda r, k: k / 100, "elapsed": lambda r, k: 9 + k}, {}, "column 'elapsed' is time, too,"),
         ({"remark": lambda r, k: ""}, {}, "column 'remark' is empty"),
-        ({"": lambda r, k: FRAMES * r + k}, {}, "numbers the rows"),
+        ({"": lambda r, k: FRAMES * r + k}, {}, "runs on like a time or numbers the rows"),
         ({"time": lambda r, k: f"2026-05-01T12:00:0{k / 100:.2f}"}, {}, "the sample rate is as asked for"),
     ],
 )
@@ -88,9 +88,7 @@ def test_what_moves_as_a_signal_or_is_named_as_a_taxel_stays_one(tmp_path):
     ("text", "reading", "sentence"),
     [
         (table(speed=lambda r, k: 0.1 * k), AT, "line 3: column 'speed' is a group and changes inside "
-                                                "recording r0; name the groups"),
-        (table(day=lambda r, k: k // 20), Reading(rate_hz=100, groups=("day",)), "line 22: column 'day' is "
-                                                                                 "a group and changes"),
+                                                "recording r0; name what a recording"),
         (table(labels=["nan", "x"]), AT, "line 2: column 'class' holds 'nan', which is no value"),
         (table(labels=["a", ""]), AT, "line 32: column 'class' holds an empty cell"),
         (table(person=lambda r, k: "" if r == 3 else r), AT, "line 92: column 'person' holds an empty cell"),
@@ -132,7 +130,7 @@ def test_headers_that_count(tmp_path, index):
 @each_row("delimiter", ["\t", ";", ","])
 def test_commas_between_thousands(tmp_path, delimiter):
     shown = [
-        delimiter.join(f'"{code:,}"' if delimiter == "," else f"{code:,}" for code in row)
+        delimiter.join(f'"{code:,.1f}"' if delimiter == "," else f"{code:,.1f}" for code in row)
         for row in (CODES[0] - 1000).tolist()
     ]
     recordings = folder(tmp_path, lambda label, number: "\n".join([delimiter.join("abc"), *shown]))

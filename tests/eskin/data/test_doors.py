@@ -61,14 +61,20 @@ def test_hdf5_that_says_its_classes_in_attributes(tmp_path, known):
             )
             table.attrs["fs"] = RATE if index < 5 else 2 * RATE
     reading = Reading(label="material")
-    with pytest.raises(InputError, match="dataset r5: attribute fs is 400.0 and 200.0 in r0; all must agree"):
+    with pytest.raises(
+        InputError, match="'fs of r0' has 200 frames a second and 'fs of r5' 400; .*--rate HZ"
+    ):
         load_recordings(tmp_path / "a.hdf5", reading=reading)
     with h5py.File(tmp_path / "a.hdf5", "a") as file:
         file["r5"].attrs["fs"] = RATE
     recordings = load_recordings(tmp_path / "a.hdf5", reading=dataclasses.replace(reading, scale=0.125))
     check(recordings, known)
     assert recordings.volt_per_code == 0.125
-    with pytest.raises(InputError, match="has no array of classes .*--class"):
+    check(load_recordings(tmp_path / "a.hdf5", reading=Reading(scale=0.125)), known)
+    with h5py.File(tmp_path / "a.hdf5", "a") as file:
+        for table in file.values():
+            table.attrs["texture"] = "dry"
+    with pytest.raises(InputError, match="material and texture may say the class; name it with --class"):
         load_recordings(tmp_path / "a.hdf5")
 
 

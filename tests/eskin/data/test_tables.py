@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eskin.data import Reading, load_recordings
-from eskin.data.tables import natural
 from eskin.golden.core import AcceleratorConfig, InputError
 from eskin.golden.data import check_fit, load_archive, save_archive
 from eskin.golden.data.codes import round_step, to_codes
+from eskin.golden.data.recordings import natural
 from tests.support.table import each_row
 
 RATE = 200.0
@@ -189,7 +189,7 @@ def test_one_long_table(tmp_path):
     path.write_text("\n".join(long_table()).replace("recording,person,class", "nr,who,what"))
     with pytest.raises(InputError, match="--class"):
         load_recordings(path)
-    named = load_recordings(path, reading=Reading(label="what", recording="nr", groups=("who",)))
+    named = load_recordings(path, reading=Reading(label="what", recording="nr"))
     assert named.labels.tolist() == recordings.labels.tolist() and named.groups["who"].tolist() == [
         0,
         0,
@@ -231,7 +231,7 @@ BROKEN = [
     (line_of(8, "0.001,1,2,3,4"), "line 8: column 'time' does not go up"),
     (
         lambda lines: "\n".join([*lines[:6], *lines[9:]]).encode(),
-        "line 7: column 'time' jumps by 0.02 where others go by 0.005",
+        "line 7: column 'time' jumps, from 0.02 to 0.04 where others go by 0.005",
     ),
     (
         lambda lines: written(codes(3)).replace("time", "time_ms").encode(),
@@ -239,10 +239,10 @@ BROKEN = [
     ),
     (
         lambda lines: "\n".join(line.rpartition(",")[0] for line in lines).encode(),
-        "has 3 taxels where 'mat2/p0_t1.csv' has 4",
+        "has 4 columns where 'mat2/p0_t1.csv' has 5",
     ),
     (lambda lines: "\n".join(lines).replace("d", "x", 1).encode(), "not called as those of 'mat2/p0_t1.csv'"),
-    (b"", "holds no row"),
+    (b"", "holds no row of samples"),
     (b"time,a,b,c,d\n", "line 1: holds a header and no row"),
     ("time,ä\n".encode("utf-16"), "no UTF-8 text"),
     (b"time,a\n0,\x001\n", "holds a zero byte"),

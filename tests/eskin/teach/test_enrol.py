@@ -383,7 +383,11 @@ def taught_ready(model, tmp_path_factory):
     """The model with a prototype a class and person, and three places a class."""
     folder = tmp_path_factory.mktemp("teach") / "model"
     shutil.copytree(model, folder)
-    quantise(folder, OLD, readout={"groups": ["person"], "unknown": 0.1})
+    unknown = {"groups": ["person"], "unknown": 0.1}
+    with pytest.raises(InputError, match="field unknown_above: is set with decision 'vote'.*; use 'last'"):
+        quantise(folder, OLD, readout=unknown)
+    (folder / "config.json").write_text(load_config(folder).replace(decision="last").to_json())
+    quantise(folder, OLD, readout=unknown)
     return folder
 
 
@@ -402,8 +406,22 @@ def test_a_new_mounting_is_taught_and_no_weight_changes(model, taught_ready, tmp
     judged = evaluate(tmp_path / "m", REST)  # the float network decides by the same prototypes
     assert judged["agreement"] > 0.9, judged
     assert judged["float_accuracy"] >= after - 0.02
-    quantise(tmp_path / "m", OLD)  # and back
-    assert IntegerModel.load(tmp_path / "m").config == IntegerModel.load(model).config
+    with pytest.raises(InputError, match="it was taught touches, which other integers would lose"):
+        quantise(tmp_path / "m", OLD, readout="dense")
+
+
+def test_prototypes_stay_what_config_json_says(model, taught_ready, tmp_path):
+    """Made anew with the fields that it has, and by its decision; logits decide where that is asked for."""
+    shutil.copytree(taught_ready, tmp_path / "m")
+    config = load_config(taught_ready).replace(taught=5, unknown_above=7)
+    (tmp_path / "m" / "config.json").write_text(config.to_json())
+    again = quantise(tmp_path / "m", OLD)
+    assert again.config == config and again.arrays["taught"].shape[1] == 5
+    assert not quantise(tmp_path / "m", OLD, readout="dense").config.has_prototypes
+    voting = load_config(model).replace(margin_threshold=2)
+    (tmp_path / "m" / "config.json").write_text(voting.to_json())
+    network = quantise(tmp_path / "m", OLD, readout={"groups": ["person"]}).config.network
+    assert (network.decision, network.margin_threshold) == ("vote", 2)
 
 
 def test_taught_touches_are_nearer_only_where_that_costs_the_others_nothing(model):

@@ -10,7 +10,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eskin.golden.core import PRESETS, InputError
+from eskin.golden.core import PRESETS, InputError, QFormat
 from eskin.golden.model import (
     FloatModel,
     IntegerModel,
@@ -35,6 +35,7 @@ from eskin.training.quantise import (
     quantise,
     quantise_model,
 )
+from eskin.training.widths import quantise_by_error
 from tests.golden.model.test_cells import CELLS
 from tests.support.folder import contents
 from tests.support.table import each_row
@@ -219,6 +220,57 @@ def test_a_second_quantisation_starts_afresh(tmp_path):
         quantise(folder, weight_bits=4, state_bits=8, gate_bits=8, table_entries=128).config != first.config
     )
     assert quantise(folder).config == first.config
+
+
+def edit(folder, **fields):
+    (folder / "config.json").write_text(load_config(folder).replace(**fields).to_json())
+
+
+def test_what_config_json_says_stays(tmp_path):
+    """Edited before the first quantisation, between two, and before widths are chosen by error."""
+    folder = tmp_path / "model"
+    recordings = saved(folder)
+    edit(folder, table_entries=256, watchdog=True, class_names=("up", "down", "beat"))
+    quantise(folder, weight_bits=6)
+    edit(folder, lanes=2, onset_threshold=9, decision="early", early_steps=2, early_margin=5)
+    recordings = dataclasses.replace(recordings, class_names=("up", "down", "beat"))
+    with pytest.raises(InputError, match="field table_entries: is 256 in config.json, and the integers need"):
+        quantise_by_error(folder, recordings, 50.0)
+    for entries in (256, 512):
+        edit(folder, table_entries=entries)
+        _ = quantise(folder) if entries == 256 else quantise_by_error(folder, recordings, 50.0)
+        after = load_config(folder)
+        assert after.hardware.watchdog and after.network.class_names == ("up", "down", "beat")
+        assert (after.hardware.lanes, after.onset_rule.onset_threshold) == (2, 9)
+        assert (after.network.decision, after.network.early_margin) == ("early", 5)
+        assert after.formats.table_entries == entries
+
+
+@each_row(
+    ("fields", "words"),
+    [
+        ({"hidden": 8}, "field hidden: is 8 in config.json and was 6 in training"),
+        (
+            {"weight_format": QFormat(1, 7)},
+            r"field weight_format: is SQ\(1,7\) in config.json, and the integers",
+        ),
+        (
+            {"hop": 9, "window": 18},
+            r"field hop: is 9 .*, and so are the noted ranges; give recordings \(--data\)",
+        ),
+        ({"taught": 2, "readout": "prototypes"}, "field readout: is 'prototypes', which are made of"),
+    ],
+)
+@each_row("quantised", [False, True])
+def test_what_config_json_says_is_refused_by_name_where_it_cannot_stay(tmp_path, fields, words, quantised):
+    saved(tmp_path / "model")
+    if quantised:
+        quantise(tmp_path / "model")
+    edit(tmp_path / "model", **fields)
+    before = contents(tmp_path)
+    with pytest.raises(InputError, match=words):
+        quantise(tmp_path / "model")
+    assert contents(tmp_path) == before
 
 
 @each_row("gone", [False, True])

@@ -71,9 +71,6 @@ def test_a_small_chip_decides_as_the_golden_model_and_a_wrong_cell_is_seen(tmp_p
     whole = played()
     assert whole["bit_exact"] and whole["compared_values"] > 3 and whole["step_j"] > 0
     assert 0 < whole["glitches"]["step_j"] < 2 * whole["step_j"]
-    unit = played(delays="unit")
-    # glitches apart, nothing depends on delays
-    assert unit["bit_exact"] and unit["step_j"] == pytest.approx(whole["step_j"])
     assert sum(whole["step_blocks_j"].values()) == pytest.approx(whole["step_j"])
     assert "engine.lane" in whole["step_blocks_j"]
     parities = sorted(

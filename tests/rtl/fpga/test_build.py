@@ -17,11 +17,11 @@ from amaranth.sim import Simulator
 
 from eskin.golden.core import PRESETS, AcceleratorConfig, QFormat
 from eskin.golden.model import random_integer_model
-from eskin.pages.views import tables, words
+from eskin.pages.views import words
 from eskin.rtl.fpga import blocks
 from eskin.rtl.fpga import wiring as wired
 from eskin.rtl.fpga.implementation import DoesNotFit, Implementation, NoRoute, place
-from eskin.rtl.fpga.synthesis import COUNTED_CELLS, ICE40, Netlist, PoweredOn, synthesise
+from eskin.rtl.fpga.synthesis import ICE40, Netlist, PoweredOn, synthesise
 from eskin.rtl.fpga.targets import TARGETS, target
 from eskin.rtl.fpga.tools import ToolError
 from eskin.rtl.fpga.wiring import Wiring
@@ -478,97 +478,21 @@ def test_weights_go_into_large_memories_where_block_memories_run_out(
     assert tried == [config, config.replace(spare_blocks=True)][: 1 + again]
 
 
-@pytest.mark.parametrize(
-    ("family", "cell"),
-    [
-        ("gatemate", "CC_MULT"),
-        pytest.param("xilinx", "DSP48E1", marks=pytest.mark.slow),
-        pytest.param("intel", "MISTRAL_MUL", marks=pytest.mark.slow),
-    ],
-)
-@pytest.mark.timeout(900)
-def test_cells_of_other_families_are_counted_and_no_bitstream_is_claimed(
-    call, folder, monkeypatch, family, cell
-):
-    if family == "gatemate":  # the accelerator itself takes long
-        monkeypatch.setattr(job, "Chain", lambda *_: Tiny())
-    status, said, err = call("--synthesis-only", family)
-    made = folder / "build" / "synthesis" / family
-    assert status == 0 and sorted(path.name for path in made.iterdir()) == ["build.json", "netlist.v"], err
-    result = json.loads((made / "build.json").read_text())
-    columns = (*COUNTED_CELLS, "other")
-    assert sum(result[column] for column in columns) == sum(result["cell_types"].values())
-    of_type = sum(count for name, count in result["cell_types"].items() if name.startswith(cell))
-    assert 0 < of_type == result["dsp"] and result["lut"] and result["ff"] and result["bitstream"] is None
-    assert (made / "netlist.v").read_text().count(f"  {cell}") == of_type
-    assert "no bitstream is made" in said and "MHz" not in said.split("lowest clock")[0]
-
-
 @each_row(
     ("words", "said"),
     [
-        ((), "--target: is missing"),
         (("--target", "arduino"), "--target arduino: is no known board"),
-        (("--table", "--target", "ulx3s"), "leave out --target"),
-        (("--table", "--lanes", "4"), "leave out --lanes"),
-        (("--table", "--class-pins", "none"), "--class-pins"),
         (
             ("--target", "icebreaker", "--no-link", "--class-pins", "none"),
             "--class-pins: is for a build with the link",
         ),
         (("--target", "icebreaker", "--out", "model"), "is the input model"),
         (("--target", "icebreaker", "--baud", "5e6"), "baud 5e+06"),
-        (("--synthesis-only", "lattice"), "is no family; use one of gatemate, xilinx, intel"),
-        (("--synthesis-only", "intel", "--seeds", "2"), "--synthesis-only: places nothing"),
-        (("--synthesis-only", "intel", "--lane-type", "dsp"), "--lane-type dsp: is made of an iCE40's"),
-        (("--synthesis-only", "xilinx", "--out", "model"), "is the input model"),
     ],
 )
 def test_a_mistake_is_one_sentence(call, words, said):
     status, out, err = call(*words)
     assert status == 2 and said in err and err.count("\n") == 1 and not out
-
-
-def test_the_table_has_a_row_for_every_design_and_keeps_what_did_not_fit(monkeypatch, tmp_path):
-    asked = []
-
-    def made(request):
-        board, config, link = request.target, request.config, request.link
-        asked.append((board.name, config.hardware.lanes, config.hardware.lane_type, link))
-        assert request.seeds == 5
-        if board.name == "ulx3s":
-            raise job.BuildError("needs 1 logic cell too many")
-        count = dict.fromkeys(job.implementation.COLUMNS, 7)
-        best = Implementation(
-            seed=3,
-            fmax_hz=5.55e7,
-            path="from a to b",
-            blocks={"cell": count, "top": count},
-            utilisation={},
-            bitstream=tmp_path / "x.bin",
-        )
-        return job._result(config, board, link, best, [best], 12e6), None, None
-
-    monkeypatch.setattr(job, "build", made)
-    model = random_integer_model(CONFIG, seed=2)
-    request = job.BuildRequest(config=model.config, arrays=model.arrays, target=target("ulx3s"), seeds=5)
-    job.table(request, tmp_path)
-    (table,) = tables((tmp_path / job.TABLE).read_text())
-    rows = table.cells
-    assert [row[:4] for row in rows] == [
-        (target(name).device, name, f"{lanes} {kind}", "yes" if link else "no")
-        for name, lanes, kind, link in asked
-    ]
-    assert [(name, lanes, link) for name, lanes, _, link in asked] == list(job.TABLE_ROWS)
-    assert all(len(row) == len(table.columns) for row in rows)
-    missing = next(row for row in rows if row[1] == "ulx3s")
-    assert missing[-1] == "needs 1 logic cell too many" and set(missing[4:-1]) == {"-"}
-    alone, with_link = rows[0], rows[1]
-    assert (alone[4], with_link[4]) == (
-        "7",
-        "14",
-    ) and "55.5" in alone  # the harness is not counted, the link's pins are
-    assert len(json.loads((tmp_path / "builds.json").read_text())) == len(rows) - 1
 
 
 # ---------------------------------------------------------------------- boards

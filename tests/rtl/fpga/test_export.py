@@ -97,7 +97,7 @@ def exported(design) -> tuple[Any, str, str]:
     if system:
         asked = {"bus": None, **system}
         return BusTop(config, images, **asked), *export_bus(config, arrays, **asked)
-    if config.interface.converter != "none":
+    if config.interface.converter.name != "none":
         return Sensing(config, images), SENSING, export_sensing(config, arrays)
     return make_accelerator(config, images), TOP, export(config, arrays)
 

@@ -8,7 +8,7 @@ import pyslang
 import pytest
 
 from eskin.cosim.runner import verilator_command
-from eskin.golden.core import PRESETS
+from eskin.golden.core import PRESETS, InputError
 from eskin.golden.model import random_integer_model
 from eskin.rtl.fpga.export import WAIVER
 from eskin.verbs.generate_job import generate_design
@@ -18,9 +18,9 @@ from tests.test_matrix import IMAGES, KINDS, TOUCHES
 DESIGNS = {
     "linear": ("linear", {}),
     "lstm behind Wishbone": ("lstm", {"bus": "wishbone"}),
-    "image behind APB": ("image", {"bus": "apb"}),
+    "image behind Wishbone": ("image", {"bus": "wishbone"}),
     "prototypes": ("prototypes", {}),
-    "DSP lanes behind AXI4-Lite": ("dsp", {"bus": "axi4lite"}),
+    "early behind AXI4-Lite": ("early", {"bus": "axi4lite"}),
     "rom with AXI streams": ("rom", {"axis": True}),
     "behind a converter": ("converter", {}),
     "thesis": ("thesis", {}),
@@ -48,7 +48,7 @@ def linted(folder, *waiver):
 QUICK = (
     "lstm behind Wishbone",
     "prototypes",
-    "image behind APB",
+    "image behind Wishbone",
     "rom with AXI streams",
     "behind a converter",
 )
@@ -97,3 +97,69 @@ def fusesoc(tmp_path_factory):
 def test_fusesoc_lints_it_and_plays_the_testbench(fusesoc):
     assert "%Warning" not in fusesoc("lint")
     assert "PASSED: " in fusesoc("sim")
+
+
+BOTH = """#include "left/left.h"
+#include "right/right.h"
+#include "left/load.h"
+#include "right/load.h"
+int main(void)
+{
+    left_hw one = { 0 };
+    right_hw two = { 0 };
+    (void)left_load, (void)right_load;
+    return (int)(one.next + two.next) + (LEFT_FRAME_TAXELS == RIGHT_FRAME_TAXELS);
+}
+"""
+
+
+def test_two_designs_go_into_one_system(tmp_path):
+    """Every module, function and macro of one is there once; each testbench plays its own."""
+    designs = {
+        "left": ("lstm", {"bus": "wishbone"}),
+        "right": ("thesis", {"bus": "wishbone"}),
+        "third": ("linear", {}),
+    }
+    files = []
+    for name, (kind, system) in designs.items():
+        folder = generate_design(model_of(kind), tmp_path / name, top=name, **system)
+        files += sorted(folder.glob("*.sv"))
+        assert (folder / "filelist.f").read_text() == f"{name}.sv\n"
+        assert (folder / "eskin.rdl").read_text().count(f"addrmap {name} ") == 1
+    files = [file for file in files if file.name != "testbench.sv"]
+    assert [file.name for file in files] == [
+        "left.sv",
+        "left_accelerator.sv",
+        "right.sv",
+        "right_accelerator.sv",
+        "third.sv",
+    ]
+    modules = [
+        word
+        for file in files
+        for word in re.findall(r"^module (\S+?)\(?(?: |$)", file.read_text(), re.MULTILINE)
+    ]
+    assert len(modules) > 30 and len(set(modules)) == len(modules)
+    (tmp_path / "main.c").write_text(BOTH)
+    command = [
+        "gcc",
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "main.c",
+        "left/left.c",
+        "right/right.c",
+        "-o",
+        "both",
+    ]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    assert subprocess.run([tmp_path / "both"], check=False).returncode == 0
+    icarus = ["iverilog", "-g2012", "-s", "testbench", "-o", "bench", "testbench.sv", "third.sv"]
+    subprocess.run(icarus, cwd=tmp_path / "third", check=True)
+    played = subprocess.run(
+        ["vvp", "-n", "bench"], cwd=tmp_path / "third", capture_output=True, text=True, check=True
+    )
+    assert "PASS" in played.stdout, played.stdout
+    with pytest.raises(InputError, match="--top '2': begins names"):
+        generate_design(model_of("linear"), tmp_path / "no", top="2")

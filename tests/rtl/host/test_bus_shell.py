@@ -104,7 +104,7 @@ async def feed(cpu, frame, pairs, drain):
 
 @pytest.mark.parametrize(
     ("bus", "depth", "stalls"),
-    [("wishbone", 0, True), ("axi4lite", 2, False), ("apb", 4, True), ("axi4lite", 0, True)],
+    [("wishbone", 0, True), ("axi4lite", 2, False), ("wishbone", 4, True), ("axi4lite", 0, True)],
 )
 def test_frames_and_decisions_go_through_once_and_in_order(bus, depth, stalls):
     rng = random.Random(repr((bus, depth, stalls)))

@@ -6,8 +6,7 @@ import random
 from itertools import pairwise
 from unittest import mock
 
-from eskin.golden.core import PRESETS, ConverterFault
-from eskin.golden.core.ddc232 import ddc_plan
+from eskin.golden.core import PRESETS, ConverterFault, converter_plan
 from eskin.rtl.interface import ddc232_converter
 from eskin.rtl.interface.ddc232_converter import Ddc232Converter
 from tests.support.converter_bench import play_frames
@@ -22,24 +21,25 @@ DEADLINE = PERIOD - QUIET - (2 * 2 * 20 * 5 + 8)
 def play(count: int, codes, spoil=lambda name, value: value, delay: int = 40, **fields):
     """The frames, and the chip; ``codes(channel)`` are those of inputs 1..32. The real order and formats, with
     times that a bench can wait for. ``delay``: cycles from CONV to DVALID."""
-    config = PRESETS["thesis"].replace(**(dict(converter="ddc232", sample_rate_hz=1000.0, taxels=5) | fields))
-    plan = dataclasses.replace(ddc_plan(config), wait=20, half=2, clk_half=1, quiet=QUIET)
+    converter = dict(name="ddc232", **fields)
+    config = PRESETS["thesis"].replace(converter=converter, sample_rate_hz=1000.0, taxels=5)
+    plan = dataclasses.replace(converter_plan(config), wait=20, half=2, clk_half=1, quiet=QUIET)
     plan = dataclasses.replace(plan, deadline=PERIOD - QUIET - plan.read_cycles)
     dut = Ddc232Converter(plan, 5)
-    order = range(1, 33) if fields.get("ddc_ascending") else range(32, 0, -1)
+    order = range(1, 33) if fields.get("ascending") else range(32, 0, -1)
     chip = DdcSlave(dut.pins, lambda: [codes(channel) for channel in order], plan.bits, delay, spoil)
     with mock.patch.object(ddc232_converter, "WARM_UP", WARM_UP):
         return play_frames(dut, chip, count, period=PERIOD), chip
 
 
-@each_row(("fields", "first"), [(dict(), 28), (dict(ddc_bits=16, ddc_first=3, ddc_ascending=True), 3)])
+@each_row(("fields", "first"), [(dict(), 28), (dict(bits=16, first=3, ascending=True), 3)])
 def test_every_code_at_its_taxel(fields, first):
     rng = random.Random(first)
-    table = [rng.getrandbits(fields.get("ddc_bits", 20)) for _ in range(33)]
+    table = [rng.getrandbits(fields.get("bits", 20)) for _ in range(33)]
     frames, chip = play(2, lambda channel: table[channel], **fields)
     expected = {taxel: table[first + taxel] for taxel in range(5)}
     assert [frame[:3] for frame in frames] == [(expected, ConverterFault(0), False)] * 2
-    assert chip.configurations == [7 << 9 | (fields.get("ddc_bits", 20) == 20) << 8 | 1 << 7]
+    assert chip.configurations == [7 << 9 | (fields.get("bits", 20) == 20) << 8 | 1 << 7]
     assert len(chip.conv_edges) == WARM_UP + 2
     assert {after - before for before, after in pairwise(chip.conv_edges)} == {PERIOD}
     for conv in chip.conv_edges:

@@ -6,8 +6,8 @@ import random
 
 import numpy as np
 
-from eskin.golden.core import PRESETS, ConverterFault, mpr121
-from eskin.golden.core.mpr121 import cells_of, mpr_plan
+from eskin.golden.core import PRESETS, ConverterFault, converter_plan
+from eskin.golden.core.converters import mpr121
 from eskin.rtl.interface.mpr121_converter import Mpr121Converter
 from tests.support.converter_bench import play_frames
 from tests.support.pin_chips import MprSlave
@@ -23,12 +23,12 @@ SMALL = PRESETS["thesis"].replace(
     band_low=100,
     band_high=2000,
 )
-TWO = SMALL.replace(rows=6, columns=7, taxels=42, mpr_chips=2)
+TWO = SMALL.replace(rows=6, columns=7, taxels=42, converter=dict(name="mpr121", chips=2))
 
 
 def play(config, count: int, electrodes, spoil=lambda chip, ended: None, *, first=50):
     """The frames, the chips and the plan; ``first``: cycles before the chip's first data."""
-    plan = dataclasses.replace(mpr_plan(config), quarter=3, reset=20, first=first)
+    plan = dataclasses.replace(converter_plan(config), quarter=3, reset=20, first=first)
     dut = Mpr121Converter(plan)
     chip = MprSlave(dut.pins, electrodes)
     return play_frames(dut, chip, count, between=lambda ended: spoil(chip, ended)), chip, plan
@@ -40,7 +40,7 @@ def test_every_cell_of_its_electrodes(config):
     table = {address: [rng.randrange(1024) for _ in range(12)] for address in (0x5A, 0x5B)}
     frames, chip, plan = play(config, 1 + (config is SMALL), table.__getitem__)
     own = np.array([[*table[0x5A][: plan.electrodes[0]], *table[0x5B][: sum(plan.electrodes[1:])]]])
-    cells = dict(enumerate(cells_of(own, config)[0].tolist()))
+    cells = dict(enumerate(plan.from_pins(own, config)[0].tolist()))
     assert [frame[:3] for frame in frames] == [(cells, ConverterFault(0), False)] * len(frames)
     assert max(frame.cycles for frame in frames) <= plan.scan_cycles
     assert chip.shortest == 2 * plan.quarter
@@ -52,7 +52,7 @@ def test_every_cell_of_its_electrodes(config):
 def test_the_chip_has_its_time_before_its_first_data():
     early, late = (play(SMALL, 1, lambda address: [700] * 12, first=first)[0][0].end for first in (50, 500))
     assert late - early == 450
-    plan = mpr_plan(SMALL.replace(converter_hz=1e5), 12e6)
+    plan = converter_plan(SMALL.replace(converter=dict(name="mpr121", hz=1e5)), 12e6)
     assert (plan.quarter, plan.reset, plan.first) == (30, 12_000, 120_000)
 
 
@@ -97,19 +97,20 @@ def test_what_is_wrong_with_a_chip_is_told_and_all_are_set_up_anew(config):
     assert [frame.away for frame in frames] == ["config2" in wrong for _, wrong, *_ in rows]
     if config is SMALL:
         own = np.array([REST[: sum(plan.electrodes)]])
-        assert frames[1].codes == frames[-2].codes == dict(enumerate(cells_of(own, config)[0].tolist()))
+        assert frames[1].codes == frames[-2].codes == dict(enumerate(plan.from_pins(own, config)[0].tolist()))
     faults = sum(map(bool, (fault for *_, fault in rows[:-1])))
     assert chip.written.count((0x5A + plan.chips - 1, 0x5E, RUNNING)) == faults + (config is TWO)
 
 
 def test_electrodes_of_cells_are_the_codes_that_make_them():
     config = SMALL.replace(rows=13, columns=9, taxels=117)
-    cells = cells_of(np.random.default_rng(1).integers(0, 1024, (50, 12)), config)
+    plan = converter_plan(config)
+    cells = plan.from_pins(np.random.default_rng(1).integers(0, 1024, (50, 12)), config)
     assert cells.min() >= 0 and cells.max() <= mpr121.FULL
     # a touch on one cell lowers its row and its column, and is seen there alone
     rest = np.full((1, 12), 800)
     rest[0, [2, 5 + 3]] = 300
-    seen = cells_of(rest, config)[0].reshape(13, 9)
+    seen = plan.from_pins(rest, config)[0].reshape(13, 9)
     assert seen[6, 4] == seen.max() == mpr121.FULL - 600 and (seen == seen.max()).sum() == 1
-    again = cells_of(mpr121.electrodes_of(seen.reshape(1, -1), config), config)[0].reshape(13, 9)
+    again = plan.from_pins(plan.to_pins(seen.reshape(1, -1), config), config)[0].reshape(13, 9)
     assert again[6, 4] == seen[6, 4]

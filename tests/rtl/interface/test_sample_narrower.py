@@ -13,16 +13,13 @@ from tests.support.table import each_row
 FORMS = {
     "full scale": dict(),
     "signed": dict(sample_signed=True),
-    "offset, zeros appended": dict(code_offset=700, code_shift=-5),
-    "narrower, rounded": dict(code_offset=-3, code_shift=3),
-    "offset without shift": dict(code_offset=-27352, code_shift=0),
+    "offset, zeros appended": dict(converter=dict(name="ads7953", code_offset=700, code_shift=-5)),
+    "narrower, rounded": dict(converter=dict(name="ads7953", code_offset=-3, code_shift=3)),
+    "offset without shift": dict(converter=dict(name="ads7953", code_offset=-27352, code_shift=0)),
     "20 bits, zero at 4096": dict(
-        converter="spi",
-        spi_frame_bits=28,
-        spi_channel_bit=24,
-        spi_code_bits=20,
-        code_offset=4096,
-        code_shift=4,
+        converter=dict(
+            name="spi", frame_bits=28, channel_bit=24, code_bits=20, code_offset=4096, code_shift=4
+        )
     ),
 }
 
@@ -56,7 +53,7 @@ def test_a_code_of_a_sample_is_the_nearest_and_the_way_back_is_exact():
     assert np.abs(back - samples)[samples < 65528 - 8].max() <= 8
     codes = np.arange(4096)
     assert (codes_of(samples_of(codes, config), config) == codes).all()
-    config = PRESETS["pvdf"].replace(converter="ads7953", code_offset=-27352, code_shift=0)
+    config = PRESETS["pvdf"].replace(converter=dict(name="ads7953", code_offset=-27352, code_shift=0))
     assert samples_of(codes_of(np.array([27352, 29000, 31447, 40000]), config), config).tolist() == [
         27352,
         29000,

@@ -2,8 +2,7 @@
 
 import random
 
-from eskin.golden.core import PRESETS, ConverterFault
-from eskin.golden.core.converters import spi_chip, spi_plan
+from eskin.golden.core import PRESETS, ConverterFault, converter_plan
 from eskin.rtl.interface.spi_converter import SpiConverter
 from tests.support.converter_bench import play_frames
 from tests.support.spi_chip import SpiSlave
@@ -16,17 +15,13 @@ CONFIGS = {
     for name, fields in {
         "ads7953": dict(converter="ads7953"),
         "mcp3208x2": dict(converter="mcp3208x2"),
-        "in series": dict(converter="mcp3208x2", data_lines=1),
+        "in series": dict(converter=dict(name="mcp3208x2", data_lines=1)),
         "ad7476": dict(converter="ad7476"),
-        "ad7476 in series": dict(converter="ad7476", data_lines=1),
+        "ad7476 in series": dict(converter=dict(name="ad7476", data_lines=1)),
         "spi": dict(
-            converter="spi",
-            spi_frame_bits=24,
-            spi_channels=4,
-            spi_channel_bit=20,
-            spi_code_bit=2,
-            spi_delay=1,
-            spi_tag_bits=2,
+            converter=dict(
+                name="spi", frame_bits=24, channels=4, channel_bit=20, code_bit=2, delay=1, tag_bits=2
+            )
         ),
     }.items()
 }
@@ -35,7 +30,7 @@ INSIDE = [700 + k for k in range(16)]
 
 def frame_of(name: str, codes: list[int], spoil=lambda word, select, line, channel: word, count: int = 1):
     """(the last frame, chips) of ``count`` frames; ``spoil`` changes what a line says."""
-    plan, chip = spi_plan(CONFIGS[name]), spi_chip(CONFIGS[name])
+    plan, chip = converter_plan(CONFIGS[name]), CONFIGS[name].interface.converter.chip()
     dut, channels, transfer = SpiConverter(plan, 16), plan.chip.channels, [-1]
 
     def answer(line, fell):
@@ -55,7 +50,7 @@ def frame_of(name: str, codes: list[int], spoil=lambda word, select, line, chann
 
 @each_row("name", CONFIGS)
 def test_every_code_at_its_taxel_and_a_stuck_line_is_a_fault(name):
-    plan, chip = spi_plan(CONFIGS[name]), spi_chip(CONFIGS[name])
+    plan, chip = converter_plan(CONFIGS[name]), CONFIGS[name].interface.converter.chip()
     codes = random.Random(name).choices(range(1, 4095), k=16)
     frame, chips = frame_of(name, codes, count=2)
     assert frame.codes == dict(enumerate(codes)) and not frame.fault
@@ -73,7 +68,8 @@ def test_every_code_at_its_taxel_and_a_stuck_line_is_a_fault(name):
 
 def test_commands_are_those_of_the_data_sheets():
     ads, mcp = (
-        [command for _, command in spi_plan(CONFIGS[name]).transfers] for name in ("ads7953", "mcp3208x2")
+        [command for _, command in converter_plan(CONFIGS[name]).transfers]
+        for name in ("ads7953", "mcp3208x2")
     )
     assert ads == [0x1800 | channel << 7 for channel in range(16)] + [0, 0]
     assert [f"{command:019b}"[:5] for command in mcp] == [f"11{channel:03b}" for channel in range(8)]

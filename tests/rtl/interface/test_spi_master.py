@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eskin.golden.core import SpiPlan
-from eskin.golden.core.converters import SpiChip
+from eskin.golden.core.converters.spi import SpiChip
 from eskin.rtl.interface.spi_master import SpiMaster
 from tests.support.spi_chip import SpiSlave
 from tests.support.strategies import examples

@@ -1,7 +1,5 @@
 """The schedule made visible: every operation drawn once, figures those of the schedule."""
 
-import csv
-import itertools
 import json
 from itertools import pairwise
 from pathlib import Path
@@ -130,11 +128,8 @@ def call(call, monkeypatch, tmp_path):
         (["thesis", "--lanes", 0], "lanes"),
         (["thesis", "--lanes", 65], "1..64"),
         (["thesis", "--out", "file"], "file"),
-        (["thesis", "--complexity", "--out", "file"], "file"),
-        (["thesis", "--table", "--lanes", 4], "--lanes"),
-        (["thesis", "--table", "--complexity"], "--complexity"),
         (["damaged"], "config.json"),
-        (["thesis", "--table", "--out", "file/x"], "file"),
+        (["thesis", "--out", "file/x"], "file"),
     ],
 )
 def test_bad_input_is_one_sentence_and_status_2(call, words, part):
@@ -167,37 +162,3 @@ def test_drawing_of_a_model_folder(call):
         files["schedule.png"].startswith(b"\x89PNG")
         and f"{plan.step_cycles} cycles a step".encode() in files["schedule.svg"]
     )
-
-
-def test_table_has_every_row_and_the_schedules_figures(call, monkeypatch):
-    """Small sizes: the third size of the real table takes seconds. Without --out nothing is written."""
-    assert view.TABLE_SIZES == ((16, 12, 3), (8, 8, 5), (64, 32, 32)) and view.TABLE_LANES == (1, 2, 4, 6, 12)
-    monkeypatch.setattr(view, "TABLE_SIZES", (view.TABLE_SIZES[1], (9, 6, 4)))
-    assert call("fabric", "--table")[0] == 0 and not list(Path().iterdir())
-    status, out, _ = call("fabric", "--table", "--out", "table")
-    rows = json.loads(Path("table/ratios.json").read_text())
-    keys = [tuple(row[k] for k in ("cell", "reset", "taxels", "hidden", "classes", "lanes")) for row in rows]
-    cells = (("gru", "before"), ("gru", "after"), ("lstm", None))
-    assert keys == [
-        (*cell, *size, lanes)
-        for cell, size, lanes in itertools.product(cells, view.TABLE_SIZES, view.TABLE_LANES)
-    ]
-    for row in rows:
-        names = tuple(map(str, range(row["classes"])))
-        sizes = {"taxels": row["taxels"], "hidden": row["hidden"], "class_names": names}
-        plan = schedule(reference(row["cell"], row["reset"] or "before", row["lanes"], **sizes))
-        figures = (plan.step_cycles, plan.config.step_ideal, plan.busy_share, plan.decision_cycles)
-        assert (
-            tuple(row[k] for k in ("step_cycles", "ideal_cycles", "busy_share", "decision_cycles")) == figures
-        )
-        assert row["ratio"] == plan.step_cycles / plan.config.step_ideal
-    lines = Path("table/ratios.md").read_text().splitlines()
-    shown = [tuple(line.strip("| ").split(" | ")) for line in lines[2 : 2 + len(rows)]]
-    assert shown == [view.ratio_cells(row) for row in rows]
-    told = [line.strip("│").split("│") for line in out.splitlines() if line.startswith("│")]
-    assert status == 0 and [tuple(cell.strip() for cell in line) for line in told] == shown
-    with Path("table/ratios.csv").open() as file:
-        assert [int(row["step_cycles"]) for row in csv.DictReader(file)] == [
-            row["step_cycles"] for row in rows
-        ]
-    assert sorted(path.name for path in Path("table").iterdir()) == ["ratios.csv", "ratios.json", "ratios.md"]

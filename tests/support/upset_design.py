@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from amaranth.back import rtlil
-from amaranth.lib import wiring
 
 from eskin.golden.core import AcceleratorConfig, Arrays
 from eskin.rtl.fpga.synthesis import Chain
 from eskin.rtl.fpga.tools import run_tool
-from eskin.rtl.host.uart_link import UartLink
 from eskin.rtl.program.memory_map import memory_images
 
 TOP = "accelerator"
@@ -55,17 +53,9 @@ def with_upsets(config: AcceleratorConfig, arrays: Arrays | None = None) -> tupl
     RuntimeError
         The text has a clocked process of a form not known here: an upset would be missing.
     """
-    return _with_upsets(
-        Chain(config, None if config.hardware.loadable or arrays is None else memory_images(config, arrays))
+    design = Chain(
+        config, None if config.hardware.loadable or arrays is None else memory_images(config, arrays)
     )
-
-
-def link_with_upsets(config: AcceleratorConfig, divisor: int) -> tuple[str, list[Site]]:
-    """The same of the serial link alone, ``divisor`` clocks a bit."""
-    return _with_upsets(UartLink(config, divisor))
-
-
-def _with_upsets(design: wiring.Component) -> tuple[str, list[Site]]:
     with tempfile.TemporaryDirectory() as folder:
         source, target = Path(folder) / "top.il", Path(folder) / "top.sv"
         source.write_text(rtlil.convert(design, name=TOP, emit_src=False))

@@ -1,0 +1,315 @@
+"""Named arrays in groups, as HDF5, ``.mat`` and ``.npy`` files hold them, as tables (docs/recordings.md)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from eskin.data.meaning import CLASS, whole
+from eskin.data.table import TIME, Reading, Refuse, Table
+from eskin.golden.data.recordings import natural
+
+SAMPLES = ("samples", "data", "X", "x", "recordings", "signals")
+LABELS = ("labels", "label", "y", "Y", "classes", "class", "target")
+CLASS_NAMES = ("class_names", "classNames", "classnames", "names")
+"""What an array may be called, in the order of preference."""
+
+
+@dataclass
+class Group:
+    """A group of HDF5, a struct or a whole file: arrays (numbers or text; cells as arrays of objects), groups
+    below, and attributes: single numbers and texts, of the group and of each array."""
+
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+    groups: dict[str, Group] = field(default_factory=dict)
+    attributes: dict[str, Any] = field(default_factory=dict)
+    of_arrays: dict[str, dict[str, Any]] = field(default_factory=dict)
+
+    def take(self, name: str, array: np.ndarray) -> None:
+        """An array under its name; a single value is an attribute, too, and fields are a group."""
+        if array.dtype.names:
+            self.groups[name] = Group({each: array[each] for each in array.dtype.names})
+            return
+        self.arrays[name] = array
+        if array.size == 1 and array.dtype.kind in "iufbU":
+            self.attributes[name] = array.reshape(-1)[0].item()
+
+    def below(self, above: str = "") -> Iterator[tuple[str, Group]]:
+        """This group and all below it, with the paths of each."""
+        yield above, self
+        for name, inner in self.groups.items():
+            yield from inner.below(f"{above}{name}/")
+
+    def listed(self) -> str:
+        """What arrays there are, with their shapes."""
+        arrays = [
+            (above + name, array.shape)
+            for above, group in self.below()
+            for name, array in group.arrays.items()
+        ]
+        return (
+            ", ".join(f"{name} {' x '.join(map(str, shape))}".strip() for name, shape in arrays[:12])
+            or "none"
+        )
+
+
+class Opened(NamedTuple):
+    """Tables of a file, and the classes in order where it lists them."""
+
+    tables: list[Table]
+    class_names: list[str]
+
+
+def tables_of(
+    root: Group, path: Path, reading: Reading, refuse: Refuse, *, alone: bool, from_one: bool
+) -> Opened:
+    """The recordings of a file: samples in one array or in cells, with labels; or every array of samples one.
+
+    Parameters
+    ----------
+    alone:
+        The file is the whole source, no recording of a folder by class.
+    from_one:
+        Labels that are numbers from 1 to less than the number of class names count from 1, as in MATLAB.
+
+    Raises
+    ------
+    InputError
+        An array is missing or does not fit.
+    """
+    found = _Arrays(root, path, reading, refuse)
+    named = reading.samples or next((name for name in SAMPLES if name in root.arrays), "")
+    array = root.arrays.get(named)
+    label = next((name for name in LABELS if name in root.arrays), "")
+    if array is not None and (alone or array.dtype == object or array.ndim == 3):
+        opened = found.of_one_array(named, reading.label or label, from_one)
+    else:
+        for above, group in root.below():
+            if above and re.sub(r"[(]\d+[)]", "", above[:-1]) == reading.label:
+                why = f"--class {reading.label}: is a group or struct with the fields {', '.join((*group.arrays, *group.groups))}"
+                refuse(f"{why}; name one of them, as in {reading.label}.label")
+        beside = label if alone and array is None else ""
+        opened = Opened([] if beside else [*found.of_group(root, (), {})], [])
+    if not opened.tables:
+        asked = f"--samples {reading.samples}: names no array of samples" if reading.samples else (
+            f"has no array of samples ({', '.join(SAMPLES[:3])}, or a table (frames, taxels) a recording)")  # fmt: skip
+        refuse(f"{asked}; it has {root.listed()}: name it with --samples")
+    shapes = [table.frame.shape for table in opened.tables]
+    if not reading.columns and all(columns > rows for rows, columns in shapes):
+        why = (
+            f"has more taxels than frames ({shapes[0][0]} x {shapes[0][1]} in recording 1) in {root.listed()}"
+        )
+        refuse(f"{why}; frames are rows: turn them, or say with --columns that columns are taxels")
+    return opened
+
+
+@dataclass
+class _Arrays:
+    """A file's arrays, and what is said of them."""
+
+    root: Group
+    path: Path
+    reading: Reading
+    refuse: Refuse
+
+    def table(self, part: np.ndarray, where: str, above: tuple[str, ...], attributes: dict[str, Any],
+              clock: np.ndarray | None = None, **more: Any) -> Table:  # fmt: skip
+        """A table of an array (frames, taxels), and of its clock behind them."""
+        import pandas as pd
+
+        frame = pd.DataFrame(part.reshape(len(part), -1))
+        taxels = frame.shape[1]
+        if clock is not None:
+            frame[taxels] = clock
+        lines = np.arange(1, len(part) + 1)
+        return Table(frame, (), lines, (f"'{self.path}', {where}",), paths=(above,), attributes=(attributes,),
+                     clock=None if clock is None else taxels, row_is="row", **more)  # fmt: skip
+
+    # ------------------------------------------------------------------ an array of all recordings
+    def of_one_array(self, name: str, label: str, from_one: bool) -> Opened:
+        """Samples as cells of (frames, taxels), as (recordings, frames, taxels), or one after the other with
+        offsets; labels; class names. Every other array of one value a recording is an attribute."""
+        arrays, refuse = self.root.arrays, self.refuse
+        if label not in arrays:
+            asked = f"--class {label}: is no array" if label else "has no array of classes (labels, label, y)"
+            refuse(f"{asked}; it has {self.root.listed()}: name it with --class")
+        parts, note = self.parts(arrays[name], name)
+        vectors: dict[str, Any] = {each: _vector(array) for each, array in arrays.items()}
+        values = vectors[label]
+        if values is None or len(values) != len(parts):
+            refuse(
+                f"has shape {arrays[label].shape}; give one value for each of the {len(parts)} recordings",
+                label,
+            )
+        named = next((each for each in CLASS_NAMES if each in arrays), "")
+        names: Any = vectors.get(named)
+        if named and (names is None or names.dtype.kind != "U"):
+            refuse("is no cell array of text", named)
+        counted = "" if names is None or values.dtype.kind == "U" else "classes are numbered from 0"
+        if values.dtype.kind == "f":
+            refuse("holds something else than whole numbers or names", label)
+        if (
+            counted
+            and values.min() >= 1
+            and values.max() <= len(names)
+            and (from_one or values.max() == len(names))
+        ):
+            counted, values = "classes are numbered from 1", values - 1
+        if counted and (values.min() < 0 or values.max() >= len(names)):
+            refuse(
+                f"runs from {values.min()} to {values.max()} and there are {len(names)} class names", label
+            )
+        texts = (
+            names[values]
+            if counted
+            else values
+            if values.dtype.kind == "U"
+            else [f"class{each}" for each in values]
+        )
+        wrong = next((text for text in texts if not text or (names is not None and text not in names)), None)
+        if wrong is not None:
+            refuse(f"holds '{wrong}', which is not among the class names", label)
+        own = {each: values for each, values in vectors.items() if values is not None and len(values) == len(parts) > 1
+               and each not in (name, label, named)}  # fmt: skip
+        shared = {**self.root.attributes, **self.root.of_arrays.get(name, {})}
+        notes = (f"array {name} holds {len(parts)} recordings, array {label} their classes", note, counted)
+        tables = []
+        for number, part in enumerate(parts):
+            attributes = {**shared, **{each: values[number].item() for each, values in own.items()}}
+            attributes |= {self.reading.label or "class": str(texts[number])}
+            where = f"array {name}, recording {number + 1}"
+            tables.append(self.table(part, where, (), attributes, notes=tuple(filter(None, notes))))
+        return Opened(tables, [] if names is None else names.tolist())
+
+    def parts(self, samples: np.ndarray, name: str) -> tuple[list[np.ndarray], str]:
+        """The recordings, numbers (frames, taxels) each, and a note."""
+        refuse, offsets = self.refuse, self.root.arrays.get("offsets")
+        if samples.dtype == object:
+            parts = [np.asarray(cell) for cell in samples.reshape(-1)]
+            for number, part in enumerate(parts, 1):
+                if part.ndim != 2 or part.dtype.kind not in "fiu" or not part.size:
+                    refuse(
+                        f"cell {number} is {part.dtype} of shape {part.shape}, not numbers (frames, taxels)",
+                        name,
+                    )
+            rows, columns = ({part.shape[axis] for part in parts} for axis in (0, 1))
+            if len(rows) == 1 and len(columns) > 1 and min(columns) > max(rows):
+                return [part.T for part in parts], "cells stand as (taxels, frames) and were turned"
+            odd = next((n for n, part in enumerate(parts, 1) if part.shape[1] != parts[0].shape[1]), 0)
+            if odd:
+                counts = f"{parts[odd - 1].shape[1]} columns where cell 1 has {parts[0].shape[1]}"
+                refuse(f"cell {odd} has {counts}; taxels are columns in all", name)
+            return parts, ""
+        if samples.dtype.kind not in "fiu" or samples.ndim not in (2, 3) or not samples.size:
+            why = f"holds {samples.dtype} of shape {samples.shape}"
+            refuse(
+                f"{why}; give a cell array of (frames, taxels), or numbers (recordings, frames, taxels)", name
+            )
+        if samples.ndim == 3:
+            return [*samples], f"array {name} was taken as (recordings, frames, taxels)"
+        if offsets is None:
+            why = "is one table and there is no array offsets that says where recordings begin"
+            refuse(f"{why}; add it, or give every recording a cell or dataset of its own", name)
+        bounds: Any = _vector(offsets)
+        fits = bounds is not None and bounds.dtype.kind == "i" and len(bounds) > 1
+        if not fits or bounds[0] != 0 or bounds[-1] != len(samples) or (np.diff(bounds) <= 0).any():
+            refuse(
+                f"must be whole numbers that rise from 0 to the {len(samples)} frames of samples", "offsets"
+            )
+        return [samples[first:end] for first, end in pairwise(bounds)], ""
+
+    # ------------------------------------------------------------------ an array a recording
+    def of_group(self, group: Group, above: tuple[str, ...], known: dict[str, Any]) -> Iterator[Table]:
+        """Every table (frames, taxels) of a group and below as a recording, with the attributes of all above
+        it; a clock beside it is its time. Vectors of one length, where there is no table, are one's columns."""
+        import pandas as pd
+
+        known = known | group.attributes
+        asked = (self.reading.label or "").replace(".", "/").rpartition("/")[2]
+        known |= {str(self.reading.label): known[asked]} if asked in group.attributes else {}
+        names = [
+            name for name in sorted(group.arrays, key=natural) if group.arrays[name].dtype.kind in "iufb"
+        ]
+        arrays = {name: group.arrays[name] for name in names if group.arrays[name].size > 1}
+        vectors = {
+            name: array.reshape(-1) for name, array in arrays.items() if array.size == max(array.shape)
+        }
+        chosen = [name for name in arrays if TIME.match(name) or self.asked("/".join((*above, name)))]
+        tables = {name: arrays[name] for name in chosen if name not in vectors and arrays[name].ndim == 2}
+        if tables:
+            clock = self.clock(tables, vectors, group, above)
+            for name, array in tables.items():
+                path = (*above, name)
+                own = known | group.of_arrays.get(name, {})
+                yield self.table(array, f"dataset {'/'.join(path)}", path, own, clock)
+        columns = [name for name in vectors if name in chosen]
+        if (
+            not tables
+            and len({len(vectors[name]) for name in columns}) == 1
+            and not all(map(TIME.match, columns))
+        ):
+            frame = pd.DataFrame({number: vectors[name] for number, name in enumerate(columns)})
+            where = (f"'{self.path}', dataset {'/'.join(above)}",)
+            yield Table(frame, tuple(columns), np.arange(1, len(frame) + 1), where, paths=(above,),
+                        attributes=(known,), row_is="row")  # fmt: skip
+        for name in sorted(group.groups, key=natural):
+            yield from self.of_group(group.groups[name], (*above, name), known)
+
+    def asked(self, full: str) -> bool:
+        """Whether --samples names an array: by its name, its path, the group that it stands in, or a pattern
+        with a *."""
+        plain = re.sub(r"[(][0-9]+[)]", "", full)
+        asked = (self.reading.samples or "*").replace(".", "/").strip("/")
+        ends = (plain, full, plain.rpartition("/")[2])
+        return any(fnmatchcase(each, asked) for each in ends) or f"/{plain}/".find(f"/{asked}/") >= 0
+
+    def clock(self, tables: dict[str, np.ndarray], vectors: dict[str, np.ndarray], group: Group,
+              above: tuple[str, ...]) -> np.ndarray | None:  # fmt: skip
+        """The time of a group's tables, where a vector is called like it. Several sensors are refused: tables
+        of one length that are not called alike, or a vector beside a table that is no clock."""
+        lengths, widths = ({array.shape[axis] for array in tables.values()} for axis in (0, 1))
+        alike = len({re.sub(r"\d+", "#", name) for name in tables}) == 1
+        of_class = {*CLASS, str(self.reading.label).lower()}
+        described = all(of_class & {*map(str.lower, group.of_arrays.get(name, ()))} for name in tables)
+        clocks = [name for name in vectors if TIME.match(name)]
+        beside = [name for name, vector in vectors.items() if name not in clocks and len(vector) in lengths
+                  and (vector != vector[0]).any()]  # fmt: skip
+        of_one = (
+            clocks
+            or len(widths) > 1
+            or (len(lengths) == 1 and not described and (not alike or len(above) > 1))
+        )
+        several = len(tables) > 1 and "*" not in (self.reading.samples or "") and of_one
+        where = f"group {'/'.join(above) or '/'} holds"
+        if several or (beside and self.reading.samples is None):
+            why = f"{where} several arrays where one is a recording: {group.listed()}"
+            self.refuse(
+                f"{why}; name that of the samples with --samples, or all, where each is one, by a pattern with *"
+            )
+        clock = next((vectors[name] for name in clocks if {len(vectors[name])} == lengths), None)
+        if clocks and clock is None:
+            self.refuse(
+                f"{where} a time of another length than the samples: {group.listed()}; write it again"
+            )
+        return clock
+
+
+def _vector(array: np.ndarray) -> np.ndarray | None:
+    """A vector of numbers (whole ones as int64) or text, of a row, a column, or a cell array; None: it is
+    none."""
+    if array.dtype == object:
+        cells = [np.asarray(cell).reshape(-1) for cell in array.reshape(-1)]
+        if not cells or any(cell.size != 1 or cell.dtype.kind not in "Uiuf" for cell in cells):
+            return None
+        array = np.concatenate(cells)
+    if array.dtype.kind == "U":
+        return np.char.strip(array.reshape(-1))
+    flat = array.dtype.kind in "fiub" and array.size == max(array.shape, default=1)
+    return whole(array.reshape(-1)) if flat else None

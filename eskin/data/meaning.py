@@ -1,0 +1,565 @@
+"""Recordings of tables: the one place that decides what is time, class, group, taxel and unit, and where a
+recording begins (docs/recordings.md).
+
+Where a name says it, or an option, it is taken as said. Any other column whose course no taxel has (one value
+in each recording, or steadily rising) is understood and said, or refused: as a taxel it would tell the
+network the class or the hour. What was understood stands in ``Recordings.notes``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from contextlib import suppress
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from eskin.data.table import TIME, Reading, Table
+from eskin.golden.core import PRESETS, AcceleratorConfig, InputError
+from eskin.golden.data import no_group
+from eskin.golden.data.codes import to_codes
+from eskin.golden.data.recordings import Recordings, natural, recordings_of
+
+RATE_TOLERANCE = 0.02
+LEAST_STEPS = 16
+"""From so many frames on a column's course says something about what it is."""
+
+_SECONDS = {
+    "s": 1.0,
+    "sec": 1.0,
+    "seconds": 1.0,
+    "ms": 1e-3,
+    "msec": 1e-3,
+    "us": 1e-6,
+    "µs": 1e-6,
+    "ns": 1e-9,
+}
+_RECORDING = tuple(
+    "recording recording_id rec rec_id record series series_id sequence_id sample_id measurement id".split()
+)
+CLASS = tuple("class label labels target class_name".split())
+_CLASS_TOO = tuple("category material object texture surface gesture".split())
+"""What says the class where only one of them is there."""
+_GROUPS = tuple(
+    "person subject participant user session block trial run fold group day speed seq sequence".split()
+)
+_LETTERS = {"p": "person", "t": "trial", "s": "session"}
+"""What a letter before a number means in a file's name."""
+_CALLED_AS_GROUP = re.compile(rf"(?:{'|'.join((*_LETTERS, *_GROUPS))})[ _-]?\d+", re.I)
+_LIKE_RATE = re.compile(r"(?:\b|_|sampl\w*?|frame)(?:rate|freq(?:uency)?|k?hz|fps|odr|fs)(?:\b|_)", re.I)
+RATE = re.compile(
+    r"fs|fps|odr|(?:sampl\w*?|frame)?[_ ]?(?:rate|(?<=.)freq\w*)(?:[_ (\[]*hz[)\]]?)?|sampl\w*?[_ (\[]*hz[)\]]?",
+    re.I,
+)
+"""How a rate is called: the first finds any that may be one, the second one that is."""
+UNIT = ("unit", "units", "sample_unit")
+
+
+def understand(
+    tables: Sequence[Table],
+    reading: Reading,
+    config: AcceleratorConfig | None,
+    source: str,
+    *,
+    class_names: Sequence[str] = (),
+    notes: Sequence[str] = (),
+    of_one_file: bool = False,
+) -> Recordings:
+    """The recordings of tables.
+
+    Parameters
+    ----------
+    config:
+        Says what one code of real samples is worth, and the rate where nothing else does.
+    source:
+        What all of them are called in messages.
+    class_names:
+        The classes in order, where the source lists them.
+    of_one_file:
+        Paths are groups inside a file, of which nobody said that the first level is the class.
+
+    Raises
+    ------
+    InputError
+        A column or a clock cannot be understood, or an option names what is not there; with the place and the
+        option that settles it.
+    """
+    units = [{column: _second(each, column) for column in each.frame} for each in tables]
+    found = _Meaning(Table.joined(tables), reading)
+    table = found.table
+    shown, class_is = found.part(of_one_file)
+    names = [*class_names] or sorted(set(shown), key=natural)
+    found.labels = np.array([names.index(name) for name in shown])
+    found.of_paths()
+    taxels = found.taxels()
+    rate, why = found.rate(units, config)
+    values = table.numbers(taxels)
+    if table.frame[taxels].dtypes.map(lambda kind: kind.kind in "iu").all():
+        values = values.astype(np.int64)
+    scale = reading.scale
+    if scale is None and config is not None and (table.volts or not np.array_equal(values, np.rint(values))):
+        scale = config.sensor.volt_per_code or None
+    elif scale is None and table.volts:  # codes of the thesis's converter, where it can have given them
+        worth = PRESETS["thesis"].sensor.volt_per_code
+        scale = worth if values.min() >= 0 and values.max() <= 65535 * worth else None
+    said = {str(each[name]) for name in found.attributes if name in UNIT for each in table.attributes}
+    codes, step, sentences = to_codes(values, f"recordings '{source}'", scale)
+    arrays = {
+        "samples": codes,
+        "offsets": found.offsets,
+        "labels": found.labels,
+        "class_names": np.array(names, dtype=np.str_),
+        "sample_rate_hz": np.array(rate),
+        "unit": np.array(table.unit(taxels) or (said.pop() if len(said) == 1 else "")),
+        **({"lsb_volt": np.array(step)} if step else {}),
+    }
+    told = [f"{class_is}; {_listed(table, taxels)}", *notes, *table.notes, *found.notes, why, *sentences]
+    return recordings_of(arrays, source, groups=found.groups, notes=told)
+
+
+class _Meaning:
+    """What is understood of a table so far.
+
+    chosen: the columns of --columns. time: the column of the clock. taken: the columns that say recording and
+    class. starts: the first row of each recording. labels: the class of each, by number. groups: what
+    recordings have in common. rate_hz: of a column that is called like it; 0: none.
+    """
+
+    def __init__(self, table: Table, reading: Reading) -> None:
+        self.table, self.reading = table, reading
+        self.notes: list[str] = []
+        self.groups: dict[str, np.ndarray] = {}
+        self.taken: list[int] = []
+        self.starts = self.labels = np.zeros(1, dtype=np.int64)
+        self.rate_hz = 0.0
+        every = table.attributes
+        self.attributes = [name for name in every[0] if all(name in each for each in every)]
+        self.on_path = all(len(path) > 1 for path in table.paths)
+        self.chosen = self._chosen()
+        self.time = self._clock()
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """(recordings + 1) the first row of each recording, and the number of rows."""
+        return np.append(self.starts, len(self.table.lines)).astype(np.int64)
+
+    @property
+    def sources(self) -> list[int]:
+        """The number of the source of each recording."""
+        return [self.table.source(row) for row in self.starts.tolist()]
+
+    # ------------------------------------------------------------------ roles
+    def _chosen(self) -> list[int]:
+        """The columns of --columns: each word a name, a number from 1, or a range of numbers such as 2-9."""
+        table, columns = self.table, []
+        for word in self.reading.columns:
+            match = re.fullmatch(r"(\d+)-(\d+)", word)
+            if match and word not in table.names:
+                first, last = (table.find(end, "--columns") for end in match.groups())
+                if last < first:
+                    table.refuse(f"--columns {word}: runs backwards; give the smaller number first")
+                columns += [column for column in range(first, last + 1) if column in table.frame]
+            else:
+                columns.append(table.find(word, "--columns"))
+        return columns
+
+    def _named(self, words: Sequence[str]) -> list[int]:
+        """Columns that are called by one of ``words``, in the words' order, and are no chosen taxels."""
+        names = [name.lower() for name in self.table.names]
+        return [names.index(word) for word in words if word in names and names.index(word) not in self.chosen]
+
+    def _clock(self) -> int | None:
+        """The time column by the source's form or by name; text such as 2026-05-01T12:00:00.25 becomes a
+        date."""
+        import pandas as pd
+
+        table = self.table
+        named = [column for column in table.frame if table.names and TIME.match(table.names[column])]
+        clocks = [each for each in (table.clock, *named) if each is not None and each not in self.chosen]
+        if clocks and table.is_text(clocks[0]):
+            with suppress(ValueError, TypeError):  # refused with its place when its numbers are asked for
+                table.frame[clocks[0]] = pd.to_datetime(table.frame[clocks[0]], format="ISO8601")
+        return clocks[0] if clocks else None
+
+    def _class(self) -> int | str | None:
+        """What says the class: a column, an attribute by its name, or None, the first level of the path."""
+        table, asked = self.table, self.reading.label
+        there = ", ".join((*self.attributes, *table.names))[:300] or "no header, so no names"
+        if asked is not None:
+            if self.attributes and asked not in (*self.attributes, *table.names):
+                table.refuse(f"--class {asked[:40]}: is no attribute or column; there are {there}")
+            return asked if asked in self.attributes else table.find(asked, "--class")
+        for words in (CLASS, _CLASS_TOO):
+            named: list[int | str] = [
+                name for word in words for name in self.attributes if name.lower() == word
+            ]
+            named += [] if self.on_path else self._named(words)
+            if len(named) > 1 and words is _CLASS_TOO:
+                called = " and ".join(each if isinstance(each, str) else table.names[each] for each in named)
+                table.refuse(f"{called} may say the class; name it with --class")
+            if named:
+                return named[0]
+        if not self.on_path:
+            why = f"has no column or attribute that says the class ({', '.join(CLASS[:2])}, ...)"
+            table.refuse(f"{why}; it has {there}: name it with --class")
+        return None
+
+    def _changes(self, column: int) -> np.ndarray:
+        """The rows at which a column takes another value."""
+        return np.flatnonzero(np.diff(_codes(self.table.frame[column]))) + 1
+
+    def part(self, of_one_file: bool) -> tuple[list[str], str]:
+        """Find where recordings begin: with each source, where the columns of recording and class change, and
+        at breaks over which the clock does not run on. Returns the class of each, and what says it, in words."""
+        table, label = self.table, self._class()
+        asked = self.reading.recording
+        named = [each for each in self._named(_RECORDING) if each != label]
+        if asked is None:  # what changes in most rows numbers them
+            named = [each for each in named if 2 * len(self._changes(each)) <= max(len(table.lines), 4)]
+        column = table.find(asked, "--recording") if asked is not None else next(iter(named), None)
+        breaks = self._breaks() if column is None else []
+        if column is None and not breaks and isinstance(label, int) and len(table.sources) == 1:
+            words = ", ".join(_RECORDING[:4])
+            table.refuse(
+                f"has no column that says the recording of a row ({words}, ...); name it with --recording", 0
+            )
+        self.taken = [each for each in (column, label) if isinstance(each, int)]
+        for each in self.taken:
+            table.check_filled(each)
+        parted = {*table.firsts, *breaks, *([] if column is None else self._changes(column).tolist())}
+        cut = sorted({*(self._changes(label).tolist() if isinstance(label, int) else ())} - parted)
+        self.starts = np.array(sorted({*parted, *cut}))
+        if cut:
+            what = f"changes inside recordings, {len(cut)} times, first in line {table.lines[cut[0]]}"
+            self.notes.append(f"{table.called(self.taken[-1])} {what}: they were cut there")
+        if breaks:
+            self.notes.append(
+                f"{len(breaks)} recordings begin behind a blank line or a new head inside a file"
+            )
+        if column is not None:
+            self.groups["recording" if asked is None else asked] = self._values(column)
+        if isinstance(label, int):
+            by = "what blank lines part" if column is None else table.called(column)
+            cells = table.frame[label].iloc[self.starts]
+            return [
+                _shown(value) for value in cells
+            ], f"{table.called(label)} is the class, {by} the recording"
+        if label is not None:
+            shown = [_shown(table.attributes[source][label]) for source in self.sources]
+            return shown, f"attribute {label} is the class"
+        return self._levels(of_one_file)
+
+    def _levels(self, of_one_file: bool) -> tuple[list[str], str]:
+        """As ``part``, by the first level of the paths."""
+        table = self.table
+        shown = [table.paths[source][0] for source in self.sources]
+        classes = sorted(set(shown), key=natural)
+        some = ", ".join(classes[:6])
+        if of_one_file and len(classes) == len(shown) > 1:
+            why = f"its groups {some} would be as many classes as recordings; name what says the class with --class"
+            table.refuse(f"{why}: there are the attributes {', '.join(self.attributes) or 'none'}")
+        if all(len(path) > 2 for path in table.paths) and all(map(_CALLED_AS_GROUP.fullmatch, classes)):
+            why = f"{some} stand above other folders and are called as groups are; put the folders of the classes first"
+            table.refuse(f"{why}, or name what says the class with --class")
+        return shown, f"{len(classes)} folders are classes, {len(table.sources)} files recordings"
+
+    def _breaks(self) -> list[int]:
+        """The breaks of the sources over which the clock does not run on."""
+        table, breaks = self.table, [*self.table.breaks]
+        if self.time is None or not breaks:
+            return breaks
+        steps = np.diff(table.parsed(self.time), prepend=np.nan)
+        usual = float(np.nanmedian(steps))
+        parting = [row for row in breaks if not abs(steps[row] - usual) <= 0.5 * abs(usual)]
+        if len(parting) < len(breaks):
+            over = f"{len(breaks) - len(parting)} blank lines or heads"
+            self.notes.append(f"{table.called(self.time)} runs on over {over}, so they part no recordings")
+        return parting
+
+    # ------------------------------------------------------------------ groups
+    def _values(self, column: int) -> np.ndarray:
+        return whole(self.table.frame[column].iloc[self.starts])
+
+    def _group(self, name: str, values: np.ndarray, called: str) -> bool:
+        """Keep a group, or say why it is none."""
+        why = no_group(values, self.labels)
+        if why:
+            self.notes.append(f"{called} {why} and was left out")
+        else:
+            self.groups[name] = values
+        return not why
+
+    def of_paths(self) -> None:
+        """Groups that attributes tell, and names of files and of the folders between: their parts of letters
+        and a number that every one has, separated by ``_``, ``-``, ``.`` or a blank; of levels without such
+        parts their names."""
+        table, sources = self.table, self.sources
+        for name in self.attributes:
+            if name not in (*UNIT, self.reading.label, *CLASS[:2]) and not RATE.fullmatch(name):
+                self._group(
+                    name, whole([table.attributes[source][name] for source in sources]), f"attribute {name}"
+                )
+        if not self.on_path:
+            return
+        paths = [(*path[1:-1], re.sub(r"\.\w+$", "", path[-1])) for path in table.paths]
+        tags = [
+            dict(re.findall(r"(?:^|[_\-. ])([A-Za-z]+)(\d{1,18})(?=$|[_\-. ])", "_".join(path)))
+            for path in paths
+        ]
+        words = [word for word in tags[0] if all(word in each for each in tags)]
+        for word in words:
+            name = _LETTERS.get(word.lower(), word.lower())
+            values = np.array([int(tags[source][word]) for source in sources])
+            self._group(name, values, f"'{word}' in the names of files")
+        for level, names in enumerate(zip(*(path[:-1] for path in paths), strict=False), 1):
+            if not any(all(re.search(rf"{word}\d", name) for name in names) for word in words):
+                values = np.array([names[source] for source in sources])
+                self._group(f"folder{level}", values, f"level {level} of the folders")
+        self.groups["source_file"] = np.array(["/".join(table.paths[source]) for source in sources])
+
+    # ------------------------------------------------------------------ columns
+    def taxels(self) -> list[int]:
+        """The taxels. Every other column is time, a group or left out, which is said."""
+        table, names = self.table, [name.lower() for name in self.table.names]
+        series = [re.sub(r"\d+", "#", name) for name in names]
+        taxels = [*self.chosen]
+        of_groups: list[int] = []
+
+        def leave_out(column: int, why: str) -> None:
+            self.notes.append(f"{table.called(column)} {why} and was left out")
+
+        for column in self._named(_GROUPS) if self.chosen else table.frame:
+            name, called = names[column] if names else "", table.called(column)
+            if column == self.time or column in self.taken:
+                continue
+            text, cells = table.is_text(column), table.frame[column]
+            codes = _codes(cells)
+            values = codes if text else table.parsed(column)
+            course = "" if self.chosen else _course(values, self.starts)
+            level = course == "level"
+            if name in _GROUPS:
+                inside = np.setdiff1d(np.flatnonzero(np.diff(codes)) + 1, self.starts)
+                if self.chosen and (len(inside) or table.is_missing(column).any()):
+                    continue
+                if len(inside):
+                    row = int(inside[0])
+                    where = (
+                        f"recording {_shown(table.frame[self.taken[0]].iloc[row])}"
+                        if self.taken
+                        else "a file"
+                    )
+                    why = f"{called} is a group and changes inside {where}; name what a recording is with --recording"
+                    table.refuse(f"{why}, or the taxels with --columns", row)
+                table.check_filled(column)
+                of_groups += [column] if self._group(name, self._values(column), called) else []
+            elif text and not any(cells):
+                leave_out(column, "is empty")
+            elif name and TIME.match(name):
+                leave_out(column, "is time, too,")
+            elif name in (*_RECORDING, *CLASS, *_CLASS_TOO):
+                if not level:
+                    leave_out(column, "changes inside recordings, is no group")
+                else:
+                    self._group(name, self._values(column), called)
+            elif level and not text and _LIKE_RATE.search(name):
+                leave_out(
+                    column, "is called like a rate and has one value in each recording, so is no taxel,"
+                )
+                if RATE.fullmatch(name) and (values == values[0]).all():
+                    self.rate_hz = float(values[0])
+            elif names and "#" in series[column] and series.count(series[column]) > 1:
+                taxels.append(column)
+                if level:
+                    self.notes.append(f"{called} keeps its value in each recording and was taken as a taxel")
+            elif level and not text and (values == values[0]).all():
+                taxels.append(column)
+                self.notes.append(f"{called} keeps its value in all recordings and was taken as a taxel")
+            elif level and names:
+                if self._group(table.names[column], self._values(column), called):
+                    self.notes.append(f"{called} has one value in each recording and is a group")
+            elif course == "runs" and not names and column == 0 and self.time is None and not _counts(values):
+                self.time = column
+            elif course == "runs":
+                leave_out(column, "runs on like a time or numbers the rows")
+            elif course:
+                why = (
+                    "has one value in each recording"
+                    if level
+                    else "is level in some recordings and runs on like a time in others"
+                )
+                table.refuse(f"{called} {why}, so is no taxel; choose the taxels with --columns", 0)
+            else:
+                taxels.append(column)
+        if not taxels:
+            table.refuse("has no column left for taxels; choose them with --columns")
+        self._check_sorted([*self.taken, *of_groups])
+        if self.time is not None:
+            self.notes.insert(0, f"{table.called(self.time)} is time")
+        named = [name for name in self.groups if name not in ("source_file", "recording")]
+        self.notes += [f"groups: {', '.join(named)}"] if named else []
+        return taxels
+
+    def _check_sorted(self, columns: Sequence[int]) -> None:
+        """Refuse rows of one recording, class and groups with others between: they are not sorted."""
+        table = self.table
+        first_rows: dict[tuple[Any, ...], int] = {}
+        if "recording" not in self.groups and self.reading.recording is None:
+            return
+        cells = [table.frame[column].astype(str).iloc[self.starts].tolist() for column in columns]
+        for row, *key in zip(self.starts.tolist(), *cells, strict=True):
+            before = first_rows.setdefault((table.source(row), *key), row)
+            if before != row:
+                why = f"recording {key[0]} of line {table.lines[before]} goes on here after another one"
+                table.refuse(f"{why}; sort the rows by recording", row)
+
+    # ------------------------------------------------------------------ rates
+    def _called(self, recording: int) -> str:
+        path = self.table.paths[self.sources[recording]]
+        names = self.groups.get("recording")
+        return "/".join(path) or f"recording {recording + 1 if names is None else names[recording]}"
+
+    def rate(self, units: Sequence[dict[int, float]], config: AcceleratorConfig | None) -> tuple[float, str]:
+        """One rate for all recordings, and where it comes from, in words. units: seconds of one of each
+        column, of each source; 0: not said."""
+        table, asked, sources = self.table, self.reading.rate_hz, self.sources
+        rates: list[tuple[float, str]] = []
+        if self.time is not None:
+            try:
+                seconds = table.numbers([self.time])[:, 0]
+                for number, (first, end) in enumerate(pairwise(self.offsets.tolist())):
+                    unit = (
+                        1.0 if table.frame[self.time].dtype.kind == "M" else units[sources[number]][self.time]
+                    )
+                    own = self._own_rate(self.time, seconds[first:end], first, unit)
+                    rates += [(own, self._called(number))] if own else []
+            except InputError:
+                if asked is None:
+                    raise
+        if asked is not None:
+            middle = float(f"{np.median([rate for rate, _ in rates]):.5g}") if rates else asked
+            other = f", {asked:g} Hz; but the time columns say {middle:g} Hz"
+            return asked, "the sample rate is as asked for" + (
+                other if abs(middle / asked - 1) > RATE_TOLERANCE else ""
+            )
+        key = next((name for name in self.attributes if RATE.fullmatch(name)), None)
+        for number, source in enumerate(sources if key else ()):
+            value = table.attributes[source][str(key)]
+            if not isinstance(value, int | float) or not np.isfinite(value) or value <= 0:
+                table.refuse(
+                    f"{key} is {str(value)[:20]}; it must be one number above 0, in hertz: give --rate HZ"
+                )
+            rates.append((float(value), f"{key} of {self._called(number)}"))
+        rates += [(self.rate_hz, "a column that is called like it")] if self.rate_hz > 0 else []
+        if not rates and config is not None:
+            why = f"there is no time column or rate; it is taken from the configuration '{config.name}'"
+            return config.sensor.sample_rate_hz, why
+        if not rates:
+            table.refuse(
+                "has no time column and does not say its rate; make an archive with eskin convert --rate HZ"
+            )
+        (low, slow), (high, fast) = min(rates), max(rates)
+        if high > (1 + RATE_TOLERANCE) * low:
+            why = f"'{slow}' has {low:g} frames a second and '{fast}' {high:g}"
+            table.refuse(f"{why}; give recordings of one rate, or the rate of all with --rate HZ")
+        middle = float(f"{np.median([rate for rate, _ in rates]):.5g}")
+        return middle, "the sample rate is that of the " + (
+            "time columns" if self.time is not None else "files"
+        )
+
+    def _own_rate(self, time: int, seconds: np.ndarray, first: int, unit: float) -> float:
+        """Frames a second of a recording by its time column from row ``first`` on; 0 with fewer than two.
+        unit: s; 0: not said."""
+        if len(seconds) < 2:
+            return 0.0
+        table, steps = self.table, np.diff(seconds)
+        middle = float(np.median(steps))
+        called = table.called(time)
+        instead = "--rate HZ, or --clock header" if table.row_is == "message" else "--rate HZ"
+        for wrong, why in ((steps <= 0, "does not go up"), (np.abs(steps - middle) > 0.5 * middle, "jumps")):
+            if wrong.any():
+                row = int(np.argmax(wrong)) + 1
+                how = f"from {seconds[row - 1]:g} to {seconds[row]:g} where others go by {middle:g}"
+                table.refuse(
+                    f"{called} {why}, {how}; split the recording there, or give {instead}", first + row
+                )
+        rate = (len(seconds) - 1) / float(seconds[-1] - seconds[0]) / (unit or 1.0)
+        if not unit and rate < 2:
+            why = f"{called} goes by {middle:g}, which in seconds is {rate:.3g} frames a second"
+            table.refuse(f"{why}; name its unit in the header, time_ms say, or give --rate HZ", first + 1)
+        return float(f"{rate:.5g}")
+
+
+def _second(table: Table, column: int) -> float:
+    """Seconds of one of a time column: by the unit in its name; 0: it does not say."""
+    match = TIME.match(table.names[column]) if table.names else None
+    of_name = "s" if match and match[0].lower() == "seconds" else match[1] if match else ""
+    return _SECONDS.get((table.unit([column]) or of_name or "").lower(), 0.0)
+
+
+def _course(values: np.ndarray, starts: np.ndarray) -> str:
+    """How a column goes, in every recording: "level", "runs" (up or down, as a time does), "either"; "" as
+    signals do."""
+    steps = np.diff(values)
+    steps[starts[1:] - 1] = np.nan
+    if np.isfinite(steps).sum() < LEAST_STEPS or not np.isfinite(values).all():
+        return ""
+    courses = set()
+    for first, end in pairwise([*starts.tolist(), len(values)]):
+        own = steps[first : end - 1]
+        if len(own):
+            up = (own > 0).all() or (not (own < 0).all() and own.any() and _is_clock(values[first:end]))
+            courses.add("level" if not own.any() else "up" if up else "down" if (own < 0).all() else "")
+            if "" in courses or {"up", "down"} <= courses:
+                return ""
+    return "level" if courses == {"level"} else "either" if "level" in courses else "runs"
+
+
+def _is_clock(values: np.ndarray) -> bool:
+    """Whether values of one recording run evenly though not in every frame, as a coarse clock, or wrap as a
+    counter of few bits."""
+    steps = np.diff(values)
+    middle = np.median(steps)
+    if middle != 0 and (steps == middle).mean() > 0.9:
+        return True
+    line = np.linspace(values[0], values[-1], len(values))
+    return bool(steps.min() >= 0 and (steps > 0).sum() >= 4 and np.abs(values - line).max() <= steps.max())
+
+
+def _codes(cells: Any) -> np.ndarray:
+    """(rows) a number for each value, in their order."""
+    import pandas as pd
+
+    return pd.factorize(cells, sort=True)[0].astype(np.float64)
+
+
+def _counts(values: np.ndarray) -> bool:
+    """Whether most values are one more than that before."""
+    return bool(np.median(np.diff(values)) == 1)
+
+
+# ---------------------------------------------------------------------- words
+def _listed(table: Table, taxels: Sequence[int]) -> str:
+    """The taxels in words: names that differ by a number alone as one, all others."""
+    runs: dict[str, list[str]] = {}
+    for column in taxels:
+        name = table.names[column] if table.names else str(column + 1)
+        runs.setdefault(re.sub(r"\d+", "#", name), []).append(name)
+    named = [part for run in runs.values() for part in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else run)]
+    return f"columns {', '.join(named)} are the {len(taxels)} taxels"
+
+
+def _shown(value: Any) -> str:
+    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
+
+
+def whole(values: Any) -> np.ndarray:
+    """The values of a group, one a recording: whole numbers as integers, others as they are, all else as
+    text."""
+    array = np.asarray(values)
+    if array.dtype.kind not in "iufb":
+        return np.array([str(value) for value in values])
+    numbers = array.astype(np.float64)
+    whole = np.array_equal(numbers, np.rint(numbers)) and np.abs(numbers).max(initial=0) < 2**53
+    return numbers.astype(np.int64) if whole else numbers

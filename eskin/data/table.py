@@ -1,0 +1,244 @@
+"""What every reader makes of a file: rows with names, a clock and attributes, and what is said of a source
+(``Reading``)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import numpy as np
+
+from eskin.golden.core import InputError
+from eskin.golden.data.codes import place_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+MOST_BYTES = 2 << 30
+UNPACKED_BYTES, MOST_TIMES = 128 << 20, 50
+"""What a file may unpack to in any case, and beyond it how many times its own size: recordings shrink to a
+half or a tenth."""
+NUMBER = re.compile(r"[-+]?(?:(?:\d[\d.,]*|\.\d+)(?:e[-+]?\d+)?|nan|inf(?:inity)?)", re.I)
+MISSING = ("", "nan", "n/a", "<na>", "null")
+
+Refuse = Callable[..., NoReturn]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a user says about a source; None and empty: it is found out.
+
+    rate_hz: frames a second. recording, label: columns, by name or by number from 1, or an attribute. columns:
+    the taxels. delimiter: what separates columns. scale: what one code is worth. samples: array of a .mat or
+    HDF5 file, topic of a log. labels: of a log, a table of times. clock: whose times the frames of a log have,
+    log or header.
+    """
+
+    rate_hz: float | None = None
+    columns: tuple[str, ...] = ()
+    recording: str | None = None
+    label: str | None = None
+    delimiter: str | None = None
+    scale: float | None = None
+    samples: str | None = None
+    labels: Path | None = None
+    clock: str = "log"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of one source, or of several, one after the other.
+
+    frame: the cells; a column is called by its number in the source, from 0. names: the header, empty without
+    one. lines (rows): numbers in the source, from 1. sources: what each is called in messages, in quotation
+    marks. firsts: the first row of each. breaks: rows before which a source itself has a blank line or a new
+    head. paths: the class's folder, levels between, file of each source. attributes: of each source, values
+    that hold for all of its rows. units: of each column. clock: the time column, where the source's form says
+    it. volts: the samples are in volt, whatever numbers they are.
+    """
+
+    frame: pd.DataFrame
+    names: tuple[str, ...]
+    lines: np.ndarray
+    sources: tuple[str, ...]
+    firsts: tuple[int, ...] = (0,)
+    breaks: tuple[int, ...] = ()
+    paths: tuple[tuple[str, ...], ...] = ((),)
+    attributes: tuple[Mapping[str, Any], ...] = ({},)
+    units: tuple[str, ...] = ()
+    clock: int | None = None
+    volts: bool = False
+    row_is: str = "line"
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def joined(cls, tables: Sequence[Table]) -> Table:
+        """Tables with the same columns, one after the other.
+
+        Raises
+        ------
+        InputError
+            A table has other columns than the first.
+        """
+        import pandas as pd
+
+        first = tables[0]
+        for table in tables[1:]:
+            called = f"'{'/'.join(first.paths[0])}'" if first.paths[0] else first.sources[0]
+            count, expected = table.frame.shape[1], first.frame.shape[1]
+            if count != expected:
+                table.refuse(f"has {count} columns where {called} has {expected}; all files must agree")
+            if table.header() != first.header():
+                table.refuse(f"its columns are not called as those of {called}; give all files one header")
+        firsts = np.cumsum([0, *(len(table.lines) for table in tables)])[:-1].tolist()
+        frames = [table.frame.set_axis(first.frame.columns, axis=1) for table in tables]
+        return replace(
+            first,
+            frame=pd.concat(frames, ignore_index=True),
+            lines=np.concatenate([table.lines for table in tables]),
+            sources=tuple(table.sources[0] for table in tables),
+            firsts=tuple(firsts),
+            breaks=tuple(at + row for at, table in zip(firsts, tables, strict=True) for row in table.breaks),
+            paths=tuple(table.paths[0] for table in tables),
+            attributes=tuple(table.attributes[0] for table in tables),
+            notes=tuple(dict.fromkeys(note for table in tables for note in table.notes)),
+        )
+
+    def header(self) -> list[str]:
+        """The columns' names; how a table calls its time may differ."""
+        return [TIME.sub("time", self.names[column]) for column in self.frame] if self.names else []
+
+    def unit(self, columns: Sequence[int]) -> str:
+        """The one unit of columns: as the source says it, or behind their names as in ``a (mV)``."""
+        behind = [re.search(r"[(\[]([^()\[\]]+)[)\]]$", name) for name in self.names]
+        texts = self.units or [match[1] if match else "" for match in behind]
+        units = {texts[column].strip("()[] ") for column in columns} if texts else {""}
+        return units.pop() if len(units) == 1 else ""
+
+    def is_missing(self, column: int) -> np.ndarray:
+        """(rows) where a cell has no value, or one of the words for none."""
+        return self.frame[column].astype(str).str.lower().isin(MISSING).to_numpy()
+
+    def check_filled(self, column: int) -> None:
+        """Refuse a column with a cell that has no value, or one of the words for none."""
+        empty = self.is_missing(column)
+        if empty.any():
+            row = int(np.argmax(empty))
+            cell = self.frame[column].iloc[row]
+            shown = f"'{cell}', which is no value" if str(cell) else "an empty cell"
+            self.refuse(f"{self.called(column)} holds {shown}; fill it in or remove the line", row)
+
+    def source(self, row: int) -> int:
+        """The number of the source of a row."""
+        return int(np.searchsorted(self.firsts, row, side="right")) - 1
+
+    def refuse(self, why: str, row: int | None = None, column: int | None = None) -> NoReturn:
+        """Raise InputError about the table, or a row of it, or one of a row's cells."""
+        where = "" if row is None else f", {self.row_is} {self.lines[row]}"
+        where += "" if column is None else f", column {column + 1}"
+        raise InputError(f"recordings {self.sources[self.source(row or 0)]}{where}: {why}")
+
+    def called(self, column: int) -> str:
+        """A column in words."""
+        named = self.names and self.names[column]
+        return f"column '{self.names[column]}'" if named else f"column {column + 1}"
+
+    def find(self, name: str, option: str) -> int:
+        """The column that an option names, by its name or by its number from 1."""
+        if self.names.count(name) == 1:
+            return self.names.index(name)
+        if re.fullmatch(r"\d{1,9}", name) and int(name) - 1 in self.frame:
+            return int(name) - 1
+        listed = ", ".join(self.names[:12]) if self.names else f"numbers 1..{self.frame.shape[1]}"
+        several = "has several columns of that name; give a number from 1"
+        why = several if name in self.names else f"has no such column; it has {listed}"
+        self.refuse(f"{option} {name[:40]}: the file {why}")
+
+    def parsed(self, column: int) -> np.ndarray:
+        """(rows) float64; NaN where a cell is no number."""
+        import pandas as pd
+
+        cells = self.frame[column]
+        if cells.dtype.kind in "iufb":
+            return cells.to_numpy(dtype=np.float64, na_value=np.nan)
+        if cells.dtype.kind == "M":
+            return (cells - cells.iloc[0]).dt.total_seconds().to_numpy()
+        return pd.to_numeric(cells.astype(str), errors="coerce").to_numpy(dtype=np.float64)
+
+    def is_text(self, column: int) -> bool:
+        """Whether most cells of a column are no numbers."""
+        return self.frame[column].dtype.kind not in "iufbM" and bool(
+            2 * np.isnan(self.parsed(column)).sum() >= len(self.lines)
+        )
+
+    def numbers(self, columns: Sequence[int]) -> np.ndarray:
+        """(rows, columns) float64.
+
+        Raises
+        ------
+        InputError
+            A cell is no finite number; with its file and line.
+        """
+        values = np.stack([self.parsed(column) for column in columns], axis=1)
+        if np.isfinite(values).all():
+            return values
+        row, number = place_of(~np.isfinite(values))
+        column = columns[number]
+        cell = str(self.frame[column].iloc[row])[:30]
+        repair = "repair or remove the line"
+        if self.is_text(column):
+            dated = ", and the rate with --rate HZ" if re.search(r"\d[-:./]\d", cell) else ""
+            repair += f", or choose the taxels with --columns{dated}"
+        if self.names and self.names[column]:
+            shown = f"'{cell}', which is no number" if cell else "an empty cell"
+            shown = f"{cell}, not a finite number" if NUMBER.fullmatch(cell) else shown
+            self.refuse(f"{self.called(column)} holds {shown}; {repair}", row)
+        why = f"{cell} is not a finite number" if NUMBER.fullmatch(cell) else f"'{cell}' is no number"
+        self.refuse(f"{why}; {repair}", row, column)
+
+
+TIME = re.compile(
+    r"^(?:time|t|timestamp|elapsed|seconds|zeit|x_value)(?:[ _]*[(\[]?(s|sec|seconds|ms|msec|us|µs|ns)[)\]]?)?$",
+    re.I,
+)
+"""How columns of time are called, and their unit."""
+
+
+def table_of(frame: pd.DataFrame, source: str, **more: Any) -> Table:
+    """A table of a DataFrame; an index that has a name is columns, too. ``attrs["units"]``: the unit of all,
+    or of each column by its name."""
+    if not len(frame) or not frame.shape[1]:
+        raise InputError(f"recordings {source}: holds no row or no column; give one row a frame")
+    units_of = frame.attrs.get("units", "")
+    frame = frame.reset_index() if any(name is not None for name in frame.index.names) else frame
+    names = tuple(str(name) for name in frame.columns)
+    frame = frame.set_axis(range(frame.shape[1]), axis=1).reset_index(drop=True)
+    for column in frame.columns[frame.dtypes.map(lambda kind: kind.kind not in "iufM")]:
+        frame[column] = frame[column].astype(object).where(frame[column].notna(), "").astype(str)
+    units = [
+        str(units_of.get(name, "")) if isinstance(units_of, Mapping) else str(units_of) for name in names
+    ]
+    lines = np.arange(1, len(frame) + 1)
+    return Table(frame, names, lines, (source,), units=tuple(units) if any(units) else (), **more)
+
+
+def check_unpacked(path: Path, unpacked: int, refuse: Refuse) -> None:
+    """Refuse a file that unpacks to more than UNPACKED_BYTES and MOST_TIMES its size."""
+    files = [file for file in path.iterdir() if file.is_file()] if path.is_dir() else [path]
+    size = sum(file.stat().st_size for file in files)
+    if unpacked > max(UNPACKED_BYTES, MOST_TIMES * size):
+        refuse(
+            f"has {size} bytes and unpacks to {unpacked / 1e6:.0f} MB or more, which recordings do not; write it "
+            "again with less compression or without fill values"
+        )
+
+
+def check_regular(path: Path, refuse: Refuse) -> None:
+    """Refuse what is no regular file (a pipe without a writer would wait for ever), or too large."""
+    if not path.is_file():
+        refuse(f"{path.name} is no regular file; remove it or write it again")
+    if path.stat().st_size > MOST_BYTES:
+        refuse(f"has more than {MOST_BYTES >> 30} GB; split it into files")

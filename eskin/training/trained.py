@@ -1,0 +1,171 @@
+"""A trained model folder before it is quantised: its config.json counts, and what quantisation cannot keep of
+it is refused. No torch."""
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from eskin.golden.core import AcceleratorConfig, ArchiveError, InputError, Record, read_arrays
+from eskin.golden.core.groups import GROUP_OF, Formats
+from eskin.golden.model import (
+    FloatModel,
+    IntegerModel,
+    constants_shape,
+    load_config,
+    load_training,
+    model_files,
+    network_shapes,
+)
+from eskin.golden.model.model import INTEGER_FILE, TRAINING_FILE, Files
+
+CHOSEN = (
+    *(field.name for field in dataclasses.fields(Formats)),
+    *("feature_shift", "aligned_means", "weight_formats", "map_formats", "state_code_shift", "taught_shift"),
+)
+"""Fields that quantisation chooses, from where the training's configuration has them, unless somebody changed
+them since."""
+
+CHOSEN_BY = {
+    "weight_bits": ("weight_format", "recurrent_format", "dense_format", "weight_formats"),
+    "state_bits": ("state_format",),
+    "feature_bits": ("feature_format",),
+    "gate_bits": ("gate_frac",),
+    "table_entries": ("table_entries",),
+    "unknown": ("unknown_above",),
+}
+"""Options whose fields have other names."""
+
+OF_SHAPES = (
+    *("hidden", "cell", "reset", "weight_sets", "layers", "height", "width"),
+    *("taxels", "feature_kinds", "feature_scale", "steps", "class_names"),
+)
+"""Fields that a network's arrays depend on."""
+
+OF_RANGES = ("rest_level", "windows", "features")
+"""Groups that the noted ranges depend on."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A float model under the configuration that quantisation starts from, as its folder has both.
+
+    current: config.json. edited: fields of CHOSEN that somebody changed in it. record: training.json. files:
+    what the folder held.
+    """
+
+    folder: str
+    model: FloatModel
+    current: AcceleratorConfig
+    edited: tuple[str, ...]
+    record: Record
+    files: Files
+
+    def check_kept(self, config: AcceleratorConfig, options: Mapping[str, Any]) -> None:
+        """Refuse to lose what config.json says.
+
+        Parameters
+        ----------
+        config:
+            Of the integers that are to be written. Where another readout decides, its fields are new.
+        options:
+            Those given, by name; their fields may change.
+
+        Raises
+        ------
+        InputError
+            Naming the field.
+        """
+        same_readout = config.has_prototypes == self.current.has_prototypes
+        asked = [option for option, value in options.items() if value is not None]
+        given = {name for option in asked for name in (option, *CHOSEN_BY.get(option, ()))}
+        for field, group in GROUP_OF.items():
+            before, after = self.current.value(field), config.value(field)
+            free = field in CHOSEN and field not in self.edited
+            if before == after or free or field in given or not (same_readout or group != "readout_rule"):
+                continue
+            raise InputError(
+                f"model '{self.folder}', field {field}: is {before} in config.json, and the integers need {after}; "
+                "put that there, or give the option that chooses it"
+            )
+
+
+def load_trained(model_dir: str | Path, *, ranges: bool = False, images: bool = False) -> Trained:
+    """The model folder, to be quantised. ``ranges``: by those that training.json notes.
+
+    Raises
+    ------
+    InputError
+        The folder is no model folder; config.json says what its network cannot be; it was taught.
+    """
+    files, current, record = model_files(model_dir), load_config(model_dir), load_training(model_dir)
+
+    def noted(values: Record, name: str, otherwise: AcceleratorConfig) -> AcceleratorConfig:
+        where = f"{model_dir}/{TRAINING_FILE}, field {name}"
+        return AcceleratorConfig.from_dict(values[name], where) if name in values else otherwise
+
+    trained, quantised = noted(record, "config", current), record.get("quantised")
+    quantised = quantised if isinstance(quantised, dict) else {}
+    before = noted(quantised, "start", trained)
+    # a folder of an earlier version does not say what its quantisation wrote
+    written = noted(quantised, "config", current if INTEGER_FILE in files else trained)
+    _check_network(model_dir, current, trained, before if ranges else None)
+    _check_untaught(model_dir, files)
+    edited = tuple(
+        field
+        for field in CHOSEN
+        if current.value(field) != written.value(field)
+        # kept by an earlier quantisation
+        or current.value(field) == before.value(field) != trained.value(field)
+    )
+    start = {field: before.value(field) for field in CHOSEN if field not in edited and "shift" not in field}
+    model = FloatModel.load(model_dir, images=images)
+    config = current.replace(**start, feature_shift=())
+    return Trained(
+        str(model_dir), FloatModel(config, model.arrays, model.source), current, edited, record, files
+    )
+
+
+def written_by(start: AcceleratorConfig, integer: IntegerModel) -> Record:
+    """What training.json keeps of a quantisation: the configurations that it started from and that it made."""
+    return {"quantised": {"start": start.to_dict(), "config": integer.config.to_dict()}}
+
+
+def _check_network(
+    model_dir: str | Path,
+    current: AcceleratorConfig,
+    trained: AcceleratorConfig,
+    noted: AcceleratorConfig | None,
+) -> None:
+    """Refuse a config.json of another network, or of other features than the ``noted`` ranges are of."""
+
+    def refuse(before: AcceleratorConfig, fields: Iterable[str], why: str) -> None:
+        for field in fields:
+            value, other = current.value(field), before.value(field)
+            if value != other:
+                raise InputError(
+                    f"model '{model_dir}', field {field}: is {value} in config.json and was {other} in training, {why}"
+                )
+
+    shapes = [network_shapes(c, real=True) | {"mu": constants_shape(c)} for c in (current, trained)]
+    if shapes[0] != shapes[1]:
+        refuse(trained, OF_SHAPES, "which is another network; put it back, or train again")
+    if noted is not None:
+        fields = (field for field, group in GROUP_OF.items() if group in OF_RANGES and field not in CHOSEN)
+        refuse(noted, fields, "and so are the noted ranges; give recordings (--data)")
+
+
+def _check_untaught(model_dir: str | Path, files: Files) -> None:
+    """Refuse a model that was taught touches: other integers have other trajectories."""
+    try:
+        count = (
+            read_arrays(Path(model_dir) / INTEGER_FILE).get("taught_count") if INTEGER_FILE in files else None
+        )
+    except (ArchiveError, OSError):
+        return  # damaged: what quantisation is there to mend
+    if count is not None and count.any():
+        raise InputError(
+            f"model '{model_dir}', array taught: it was taught touches, which other integers would lose; quantise "
+            "the model that it was taught from, then teach that"
+        )

@@ -1,0 +1,133 @@
+"""What converters have in common: their fields, what the rest of the project asks of one, how fast its wires
+may be, how much of a frame's time a scan may take."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from enum import IntFlag
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+
+from annotated_types import Ge
+from pydantic import StrictInt, StrictStr
+
+from eskin.golden.core.group import Group, Real, Refusal
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from eskin.golden.core.config import AcceleratorConfig
+
+RESERVE = 0.1
+"""Of a frame's time that a scan leaves free: the frame is handed on then, and the last taxel still belongs to
+this frame's instant."""
+
+HALF_MIN = 2
+"""Cycles of half a clock period at least: a data line crosses two flip-flops before it is looked at."""
+USUAL_HZ = 2e6
+"""What is taken of a faster data sheet where nothing is said: wires on a breadboard carry it."""
+
+
+class ConverterFault(IntFlag):
+    """What was wrong with a frame; it is not handed on."""
+
+    STUCK = 1  # every code of a chip is at the same end of its range
+    ORDER = 2  # another channel's number, or a bit that the data sheet fixes is wrong
+    LATE = 4  # the frame was not complete, or the chain not ready, when the next was due
+    SILENT = 8  # no answer: no acknowledge, no DVALID
+    READBACK = 16  # what was configured does not read back
+
+
+def half_period(clock_hz: float, wanted_hz: float, least: int = HALF_MIN) -> int:
+    """Cycles of half a period of the fastest clock that is not faster than ``wanted_hz``."""
+    return max(least, math.ceil(clock_hz / wanted_hz / 2 - 1e-9))
+
+
+class Plan:
+    """How a configuration's converter is read, as everybody but its own driver sees it. Each plan has
+    ``wires`` (of a board), ``parameters`` (of the model in cosim/converters), ``scan_cycles`` and
+    ``code_bits`` too."""
+
+    chips: int = 1
+    zero: int | None = None
+    """The code of sample 0, where the data sheet says one."""
+
+    def pin_codes(self, config: AcceleratorConfig) -> int:
+        """Codes of a frame at the pins."""
+        return config.sensor.taxels
+
+    def to_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+        """Codes at the pins (frames, pin codes) for codes of the taxels (frames, taxels)."""
+        return codes
+
+    def from_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+        """The way back."""
+        return codes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Converter(Group):
+    """A converter between sensor and chain; each kind adds the fields that its chip has.
+
+    hz: of its serial clock, at most (0: 2 MHz, or the limit of its data sheet where that is less).
+    code_offset (default: half the range where samples are signed, else 0), code_shift (default: full scale on
+    full scale): sample = (code - code_offset) >> code_shift, rounded and saturated; a shift below 0 appends
+    zeros.
+    """
+
+    prefix: ClassVar[str] = "converter."
+    watt: ClassVar[float | None] = None
+    """Of a chip that converts at its highest rate, by the data sheet; None: no figure at hand."""
+    stated: ClassVar[str] = ""
+    """The data sheet's words for ``watt``."""
+
+    name: StrictStr = field(repr=False)
+    hz: Annotated[Real, Ge(0)] = 0.0
+    code_offset: StrictInt | None = None
+    code_shift: StrictInt | None = None
+
+    def __str__(self) -> str:
+        return self.name
+
+    def refusals(self) -> Iterator[Refusal]:
+        if self.code_shift is not None and not -15 <= self.code_shift <= 20:
+            yield "code_shift", f"is {self.code_shift}; it must lie in -15..20"
+        if self.code_offset is not None and not -(1 << 23) <= self.code_offset < 1 << 24:
+            yield "code_offset", f"is {self.code_offset}; it must be a code"
+
+    def plan(self, config: AcceleratorConfig, clock_hz: float | None = None) -> Any:
+        """How the chip is read at ``clock_hz``, by default the configuration's."""
+        raise TypeError("a configuration without a converter has no plan")
+
+    def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
+        """Why the chip cannot deliver the configuration's frames: (field of the configuration, reason)."""
+        yield from ()
+
+    def settings(self) -> str | dict[str, Any]:
+        """Plain values for a file: the name, with the fields that differ from the chip's defaults."""
+        changed = {
+            each.name: getattr(self, each.name)
+            for each in fields(self)
+            if each.name != "name" and getattr(self, each.name) != each.default
+        }
+        return {"name": self.name} | changed if changed else self.name
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoConverter(Converter):
+    """Frames come over the link or a bus."""
+
+    name: StrictStr = "none"
+
+
+def frame_s(config: AcceleratorConfig) -> float:
+    """Seconds that a scan may take."""
+    return (1 - RESERVE) / config.sensor.sample_rate_hz
+
+
+def slow_clock(config: AcceleratorConfig) -> Iterator[Refusal]:
+    """A clock too slow for a serial port of 100 kHz."""
+    clock, least = config.hardware.clock_hz, 2 * HALF_MIN * 1e5
+    if clock < least:
+        yield "clock_hz", f"is {clock:g}; an SPI converter needs at least {least:g}"

@@ -1,0 +1,192 @@
+"""The DDC232 of Texas Instruments, 32 current inputs of 20 bits: what its data sheet (SBAS331) says, and the
+plan for one configuration.
+
+Where the sheet's copies differ or say nothing, a field of the configuration tells it, or the slower figure is
+taken: DVALID at most ``dvalid_clocks`` clocks after CONV, either order of channels, milliseconds
+after reset.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from annotated_types import Interval
+from pydantic import StrictBool, StrictInt, StrictStr
+
+from eskin.golden.core.converters.base import USUAL_HZ, Converter, Plan, half_period
+from eskin.golden.core.group import Refusal
+
+if TYPE_CHECKING:
+    from eskin.golden.core.config import AcceleratorConfig
+
+CHANNELS = 32
+CLOCK_HZ = {"CK": 10e6, "C": 5e6}
+"""Of its own clock, the most, by version."""
+RATE_HZ = 1 / 166.5e-6
+"""Integrations a second at most."""
+QUIET_S = 10e-6
+"""No data clock this long before and after an edge of CONV."""
+DCLK_HZ = 16e6
+"""Of the data clock, where nothing is said: an assumption, the sheet's tables could not be read."""
+WAIT_S = 1e-3
+"""After reset, after its end and after the configuration."""
+WARM_UP = 4
+"""Integrations that are thrown away after the configuration: the first has no length."""
+READBACK_BITS = 640
+PATTERN, PATTERN_BITS, REVISION_BITS, CONFIGURATION_BITS = 0x30F066012480F69055, 72, 4, 12
+PINS = ("clk", "reset_n", "conv", "din_cfg", "clk_cfg", "dclk", "dvalid_n", "dout")
+ZERO = {20: 0x01000, 16: 0x0100}
+"""Code of no current, by format."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class DdcPlan(Plan):
+    """What the controller does at one clock.
+
+    configuration: the 12 bits, first bit highest. bits: of a code. places: taxel of each word that is read,
+    in their order; None: not wired. clk_half, half: cycles of half a period of its clock and of the data
+    clock. wait, quiet: cycles. deadline: from an edge of CONV; a DVALID that comes later leaves no time to
+    read. dvalid: cycles in which it comes by the data sheet.
+    """
+
+    configuration: int
+    bits: int
+    places: tuple[int | None, ...]
+    clk_half: int
+    half: int
+    wait: int
+    quiet: int
+    deadline: int
+    dvalid: int
+
+    def wires(self, chip: str) -> dict[str, str]:
+        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        return {f"pins__{name}": f"{chip}, {name.upper().replace('_N', '')}" for name in PINS}
+
+    def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
+        """Of the model in cosim/converters; FIRST: input of taxel 0."""
+        chip, first = config.interface.converter, self.places.index(0)
+        assert isinstance(chip, Ddc232)
+        return {
+            "FIRST": first + 1 if chip.ascending else CHANNELS - first,
+            "ASCENDING": int(chip.ascending),
+            "DELAY": chip.dvalid_clocks,
+            "CLOCK_PS": round(1e12 / CLOCK_HZ[chip.version]),
+        }
+
+    @property
+    def code_bits(self) -> int:
+        """Bits of a code."""
+        return self.bits
+
+    @property
+    def zero(self) -> int:  # type: ignore[override]
+        """Code of no current."""
+        return ZERO[self.bits]
+
+    @property
+    def read_cycles(self) -> int:
+        """From DVALID to the last code."""
+        return 2 * self.half * self.bits * len(self.places) + self.half + 6
+
+    @property
+    def scan_cycles(self) -> int:
+        """From the sample clock to the last code, by the data sheet."""
+        return self.dvalid + self.read_cycles
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ddc232(Converter):
+    """One DDC232.
+
+    version; range (0..7, its full scale); bits: of a code; first: input (from 1) of taxel 0 (0: the taxels
+    are on those that come first); ascending: input 1 comes first, not 32; dvalid_clocks: of its own clock,
+    from CONV to DVALID at most.
+    """
+
+    name: StrictStr = "ddc232"
+    version: Literal["CK", "C"] = "CK"
+    range: Annotated[StrictInt, Interval(ge=0, le=7)] = 7
+    bits: Literal[16, 20] = 20
+    first: Annotated[StrictInt, Interval(ge=0, le=32)] = 0
+    ascending: StrictBool = False
+    dvalid_clocks: Annotated[StrictInt, Interval(ge=1, le=4095)] = 1382
+
+    def places(self, taxels: int) -> tuple[int | None, ...]:
+        """Taxel of each word up to the last that is wanted; inputs are numbered from 1."""
+        words = list(range(1, CHANNELS + 1)) if self.ascending else list(range(CHANNELS, 0, -1))
+        first = self.first or (1 if self.ascending else CHANNELS + 1 - taxels)
+        taxel_of = [channel - first if 0 <= channel - first < taxels else None for channel in words]
+        return tuple(taxel_of[: taxel_of.index(taxels - 1 if self.ascending else 0) + 1])
+
+    def plan(self, config: AcceleratorConfig, clock_hz: float | None = None) -> DdcPlan:
+        clock = clock_hz or config.hardware.clock_hz
+        clk_half = half_period(clock, CLOCK_HZ[self.version], 1)
+        quiet = math.ceil(QUIET_S * clock)
+        plan = DdcPlan(
+            configuration=self.range << 9 | (self.bits == 20) << 8 | (self.version == "CK") << 7,
+            bits=self.bits,
+            places=self.places(config.sensor.taxels),
+            clk_half=clk_half,
+            half=half_period(clock, self.hz or USUAL_HZ),
+            wait=math.ceil(WAIT_S * clock),
+            quiet=quiet,
+            deadline=0,
+            # an edge of CONV waits for its clock; DVALID crosses two flip-flops
+            dvalid=self.dvalid_clocks * 2 * clk_half + 6,
+        )
+        frame = math.floor(clock / config.sensor.sample_rate_hz)
+        return replace(plan, deadline=frame - quiet - plan.read_cycles)
+
+    def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
+        taxels = config.sensor.taxels
+        clock, rate = config.hardware.clock_hz, config.sensor.sample_rate_hz
+        if taxels > CHANNELS:
+            yield (
+                "taxels",
+                f"is {taxels}; a DDC232 has {CHANNELS} inputs: use fewer taxels or another converter",
+            )
+        if self.first and self.first + taxels - 1 > CHANNELS:
+            yield (
+                "converter.first",
+                f"is {self.first} with {taxels} taxels; inputs end at {CHANNELS}: give at most "
+                f"{CHANNELS + 1 - taxels}",
+            )
+        if self.hz > DCLK_HZ:
+            yield (
+                "converter.hz",
+                f"is {self.hz:g}; the data clock of a DDC232 has at most {DCLK_HZ:g} Hz here",
+            )
+        if rate > RATE_HZ:
+            yield (
+                "sample_rate_hz",
+                f"is {rate:g}; a DDC232 integrates for 166.5 us at least: give at most {math.floor(RATE_HZ)}",
+            )
+        plan = self.plan(config)
+        if plan.dvalid <= plan.deadline:
+            return
+        rates = [clock / 2 / half for half in range(plan.half - 1, 1, -1)]
+        fastest = {"hz": min(DCLK_HZ, clock / 4)}
+        ways: list[dict[str, Any]] = [{"first": 0}] * (None in plan.places)
+        ways += [{"hz": rate} for rate in rates if rate <= DCLK_HZ]
+        ways += [{"bits": 16}, {"version": "CK"}, {"version": "CK"} | fastest, {"bits": 16} | fastest]
+        helps = []
+        for way in ways:
+            slower = self.replace(**way).plan(config)
+            if slower.dvalid <= slower.deadline:
+                fields = (f"{k} {v:.0f}" if isinstance(v, float) else f"{k} {v}" for k, v in way.items())
+                helps.append(" and ".join(fields))
+        most = math.floor(clock / (plan.dvalid + plan.read_cycles + plan.quiet + 1))
+        helps = [*helps[:2], f"a rate of at most {most} Hz works as it is"]
+        us = 1e6 / clock
+        yield (
+            "converter",
+            f"is 'ddc232', which cannot keep up: DVALID comes up to {plan.dvalid * us:.0f} us after CONV "
+            f"(version {self.version} at {clock / plan.clk_half / 2e6:.3g} MHz), {len(plan.places)} words of "
+            f"{plan.bits} bits at {clock / plan.half / 2e6:.3g} MHz take {plan.read_cycles * us:.0f} us and 10 "
+            f"us before the next CONV are quiet, of {1e6 / rate:.0f} us a frame at {rate:g} Hz; "
+            f"{', or '.join(helps)}",
+        )

@@ -1,0 +1,111 @@
+"""A matrix of rows and columns behind multiplexers, an amplifier and one converter channel: the plan for one
+configuration.
+
+The converter is an AD7476: its select line falls when the amplifier has settled, which takes the sample.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+from annotated_types import Ge
+from pydantic import StrictStr
+
+from eskin.golden.core.converters.base import Converter, Plan, frame_s, slow_clock
+from eskin.golden.core.converters.spi import SPI_CHIPS, SpiByName, SpiPlan
+from eskin.golden.core.group import Real, Refusal
+
+if TYPE_CHECKING:
+    from eskin.golden.core.config import AcceleratorConfig
+
+
+@dataclass(frozen=True, kw_only=True)
+class MatrixPlan(Plan):
+    """rows, columns: of the matrix. settle, settle_s: cycles and seconds from a new address to the sample.
+    port: of the converter, one transfer a cell."""
+
+    rows: int
+    columns: int
+    settle: int
+    settle_s: float
+    port: SpiPlan
+
+    def wires(self, chip: str) -> dict[str, str]:
+        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        wires = {"pins__cs_n": "ad7476, CS", "pins__miso": "ad7476, data out", "pins__sclk": "ad7476, clock"}
+        for name, count in (("row", self.rows), ("column", self.columns)):
+            bits = max(1, (count - 1).bit_length())
+            ports = [f"pins__{name}[{k}]" if bits > 1 else f"pins__{name}" for k in range(bits)]
+            wires |= {port: f"multiplexer of {name}s, address {k}" for k, port in enumerate(ports)}
+        return wires
+
+    def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
+        """Of the model in cosim/converters."""
+        return {"ROWS": self.rows, "COLUMNS": self.columns, "SETTLE_PS": round(1e12 * self.settle_s)}
+
+    @property
+    def code_bits(self) -> int:
+        """Bits of a code."""
+        return self.port.code_bits
+
+    @property
+    def cell_cycles(self) -> int:
+        """From one cell's address to the next one's."""
+        return self.settle + self.port.transfer_cycles + 3
+
+    @property
+    def scan_cycles(self) -> int:
+        """From the sample clock to the last code."""
+        return self.rows * self.columns * self.cell_cycles
+
+
+@dataclass(frozen=True, kw_only=True)
+class Matrix(Converter):
+    """Rows and columns on multiplexers, one ad7476. settle_s: seconds from a new address to the sample."""
+
+    watt = SPI_CHIPS["ad7476"].watt
+    stated = f"its {SPI_CHIPS['ad7476'].stated}; multiplexers and amplifier not counted"
+
+    name: StrictStr = "matrix"
+    settle_s: Annotated[Real, Ge(0)] = 20e-6
+
+    def plan(self, config: AcceleratorConfig, clock_hz: float | None = None) -> MatrixPlan:
+        clock, array = clock_hz or config.hardware.clock_hz, config.interface
+        settle = max(1, math.ceil(self.settle_s * clock))
+        port = OneCell(name="ad7476", hz=self.hz).plan(config, clock_hz)
+        return MatrixPlan(
+            rows=array.rows, columns=array.columns, settle=settle, settle_s=self.settle_s, port=port
+        )
+
+    def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
+        settle_s, taxels, left_s = self.settle_s, config.sensor.taxels, frame_s(config)
+        plan = self.plan(config)
+        clock, rate = config.hardware.clock_hz, config.sensor.sample_rate_hz
+        if plan.rows * plan.columns != taxels:
+            yield (
+                "rows",
+                f"is {plan.rows} with {plan.columns} columns, and there are {taxels} taxels; give the matrix's own",
+            )
+        yield from slow_clock(config)
+        took = plan.scan_cycles / clock
+        if took <= left_s:
+            return
+        settle = (left_s * clock / taxels - plan.cell_cycles + plan.settle - 1) / clock
+        helps = [f"settle_s {math.floor(settle * 1e7) / 1e7:g}"] if settle > 1e-6 else []
+        helps.append(f"a rate of at most {math.floor(left_s * rate / took)} Hz works as it is")
+        yield (
+            "converter",
+            f"is 'matrix', which cannot keep up: {taxels} cells of {1e6 * plan.cell_cycles / clock:.3g} us, "
+            f"{1e6 * settle_s:.3g} of them to settle, take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms "
+            f"a frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; {', or '.join(helps)}",
+        )
+
+
+class OneCell(SpiByName):
+    """The one chip behind the multiplexers."""
+
+    def chips(self, config: AcceleratorConfig) -> int:
+        return 1

@@ -1,0 +1,169 @@
+"""The MPR121, 12 capacitive electrodes on I2C: what its data sheet and application notes say, and the plan
+for one configuration.
+
+Rows and columns of an array are electrodes; with one chip a place between two electrodes is their mean, with
+two chips each row and column is an electrode of its own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from pydantic import StrictStr
+
+from eskin.golden.core.converters.base import Converter, Plan, frame_s
+from eskin.golden.core.group import Refusal
+
+if TYPE_CHECKING:
+    from eskin.golden.core.config import AcceleratorConfig
+
+ADDRESS = 0x5A
+"""Of the first chip; the second has the next."""
+I2C_HZ, LOW_S = 400e3, 1.3e-6
+"""Of the bus at most, and its clock low at least: half a bit here, so the bus has 385 kHz."""
+RESET_S, FIRST_DATA_S = 1e-3, 10e-3
+"""After the soft reset, and from the start of the electrodes to data that count."""
+ELECTRODES = {1: 12, 2: 22}
+"""That an array may have, by chips: two are read for 11 each."""
+CODE_BITS = 10
+FILTERED, THRESHOLDS, CONFIG1, CONFIG2, ECR, SOFT_RESET = 0x04, 0x41, 0x5C, 0x5D, 0x5E, 0x80
+RESET_WORD, CONFIG2_AT_RESET, RUNNING = 0x63, 0x24, 0x8F
+SETTINGS = (0x10, 0x20)
+"""CONFIG1 and CONFIG2: 16 uA, 0.5 us, 4 samples each millisecond."""
+TOUCH, RELEASE = 12, 6
+"""Thresholds; the chip's own touches are not looked at."""
+FULL = 2 * (1 << CODE_BITS) - 2
+"""Twice the largest code: twice a line's code is a whole number."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MprPlan(Plan):
+    """chips: 1 or 2. electrodes: of each chip that are read. rows, columns: of the array. lines: electrodes
+    of columns, electrodes of rows. quarter: cycles of a quarter of a bit. reset, first: cycles of `RESET_S`
+    and `FIRST_DATA_S`."""
+
+    chips: int
+    electrodes: tuple[int, ...]
+    rows: int
+    columns: int
+    lines: tuple[int, int]
+    quarter: int
+    reset: int
+    first: int
+    code_bits = CODE_BITS + 1
+
+    def pin_codes(self, config: AcceleratorConfig) -> int:
+        return sum(self.lines)
+
+    def to_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+        """Electrode codes (frames, electrodes) for codes of cells: each electrode has fallen as far as the
+        cell on it that fell most."""
+        step = 1 if self.chips == 2 else 2
+        shaped = codes.reshape(-1, self.rows, self.columns)
+        fallen = np.concatenate([shaped.max(axis=1)[:, ::step], shaped.max(axis=2)[:, ::step]], axis=1)
+        return np.clip((FULL - fallen) // 2, 0, (1 << CODE_BITS) - 1)
+
+    def from_pins(self, codes: np.ndarray, config: AcceleratorConfig) -> np.ndarray:
+        """Codes of the array's cells (frames, rows x columns) from those of its electrodes: a touch lowers
+        both electrodes of its cell, so a cell's code is how far the one that fell less has fallen from full
+        scale, doubled."""
+        across, down = self.lines
+        direct = self.chips == 2
+        columns = between(codes[:, :across], self.columns, direct)
+        rows = between(codes[:, across : across + down], self.rows, direct)
+        return (FULL - np.maximum(rows[:, :, None], columns[:, None, :])).reshape(len(codes), -1)
+
+    def wires(self, chip: str) -> dict[str, str]:
+        """Ports of a board, and what each goes to."""
+        return {"scl": f"{chip}, SCL (pull-up)", "sda": f"{chip}, SDA (pull-up)"}
+
+    def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
+        """Of the model in cosim/converters."""
+        return {"CHIPS": self.chips}
+
+    @property
+    def scan_cycles(self) -> int:
+        """From the sample clock to the last code: of each chip a message that reads 2 bytes an electrode, and
+        one that reads ECR. Around what it reads a message has a start, 3 bytes, a repeated start and a
+        stop."""
+        bits = sum(2 * (2 + 1 + 9 * 3) + 9 * (2 * electrodes + 1) for electrodes in self.electrodes)
+        return bits * (4 * self.quarter + 1) + 60 * self.chips + self.rows * self.columns + 8
+
+
+def between(codes: np.ndarray, count: int, direct: bool) -> np.ndarray:
+    """Twice the codes (frames, places) of ``count`` places: an electrode each, or in turn an electrode and
+    the mean of two neighbours."""
+    wide = codes.astype(np.int64)
+    if direct:
+        return 2 * wide
+    places = np.arange(count)
+    return wide[:, places // 2] + wide[:, (places + 1) // 2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mpr121(Converter):
+    """MPR121 chips.
+
+    chips: 1 (places between electrodes are means) or 2 (11 electrodes each, one for every row and column).
+    """
+
+    name: StrictStr = "mpr121"
+    chips: Literal[1, 2] = 1
+
+    def line_counts(self, config: AcceleratorConfig) -> tuple[int, int]:
+        """(electrodes of columns, electrodes of rows); column electrodes come first on the chips."""
+        rows, columns = config.interface.rows, config.interface.columns
+        return (columns, rows) if self.chips == 2 else ((columns + 1) // 2, (rows + 1) // 2)
+
+    def plan(self, config: AcceleratorConfig, clock_hz: float | None = None) -> MprPlan:
+        clock, lines = clock_hz or config.hardware.clock_hz, self.line_counts(config)
+        total = sum(lines)
+        first = min(total, 11) if self.chips == 2 else total
+        bus_hz = min(self.hz or I2C_HZ, I2C_HZ)
+        return MprPlan(
+            chips=self.chips,
+            electrodes=(first, total - first)[: self.chips],
+            rows=config.interface.rows,
+            columns=config.interface.columns,
+            lines=lines,
+            quarter=max(3, math.ceil(clock / bus_hz / 4 - 1e-9), math.ceil(LOW_S / 2 * clock - 1e-9)),
+            reset=math.ceil(RESET_S * clock),
+            first=math.ceil(FIRST_DATA_S * clock),
+        )
+
+    def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
+        array, taxels, left_s = config.interface, config.sensor.taxels, frame_s(config)
+        clock, rate, chips = config.hardware.clock_hz, config.sensor.sample_rate_hz, self.chips
+        size = f"is {array.rows} with {array.columns} columns"
+        if array.rows * array.columns != taxels:
+            yield "rows", f"{size}, and there are {taxels} taxels; give the array's own"
+        if chips == 1 and not (array.rows % 2 and array.columns % 2):
+            yield "rows", f"{size}; with places between electrodes both are odd, or set chips 2"
+        electrodes = sum(self.line_counts(config))
+        if electrodes > ELECTRODES[chips]:
+            yield (
+                "converter.chips",
+                f"is {chips}; {array.rows} rows and {array.columns} columns are {electrodes} electrodes and "
+                f"{ELECTRODES[chips]} are there: use fewer rows or columns",
+            )
+        if chips == 2 and electrodes < 12:
+            yield "converter.chips", f"is 2 for {electrodes} electrodes; set 1"
+        if clock < 12 * 1e4:
+            yield "clock_hz", f"is {clock:g}; the I2C port needs at least 120000"
+        plan = self.plan(config)
+        took = plan.scan_cycles / clock
+        if took <= left_s:
+            return
+        faster = 0 < self.hz < I2C_HZ and clock >= 12 * I2C_HZ
+        helps = [f"hz {I2C_HZ:.0f}"] * faster
+        helps.append(f"a rate of at most {math.floor(left_s * rate / took)} Hz works as it is")
+        yield (
+            "converter",
+            f"is 'mpr121', which cannot keep up: {electrodes} electrodes over I2C at "
+            f"{clock / plan.quarter / 4 / 1e3:.0f} kHz take {1e3 * took:.3g} ms, and of {1e3 / rate:.3g} ms a "
+            f"frame at {rate:g} Hz {1e3 * left_s:.3g} may be used; {', or '.join(helps)}",
+        )

@@ -1,0 +1,359 @@
+"""Converters with an SPI port: rows of data sheets, and the plan of transfers for one configuration."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Annotated
+
+from annotated_types import Ge, Interval
+from pydantic import StrictInt, StrictStr
+
+from eskin.golden.core.converters.base import (
+    RESERVE,
+    USUAL_HZ,
+    Converter,
+    Plan,
+    frame_s,
+    half_period,
+    slow_clock,
+)
+from eskin.golden.core.group import Refusal
+
+if TYPE_CHECKING:
+    from eskin.golden.core.config import AcceleratorConfig
+
+LINES_MAX = 16
+"""Data lines at most."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpiChip:
+    """A converter with a serial port, by its data sheet.
+
+    bits: clocks of a transfer. channels: of a chip. command: what channel 0 is asked for with, most
+    significant bit first; channel_bit: where in it the channel's number begins. delay: transfers from a
+    command to its data. code_bit, code_bits: place of the code in what comes back; tag_bit, tag_bits: of the
+    channel's number (0 bits: none); zeros: bits that are 0 by the data sheet. sclk_hz, conversions_hz: the
+    most. high_s, lead_s: select high between transfers, and from its fall to the first clock, at least. most:
+    chips at most, and what to do with more taxels (0: any number). watt, stated: as of a `Converter`.
+    """
+
+    bits: int
+    channels: int
+    command: int = 0
+    channel_bit: int = 0
+    delay: int = 0
+    code_bit: int = 0
+    code_bits: int = 12
+    tag_bit: int = 0
+    tag_bits: int = 0
+    zeros: int = 0
+    sclk_hz: float
+    conversions_hz: float
+    high_s: float
+    lead_s: float
+    most: int = 0
+    instead: str = ""
+    watt: float | None = None
+    stated: str = ""
+
+
+SPI_CHIPS: dict[str, SpiChip] = {
+    # manual mode 0001, DI11 set so that range and outputs are as asked for; the number comes back with the
+    # code, two transfers later
+    "ads7953": SpiChip(
+        bits=16,
+        channels=16,
+        command=0x1800,
+        channel_bit=7,
+        delay=2,
+        tag_bit=12,
+        tag_bits=4,
+        sclk_hz=20e6,
+        conversions_hz=1e6,
+        high_s=100e-9,
+        lead_s=40e-9,
+        most=1,
+        instead="it has 16 channels: use mcp3208x2 or spi with more lines, or fewer taxels",
+        watt=14.5e-3,
+        stated="SLAS605: 14.5 mW typical at 1 MS/s, +VA 5 V, +VBD 3 V",
+    ),
+    # start bit, single-ended, three bits of channel, a clock to sample, a null bit, twelve bits of code
+    "mcp3208x2": SpiChip(
+        bits=19,
+        channels=8,
+        command=0b11 << 17,
+        channel_bit=14,
+        zeros=1 << 12,
+        sclk_hz=1e6,
+        conversions_hz=50e3,
+        high_s=500e-9,
+        lead_s=100e-9,
+        most=2,
+        instead="two chips have 16 channels: use fewer taxels or another converter",
+        watt=320e-6 * 5.0,
+        stated="DS21298: 320 uA typical while active, 5 V",
+    ),
+    "ad7476": SpiChip(
+        bits=16,
+        channels=1,
+        zeros=0xF000,
+        sclk_hz=20e6,
+        conversions_hz=1e6,
+        high_s=100e-9,
+        lead_s=40e-9,
+        watt=5.1e-3,
+        stated="AD7476A, rev. F: 5.1 mW in normal operation at 1 MS/s, 3 V",
+    ),
+}
+"""``mcp3208x2`` at 3.3 V: its limits at 2.7 V. ``high_s`` of the ads7953 and ad7476 are wider than their data
+sheets ask for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpiPlan(Plan):
+    """Transfers of one frame at one clock.
+
+    lines: data lines, whose chips share clock, command and select. selects: groups of chips asked one after
+    the other, each with a select line of its own. transfers: (group, command) of each transfer of a scan.
+    half, lead, high: cycles of half an SCLK period, from the fall of select to the first clock, and of select
+    high.
+    """
+
+    chip: SpiChip
+    lines: int
+    selects: int
+    transfers: tuple[tuple[int, int], ...]
+    half: int
+    lead: int
+    high: int
+
+    def wires(self, chip: str) -> dict[str, str]:
+        """Ports of a board, in the order in which they are wired, and what each goes to."""
+        many = {"miso": self.lines, "cs_n": self.selects}
+        functions = {"cs_n": "CS", "mosi": "data in", "miso": "data out", "sclk": "clock"}
+        further = [(name, k) for name, count in many.items() for k in range(1, count)]
+        wires = {}
+        for name, k in [*((name, 0) for name in functions), *further]:
+            wide = many.get(name, 1) > 1
+            wires[f"pins__{name}[{k}]" if wide else f"pins__{name}"] = f"{chip}, {functions[name]}" + (
+                f" {k}" if wide else ""
+            )
+        return wires
+
+    def parameters(self, config: AcceleratorConfig) -> dict[str, int]:
+        """Of the model in cosim/converters."""
+        fields = ("channel_bit", "delay", "code_bit", "code_bits", "tag_bit", "tag_bits", "zeros", "channels")
+        values = {name.upper(): getattr(self.chip, name) for name in fields}
+        return values | {"LINES": self.lines, "SELECTS": self.selects, "FRAME_BITS": self.chip.bits}
+
+    @property
+    def transfer_cycles(self) -> int:
+        """From a transfer's start to that of the next, without what is between them."""
+        return self.lead + 2 * self.half * self.chip.bits + self.high
+
+    @property
+    def per_select(self) -> int:
+        """Transfers of one group of chips in a scan."""
+        return self.chip.channels + self.chip.delay
+
+    @property
+    def scan_cycles(self) -> int:
+        """From the sample clock to the last code of a frame, at most."""
+        return len(self.transfers) * (self.transfer_cycles + self.lines + 2)
+
+    @property
+    def code_bits(self) -> int:
+        """Bits of a code."""
+        return self.chip.code_bits
+
+    @property
+    def chips(self) -> int:  # type: ignore[override]
+        """Of all lines and selects."""
+        return self.lines * self.selects
+
+
+def sample_clock(clock_hz: float, rate_hz: float) -> tuple[int, int]:
+    """(p, q) with p / q = rate / clock in lowest terms: p frames in q cycles. p = 1: every frame takes q
+    cycles exactly; otherwise the start of a scan is up to one cycle late."""
+    # by way of its text 35.6 is 178/5; the float itself is a fraction over 2**47, far too long to count
+    ratio = Fraction(str(rate_hz)) / Fraction(str(clock_hz))
+    return ratio.numerator, ratio.denominator
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnSpi(Converter):
+    """A chip, or several, on SPI.
+
+    data_lines: chips that are read side by side (0: all; fewer: in series, a select line each).
+    """
+
+    data_lines: Annotated[StrictInt, Ge(0)] = 0
+
+    def chip(self) -> SpiChip:
+        """The chip's data sheet."""
+        raise NotImplementedError
+
+    def chips(self, config: AcceleratorConfig) -> int:
+        """How many chips the taxels need."""
+        return -(-config.sensor.taxels // self.chip().channels)
+
+    def plan(self, config: AcceleratorConfig, clock_hz: float | None = None) -> SpiPlan:
+        chip, clock, count = self.chip(), clock_hz or config.hardware.clock_hz, self.chips(config)
+        lines = self.data_lines or count
+        selects = -(-count // lines)
+        channels = min(chip.channels, config.sensor.taxels)
+        words = [chip.command | channel << chip.channel_bit for channel in range(channels)] + [0] * chip.delay
+        half = half_period(clock, min(chip.sclk_hz, self.hz or USUAL_HZ))
+        period = clock / chip.conversions_hz  # 0 where the chip's rate has no limit (infinity)
+        lead = max(half, math.ceil(chip.lead_s * clock))
+        # 1e-9: a quotient that should be whole may come out a hair above, and ceil would take a cycle more
+        high = max(math.ceil(chip.high_s * clock), math.ceil(period - 1e-9) - lead - 2 * half * chip.bits, 1)
+        return SpiPlan(
+            chip=dataclasses.replace(chip, channels=channels),
+            lines=lines,
+            selects=selects,
+            transfers=tuple((group, word) for group in range(selects) for word in words),
+            half=half,
+            lead=lead,
+            high=high,
+        )
+
+    def misfits(self, config: AcceleratorConfig) -> Iterator[Refusal]:
+        chip, count, taxels = self.chip(), self.chips(config), config.sensor.taxels
+        per_chip = f"{chip.channels} channel{'s' * (chip.channels > 1)}"
+        if chip.most and count > chip.most:
+            yield "converter", f"is '{self}' with {taxels} taxels; {chip.instead}"
+        lines, most = self.data_lines or count, min(count, LINES_MAX)
+        if not 1 <= lines <= most:
+            yield (
+                "converter.data_lines",
+                f"is {self.data_lines}; {taxels} taxels are {count} chips of {per_chip}: give 1 to {most}",
+            )
+        if taxels % min(chip.channels, taxels):
+            yield "taxels", f"is {taxels}; chips of {per_chip} take a multiple of {chip.channels}"
+        if count % lines:
+            yield "converter.data_lines", f"is {lines} for {count} chips; give a number that divides them"
+        yield from slow_clock(config)
+        yield from self._too_slow(config)
+
+    def _too_slow(self, config: AcceleratorConfig) -> Iterator[Refusal]:
+        """Whether a scan leaves a reserve of the frame; with the nearest that does."""
+        clock, rate, available = config.hardware.clock_hz, config.sensor.sample_rate_hz, frame_s(config)
+        plan, chip, count = self.plan(config), self.chip(), self.chips(config)
+        took = plan.scan_cycles / clock
+        if took <= available:
+            return
+
+        def fits(words: str, other: Converter) -> list[str]:
+            took = other.plan(config).scan_cycles / clock
+            return [f"{words} takes {1e6 * took:.0f} us"] if took <= available else []
+
+        divisors = (lines for lines in range(plan.lines + 1, count + 1) if count % lines == 0)
+        parallel = (
+            fits(f"data_lines {lines} (chips side by side)", self.replace(data_lines=lines))
+            for lines in divisors
+        )
+        helps = next(filter(None, parallel), [])
+        if chip.sclk_hz > clock / plan.half / 2:
+            helps = helps + fits(f"hz {chip.sclk_hz:g}", self.replace(hz=chip.sclk_hz))
+        if self.name != "ads7953" and config.sensor.taxels <= 16 and not helps:
+            helps = fits("converter ads7953", SpiByName(name="ads7953"))
+        helps = [*helps, f"a rate of at most {math.floor((1 - RESERVE) / took)} Hz works as it is"]
+        series = f" of {plan.selects} chips in series" if plan.selects > 1 else ""
+        yield (
+            "converter",
+            f"is '{self}', which cannot keep up: {len(plan.transfers)} transfers{series} "
+            f"at {clock / plan.half / 2 / 1e6:.3g} MHz take {1e6 * took:.0f} us, and of {1e6 / rate:.0f} us a "
+            f"frame at {rate:g} Hz {1e6 * available:.0f} may be used; {', or '.join(helps)}",
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpiByName(OnSpi):
+    """``ads7953`` (16 channels), ``mcp3208x2`` (two chips of 8 on shared clock, command and select) or
+    ``ad7476`` (a chip a taxel): a row of `SPI_CHIPS`."""
+
+    def chip(self) -> SpiChip:
+        return SPI_CHIPS[self.name]
+
+    @property
+    def watt(self) -> float | None:  # type: ignore[override]
+        """Of the row."""
+        return self.chip().watt
+
+    @property
+    def stated(self) -> str:  # type: ignore[override]
+        """Of the row."""
+        return self.chip().stated
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spi(OnSpi):
+    """Any other chip on SPI.
+
+    frame_bits: clocks of a transfer; channels: of a chip; command: for channel 0; channel_bit: where its
+    number begins; delay: transfers from command to data; code_bit, code_bits, tag_bit, tag_bits: place of the
+    code and of the channel's number in the answer (0 bits: none); zeros: its bits that are always 0.
+    """
+
+    name: StrictStr = "spi"
+    frame_bits: Annotated[StrictInt, Interval(ge=4, le=32)] = 16
+    channels: Annotated[StrictInt, Interval(ge=1, le=32)] = 8
+    command: Annotated[StrictInt, Ge(0)] = 0
+    channel_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 13
+    delay: Annotated[StrictInt, Interval(ge=0, le=4)] = 0
+    code_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 0
+    code_bits: Annotated[StrictInt, Interval(ge=4, le=24)] = 12
+    tag_bit: Annotated[StrictInt, Interval(ge=0, le=31)] = 0
+    tag_bits: Annotated[StrictInt, Interval(ge=0, le=8)] = 0
+    zeros: Annotated[StrictInt, Ge(0)] = 0
+
+    def chip(self) -> SpiChip:
+        return SpiChip(
+            bits=self.frame_bits,
+            channels=self.channels,
+            command=self.command,
+            channel_bit=self.channel_bit,
+            delay=self.delay,
+            code_bit=self.code_bit,
+            code_bits=self.code_bits,
+            tag_bit=self.tag_bit,
+            tag_bits=self.tag_bits,
+            zeros=self.zeros,
+            sclk_hz=self.hz or USUAL_HZ,
+            conversions_hz=math.inf,
+            high_s=500e-9,
+            lead_s=100e-9,
+        )
+
+    def refusals(self) -> Iterator[Refusal]:
+        yield from super().refusals()
+        frame, bit = self.frame_bits, self.channel_bit
+        for name, low, bits in (
+            ("code_bit", self.code_bit, self.code_bits),
+            ("tag_bit", self.tag_bit, self.tag_bits),
+        ):
+            if low + bits > frame:
+                yield name, f"is {low} with {bits} bits; they must lie in the {frame} bits of a frame"
+        for name, value in (("command", self.command), ("zeros", self.zeros)):
+            if value >> frame:
+                yield name, f"is {value:#x}; a frame has {frame} bits"
+        number_bits, first = (self.channels - 1).bit_length(), self.code_bit + self.code_bits - 1
+        if self.channels > 1 and bit + number_bits > frame:
+            yield "channel_bit", f"is {bit}; the channel's number must lie in the {frame} bits of a frame"
+        if self.channels > 1 and not self.delay and bit <= first:
+            yield (
+                "channel_bit",
+                f"is {bit} with the code's first bit at {first}; a code that comes in its command's own "
+                "transfer must come after the channel's number: put it higher, or give delay",
+            )
+        if self.tag_bits and self.channels > 1 << self.tag_bits:
+            yield (
+                "tag_bits",
+                f"is {self.tag_bits}; {self.channels} channels need {number_bits}, or 0 for none",
+            )

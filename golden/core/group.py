@@ -1,0 +1,96 @@
+"""A group of a configuration's fields that checks itself.
+
+Types, ranges and words to choose from stand in the annotations, where pydantic checks them.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Annotated, Any, ClassVar, Self, get_args, get_type_hints
+
+from annotated_types import Ge, Gt, Interval
+from pydantic import AllowInfNan, StrictFloat, StrictInt, TypeAdapter, ValidationError
+
+from eskin.golden.core.errors import InputError
+from eskin.golden.core.formats import QFormat
+
+Real = Annotated[StrictFloat, AllowInfNan(False)]
+Code = Annotated[StrictInt, Interval(ge=0, le=65535)]
+
+Refusal = tuple[str, str]
+"""(field, why): what is wrong with a configuration."""
+
+
+class Group:
+    """Fields that belong together. On construction every field is held against its annotation, then
+    `refusals` against the others."""
+
+    prefix: ClassVar[str] = ""
+    """Stands before a field's name in an error."""
+
+    def __post_init__(self) -> None:
+        for field, why in self._misfits() or self.refusals():
+            raise InputError(f"configuration, field {self.prefix}{field}: {why}")
+
+    def _misfits(self) -> list[Refusal]:
+        """The first field that its annotation does not allow. Fields that pass get the value that pydantic
+        read."""
+        for name, adapter in _adapters(type(self)).items():  # type: ignore[arg-type]  # a class is hashable whatever its instances are
+            value = getattr(self, name)
+            try:
+                # the dataclass is frozen; pydantic may have read a format's text, or a list as a tuple
+                object.__setattr__(self, name, adapter.validate_python(value))
+            except ValidationError as error:
+                shown = str(value) if isinstance(value, QFormat) else repr(value)
+                return [(name, f"is {shown}; {_in_words(error, type(self), name)}")]
+        return []
+
+    def refusals(self) -> Iterator[Refusal]:
+        """Where fields of this group do not fit each other."""
+        yield from ()
+
+    def replace(self, **changes: Any) -> Self:
+        """A copy with ``changes``, checked again."""
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+
+
+@lru_cache
+def _adapters(group: type[Group]) -> dict[str, TypeAdapter]:
+    hints = get_type_hints(group, include_extras=True)
+    return {field.name: TypeAdapter(hints[field.name]) for field in dataclasses.fields(group)}  # type: ignore[arg-type]
+
+
+_WORDS = {
+    "float_type": "give a finite number",
+    "finite_number": "give a finite number",
+    "bool_type": "give true or false",
+    "string_type": "give text",
+    "is_instance_of": "give a format, SQ(3,5) say",
+    "tuple_type": "give a list",
+}
+"""What to give instead, by pydantic's name of the mistake."""
+
+
+def _in_words(error: ValidationError, group: type[Group], field: str) -> str:
+    """What to give instead of the first mistake."""
+    first = error.errors(include_url=False)[0]
+    kind, context = first["type"], first.get("ctx", {})
+    # pydantic's own words where they are plain; a location inside the field means that it is a list
+    if kind in ("int_type", "int_from_float"):
+        return "give whole numbers" if first["loc"] else "give a whole number"
+    if kind == "literal_error":
+        return f"give one of {context['expected'].replace(chr(39), '').replace(' or ', ', ')}"
+    if kind == "value_error":
+        return str(context["error"])
+    for bounds in get_args(get_type_hints(group, include_extras=True)[field]):
+        match bounds:
+            case _ if not kind.startswith(("greater_than", "less_than")):
+                break
+            case Gt():
+                return f"it must be above {bounds.gt}"
+            case Ge():
+                return f"it must be at least {bounds.ge}"
+            case Interval():
+                return f"it must lie in {bounds.ge}..{bounds.le}"
+    plain = first["msg"][0].lower() + first["msg"][1:].replace("input should", "it must")
+    return _WORDS.get(kind, plain)

@@ -1,0 +1,50 @@
+"""Block memories of the accelerator on a family of FPGAs, counted off the memories of the elaborated design:
+nothing here is a formula that could drift from the hardware."""
+
+from collections.abc import Iterator, Sequence
+
+from amaranth.hdl import Fragment, MemoryInstance, Shape
+
+from eskin.golden.core import AcceleratorConfig
+from eskin.rtl.top.accelerator import Accelerator
+
+FEW_BITS, FEW_WORDS = 68, 64
+"""A memory of so many bits for each block that it would take is made of flip-flops where nothing asks for
+more, a ROM of so many words of LUTs."""
+
+
+def _accelerator(config: AcceleratorConfig) -> Accelerator:
+    # Neither the shifts of the normaliser nor who fills the memories changes their sizes; presets have no
+    # shifts before quantising.
+    return Accelerator(
+        config.replace(
+            feature_shift=config.features.feature_shift or (0,) * len(config.feature_units), loadable=True
+        )
+    )
+
+
+def block_memories(config: AcceleratorConfig, family: str, shapes: Sequence[tuple[int, int]]) -> int:
+    """Block memories of the accelerator on a family of FPGAs: each memory, once for every port that reads it,
+    cut into blocks of the shape (words, bits) that needs fewest. Memories that are asked to be made of
+    something else, or hold so few words that they are, and columns of a ROM that never change need none."""
+    total = 0
+    for bits, words, readers, requests in _blocks(Fragment.get(_accelerator(config), family)):
+        needed = min(-(-words // depth) * -(-bits // width) for depth, width in shapes)
+        total += readers * needed if requests or bits * words > FEW_BITS * needed else 0
+    return total
+
+
+def _blocks(fragment: Fragment) -> Iterator[tuple[int, int, int, bool]]:
+    """(bits of a word, words, ports that read, a block memory is asked for) of each memory that block
+    memories may hold."""
+    if isinstance(fragment, MemoryInstance):
+        data, style = fragment._data, fragment._attrs.get("ram_style", "auto")
+        bits = Shape.cast(data.shape).width
+        if not fragment._write_ports:
+            words, stuck = data.init._raw, (1 << data.depth) - 1
+            columns = [sum((word >> bit & 1) << n for n, word in enumerate(words)) for bit in range(bits)]
+            bits = 0 if data.depth <= FEW_WORDS else sum(column not in (0, stuck) for column in columns)
+        if style in ("block", "auto"):
+            yield bits, data.depth, len(fragment._read_ports), style == "block"
+    for inner, _, _ in fragment.subfragments:
+        yield from _blocks(inner)
